@@ -247,7 +247,7 @@ OUT = lit(
     "|video|clip|image|shot|frame]"
 )
 _delete, _extract = always(making.deleted), always(making.extracted)
-_command("remove everything except the dog", DELETING, _extract, who=everything_but)
+_command("remove everything except the dog", DELETING, _extract, who=everything_but, use=NAMED)
 _command(
     "remove the car", DELETING, _delete, itself="go away|be gone|go|not be there|not be visible|get lost", use=NAMED
 )
@@ -368,7 +368,9 @@ SHIFT = either(
     ),
     lit("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
     + duration,
-    lit("with a") + duration + lit("delay|lag"),
+    lit("with (a)")
+    + duration
+    + lit("delay|lag|between [them|each|the copies|each of them]|in between|apart|of delay|of lag"),
     _lagging + duration + lit("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
     >> (lambda length: length.plus(length, -2.0)),
 )
@@ -542,7 +544,7 @@ _command(
     remark=_remark,
 )
 _quality_words = (
-    "bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
+    "washed out|faded|lifeless|bland|ugly|weird|odd|bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
     "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
 )
 _command(

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from ..language.amounts import amount, direction, distance, number, percent
 from ..language.colours import colour
 from ..language.grammar import Reading, either, lit, tokenise
+from ..language.lexicon import word_set
 from ..language.times import duration, moment, span
 from .phrases import known_thing
 from .qualities import made
@@ -27,6 +28,7 @@ _SURE = re.compile(
     re.IGNORECASE,
 )
 """What makes it sure that something is taken back: "the one with no hat" does not."""
+_SPOKEN_OF = word_set("it him her them its his their")
 _KINDS = (
     known_thing,
     colour,
@@ -57,4 +59,5 @@ def corrected(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[s
             at = min(start for stop, start in places if stop == end)
             tail = first[before.tokens[end - 1].end :]
             yield f"{first[: before.tokens[at].start]}{last}{tail}"
-    yield last
+    if not _SPOKEN_OF & {token.text for token in behind.tokens}:  # of whom "it" speaks is in what came before
+        yield last

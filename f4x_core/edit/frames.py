@@ -112,7 +112,7 @@ ADDS_NOTHING = either(
 )
 """Requests, wishes, interjections."""
 
-_joined = literal("and|,|, and|but|plus|and also|as well as")
+_joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
 _led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "with") else {})
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
@@ -419,7 +419,8 @@ _frame(
     to=either(
         ~literal("to|down to|up to|at|by|till")
         + either(
-            fraction_of("size|sizes|dimensions|scale|speed|pace|tempo|brightness"), literal("half") >> (lambda: 0.5)
+            fraction_of("size|sizes|dimensions|scale|height|width|length|speed|pace|tempo|brightness"),
+            literal("half") >> (lambda: 0.5),
         ),
         literal("to|down to|up to|at|till") + either(fraction, percent, multiple),
         literal("in half|by half|by a half") >> (lambda: 0.5),
@@ -512,6 +513,7 @@ _frame(
     ),
     only=~literal("on")
     + literal(
+        "[i|we] (only|just) [want|need] (to see) only|[i|we] [only|just] [want|need|would like] (to see)|"
         "only|just|nothing but|solely|nothing except|alone|on [its|his|her|their] own|by itself|all by itself|"
         "isolated|isolate|isolating|solo|soloed|nothing else|and nothing else|no one else|and nobody else|exclusively"
     ),
@@ -521,50 +523,7 @@ _frame(
     + literal("go|be gone|gone|away|disappear|vanish|out|removed|be removed|be deleted|deleted|hidden|be hidden|goes"),
 )
 
-# Places
-_moving = literal(
-    any_form("move")
-    + "|(a) (little|small|slight|gentle|tiny|bit of a) [push|nudge|shove|shift|move|tug|pull|slide|bump|lift|hop]"
-)
-_ground = literal(
-    "(all the way) (down) [to|onto|until|till|toward] (it [touches|reaches|hits]) [the|its] [ground|floor|bottom]|"
-    "[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] the [air|sky]|a step|from where [it|he|she] is|"
-    "from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away from its place"
-)
-_for_it = ~literal("for|of|with|on")
-_frame(
-    "the dog, a bit to the left",
-    making.moved,
-    "way",
-    who=_for_it + thing,
-    verb=_moving,
-    way=steps,
-    far=~literal("by|for|about|some") + distance,
-    more=literal("more|further|farther|still|even"),
-    ground=_ground,
-)
-_frame(
-    "the dog, behind the bush",
-    making.placed,
-    "place",
-    who=_for_it + there_already,
-    verb=_moving,
-    place=~literal("over|right|directly|straight|to|somewhere") + place,
-)
-_frame(
-    "the dog, raised by half its height",
-    lambda lift, far=None: making.moved(making.UP if lift else making.DOWN, far),
-    "lift",
-    lift=table(
-        {
-            any_form("raise") + "|(a) (little|small|slight|gentle|tiny) lift": True,
-            any_form("lower"): False,
-        },
-        reserve=False,
-    ),
-    far=~literal("by|for|about|some") + distance,
-    ground=_ground,
-)
+# Turning
 _full_turn = table(
     {
         "(a) half turn|(a) half a turn|u turn|(a) half [rotation|spin|circle|revolution]": 180.0,
@@ -584,6 +543,9 @@ _so_often = table(
         "three times": 1080.0,
     },
     reserve=False,
+)
+_sense = SENSE | table(
+    {"[to|and] face [left|the left]|facing left": -1, "[to|and] face [right|the right]|facing right": 1}, reserve=False
 )
 _TURNING = table(
     {
@@ -613,11 +575,7 @@ _frame(
     who=_whom,
     verb=_TURNING,
     angle=ANGLE | _full_turn | _so_often,
-    sense=SENSE
-    | table(
-        {"[to|and] face [left|the left]|facing left": -1, "[to|and] face [right|the right]|facing right": 1},
-        reserve=False,
-    ),
+    sense=_sense,
     around=literal("around|on the spot|in place|over|around its axis") >> (lambda: True),
 )
 _frame(
@@ -644,7 +602,15 @@ _frame(
     )
     >> (lambda value: ((value,),)),
 )
-_frame("the dog, turned to the left", _turned, "verb sense", who=_whom, verb=_TURNING, sense=SENSE, how=degree)
+_frame(
+    "the dog, turned to the left",
+    _turned,
+    "verb sense",
+    who=_whom,
+    verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
+    sense=_sense | table({"left": -1, "right": 1}, reserve=False),
+    how=degree,
+)
 _frame(
     "a quarter turn to the right for the dog",
     making.rotated,
@@ -672,6 +638,50 @@ _frame(
     sense=SENSE,
 )
 
+# Places
+_moving = literal(
+    any_form("move")
+    + "|(a) (little|small|slight|gentle|tiny|bit of a) [push|nudge|shove|shift|move|tug|pull|slide|bump|lift|hop]"
+)
+_ground = literal(
+    "(all the way) (down) [to|onto|until|till|toward] (it [touches|reaches|hits]) [the|its] [ground|floor|bottom]|"
+    "[in|into] the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] the [air|sky]|a step|from where [it|he|she] is|"
+    "from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away from its place"
+)
+_for_it = ~literal("for|of|with|on")
+_frame(
+    "the dog, a bit to the left",
+    making.moved,
+    "way",
+    who=_for_it + thing,
+    verb=_moving,
+    way=steps,
+    far=~literal("by|for|about|some") + distance,
+    more=literal("more|further|farther|still|even|over"),
+    ground=_ground,
+)
+_frame(
+    "the dog, behind the bush",
+    making.placed,
+    "place",
+    who=_for_it + there_already,
+    verb=_moving,
+    place=~literal("over|right|directly|straight|to|somewhere") + place,
+)
+_frame(
+    "the dog, raised by half its height",
+    lambda lift, far=None: making.moved(making.UP if lift else making.DOWN, far),
+    "lift",
+    lift=table(
+        {
+            any_form("raise") + "|(a) (little|small|slight|gentle|tiny) lift": True,
+            any_form("lower"): False,
+        },
+        reserve=False,
+    ),
+    far=~literal("by|for|about|some") + distance,
+    ground=_ground,
+)
 # Copies
 _times = either(
     number + ~literal("x|times"),
@@ -750,14 +760,15 @@ _frame(
     "trail",
     use=NAMED,
     who=~literal("of|behind|after|for") + thing,
-    trail=literal(
+    trail=~literal("a|an|some|the")
+    + literal(
         "trail|trails|motion trail|ghost trail|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|"
         "onion skinning|" + any_form("follow") + "|echo effect"
     ),
     others=~literal("ghost|ghostly|faint|identical|more|other") + silent(known_noun),
     copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
     + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
-    single=~literal("a|one|another") + literal("copy|clone|ghost|duplicate|second one|twin") >> (lambda: True),
+    single=~literal("a|one|another|the") + literal("copy|clone|ghost|duplicate|second one|twin") >> (lambda: True),
     times=_times,
     verb=literal(any_form("leave")),
     behind=literal(

@@ -17,7 +17,7 @@ from ..errors import F4xError
 from ..language.amounts import number
 from ..language.asides import PURPOSES, cut, without_asides
 from ..language.colour_names import COLOURS, SHADES
-from ..language.colours import colour
+from ..language.colours import PURE_COLOURS, colour
 from ..language.grammar import (
     NAMES_TOO,
     NOTHING,
@@ -45,12 +45,13 @@ from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, SYNONYMS, inflected, m
 from ..language.paraphrases import in_order, paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
 from ..language.verbs import VERBS, any_form
+from . import qualities
 from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command, as_given
 from .corrections import corrected
 from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_picture
-from .operations import Delete, Duplicate, Extract, Opacity, Operation, Transform
+from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
 from .qualities import any_look, effect
 from .request import Request
@@ -605,7 +606,8 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             settled = When.of(own or front or last, context, "slowly" in piece)
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
-            if assumed and who == All() and not all(map(is_of_a_picture, operations)):
+            of_all = who == All() and not all(map(is_of_a_picture, operations))
+            if assumed and (of_all or any(isinstance(one, Match | Delete | Extract) for one in operations)):
                 raise Refusal(
                     "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."
                 )
@@ -706,6 +708,9 @@ _ONLY_WHEN = lit(
 _LENGTH = silent(number | lit("half a")) + literal(
     "m|cm|mm|ft|metre|metres|meter|meters|centimetre|centimetres|centimeter|centimeters|inch|inches|foot|feet|yard|yards"
 )
+_named_like_a_thing = Rule(
+    lambda reading, at: {at + 1: ()} if reading.word(at) in COLOURS.keys() - PURE_COLOURS else {}
+)
 _DOUBTFUL = (
     (
         _LENGTH,
@@ -720,7 +725,11 @@ _DOUBTFUL = (
         lit("add|insert|create|draw|put")
         + ~lit("a|an|some")
         + literal("ice|fire|lava|night|sunset|autumn|grass|ocean|chocolate|marble|ghost")
-        + unless(effect),
+        + unless(effect)
+        | lit("add|insert|create|draw")
+        + ~lit("a|an|some")
+        + _named_like_a_thing
+        + unless(effect | qualities.colored_noun),
         "Nothing new can be made; say for example 'make the dog look like ice', or 'a sunset look for everything'.",
     ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
@@ -790,8 +799,11 @@ def _not_understood(reading: Reading) -> tuple[str, bool]:
             if ends := rule.at(reading, at):
                 negated = rule is _UNKNOWN_WAYS[0][0]
                 return reason.format(words=reading.text_of(at, max(ends))), not negated
-    if reading.farthest >= len(reading.tokens):
-        return f"The command is not complete: {_lacking(reading)}.", True
+    lacking = _lacking(reading)
+    if lacking or reading.farthest >= len(reading.tokens):
+        end = len(reading.tokens)
+        lacking = lacking or f"something is missing after '{reading.text_of(end - 1, end)}'"
+        return f"The command is not complete: {lacking}.", True
     return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
 
 
@@ -865,7 +877,7 @@ _beginnings = [
 
 
 def _lacking(reading: Reading) -> str:
-    """Return what the last command of a sentence lacks, as part of a message."""
+    """Return what the last command of a sentence lacks, as part of a message; nothing where it lacks nothing that has a name."""
     end = len(reading.tokens)
     for at in range(end):
         for command, verb, verb_and_who in _beginnings:
@@ -873,7 +885,7 @@ def _lacking(reading: Reading) -> str:
             if (whole and command.needed) or end in verb.at(reading, at):
                 unsaid = " and ".join(_UNSAID[slot] for slot in sorted(command.needed if whole else {"who"}))
                 return f"after '{reading.text_of(at, end)}' it is not said {unsaid}, as in '{command.example}'"
-    return f"something is missing after '{reading.text_of(end - 1, end)}'"
+    return ""
 
 
 _EXAMPLE_THING = re.compile(r"\bthe (dog|cat|car|house|sky|wall|box|lamp|hat|shirt)\b")

@@ -35,6 +35,7 @@ shade_of = ~lit(
 _shade_of = shade_of + ~(lit("from") + silent(colour) + ~lit("to|into"))
 _fully = ~lit("all|completely|fully|entirely|totally|wholly")
 colored = ~lit("(in) color|colored|tone|tint")
+colored_noun = literal("color|paint|tint|tinge|touch|shade|hue|tone|glow|light|halo|shimmer|cast|wash|coat|aura|shine")
 _flat = lit("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
 colour_value = either(
     _article + _flat + ~_flat + colour + colored >> making.recoloured,

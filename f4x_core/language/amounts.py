@@ -236,6 +236,7 @@ distance = either(
     ~lit("by|for") + lit("a|its|its own|their|their own|the|his|her|one full") + _body >> (lambda *_: Distance(1.0)),
     ~lit("by|for") + number + lit("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
     ~lit("by|for") + lit("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),
+    lit("by") + percent >> Distance,
     lit("by") + number >> (lambda x: Distance(x, "world")),
 )
 _step = optional(distance) + direction + optional(distance)

@@ -33,7 +33,9 @@ _PLAIN = {
     "interjection": (
         r"(?:,\s*)?\b(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|please|"
         r"jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty please|"
-        r"to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry)\b,?"
+        r"to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|basically|"
+        r"literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|"
+        r"absolutely|essentially|preferably|magically|quickly|all of them|every one of them|each of them|both of them)\b,?"
     ),
     "comment": (
         rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|should)(?: (?:would|will|should|"

@@ -77,6 +77,7 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"^{_REST}[,;]? but (?:keep|leave) {_X}(?: there| alone| as it is| untouched| in place| visible)?$",
         r"leave \g<x> alone and \g<rest>",
     ),
+    (rf"^(?:keep|leave) {_X},? but {_REST}$", r"leave \g<x> alone and \g<rest>"),
     (rf"^{_REST}[,;]? but not {_X}$", r"\g<rest> except \g<x>"),
     # Clipped
     (rf"^{_X} ?(?::|->|→|=>|=|-) ?{_REST}$", r"make \g<x> \g<rest>"),

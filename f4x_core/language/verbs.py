@@ -55,7 +55,7 @@ VERBS: dict[str, str] = {
     "set, get, drop, throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, come, "
     "glide, wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, sink, appear, land, "
     "turn up, offset, reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, hoist, heave, lay, stick, park, plant, "
-    "tuck, squeeze, pop, hoick, lug, jog, jolt, shuffle, sneak, migrate, head, back, inch, edge, lean, steer, sail, scroll, wheel, "
+    "tuck, squeeze, pop, hoick, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, sail, "
     "toss, fling, kick, yank, plop, set down, put down, pick up, scroll, pan, moor, rest, belong, wander off, climb, crawl, creep",
     "raise": "raise, lift, elevate, hoist, rise, levitate, lift up, raise up, pick up, ascend, take off, soar, float up, hover",
     "lower": "lower, sink, descend, let down, bring down, drop down, set down, put down, duck, dip down",
