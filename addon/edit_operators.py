@@ -37,6 +37,7 @@ from ..f4x_core.edit.plan import propose
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.edit.telling import told
 from ..f4x_core.errors import F4xError
+from ..f4x_core.language.grammar import Doubt
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.troubles import with_code
 from . import display
@@ -346,9 +347,9 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
     )  # type: ignore[valid-type]
 
     def invoke(self, context, event):
-        """Take the sentence from the panel."""
+        """Take the sentence from the panel, where the button does not bring one."""
         scene_object = SceneObject.of(context.object)
-        self.sentence = scene_object.state.sentence
+        self.sentence = self.sentence or scene_object.state.sentence
         try:
             self.act(context, scene_object)
         except F4xError:  # the panel shows it, below the sentence; once is enough
@@ -358,7 +359,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
     def act(self, context, scene_object):
         """Show the readings in the panel, or why the sentence was not understood."""
         state = scene_object.state
-        ended, state.sentence = state.preview, self.sentence
+        ended, state.sentence, state.instead = state.preview, self.sentence, ""
         forget_readings(scene_object)
         try:
             scene_object.prepared()
@@ -366,6 +367,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
         except F4xError as error:
             state.answer = panel_words(with_code(error))
+            state.instead = error.instead if isinstance(error, Doubt) else ""
             if ended:
                 # Blender must know of the points that went with the preview, although this operator ends as cancelled
                 bpy.ops.ed.undo_push(message=self.bl_label)
@@ -422,7 +424,7 @@ def forget_readings(scene_object: SceneObject) -> None:
     """Discard the plan and end the preview."""
     state = scene_object.state
     state.readings.clear()
-    state.answer = ""
+    state.answer = state.instead = ""
     if state.preview:
         state.preview = False
 

@@ -115,6 +115,8 @@ class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
         if state.readings:
             self._draw_readings(layout, context, state)
         draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
+        if state.instead:
+            layout.operator("f4x.plan", text="Read It So", icon="CHECKMARK").sentence = state.instead
 
     def _draw_readings(self, layout, context, state):
         """Draw what the sentence would do, and the buttons that do it."""

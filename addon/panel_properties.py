@@ -172,6 +172,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         name="Say", description='What to change, for example "make the dog red from second 2"'
     )
     answer: StringProperty()  # type: ignore[valid-type]
+    instead: StringProperty()  # type: ignore[valid-type]  # the sentence that was probably meant, where that is asked
     readings: CollectionProperty(type=F4X_PG_reading)  # type: ignore[valid-type]
     reading_index: IntProperty(update=_preview_changed)  # type: ignore[valid-type]
     preview: BoolProperty(  # type: ignore[valid-type]

@@ -31,6 +31,7 @@ from ..files import replace_file
 from ..geometry import trajectory
 from ..geometry.camera import CameraPath
 from ..geometry.trajectory import View
+from ..language.grammar import Doubt
 from ..progress import Progress, silent
 from ..query.labels import encode_labels
 from ..query.pixels import coverage_image, heat_map
@@ -261,7 +262,10 @@ class Session:
             proposal = plan.Proposal("", (candidate,), understood_by="operations")
         else:
             options: dict[str, Any] = {"encode": encode_labels, "backend": self.backend, "progress": self.progress}
-            proposal = plan.propose(opened, sentence, context, candidates=candidates, **options)
+            try:
+                proposal = plan.propose(opened, sentence, context, candidates=candidates, **options)
+            except Doubt as doubt:
+                raise F4xError(f"{doubt} If that is meant, propose '{doubt.instead}'.") from doubt
         name = self._name("proposal")
         _keep(self._proposed, name, StoredProposal(path, of(opened).edits, proposal), KEPT_PROPOSALS)
         rows = [self._candidate_summary(opened, index, one) for index, one in enumerate(proposal.candidates)]

@@ -295,7 +295,9 @@ def _edit(verbs: Verbs) -> None:
     output_option(sub, "SCENE2", help="write there (default: the scene itself)")
     sub.add_argument("--dry-run", action="store_true", help="say what would be done; write nothing")
     sub.add_argument(
-        "--yes", action="store_true", help="read a misspelt word of --say as the one it is probably meant to be"
+        "--yes",
+        action="store_true",
+        help="read a misspelt word of --say as what was probably meant, and leave out words that nobody knows",
     )
     sub.add_argument("--frame", type=float, default=0.0, metavar="T", help="clip frame that is looked at: here and now")
     sub.add_argument(

@@ -62,7 +62,7 @@ class EditorState:
     frame: float = 0.0
     """The caller's current clip frame."""
     agreed: bool = False
-    """A word that is probably misspelt is read as what was meant; else `Doubt` asks."""
+    """A word that is probably misspelt is read as what was meant, and what nobody knows is left out; else `Doubt` asks."""
 
 
 def resolve(scene: Scene, operation: Operation, context: EditorState, encode: Encode | None = None) -> Operation:

@@ -170,7 +170,7 @@ class Refusal(F4xError):  # noqa: N818  # nothing went wrong
 
 
 class Doubt(Refusal):
-    """A sentence that would be understood if a word were spelt otherwise: it is asked about, and not done."""
+    """A sentence that would be understood if a word were spelt otherwise or left out: it is asked about, and not done."""
 
     def __init__(self, reason: str, instead: str):
         """`instead`: the sentence that was probably meant."""
