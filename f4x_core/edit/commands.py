@@ -128,7 +128,6 @@ def _values(*rules: Rule) -> Rule:
 
 
 # Colours
-_into = ~lit("to|into|in")
 _coloured = qualities.colour_value | qualities.without_colour
 _command(
     "make the dog red",
@@ -137,50 +136,7 @@ _command(
     "values",
     values=_values(qualities.made, lit("in") + _coloured, lit("gone") >> always(making.deleted)),
 )
-_command(
-    "turn the dog into gold",
-    "turn|change|convert|transform|switch|set|put|throw",
-    as_given,
-    "values",
-    values=_values(
-        qualities.a_look,
-        qualities.transformed,
-        _into + either(_coloured, qualities.alike, qualities.a_look, qualities.same_as),
-        lit("to") + ~lit("a|an|pure|solid") + qualities.look_name >> making.styled,
-        lit("from") + silent(colour) + lit("to|into") + _coloured,
-        lit("out of focus") >> making.blurred,
-        either(
-            qualities.brightness_value,
-            qualities.saturation_value,
-            qualities.warmth_value,
-            qualities.size_value,
-            qualities.blur_value,
-        ),
-        lit("to|into") + qualities.colour_of,  # of "change the color of the dog" nobody knows to what
-        qualities.more_colour_value,
-        qualities.opacity_value,
-    ),
-)
 _tint = ~lit("a|an") + ~lit("slight|faint") + (colour | colourish)
-_command(
-    "tint the sky orange",
-    "tint|tinge|tone|wash",
-    making.faintly,
-    "rgb",
-    rgb=~lit("in|to|with") + _tint + qualities.colored,
-)
-_command(
-    "change the color of the car to black",
-    "change|set|turn|make|switch|alter|adjust|swap|shift|replace",
-    lambda colors: colors,
-    "colors",
-    who=whose("color|colors|coloring"),
-    colors=_values(
-        ~lit("to|into|in|for|with|from") + (_coloured | qualities.same_as),
-        lit("from") + silent(colour) + lit("to") + _coloured,
-        lit("to|like") + (qualities.source >> making.matched | qualities.colour_of),
-    ),
-)
 _command(
     "shift the hue of the car to red",
     "shift|change|turn|set|rotate|move|make|adjust",
@@ -222,9 +178,7 @@ _command(
 _to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (
     lambda x: 1 - x
 )
-_outward = lit("out|away|off|to zero|to 0|into nothing|from view|out completely|to nothing|to invisible")
 _command("fade the background", "fade", lambda by=0.5: making.faded(by), itself="fade", by=_to_fraction)
-_command("fade out the dog", "fade|dissolve", lambda: making.faded(0.0), "out", itself="fade", out=_outward)
 
 _command(
     "fade in the dog from second 1 to 2",
@@ -254,9 +208,6 @@ _command(
 _command("take the car out", SPLIT, _delete, "out", use=NAMED, out=OUT)
 KEEPING = "keep|show|show me|leave|retain|have|display|see|preserve|let me see"
 ONLY = lit("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
-_only_keep = ONLY | lit(
-    "[i|we] [only|just] want (to see)|[i|we] want to see [only|just]|[only|just] [keep|show|leave|retain]"
-)
 _in_colour = lit("in (full) [color|colors]|colored")
 _command(
     "show only the dog in color",
@@ -295,16 +246,6 @@ _command(
     values=_values(qualities.backward),
 )
 _command(
-    "move the dog to the left",
-    "move|shift|push|put|slide|bring|pull|drag|place|shove|carry|send|scoot|nudge|translate|position|drive|displace|set|get|drop|"
-    "throw|have|relocate|fly|float|slip|scooch|budge|transport|take|let|haul|tow|swing|draw|tug|boost|bump",
-    making.moved,
-    "way",
-    itself="move|go|slide|shift|jump|float|drift|come|fly|glide|wander|roll|hop|step|travel|drive|walk|hover|swim|be",
-    way=steps,
-    far=distance,
-)
-_command(
     "raise the box",
     "raise|lift|elevate|hoist",
     lambda far=None: making.moved(making.UP, far),
@@ -339,7 +280,6 @@ _axis = lit(
 )
 TURNS: dict[str, Any] = {"angle": ANGLE, "sense": SENSE, "axis": _axis}
 _command("rotate the dog by 90 degrees", ROTATING, making.rotated, itself=ROTATING, **TURNS)
-_command("tilt the lamp to the left", TILTING, making.tilted, "sense", itself=TILTING, angle=ANGLE, sense=SENSE)
 
 
 # Copies
@@ -407,14 +347,6 @@ _ADDING = (
     "make|create|add|put|place|give me|insert|produce|generate|set|have|get me|i want|i would like"
     "|we need|show|get|we want|i need"
 )
-_how_often = table({"once": 1.0, "twice": 2.0, "thrice": 3.0}) | number + lit("times|x")
-_command(
-    "copy the dog",
-    "copy|duplicate|clone|replicate|make copies of|make a copy of",
-    making.copied,
-    times=_how_often,
-    **BESIDE_IT,
-)
 _command(
     "make a smaller copy of the dog to the right",
     _ADDING,
@@ -433,32 +365,8 @@ _command(
 )
 TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 """Copies of a trail, and the time from one to the next."""
-_followers = either(
-    lit("a|another|one") + lit("copy|clone|duplicate|second one") >> (lambda: 1.0),
-    lit("another one|a second one") >> (lambda: 1.0),
-    number + ~lit("ghost|ghostly|faint") + lit("copies|clones|duplicates|ghosts"),
-    ~lit("some|a few") + lit("copies|clones|ghosts") >> (lambda: TRAIL_COPIES),
-)
 
 
-def _trailing(times: float, shift: TimeExpression | None = None) -> Value | tuple[tuple[Value], ...]:
-    return making.copied(times=times, shift=TRAIL_LAG if shift is None else shift)
-
-
-_command(
-    "let a copy follow the dog half a second behind",
-    "let|have|make|add|put",
-    _trailing,
-    "times follow",
-    use=FULL,
-    times=_followers,
-    follow=lit(
-        "follow|trail|chase|[run|drive|come|walk|go] [behind|after]|that [follow|follows|trail] (behind)"
-        "|following|trailing (behind)|behind"
-    ),
-    shift=SHIFT | ~lit("by|with") + duration,
-    path=lit("along (its|the same) path|on (its|the same) path"),
-)
 _command("add another dog", _ADDING, making.copied, "times", use=NAMED, times=_others, **BESIDE_IT)
 
 # Time
@@ -578,23 +486,6 @@ _command(
     rgb=~lit("a|an|the|to have a") + colour,
     rest=lit("instead (of)") + ~(~lit("a|an|the|that") + silent(colour) + lit("one|ones")),
 )
-_there = lit("is|are|stands|was")
-_command(
-    "put the dog where the cat is and the cat where the dog is",
-    "put|move|place",
-    lambda other: making.swapped(other),
-    "other",
-    use=Use(gapped=False),
-    other=lit("where")
-    + thing
-    + _there
-    + lit("and|, and")
-    + ~lit("put|move|place")
-    + silent(thing)
-    + lit("where")
-    + silent(thing)
-    + _there,
-)
 _day = lit("(the) day|daytime|daylight") >> (lambda: lambda context: making.noted(context, All()))
 _command(
     "turn day into night",
@@ -638,19 +529,6 @@ _command(
 )
 
 # Trails
-_behind = lit("follow|trail|chase|[drive|run|walk|go|come|move] [behind|after]") + ~lit(
-    "it|him|her|the first (one)|the original (one)|the other (one)"
-)
-_command(
-    "let a second dog follow it one second later",
-    "let|have|make",
-    making.copied,
-    "behind shift",
-    use=FULL,
-    who=lit("a second|another|a copy of the|a clone of the|one more|a duplicate of the") + known_noun,
-    behind=_behind,
-    shift=SHIFT | ~lit("by|with") + duration,
-)
 
 
 def _trailed(count: float = TRAIL_COPIES) -> Value | tuple[tuple[Value], ...]:
@@ -664,12 +542,3 @@ _a_trail = (
     + optional(lit("of") + number + ~lit("ghost|ghostly|faint|fading") + lit("copies|clones|ghosts"), TRAIL_COPIES)
 )
 _command("give the dog a trail", "give", _trailed, "count", use=NAMED, itself="leave|have|get|draw", count=_a_trail)
-_command(
-    "leave a trail behind the dog",
-    "leave|add|put|make|draw|create|show",
-    _trailed,
-    "count",
-    use=NAMED,
-    who=lit("behind|after|to|of") + thing,
-    count=_a_trail,
-)

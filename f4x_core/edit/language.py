@@ -857,10 +857,21 @@ _SAID_HALF = (
     ("paint the car blue", VERBS["become"], "values"),
     ("scale the dog by 2", VERBS["scale"], "by"),
     ("turn the dog to the left", VERBS["turn"], "sense"),
+    ("move the dog to the left", VERBS["move"], "way"),
     ("put the dog behind the bush", VERBS["move"], "place"),
     ("match the dog to the cat", "match", "source"),
 )
 """(Example, verbs, slot that is needed) of commands that are read in any order."""
+_EXAMPLES = dict.fromkeys(
+    (
+        *(command.example for command in COMMANDS),
+        *(example for example, _, _ in _SAID_HALF),
+        "turn the dog into gold", "tint the sky orange", "change the color of the car to black", "copy the dog", "darken the sky",
+        "let a copy follow the dog half a second behind", "make the dog glow", "blur the background", "speed up the dog",
+        "increase the contrast of the dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the left",
+    )
+)  # fmt: skip
+"""Sentences that are offered to those who were not understood."""
 _beginnings = [
     (command, verb, verb + command.who)
     for command in (
@@ -904,7 +915,7 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
         nouns = list(dict.fromkeys(_EXAMPLE_THING.findall(example)))
         return _EXAMPLE_THING.sub(lambda found: f"the {things[nouns.index(found[1])]}", example)
 
-    examples = _nearest(tokens, len(COMMANDS))
+    examples = _nearest(tokens, len(_EXAMPLES))
     fitting = (about(one) for one in examples if len(set(_EXAMPLE_THING.findall(one))) <= len(things))
     return tuple(dict.fromkeys(fitting))[:3]
 
@@ -918,5 +929,4 @@ def _nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:
         alike = sum(bool(get_close_matches(word, typed, 1, 0.75)) for word in telling)
         return alike / max(len(telling), 1) + SequenceMatcher(None, words, typed).ratio() / 2
 
-    examples = dict.fromkeys(command.example for command in COMMANDS)
-    return tuple(sorted(examples, key=likeness, reverse=True)[:count])
+    return tuple(sorted(_EXAMPLES, key=likeness, reverse=True)[:count])

@@ -13,7 +13,6 @@ from ..language.amounts import (
     Steps,
     Vector,
     displacement,
-    factor,
 )
 from ..language.colour_names import Colour
 from ..language.colours import GRAY
@@ -136,16 +135,6 @@ def warmed(how: Amount | None, warmer: bool) -> Value:
         raise Mismatch
     warmth = value if kind == "fraction" else {None: WARMER, "small": WARMER / 2, "large": 2 * WARMER}[kind]
     return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.coming)
-
-
-def made_warmer(how: Amount | None = None, *, warmer: bool) -> Value:
-    """`warmed`, with its amount as a slot."""
-    return warmed(how, warmer)
-
-
-def more_saturated(how: Amount | None = None, *, upward: bool) -> Value:
-    """More or less colour by an amount."""
-    return saturated(factor(how, upward))
 
 
 def blurred(how: Amount | None = None) -> Value:
