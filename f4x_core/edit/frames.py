@@ -32,6 +32,7 @@ from ..language.grammar import (
     optional,
     silent,
     table,
+    unless,
 )
 from ..language.lexicon import every_form
 from ..language.times import TimeExpression, duration
@@ -648,6 +649,7 @@ _ground = literal(
     "[in|into] the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] the [air|sky]|a step|from where [it|he|she] is|"
     "from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away from its place"
 )
+_far = ~literal("by|for|about|some") + distance + unless(literal(","))
 _for_it = ~literal("for|of|with|on")
 _frame(
     "the dog, a bit to the left",
@@ -656,7 +658,7 @@ _frame(
     who=_for_it + thing,
     verb=_moving,
     way=steps,
-    far=~literal("by|for|about|some") + distance,
+    far=_far,
     more=literal("more|further|farther|still|even|over"),
     ground=_ground,
 )
@@ -679,7 +681,7 @@ _frame(
         },
         reserve=False,
     ),
-    far=~literal("by|for|about|some") + distance,
+    far=_far,
     ground=_ground,
 )
 # Copies

@@ -220,8 +220,8 @@ _polite = lit("please|could|can") | _request
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
 _topic = thing + lit(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
-_pronoun_follows = Rule(lambda reading, at: {at: ()} if any(t.text in _PRONOUNS for t in reading.tokens[at:]) else {})
 _PRONOUNS = word_set("it him her them its his their")
+_pronoun_follows = Rule(lambda reading, at: {at: ()} if any(t.text in _PRONOUNS for t in reading.tokens[at:]) else {})
 _loose_topic = _topic | thing + literal(",|-|->|=>|=") + _pronoun_follows >> (
     lambda who: Clause(TOPIC, ({"who": who},))
 )

@@ -63,8 +63,8 @@ def leaving_out(tokens: list[Token], known: Collection[str], verbs: Collection[s
             ]
             choices.append([None, *spans])
         at = end + 1
-    strange = sum(token.is_word and not _keeps(token, known, verbs) and token.text not in _HARMLESS for token in tokens)
-    if 2 * strange > sum(token.is_word for token in tokens):
+    unknown = sum(token.is_word and not _keeps(token, known, verbs) and token.text not in _HARMLESS for token in tokens)
+    if 2 * unknown > sum(token.is_word for token in tokens):
         return
     ways = [[span for span in way if span] for way in product(*choices[:3])] if choices else []
     ways = [way for way in ways if way]

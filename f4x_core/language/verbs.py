@@ -73,7 +73,7 @@ VERBS: dict[str, str] = {
     "add": "make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, need, stand, be, appear, duplicate, "
     "like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
     "follow": "follow, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come behind, follow behind, "
-    "drive behind, drive after, go behind, go after, walk after, tail, shadow, tag along behind, move behind, pursue",
+    "drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue",
     "leave": "leave, have, make, add, put, give, create, draw, show, let, get, drag, apply, throw in, use, need",
     # time
     "freeze": "freeze, pause, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep still, "
