@@ -52,7 +52,7 @@ from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_picture
 from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Transform
-from .phrases import SentenceContext, When, besides, familiar, thing, together
+from .phrases import SentenceContext, When, besides, familiar, thing, together, whose
 from .qualities import any_look, effect
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
@@ -312,7 +312,7 @@ def parse(
             raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
     if not (_new_thing(read.reading) or _no_edit(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
-    reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read.reading)
+    reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
     raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
 
 
@@ -329,6 +329,8 @@ class Read:
     """Each behind its separators; none: not understood."""
     operations: tuple[Operation, ...] = ()
     """What it asks for, where that was worked out to know whether it is understood."""
+    reason: str = ""
+    """Why what it asks for cannot be, where it is not understood otherwise."""
 
     @property
     def only_then(self) -> bool:
@@ -363,6 +365,7 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
     """
     first: Read | Refusal | None = None
     readings: list[Reading] = []
+    reason = ""
     plain, _ = _plainly(sentence, known)
     ways = chain(corrected(sentence, known), in_order(sentence), (sentence, plain), paraphrases(plain))
     for way in dict.fromkeys(ways):
@@ -380,12 +383,16 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
         # what was matched before holds, and the word that is to blame is the one of the first time
         read = _matched(replace(reading, farthest=0), _loose_sentence)
         if read.clauses:
-            with suppress(F4xError):
+            try:
                 return read if settled is None else replace(read, operations=settled(read))
+            except Refusal as refusal:
+                reason = reason or refusal.reason
+            except F4xError:
+                continue
     if isinstance(first, Refusal):
         raise first
     assert first is not None
-    return first
+    return replace(first, reason=reason)
 
 
 def _plainly(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[str, frozenset[str]]:
@@ -667,6 +674,14 @@ def _placed(operations: list[Operation]) -> list[Operation]:
                     placed[-1] = replace(made, offset=(x, y, z))
                     continue
         said_again = isinstance(made, Extract) and isinstance(one, Delete) and one.select == Not(made.select)
+        opposite = (
+            isinstance(made, Transform)
+            and isinstance(one, Transform)
+            and any(one.translate)
+            and one == replace(made, translate=tuple(-step for step in made.translate))
+        )
+        if opposite:
+            raise Refusal("Two of the directions are on one line; say one of them.")
         if one != made and not said_again:
             placed.append(one)
     return placed
@@ -787,8 +802,9 @@ _UNKNOWN_WAYS = (
 """Phrases that no command has, and the reason given for each; the words before which reading ended are no fault of their own."""
 
 
-def _not_understood(reading: Reading) -> tuple[str, bool]:
+def _not_understood(read: Read) -> tuple[str, bool]:
     """The sentence about the words that nobody knows, or at which every way to read ended; whether examples help."""
+    reading = read.reading
     if reason := _no_edit(reading) or _new_thing(reading):
         return reason, False
     unknown = _unknown_word(reading)
@@ -804,7 +820,8 @@ def _not_understood(reading: Reading) -> tuple[str, bool]:
         end = len(reading.tokens)
         lacking = lacking or f"something is missing after '{reading.text_of(end - 1, end)}'"
         return f"The command is not complete: {lacking}.", True
-    return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
+    here = reading.text_of(reading.farthest, reading.farthest + 1)
+    return read.reason or f"I do not understand '{here}' here.", True
 
 
 def _no_edit(reading: Reading) -> str:
@@ -854,18 +871,19 @@ _UNSAID = {
 
 
 _SAID_HALF = (
-    ("paint the car blue", VERBS["become"], "values"),
-    ("scale the dog by 2", VERBS["scale"], "by"),
-    ("turn the dog to the left", VERBS["turn"], "sense"),
-    ("move the dog to the left", VERBS["move"], "way"),
-    ("put the dog behind the bush", VERBS["move"], "place"),
-    ("match the dog to the cat", "match", "source"),
+    ("change the color of the car to black", "change, set, make, turn, alter, swap", "colors", whose("color|colors")),
+    ("paint the car blue", VERBS["become"], "values", thing),
+    ("scale the dog by 2", VERBS["scale"], "by", thing),
+    ("turn the dog to the left", VERBS["turn"], "sense", thing),
+    ("move the dog to the left", VERBS["move"], "way", thing),
+    ("put the dog behind the bush", VERBS["move"], "place", thing),
+    ("match the dog to the cat", "match", "source", thing),
 )
-"""(Example, verbs, slot that is needed) of commands that are read in any order."""
+"""(Example, verbs, slot that is needed, whom it is for) of commands that are read in any order."""
 _EXAMPLES = dict.fromkeys(
     (
         *(command.example for command in COMMANDS),
-        *(example for example, _, _ in _SAID_HALF),
+        *(example for example, *_ in _SAID_HALF),
         "turn the dog into gold", "tint the sky orange", "change the color of the car to black", "copy the dog", "darken the sky",
         "let a copy follow the dog half a second behind", "make the dog glow", "blur the background", "speed up the dog",
         "increase the contrast of the dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the left",
@@ -875,11 +893,11 @@ _EXAMPLES = dict.fromkeys(
 _beginnings = [
     (command, verb, verb + command.who)
     for command in (
-        *COMMANDS,
         *(
-            Command(example, verbs.replace(", ", "|"), as_given, {}, frozenset({slot}))
-            for example, verbs, slot in _SAID_HALF
+            Command(example, verbs.replace(", ", "|"), as_given, {}, frozenset({slot}), who)
+            for example, verbs, slot, who in _SAID_HALF
         ),
+        *COMMANDS,
     )
     if command.verbs and command.needed <= _UNSAID.keys()
     for verb in [lit("|".join(inflected(command.verbs, 1)))]

@@ -39,6 +39,7 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"^{_REST}[,;]? but (?:keep|leave) {_X}(?: there| alone| as it is| untouched| in place| visible)?$",
         r"leave \g<x> alone and \g<rest>",
     ),
+    (rf"^{_REST}[,;]? but not {_X}$", r"\g<rest> except \g<x>"),
     (rf"^(?:keep|leave) {_X},? but {_REST}$", r"leave \g<x> alone and \g<rest>"),
     # Clipped
     (rf"^{_X},? (?:in|to) (?P<rest>[\w ]+?)[.!]*$", r"make \g<x> \g<rest>"),
