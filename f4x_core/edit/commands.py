@@ -304,7 +304,8 @@ SHIFT = either(
     _lagging
     + duration
     + lit(
-        "later|behind|late|after|[after|behind] [it|him|her|itself|the original|the first (one)|the other (one)]|afterward|delayed|in the future|too late|late"
+        "later|behind|late|after|[after|behind] [it|him|her|itself|the original|the first (one)|the other (one)]|afterward|"
+        "delayed|in the future|too late|late"
     ),
     lit("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
     + duration,
@@ -473,7 +474,8 @@ _command(
     ),
 )
 _wanted = lit(
-    "i want see|we want to see|i would like to see|i would love to see|give me|let me have|get me|i want to see|i want|i would like|we want|we would like|i would love|we need|i need"
+    "i want see|we want to see|i would like to see|i would love to see|give me|let me have|get me|i want to see|i want|i would "
+    "like|we want|we would like|i would love|we need|i need"
 )
 _command(
     "I want a white dog",

@@ -47,7 +47,6 @@ from .commands import (
     REMARK,
     SENSE,
     SHIFT,
-    SPLIT,
     TRAIL_COPIES,
     TRAIL_LAG,
     USUAL,
@@ -97,7 +96,8 @@ ADDS_NOTHING = either(
         "you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|make sure (that)|so that|"
         "in such a way that|how [do|can|would|could] [i|you|we]|how to|what if|what about|how about|"
         "is there [a|any] way to|is it possible to|would it be possible to|it would be [nice|great|cool] (if)|"
-        "give me|get me|show me|i am looking for|i am trying to|we are going to|i am going to|[my|the] [wish|idea|plan] is (that|to)|"
+        "give me|get me|show me|i am looking for|i am trying to|we are going to|i am going to|[my|the] [wish|idea|plan] is (that|"
+        "to)|"
         "your task is to|time to|see|to see|have|to have|to get|want|would like"
     ),
     literal(
@@ -447,12 +447,6 @@ _frame(
     )
     + qualities.too_much,
 )
-_frame(
-    "it's too dark",
-    REMARK,
-    "complaint",
-    complaint=literal("its|it is|that is|this is|thats|everything is|it looks|it seems") + qualities.too_much,
-)
 
 # Taking out
 _frame(
@@ -465,35 +459,15 @@ _frame(
         any_form("delete")
         + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|"
         "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away)|bye bye|"
-        "goodbye|no more|no longer [want|need] (to see)"
+        "goodbye|no more|no longer [want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|"
+        "[i|we] do not [want|like|need] (to [see|have])|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
     ),
     out=OUT
     | literal(
         "[from|off|out of] [the|this|my|our] (whole|entire) [scene|picture|video|clip|image|shot|frame|view|movie|film]|"
-        "completely|entirely|fully|for good"
+        "completely|entirely|fully|for good|(in) there|in it|any more|anymore|any longer|"
+        "in [the|this|my] [scene|picture|video|clip|image|shot|frame|view|movie|film]"
     ),
-)
-_frame(
-    "I would rather not have the dog",
-    always(making.deleted),
-    "unwanted",
-    who=_whom,
-    use=NAMED,
-    unwanted=literal(
-        "[i|we] would (rather|prefer) not (to) [have|see]|[i|we] would prefer not to [have|see]|[i|we] do not [want|like|need] (to [see|have])|"
-        "[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of|[i|we] could do without|[i|we] can do without"
-    ),
-    there=literal(
-        "in there|there|in it|in [the|this|my] [scene|picture|video|clip|image|shot|frame|view|movie|film]|any more|anymore|any longer"
-    ),
-)
-_frame(
-    "take the dog, the left one, out",
-    always(making.deleted),
-    "verb out",
-    use=NAMED,
-    verb=literal(every_form(SPLIT)),
-    out=OUT,
 )
 _frame(
     "the dog has to be hidden",
@@ -586,7 +560,8 @@ _frame(
     who=_whom,
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     around=literal(
-        "around|(to|in|into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|looks|points] the other way|backward|"
+        "around|(to|in|into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|looks|"
+        "points] the other way|backward|"
         "about|away|away from us|away from the camera|[its|his|her|their] back (to|toward|on) (us|me|the camera|the viewer)"
     )
     >> (lambda: True),
@@ -646,7 +621,8 @@ _moving = literal(
 )
 _ground = literal(
     "(all the way) (down) [to|onto|until|till|toward] (it [touches|reaches|hits]) [the|its] [ground|floor|bottom]|"
-    "[in|into] the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] the [air|sky]|a step|from where [it|he|she] is|"
+    "[in|into] the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] "
+    "the [air|sky]|a step|from where [it|he|she] is|"
     "from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away from its place"
 )
 _far = ~literal("by|for|about|some") + distance + unless(literal(","))
@@ -767,7 +743,6 @@ _frame(
         "trail|trails|motion trail|ghost trail|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|"
         "onion skinning|" + any_form("follow") + "|echo effect"
     ),
-    others=~literal("ghost|ghostly|faint|identical|more|other") + silent(known_noun),
     copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
     + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
     single=~literal("a|one|another|the") + literal("copy|clone|ghost|duplicate|second one|twin") >> (lambda: True),
@@ -794,10 +769,6 @@ _frame(
         any_form("freeze")
         + "|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no movement|stop|stopped"
     ),
-    motion=literal(
-        "motion|the motion of|the movement of|in place|in its tracks|in mid air|dead|moving|from moving|in the air|"
-        "there"
-    ),
 )
 _frame(
     "the dog, played in reverse",
@@ -809,11 +780,6 @@ _frame(
         literal(any_form("reverse") + "|backward|in reverse|reversed|the other way around in time"),
         literal(any_form("run")) + silent(qualities.backward),
     ),
-    back=literal("in time|in reverse|backward|back to front"),
-    motion=literal(
-        "motion of|the motion of|the movement of|the action of|the time of|movement|motion|the motion|the movement"
-    ),
-    playing=literal(any_form("run")),
 )
 _frame(
     "the dog, over and over from second 1 to 2",
@@ -880,7 +846,6 @@ _frame(
     who=_whom,
     verb=literal(any_form("blur") + "|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"),
     how=qualities.softly,
-    out=literal("out"),
 )
 _frame(
     "a soft blue glow around the dog",
@@ -918,30 +883,6 @@ _frame(
     places=literal(
         "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|"
         "around|over"
-    ),
-)
-_frame(
-    "the dog should have the colors of the cat",
-    making.matched,
-    "verb source",
-    use=NAMED,
-    verb=literal(any_form("match")),
-    source=either(
-        literal("to|with|from|like|as|of|by")
-        + ~literal("the|its|a")
-        + literal("(same) [colors|color|look|coloring|palette|tone|hue]")
-        + literal("from|of|as")
-        + known_thing,
-        ~literal("to|with|from")
-        + ~literal("the|its|a|exactly|exactly the")
-        + literal("(same|exact same) [colors|color|look|coloring|palette|tone|hue] [from|of|as|like]")
-        + known_thing,
-        ~literal("to|with|from|into")
-        + ~literal("the")
-        + known_thing
-        + literal("'s|'")
-        + literal("color|colors|look|coloring|palette"),
-        literal("like|to the same color as|the same color as|to match|matching") + known_thing,
     ),
 )
 
@@ -1004,7 +945,6 @@ _frame(
         "without [touching|changing|affecting]|not|no changes to|nothing [to|on|with]|never [touch|change]|"
         "do nothing to"
     ),
-    though=literal("though|however|of course|at all"),
 )
 _frame(
     "and nothing else",
@@ -1013,7 +953,8 @@ _frame(
     nothing=literal(
         "nothing else|nobody else|no one else|nothing more|that is all|that is it|only that|nothing other than that|"
         "keep the rest|keep everything else|leave the rest|leave everything else|the rest stays (as it is)|"
-        "(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as before)|"
+        "(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|"
+        "as before)|"
         "(then) [it|he|she] [goes|continues|moves|runs|carries|may go|can go] [on|again|as before]|"
         "then (back to) normal|then back|i mean it|not more|not less|that is enough"
     ),

@@ -58,8 +58,6 @@ from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
 from .styles import STYLES
 
-__all__ = ["Refusal", "describe", "parse"]
-
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
 
@@ -708,7 +706,8 @@ _UNDOING = lit(
     "[put|take|bring] [it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|"
     "back to the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|"
     "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
-    "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|one]|"
+    "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|"
+    "one]|"
     "cancel (that|this|the last)|[forget|revoke] [that|the last] [change|edit|step|one]"
 )
 _ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
@@ -787,7 +786,8 @@ _UNKNOWN_WAYS = (
         lit("[i|we] [want|need]|[i|we] would like|make [it|that|them]|give me|there should be")
         + silent(number)
         + familiar,
-        "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for example 'copy the"
+        "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for example "
+        "'copy the"
         " dog twice'.",
     ),
     (

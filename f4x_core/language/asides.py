@@ -19,16 +19,22 @@ _POLITE_WORDS = (
     r"have|time|get|chance|moment|minute|second|feel|wish|prefer|need|know|how|there|help|sure|somehow|ask|must|anyhow|doable|say|"
     r"easy|hard|agree|allowed|no|big|deal|permit|only|makes|sense"
 )
-_NICE = r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|super|enough|neat)"
+_NICE = (
+    r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|super|enough|"
+    r"neat)"
+)
 _PRONOUN = r"(?:i|we|you|it|he|she|they|this|that|there|my|our|nobody|everybody|everyone|people|nothing|its|your)"
 _PLAIN = {
     # politeness
-    "if": rf"(?:,\s*)?(?<!as )\bif (?:that|this|it|you|possible|need be|i|we|there is|not|at all|okay|allowed)\b(?: (?:{_POLITE_WORDS}))*{_UNTIL}",
-    "when": rf"(?:,\s*)?\b(?:when|whenever|as soon as|once) (?:you|it) (?:get|have|can|could|like|find|is|are|feel|suits)\b(?: (?:{_POLITE_WORDS}|convenient|ready|free|suits|round|around))*{_UNTIL}",
+    "if": rf"(?:,\s*)?(?<!as )\bif (?:that|this|it|you|possible|need be|i|we|there is|not|at all|okay|allowed)\b(?: "
+    rf"(?:{_POLITE_WORDS}))*{_UNTIL}",
+    "when": rf"(?:,\s*)?\b(?:when|whenever|as soon as|once) (?:you|it) (?:get|have|can|could|like|find|is|are|feel|suits)\b(?: "
+    rf"(?:{_POLITE_WORDS}|convenient|ready|free|suits|round|around))*{_UNTIL}",
     "while": r"(?:,\s*)?\bwhile (?:you are|we are|i am|being) (?:at it|there|on it|already there)\b,?",
     "thanks": (
         r"(?:,\s*|-\s*)?\b(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|cheers|tia|much appreciated|appreciated?(?: it)?)\b"
-        r"(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) help|again|much|ahead of time))*"
+        r"(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) help|again|much|ahead "
+        r"of time))*"
     ),
     "interjection": (
         r"(?:,\s*)?\b(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|please|"
@@ -38,22 +44,33 @@ _PLAIN = {
         r"absolutely|essentially|preferably|magically|quickly|all of them|every one of them|each of them|both of them)\b,?"
     ),
     "comment": (
-        rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|should)(?: (?:would|will|should|"
-        rf"might|could|must|is|be|looks?|going to))*(?: (?:so|really|very|super|much|just|way))* {_NICE}(?: (?:i think|for me|like that|that way))?{_UNTIL}"
+        rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|"
+        rf"should)(?: (?:would|will|should|"
+        rf"might|could|must|is|be|looks?|going to))*(?: (?:so|really|very|super|much|just|way))* {_NICE}(?: (?:i think|for me|"
+        rf"like that|that way))?{_UNTIL}"
     ),
     "tag": (
         r"(?:,\s*)(?:okay|right|yeah|yes|will you|would you|could you|can you|do you mind|is that okay|what do you think|"
         r"got it|deal|agreed|you know|you see|i think|i guess|i suppose|i reckon|i would say|or what)\s*(?=[?.!]*\s*$)"
     ),
-    "or so": r"\b(?:or (?:so|something|whatever|thereabouts|similar|anything)(?: (?:like that|similar|of that kind|along those lines))?)\b",
-    "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of (?:color|colors|size|speed|look|style)\b",
+    "or so": (
+        r"\bor (?:so|something|whatever|thereabouts|similar|anything)\b"
+        r"(?: (?:like that|similar|of that kind|along those lines))?"
+    ),
+    "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of (?:color|"
+    r"colors|size|speed|look|style)\b",
     # reasons
     "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) [^.;!?]*",
-    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|the (?:viewer|viewers|audience)) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
-    "for": r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic effect|clarity|emphasis)\b",
+    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|the (?:viewer|viewers|audience)) [^.;!?,]*|"
+    r"(?:,\s*)?\bin order to [^.;!?,]*",
+    "for": r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic effect|"
+    r"clarity|emphasis)\b",
 }
 """Class -> what is dropped, on the words of a sentence with blanks between."""
-_LIKE = r"(?:,\s*)?\b(?:just |exactly |a bit |kind of )?(?:like|as) (?:in |on |at )?(?:a|an|the|some|those|that|these|my|your|our|they|you|we|when|fresh|ripe|in|on)\b[^,.;!?]*"
+_LIKE = (
+    r"(?:,\s*)?\b(?:just |exactly |a bit |kind of )?(?:like|as) (?:in |on |at )?"
+    r"(?:a|an|the|some|those|that|these|my|your|our|they|you|we|when|fresh|ripe|in|on)\b[^,.;!?]*"
+)
 _COMPARED = r"(?:,\s*)?\b(?:just |exactly )?(?:like|as) (?:in|on|from) [^,.;!?]*"
 _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |the )*([a-z]+)")
 _NUMBERS = re.compile(r"\d")

@@ -1,4 +1,4 @@
-"""Which words of a sentence may be left out to understand it, when somebody agrees: the fewest, and none that changes what is done."""
+"""Which words of a sentence may be left out when somebody agrees: the fewest, and none that changes what is done."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ MAX_TRIES = 8
 """Ways to leave words out that are tried; each is a reading of the sentence."""
 _MAX_BEFORE, _MAX_BEHIND, _MAX_WORDS = 4, 3, 9
 _HARMLESS = word_set(
-    "a an the this that these those my your our his her its their of in on at for with to as like so such kind sort and is are was were "
-    "be being been am would could can will shall may might must should i you we me us he she they who which there here some any very "
-    "really quite rather just even still already also too please well now ever maybe perhaps about around along together own do does using via "
+    "a an the this that these those my your our his her its their of in on at for with to as like so such kind sort and is are "
+    "was were "
+    "be being been am would could can will shall may might must should i you we me us he she they who which there here some any "
+    "very "
+    "really quite rather just even still already also too please well now ever maybe perhaps about around along together own do "
+    "does using via "
     "did have has had want need get see let it"
 )
 """Words that may go along with one that nobody knows."""

@@ -25,7 +25,8 @@ SPELLING = _table(
     "rightwards rightward, upwards upward, downwards downward, backwards backward, forwards forward, "
     "afterwards afterward, outta out, wanna want, colur color, coulor color, gonna going, gimme give, lemme let, "
     "metre meter, desaturise desaturate, colourise colorize, colourize colorize, colorise colorize, greyed grayed, "
-    "u you, ur your, gotta to, wanna want, tyre tire, tyres tires, neighbour neighbor, colourful colorful, favourite favorite, whilst while, thru through, travelling traveling, "
+    "u you, ur your, gotta to, wanna want, tyre tire, tyres tires, neighbour neighbor, colourful colorful, favourite favorite, "
+    "whilst while, thru through, travelling traveling, "
     "travelled traveled"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
@@ -35,7 +36,8 @@ CONTRACTIONS = {
     for short, long in _table(
         "let's let us, it's it is, that's that is, what's what is, where's where is, who's who is, there's there is, "
         "here's here is, i'd i would, we'd we would, i'm i am, i'll i will, we'll we will, you'd you would, "
-        "they're they are, you're you are, we're we are,  we're we are, i've i have, can't can not, won't will not, shan't shall not"
+        "they're they are, you're you are, we're we are,  we're we are, i've i have, can't can not, won't will not, shan't shall "
+        "not"
     ).items()
 } | {word + "n't": (word, "not") for word in ("do", "does", "did", "is", "are", "should", "would", "could", "must")}
 CONTRACTIONS |= {
@@ -66,7 +68,8 @@ PLURALS = _table(
 """Plurals that no rule gives."""
 SYNONYMS = _table(
     "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid child, "
-    "toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten cat, bike bicycle, auto car, "
+    "toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten cat, bike bicycle, auto "
+    "car, "
     "automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf cow, bull cow, vessel boat, "
     "lawn grass, foliage leaf, audience crowd, spectators crowd"
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -361,7 +362,7 @@ def _operations_fit(wanted: list[dict[str, Any]], made: list[Any], row: dict[str
         merged = [one for slot in merged for one in _apart(slot)]
     if len(merged) != len(records):
         return False
-    for one, later in zip(records, records[1:], strict=False):  # blue until it is red is blue, then red
+    for one, later in pairwise(records):  # blue until it is red is blue, then red
         if (
             one["op"] == later["op"]
             and one["select"] == later["select"]
