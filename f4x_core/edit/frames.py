@@ -87,7 +87,8 @@ ADDS_NOTHING = either(
         "when you can|instead|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
         "lovely|kind of|sort of|you know|after all|i think|i guess|"
         "i feel like|i believe|this time|from there|in one go|of course|though|yeah|yes|asap|my friend|sir|both|"
-        "first of all|firstly|finally|at last|completely|entirely|fully|totally"
+        "overall|in total|all in all|would you mind|do you mind|shall we|feel free to|first of all|firstly|secondly|thirdly|"
+        "finally|at last|completely|entirely|fully|totally"
     ),
     literal(
         "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
@@ -347,10 +348,10 @@ _frame(
     "the brightness of the dog, up by 20 %",
     _changed,
     "quality",
-    who=_whom,
+    who=_whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
     use=WHOLE,
     verb=_set,
-    quality=~literal("the|its|their|his|her|a|'s|some|of|overall|the overall|in")
+    quality=~literal("the|a|'s|some|of|overall|the overall|in")
     + table(_QUALITIES, reserve=False)
     + ~literal("level|value|slider|amount|setting"),
     way=_way,
@@ -474,7 +475,9 @@ _frame(
     always(making.opacity(0.0)),
     "verb",
     who=_whom,
-    verb=literal(any_form("hide") + "|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"),
+    verb=literal(
+        any_form("hide") + "|away|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"
+    ),
     fully=literal("from [view|sight]|completely|entirely|fully|totally|for good|permanently"),
 )
 _frame(

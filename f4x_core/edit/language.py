@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher, get_close_matches
-from itertools import chain
 from typing import Any, NamedTuple
 
 from ..errors import F4xError
@@ -177,26 +176,8 @@ _request = lit(
     "could you|can you|would you|will you|would you mind|do you mind|could we|can we|shall we|may we|how about|what about|"
     "would it be possible to|is it possible to|i wonder if you could|i was wondering if you could|why not"
 )
-_filler = silent(
-    ~listed(
-        lit(
-            "okay|hey|hi|hello|now|first|first of all|firstly|secondly|thirdly|then|next|also|finally|lastly|so|well|alright|right|"
-            "go ahead and|let us|try to|try|i want (you) to|i need you to|i would (really) like (you) to|i would love (you) to|"
-            "we want (you) to|we would like to|we should|we need to|you should|you can|simply|actually|maybe|perhaps|"
-            "be so kind (as) to|just|in addition|besides|additionally|after that|afterward|after this|feel free to|let me|"
-            "help me|help me to|um|uh|i wish you would|i want to|i would like to|we want to|i need to|you"
-            " could|would be nice to|it would be nice to|now please|oh|yes|sure|great|cool|nice|good|at"
-            " the same time|meanwhile|overall|finally|clean up|:"
-        )
-        | _request,
-        lit(",") | NOTHING,
-    )
-)
-_tail = ~lit(
-    "now|too|as well|again|also|for me|any more|anymore|any longer|thank you|after all|though|if"
-    " you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
-    "overall|in total|for good|permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
-)
+_filler = silent(~listed(ADDS_NOTHING | lit("clean up"), lit(",") | NOTHING))
+_tail = silent(~ADDS_NOTHING)
 _core = either(*(_of(command) for command in COMMANDS))
 _clause = (
     either(
@@ -359,34 +340,36 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
 def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle | None = None) -> Read:
     """A sentence with its words and clauses, or another way to say it where that is understood and it is not itself.
 
-    What no command of the table fits is read once more with its words in any order, and counts where `settled` can carry it out.
+    What no command of the table fits is read once more with its words in any order, and counts where `settled` can carry it out:
+    first the sentence's own words, then other ways to say it.
     """
-    first: Read | Refusal | None = None
-    readings: list[Reading] = []
-    reason = ""
     plain, _ = _plainly(sentence, known)
-    ways = chain(corrected(sentence, known), in_order(sentence), (sentence, plain), paraphrases(plain))
-    for way in dict.fromkeys(ways):
-        try:
-            reading = _words_of(way, known)
-        except Refusal as refusal:
-            first = first or refusal
-            continue
-        read = _matched(reading, _sentence)
-        if read.clauses:
-            return read
-        readings.append(reading)
-        first = first or read
-    for reading in sorted(readings, key=lambda reading: reading.sentence != plain):
-        # what was matched before holds, and the word that is to blame is the one of the first time
-        read = _matched(replace(reading, farthest=0), _loose_sentence)
-        if read.clauses:
+    own = dict.fromkeys((*corrected(sentence, known), *in_order(sentence), sentence, plain))
+    first: Read | Refusal | None = None
+    reason = ""
+    for ways in (own, dict.fromkeys(way for way in paraphrases(plain) if way not in own)):
+        readings: list[Reading] = []
+        for way in ways:
             try:
-                return read if settled is None else replace(read, operations=settled(read))
+                reading = _words_of(way, known)
             except Refusal as refusal:
-                reason = reason or refusal.reason
-            except F4xError:
+                first = first or refusal
                 continue
+            read = _matched(reading, _sentence)
+            if read.clauses:
+                return read
+            readings.append(reading)
+            first = first or read
+        for reading in sorted(readings, key=lambda reading: reading.sentence != plain):
+            # what was matched before holds, and the word that is to blame is the one of the first time
+            read = _matched(replace(reading, farthest=0), _loose_sentence)
+            if read.clauses:
+                try:
+                    return read if settled is None else replace(read, operations=settled(read))
+                except Refusal as refusal:
+                    reason = reason or refusal.reason
+                except F4xError:
+                    continue
     if isinstance(first, Refusal):
         raise first
     assert first is not None
