@@ -148,27 +148,11 @@ def _of(command: Command) -> Rule:
         ways += [
             subject + states + own >> of_subject,
             states + own >> (lambda filled: (filled,)),  # "the car stops and turns around"
-            _let + subject + optional(_slowly, False) + ~lit("to") + itself
-            >> (lambda who, slowly, filled: ({**filled, "who": who} | ({"slowly": True} if slowly else {}),)),
-            subject + _modal + optional(_slowly, False) + itself
-            >> (lambda who, slowly, filled: ({**filled, "who": who} | ({"slowly": True} if slowly else {}),)),
-            _want + subject + ~lit("to") + itself >> of_subject,
+            (_let | _want) + subject + ~lit("to") + itself >> of_subject,
+            subject + _modal + itself >> of_subject,
         ]
-    if command.verbs:
-        passive = verb(2) + own
-        ways += [
-            subject + _modal + lit("be|get") + passive >> of_subject,
-            (_want | lit("have|get|let")) + subject + ~lit("to be|be") + passive >> of_subject,
-        ]
-    if command is COMMANDS[0]:  # what can be made of a thing, it can also be: "the dog should be red"
-        ways += [
-            subject + _modal + _being + own >> of_subject,
-            subject + lit("becomes|become|turns|gets|goes") + own >> of_subject,
-            lit("becomes|turns|gets|goes") + own >> (lambda filled: (filled,)),
-            lit("could|can") + subject + _being + own >> of_subject,
-            subject + lit("is|are") + own >> (lambda who, filled: ({**filled, "who": who, "stated": True},)),
-            (_want | _let) + subject + ~(~lit("to") + _being) + own >> of_subject,
-        ]
+    if command is COMMANDS[0]:  # how it is, which is no wish, unless a time is named
+        ways.append(subject + lit("is|are") + own >> (lambda who, filled: ({**filled, "who": who, "stated": True},)))
     return either(*ways) >> (lambda pieces: Clause(command, pieces))
 
 

@@ -146,12 +146,13 @@ VOCABULARY.update(
     form
     for sense in _RESERVED
     for verb in VERBS[sense].split(", ")
-    for form in (verb, forms(verb)[0])
+    for form in (verb, *forms(verb))
     if " " not in verb and verb not in _NAMES_TOO
 )
 VOCABULARY.update(
     word_set(
         "apply bathe colorize drench dye recolor repaint respray spray exposure contrast warmth saturation visibility vividness "
+        "moved shifted pushed pulled placed dragged slid turned flipped faded painted made set put taken kept shown brought "
         "vibrance endlessly repeatedly halve double triple treble quadruple radiate sheen halo aura"
     )
 )
