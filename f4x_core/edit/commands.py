@@ -18,7 +18,7 @@ from ..language.amounts import (
     steps,
 )
 from ..language.colours import colour, colourish
-from ..language.grammar import Mismatch, Rule, either, listed, lit, optional, silent, table
+from ..language.grammar import Mismatch, Rule, either, listed, lit, silent, table
 from ..language.times import TimeExpression, duration
 from . import making, qualities
 from .making import Value
@@ -33,7 +33,7 @@ from .phrases import (
     thing,
     whose,
 )
-from .selects import All, Current
+from .selects import All
 
 
 def REMARK() -> Value:  # it stands for what is said and asks for nothing
@@ -164,12 +164,6 @@ as_long = either(
 _command("make the dog take twice as long", "", lambda by: by, "by", itself="take|last", by=as_long)
 
 # Opacity
-_command(
-    "hide the car",
-    "hide|conceal|mask|mask out",
-    always(making.opacity(0.0)),
-    itself="disappear|vanish|hide|become invisible",
-)
 _again = lit("again|once more|back")
 _command("show the dog again", "show|reveal", making.shown, again=_again >> (lambda: True))
 _command(
@@ -237,22 +231,6 @@ _without = lit("(the|this) [scene|picture|video|clip|image] (but) without|withou
 _command("without the dog", "", _delete, "without", use=NAMED, without=_without)
 
 # Moving and turning
-_command(
-    "make the dog run backwards",
-    "",
-    as_given,
-    "values",
-    itself="run|go|walk|fly|swim|drive|dance|play|move|ride|roll|jump|gallop|race|be",
-    values=_values(qualities.backward),
-)
-_command(
-    "raise the box",
-    "raise|lift|elevate|hoist",
-    lambda far=None: making.moved(making.UP, far),
-    itself="rise|go up|levitate|hover|float|ascend|take off|fly",
-    far=distance,
-    particle=lit("up|higher|in the air|in mid air|above the ground|off the ground|into the air|from the ground|upward"),
-)
 ROTATING, TILTING = (
     "rotate|spin|revolve|pivot|swivel|twirl",
     "tilt|roll|lean|tip|bank|slant|incline|tip over|lean over",
@@ -452,51 +430,9 @@ _command(
     who=either(thing, lit("it") >> (lambda: lambda context: context.last or All())),
     remark=_remark,
 )
-_quality_words = (
+QUALITY_WORDS = (
     "washed out|faded|lifeless|bland|ugly|weird|odd|bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
     "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
-)
-_command(
-    "brighten the dog",
-    "",
-    REMARK,
-    "complaint",
-    use=FULL,
-    who=either(
-        lit("it|this|that") >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
-        thing,
-    ),
-    complaint=lit("is|are|looks|look|seems|seem|was|were")
-    + either(
-        qualities.too_much,
-        silent(~lit("a bit|a little|much|way|far") + ~lit("too|so|very|rather|quite|really") + lit(_quality_words))
-        >> (lambda: None),
-    ),
-)
-_wanted = lit(
-    "i want see|we want to see|i would like to see|i would love to see|give me|let me have|get me|i want to see|i want|i would "
-    "like|we want|we would like|i would love|we need|i need"
-)
-_command(
-    "I want a white dog",
-    "",
-    lambda want, rgb, rest=None: making.assigned(rgb),
-    "want rgb",
-    use=FULL,
-    who=known_noun,
-    want=_wanted >> (lambda: True),
-    rgb=~lit("a|an|the|to have a") + colour,
-    rest=lit("instead (of)") + ~(~lit("a|an|the|that") + silent(colour) + lit("one|ones")),
-)
-_day = lit("(the) day|daytime|daylight") >> (lambda: lambda context: making.noted(context, All()))
-_command(
-    "turn day into night",
-    "turn|change|make|transform",
-    as_given,
-    "values",
-    use=FULL,
-    who=_day,
-    values=_values(lit("into|to") + qualities.bare_look),
 )
 _keeps = lit("keeps|keep|retains|stays|stay|remains") + lit("(its|their|his|her) [color|colors]|colored|in color")
 _command(
@@ -531,16 +467,3 @@ _command(
 )
 
 # Trails
-
-
-def _trailed(count: float = TRAIL_COPIES) -> Value | tuple[tuple[Value], ...]:
-    return making.copied(times=count, shift=TRAIL_LAG)
-
-
-_a_trail = (
-    ~lit("a|an")
-    + ~lit("ghost|ghostly|faint|motion")
-    + lit("trail|echo|afterimage|echo effect|trailing copies|ghosts")
-    + optional(lit("of") + number + ~lit("ghost|ghostly|faint|fading") + lit("copies|clones|ghosts"), TRAIL_COPIES)
-)
-_command("give the dog a trail", "give", _trailed, "count", use=NAMED, itself="leave|have|get|draw", count=_a_trail)

@@ -44,6 +44,7 @@ from .commands import (
     BESIDE_IT,
     NAMED,
     OUT,
+    QUALITY_WORDS,
     REMARK,
     SENSE,
     SHIFT,
@@ -69,7 +70,7 @@ from .phrases import (
     two_of_them,
     whose,
 )
-from .selects import All
+from .selects import All, Current
 
 FRAMES: list[Command] = []
 """In the order in which they are preferred."""
@@ -84,7 +85,7 @@ ADDS_NOTHING = either(
         "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|look|listen|"
         "um|uh|er|hmm|oh|well|so|now|then|next|also|too|as well|just|simply|actually|really|maybe|perhaps|probably|"
         "somehow|quickly|for now|right away|for me|for us|if possible|if you [can|could|would|like|will]|"
-        "when you can|instead|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
+        "when you can|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
         "lovely|kind of|sort of|you know|after all|i think|i guess|"
         "i feel like|i believe|this time|from there|in one go|of course|though|yeah|yes|asap|my friend|sir|both|"
         "overall|in total|all in all|would you mind|do you mind|shall we|feel free to|first of all|firstly|secondly|thirdly|"
@@ -111,6 +112,7 @@ ADDS_NOTHING = either(
         + "|start|begin|every frame|each frame|going|in the [scene|picture|video|clip]|for good|permanently"
     ),
     literal(",|:|->|=>|=|-|!|(|)"),
+    literal("instead") + unless(literal("of")),
 )
 """Requests, wishes, interjections."""
 
@@ -238,6 +240,7 @@ _frame(
     who=either(_whom, _about + whose("color|colors|coloring|look|appearance")),
     verb=_becoming,
     more=literal("still|even|even more|a step|one more time"),
+    rest=literal("instead of|rather than|not") + ~literal("a|an|the|that") + silent(colour) + literal("one|ones"),
     values=listed(_quality + _instead_of, _joined | _led),
 )
 _frame(
@@ -440,13 +443,22 @@ _frame(
     REMARK,
     "complaint",
     use=NAMED,
-    who=either(~literal("the|all the") + colors, thing),
-    complaint=literal(
+    who=either(
+        literal("it|this|that|its")
+        >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
+        ~literal("the|all the") + colors,
+        thing,
+    ),
+    complaint=~literal(
         "is|are|looks|look|seems|seem|feels|appears|appear|was|it is|has|have|(is|are) ["
         + every_form("walk|run|move|go|play|drive|stand|sit|ride|swim|fly|dance|hang|lie|jump|turn|spin|hover|float")
         + "]"
     )
-    + qualities.too_much,
+    + either(
+        qualities.too_much,
+        silent(~literal("a bit|a little|much|way|far|so|very|rather|quite|really|too") + literal(QUALITY_WORDS))
+        >> (lambda: None),
+    ),
 )
 
 # Taking out
@@ -740,7 +752,9 @@ _frame(
     _trail,
     "trail",
     use=NAMED,
-    who=~literal("of|behind|after|for") + thing,
+    who=unless(literal("a|an|the|another|one") + literal("ghost|echo|copy|clone|duplicate|twin|trail"))
+    + ~literal("of|behind|after|for")
+    + thing,
     trail=~literal("a|an|some|the")
     + literal(
         "trail|trails|motion trail|ghost trail|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|"
@@ -749,7 +763,7 @@ _frame(
     copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
     + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
     single=~literal("a|one|another|the") + literal("copy|clone|ghost|duplicate|second one|twin") >> (lambda: True),
-    times=_times,
+    times=~literal("of|with") + _times,
     verb=literal(any_form("leave")),
     behind=literal(
         "behind it|behind him|behind her|after it|behind itself|behind|it|him|her|the original|the first one|"

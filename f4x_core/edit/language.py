@@ -82,12 +82,6 @@ _slowly = ~lit(",") + table(
         "with soft ends|eased|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth": True
     }
 )
-_aside = ~lit(",") + lit(
-    "please|really|completely|entirely|fully|totally|simply|immediately|at once|right away|right now|nicely|neatly|properly|"
-    "altogether|together|for good|permanently|as well|"
-    "again|instead|all over|once more|suddenly|abruptly|quickly|for me|for us|there"
-)
-"""Words that add nothing, at any place between the others."""
 _between = lit("and|,|, and|but|while|, but|, while|and also")
 _afterward = lit(
     "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, after that"
@@ -95,7 +89,6 @@ _afterward = lit(
 _modal = lit(
     "should|must|shall|ought to|has to|have to|needs to|need to|is to|are to|will|is supposed to|are supposed to|had better"
 )
-_being = lit("be|become|turn|get|look|appear|go")
 _want = lit("i|we") + lit(
     "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love to see"
 )
@@ -104,14 +97,14 @@ _let = lit("let|have|make|get")
 
 def _telling(filled: dict[str, Any]) -> dict[str, Any]:
     """Slots that say more than who: "and the cat" alone belongs to the list before it."""
-    if filled.keys() <= {"who", "slowly", "besides", "aside"}:
+    if filled.keys() <= {"who", "slowly", "besides"}:
         raise Mismatch
     return filled
 
 
 def _of(command: Command) -> Rule:
     """The clauses of a command: by its verb, of a subject, in the passive."""
-    slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides, "aside": _aside}
+    slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides}
     alone = command.use.bare or command.use.whole
     first = bag({"who": command.who, **slots}, command.needed | (frozenset() if alone else {"who"}))
     more = bag({"who": command.who, **slots}, command.needed | {"who"}) >> _telling
@@ -494,7 +487,7 @@ def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
     return known
 
 
-_OF_ALL = ("who", "when", "later", "slowly", "besides", "aside", "stated")
+_OF_ALL = ("who", "when", "later", "slowly", "besides", "stated")
 """Slots that every command has."""
 
 
@@ -783,12 +776,13 @@ def _not_understood(read: Read) -> tuple[str, bool]:
                 negated = rule is _UNKNOWN_WAYS[0][0]
                 return reason.format(words=reading.text_of(at, max(ends))), not negated
     lacking = _lacking(reading)
-    if lacking or reading.farthest >= len(reading.tokens):
-        end = len(reading.tokens)
+    if not lacking and read.reason:
+        return read.reason, True
+    end = len(reading.tokens)
+    if lacking or reading.farthest >= end:
         lacking = lacking or f"something is missing after '{reading.text_of(end - 1, end)}'"
         return f"The command is not complete: {lacking}.", True
-    here = reading.text_of(reading.farthest, reading.farthest + 1)
-    return read.reason or f"I do not understand '{here}' here.", True
+    return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
 
 
 def _no_edit(reading: Reading) -> str:

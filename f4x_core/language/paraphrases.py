@@ -58,7 +58,6 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"^(?:the )?(?:only|one) thing (?:in colou?r|coloured|colored) (?:should be|is|stays) {_X}$",
         r"only \g<x> keeps its color",
     ),
-    # Shadows
     # Copies
     # Colours
     (
@@ -79,6 +78,10 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"change the color of \g<x>\g<y> to \g<rest>",
     ),
     # Time
+    (
+        r"^(?:turn|change|make|transform) (?:the )?(?:day|daytime|daylight) (?:in)?to night$",
+        "make everything look like night",
+    ),
     (
         r"^(?P<verb>stop|freeze|pause|hold|halt) (?:time|the action|the motion|all motion"
         r"|all movement|(?:the )?playback)(?P<rest>.*)$",
