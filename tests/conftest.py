@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-os.environ.setdefault("OMP_NUM_THREADS", "2")
+# Side by side each process has one core: threads of torch that wait for a core spin, which doubled the time of whole files.
+os.environ.setdefault("OMP_NUM_THREADS", "1" if "PYTEST_XDIST_WORKER" in os.environ else "2")
 # BLAS spins while its threads wait for each other: on a busy machine a bundle adjustment of 4 seconds of processor time took
 # minutes, which looked like a test that hangs. Numpy reads this when it is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
