@@ -1,5 +1,6 @@
 """Shared fixtures. bpy 4.5 hangs at interpreter exit with classes registered, so the run ends with os._exit."""
 
+import gc
 import os
 import signal
 import sys
@@ -55,6 +56,16 @@ def native_library():
     library, reason = open_library()
     assert library is not None, reason
     return library
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """What is imported here stays to the end: the garbage collector need not look at its million objects again and again."""
+    gc.disable()
+    collected = yield
+    gc.freeze()
+    gc.enable()
+    return collected
 
 
 def pytest_sessionfinish(session, exitstatus):
