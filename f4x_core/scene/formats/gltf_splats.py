@@ -65,7 +65,8 @@ def _read_document(path: Path) -> tuple[dict[str, Any], bytes]:
     data = path.read_bytes()
     if not data.startswith(GLB_MAGIC):
         return json.loads(data), b""
-    chunks, at = {}, 12
+    chunks: dict[bytes, bytes] = {}
+    at = 12
     while at + 8 <= len(data):
         size, kind = struct.unpack_from("<I4s", data, at)
         chunks.setdefault(kind, data[at + 8 : at + 8 + size])
