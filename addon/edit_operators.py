@@ -33,7 +33,6 @@ from ..f4x_core.edit.operations import (
     Transform,
     Vector,
 )
-from ..f4x_core.edit.plan import propose
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.edit.telling import told
 from ..f4x_core.errors import F4xError
@@ -363,6 +362,9 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
         try:
             scene_object.prepared()
             scene, edit_context = scene_object.edited, scene_object.context
+            # Not above: the grammar takes a quarter of a second to build, and Blender starts more often than somebody speaks.
+            from ..f4x_core.edit.plan import propose
+
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
         except F4xError as error:
             state.answer = panel_words(with_code(error))

@@ -60,7 +60,7 @@ def import_scene(
 ) -> bpy.types.Object:
     """Read a scene or splat file into the current Blender scene and return the root empty.
 
-    What `f4x_core.scene.foreign.open_any` opens, told by content: a `.f4x` scene with its edits, a 3DGS PLY, a `.splat`, a
+    What `f4x_core.scene.foreign.open_any` opens, told by content: a `.f4x` scene with its edits, a file of splats, a
     numbered PLY sequence (unless not `sequence`: that file alone), of which every `step`th is taken.
 
     `set_up_render` also takes over the clip's size, rate, frame range, camera and the Standard view transform. `clip` is shown

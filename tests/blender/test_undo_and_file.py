@@ -8,7 +8,7 @@ from labelled_scene import labelled_scene
 from f4x_core.scene import read_scene, write_scene
 
 from .artist import perform
-from .test_import_scene import tiny_scene
+from .tiny_scene import tiny_scene
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
