@@ -108,7 +108,9 @@ def test_a_silhouette_point_that_leaves_the_picture_before_its_object_is_lost():
         left = int(10 + speed * t)
         mask[t, 3:11, max(left, 0) : left + 7] = True
     found, visible = module.track_points(flows, np.array([[0, 9.5, 7.5]]), TracksConfig(gaps=(1,)), mask)
-    np.testing.assert_allclose(found[:, 0, 0], 9.5 + speed * np.arange(frames), atol=0.02)  # 2 pixels beside the object's inside
+    np.testing.assert_allclose(
+        found[:, 0, 0], 9.5 + speed * np.arange(frames), atol=0.02
+    )  # 2 pixels beside the object's inside
     assert visible[:, 0].tolist() == [True, True, True, False]
 
 
