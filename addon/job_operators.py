@@ -60,7 +60,7 @@ def import_fitted(result: dict[str, Any]) -> None:
     """Import the scene of a finished fit. A file that already shows a scene keeps its render size, frames and camera."""
     others = [item for item in bpy.data.objects if PATH in item and item.parent is None]
     alone, view_layer = not others, bpy.context.view_layer
-    active, selected = view_layer.objects.active, list(bpy.context.selected_objects)
+    active, selected = view_layer.objects.active, list(view_layer.objects.selected)
     try:
         bpy.ops.f4x.import_scene(  # True: one step of undo
             "EXEC_DEFAULT", True, filepath=result["scene"], set_up_render=alone, show=alone

@@ -90,7 +90,7 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
             return {"CANCELLED"}
         if clip is not None:
             _warn_of_clip(self, root)
-        for item in context.selected_objects:
+        for item in list(context.view_layer.objects.selected):
             item.select_set(False)
         root.select_set(True)
         context.view_layer.objects.active = root

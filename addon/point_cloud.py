@@ -61,7 +61,7 @@ def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bp
     item = bpy.data.objects.new(name, mesh)
     collection.objects.link(item)
     layer = bpy.context.view_layer
-    selected, active = list(bpy.context.selected_objects), layer.objects.active
+    selected, active = list(layer.objects.selected), layer.objects.active
     for other in selected:
         other.select_set(False)
     layer.update()

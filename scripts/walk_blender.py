@@ -150,7 +150,8 @@ class Walk:
     def open(self, path: Path) -> None:
         """Open a .blend; undo begins anew."""
         bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
-        self._begin_undo()
+        with _in_viewport():  # there is no current window any more
+            self._begin_undo()
 
     def note(self, line: str) -> None:
         """Write a line into the list of steps."""
@@ -196,7 +197,8 @@ class Walk:
         bpy.ops.wm.read_homefile(use_empty=True, load_ui=False)
         for path in self.files:
             bpy.ops.f4x.import_scene(filepath=str(path))
-        self._begin_undo()
+        with _in_viewport():
+            self._begin_undo()
         gc.collect()
         self.memory.append(resident())
 
