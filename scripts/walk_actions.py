@@ -123,8 +123,11 @@ def revert(walk: Walk) -> None:
 @action(0.4, ANY)
 def auto_saved(walk: Walk) -> None:
     """A copy that Blender writes by itself, opened after a crash."""
-    copy = walk.folder / "auto.blend"
+    copy, handlers = walk.folder / "auto.blend", bpy.app.handlers.save_pre
+    asleep = list(handlers)
+    handlers.clear()  # it tells nobody
     bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, check_existing=False)
+    handlers.extend(asleep)
     before = content()
     walk.open(copy)
     same(before, content(), "recovered")
