@@ -18,7 +18,8 @@ from walk_checks import content, require, same
 
 door.load_extension()
 
-from feature4x.addon.evaluated import OF  # noqa: E402 - there once the extension is loaded
+from feature4x.addon import jobs  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.evaluated import OF  # noqa: E402
 from feature4x.addon.scaffold_rig import HANDLE, NODE, layer_of  # noqa: E402
 from feature4x.f4x_core.edit.operations import Opacity  # noqa: E402
 from feature4x.f4x_core.edit.selects import All  # noqa: E402
@@ -592,7 +593,13 @@ def write_motion(walk: Walk) -> None:
 @action(0.7)
 def make_mesh(walk: Walk) -> None:
     """A mesh of the selection."""
+    before = len(bpy.data.objects)
     walk.call(bpy.ops.f4x.make_mesh, resolution=12, faces=100, current=walk.random.random() < 0.5)
+    for job in jobs.all_jobs():
+        job.wait()
+        jobs.dismiss(job)
+    if len(bpy.data.objects) > before:
+        walk.remember()
 
 
 @action(0.7)
