@@ -51,8 +51,8 @@ def seen_sums(
     all_of_it = np.concatenate([inside, np.ones((*inside.shape[:2], 1), np.float32)], -1)
     found = blend_weights.blend_weight_sums(splats, wide, all_of_it, config=config, backend=backend).astype(np.float64)
     seen = found[:, -2] > 0 if asked is None else asked & (found[:, -2] > 0)
-    rows = np.flatnonzero(seen)
-    seen[rows] = found[rows, -1] >= least * blend_weights.alpha_sums(splats.take(rows), wide, config=config)
+    index = np.flatnonzero(seen)
+    seen[index] = found[index, -1] >= least * blend_weights.alpha_sums(splats.take(index), wide, config=config)
     return found[:, :-2], seen
 
 
