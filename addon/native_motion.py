@@ -25,7 +25,7 @@ from .point_cloud import read_attribute
 from .render_settings import ENGINE
 from .rig_repair import ORDER
 from .scaffold_rig import NODE, NODES
-from .scene_object import SceneObject
+from .scene_object import SceneObject, root_of
 
 GLANCE = 0.5
 """Seconds between two looks at the viewports."""
@@ -58,7 +58,10 @@ class _CarriedCloud:
     @property
     def is_current(self) -> bool:
         """Whether there are the same nodes as at first."""
-        return self._root.get(ORDER) == self._order and len(self._nodes) == len(self._rows)
+        try:
+            return self._root.get(ORDER) == self._order and len(self._nodes) == len(self._rows)
+        except ReferenceError:  # the root or the collection of its nodes was deleted
+            return False
 
     def now(self) -> Carried:
         """The Gaussians by the empties as they stand; the very same arrays where none has moved."""
@@ -160,11 +163,11 @@ def _carries(item: bpy.types.Object) -> _CarriedCloud | None:
 
 
 def _new_carrier(item: bpy.types.Object) -> _CarriedCloud | None:
-    scene_object = SceneObject.of(item)
-    if scene_object is None or scene_object.is_linked or NODES not in scene_object.root:
+    root = root_of(item)  # not `SceneObject.of`: a cloud without a root is no part of the only scene that there is
+    if root is None or SceneObject(root).is_linked or root.get(NODES) is None:
         return None
     try:
-        found = _CarriedCloud(scene_object)
+        found = _CarriedCloud(SceneObject(root))
     except F4xError:  # the file is gone; the points are in the .blend
         return None
     return found if found.is_whole else None

@@ -121,3 +121,25 @@ noted["marked"] = native_motion.CARRIED in cloud
 """
     noted, _ = perform(folder, START + script)
     assert noted == {"written": False, "copied": False, "copy": True, "opened": True, "marked": False}
+
+
+@pytest.mark.parametrize(
+    "gone", ["bpy.data.objects.remove(root())", "bpy.data.collections.remove(root()['f4x_nodes'])"]
+)
+def test_a_cloud_whose_root_or_nodes_were_deleted_is_left_to_geometry_nodes(folder, gone):
+    """Another scene, which is the only one then, does not move it."""
+    script = f"""
+bpy.context.scene.frame_set(4)
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+select(bpy.data.objects["labelled"])
+native_motion.switch_off(cloud)
+read(reader)
+{gone}
+bpy.context.view_layer.update()
+noted["drawn"] = len(read(reader).means)
+native_motion._may_carry = lambda: True
+native_motion.look()
+noted["on"] = modifier.show_viewport
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted == {"drawn": 81, "on": True}
