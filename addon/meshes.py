@@ -29,11 +29,14 @@ from .evaluated import OF
 from .motion_nodes import build_motion_tree
 from .panel import CATEGORY
 from .panel_operators import SceneOperator
-from .point_cloud import write_attribute
+from .point_cloud import selected_in, write_attribute
 from .rig_repair import ORDER, add_pairs
 from .scaffold_rig import NODES, all_nodes
 from .scene_object import SceneObject
-from .worker import Job, own_command
+from .worker import RUNNING, Job, own_command
+
+TITLE = "Mesh of"
+"""How the titles of jobs begin that make a mesh."""
 
 
 def add_mesh(root: bpy.types.Object, scene: Scene, made: SplatMesh, count: int) -> bpy.types.Object:
@@ -139,7 +142,7 @@ def _start(scene_object: SceneObject, ids: np.ndarray, time: float | None, confi
         if bpy.ops.ed.undo_push.poll():
             bpy.ops.ed.undo_push(message="Make Mesh")
 
-    jobs.start(Job(f"Mesh of {scene_object.name}", own_command("edit.meshing", asked, made), done))
+    jobs.start(Job(f"{TITLE} {scene_object.name}", own_command("edit.meshing", asked, made), done))
 
 
 def _active_uid() -> int:
@@ -151,7 +154,7 @@ def _active_uid() -> int:
 def _make_active(item: bpy.types.Object) -> None:
     layer = bpy.context.view_layer
     if bpy.context.mode == "OBJECT" and item.name in layer.objects:
-        for other in list(layer.objects.selected):
+        for other in selected_in(layer):
             other.select_set(False)
         item.select_set(True)
         layer.objects.active = item
@@ -199,6 +202,9 @@ class F4X_PT_mesh(bpy.types.Panel):  # noqa: N801
         """Draw the button, and the switches of the active mesh."""
         layout, item = self.layout, context.object
         layout.operator("f4x.make_mesh", text="Make Mesh…", icon="MESH_DATA")
+        for job in jobs.all_jobs():  # ended ones stay under Jobs
+            if job.title.startswith(TITLE) and job.state == RUNNING:
+                jobs.draw_job(layout, context, job)
         if is_made(item):
             column = layout.column(heading=item.name, align=True)
             for name in SWITCHES:
