@@ -222,3 +222,16 @@ bpy.data.objects.remove(bpy.data.objects["labelled static"]); seen("without the 
             "without the wall": (0, 0),
         }.items()
     }
+
+
+def test_importing_where_something_selected_has_just_been_removed(folder):
+    script = """
+item = bpy.data.objects.new("gone", None)
+bpy.context.scene.collection.objects.link(item)
+select(item)
+bpy.data.objects.remove(item)
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+noted["scenes"] = len(SceneObject.among(bpy.data.objects))
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["scenes"] == 2
