@@ -638,7 +638,10 @@ def play(walk: Walk) -> None:
         for frame in range(6):
             bpy.context.scene.frame_set(frame)
     else:
+        playing = bpy.context.screen.is_animation_playing
         walk.call(bpy.ops.screen.animation_play)
+        if playing:
+            walk.remember()  # Blender 5.2 ends playback with a step of undo
 
 
 @action(1)
@@ -697,7 +700,10 @@ def change_view(walk: Walk) -> None:
     """Another shading, a camera's view, another workspace, a sidebar: in a window."""
     if bpy.app.background:
         return
-    what = walk.random.choice(("shading", "shading", "camera", "quad", "sidebar", "workspace", "full"))
+    # drawn by the processor EEVEE takes minutes, and buffers of ever other editors are in the memory that is watched
+    slow = "llvmpipe" in gpu.platform.renderer_get()
+    names = ("shading", "shading", "camera", "quad", "sidebar", "full", "sidebar" if slow else "workspace")
+    what = walk.random.choice(names)
     space = bpy.context.space_data
     if what == "workspace":
         bpy.context.window.workspace = walk.random.choice(list(bpy.data.workspaces))
@@ -707,10 +713,7 @@ def change_view(walk: Walk) -> None:
         return
     elif what == "shading":
         kinds = ("SOLID", "RENDERED", "RENDERED", "WIREFRAME")
-        # without a graphics card EEVEE takes minutes and gigabytes for a picture
-        space.shading.type = walk.random.choice(
-            kinds if "llvmpipe" in gpu.platform.renderer_get() else (*kinds, "MATERIAL")
-        )
+        space.shading.type = walk.random.choice(kinds if slow else (*kinds, "MATERIAL"))
     elif what == "camera":
         space.region_3d.view_perspective = walk.random.choice(("CAMERA", "PERSP", "ORTHO"))
     elif what == "quad":
