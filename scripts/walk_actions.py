@@ -700,7 +700,7 @@ def change_view(walk: Walk) -> None:
     """Another shading, a camera's view, another workspace, a sidebar: in a window."""
     if bpy.app.background:
         return
-    # drawn by the processor EEVEE takes minutes, and buffers of ever other editors are in the memory that is watched
+    # drawn by the processor EEVEE takes minutes, and the buffers of ever more editors are in the memory that is watched
     slow = "llvmpipe" in gpu.platform.renderer_get()
     names = ("shading", "shading", "camera", "quad", "sidebar", "full", "sidebar" if slow else "workspace")
     what = walk.random.choice(names)
