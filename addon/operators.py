@@ -15,6 +15,7 @@ from .clip_background import doubt, show_clip
 from .import_scene import SOURCE, import_scene
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
+from .point_cloud import selected_in
 from .scene_object import PATH, SceneObject
 from .wording import panel_words
 
@@ -90,7 +91,7 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
             return {"CANCELLED"}
         if clip is not None:
             _warn_of_clip(self, root)
-        for item in context.selected_objects:
+        for item in selected_in(context.view_layer):
             item.select_set(False)
         root.select_set(True)
         context.view_layer.objects.active = root

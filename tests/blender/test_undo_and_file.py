@@ -59,6 +59,19 @@ ops.save_edits(); note("saved")
     assert noted["saved"]["file"] == []
 
 
+def test_a_file_that_blender_saved_by_itself_remembers_it_too(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    script = START + UNDONE.partition("bpy.ops.wm.save")[0]
+    again = """
+bpy.app.handlers.save_pre.clear()  # an auto-save tells nobody
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "auto.blend"), copy=True)
+bpy.ops.wm.open_mainfile(filepath=str(folder / "auto.blend"))
+note("opened")
+"""
+    noted, _ = perform(tmp_path, script + again)
+    assert noted["opened"]["label"] == "Remove 1 Edit from Scene File"
+
+
 def test_what_another_program_wrote_is_seen_and_stays(tmp_path):
     write_scene(labelled_scene(), tmp_path / "scene.f4x")
     other = """
