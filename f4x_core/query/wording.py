@@ -10,10 +10,11 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any
 
 from ..errors import F4xError
-from ..language.grammar import NOTHING, Doubt, Mismatch, Reading, Rule, bag, either, generated, tokenise
+from ..language.grammar import NOTHING, Doubt, Mismatch, Reading, Rule, either, generated, tokenise
 from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, spellings, word_set
 from ..language.times import Clip, Span, span
 from .cues import COLOURS, CUES, ROWS, WORDS, cue
@@ -235,8 +236,35 @@ class _Row:
     polar: bool
     options: dict[str, str]
     """`extreme`, `manner`, or `at` which end of the clip; `says`: yes means that it is not so."""
-    bag: Rule
-    """Matches its slots."""
+    slots: tuple[str, ...]
+    """What it may hold."""
+    needed: frozenset[str]
+    """Those of them without which it is not asked."""
+
+    def cover(self, reading: Reading, there: Collection[str], between: Rule) -> tuple[int, dict[str, Any]] | None:
+        """(words that add nothing, value of each slot) where slots cover the sentence, with the fewest such words between them.
+
+        `there`: the slots that match anywhere in the sentence.
+        """
+        if not self.needed <= set(there):
+            return None
+        rules = {name: _slots[name] for name in self.slots if name in there}
+        ways: list[dict[frozenset[str], tuple[int, dict[str, Any]]]] = [{} for _ in range(len(reading.tokens) + 1)]
+        ways[0][frozenset()] = 0, {}
+        for at, found in enumerate(ways[:-1]):
+            for filled, (cost, values) in found.items():
+                steps = [
+                    (end, filled | {name}, cost, {**values, name: value[0] if value else None})
+                    for name, rule in rules.items()
+                    if name not in filled
+                    for end, value in rule.at(reading, at).items()
+                ]
+                for end, names, more, value in steps + [
+                    (end, filled, cost + end - at, values) for end in between.at(reading, at)
+                ]:
+                    if end > at and (names not in ways[end] or more < ways[end][names][0]):
+                        ways[end][names] = more, value
+        return min((way for names, way in ways[-1].items() if self.needed <= names), key=itemgetter(0), default=None)
 
 
 def _rows() -> Iterator[_Row]:
@@ -246,13 +274,10 @@ def _rows() -> Iterator[_Row]:
         kind = next(word for word in (*polar, kind) if "=" not in word and word != "polar")
         for way in ways.split("|"):
             words = way.split()
-            slots = {word.rstrip("?"): _slots[word.rstrip("?")] for word in words}
-            if kind not in CLIP_FACTS:
-                slots["time"] = _slots["time"]
-            if not _NOUN_CUES.isdisjoint(words):
-                slots["what-is"] = _slots["what-is"]
+            slots = [word.rstrip("?") for word in words]
+            slots += ["time"] * (kind not in CLIP_FACTS) + ["what-is"] * (not _NOUN_CUES.isdisjoint(words))
             needed = frozenset(word for word in words if not word.endswith("?"))
-            yield _Row(kind, "polar" in polar, options, bag(slots, needed, CUES["filler"]))
+            yield _Row(kind, "polar" in polar, options, tuple(slots), needed)
 
 
 _NOUN_CUES = {
@@ -364,10 +389,10 @@ def _understood(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
     text = re.sub(r"^((?:and |but |so )?(?:is|are|was|were|do|does|did|has|have|can|could))n't\b", r"\1", text)
     tokens = tokenise(text)  # "Isn't it moving?" wants the same yes as "Is it moving?"
     reading = Reading.of(text, tokens, {})
-    for row in _ROWS:
-        found = row.bag.at(reading, 0).get(len(tokens))
-        asked = found and _asked(row, found[0], clip, it)
-        if asked:
+    there = {name for name, rule in _slots.items() if any(rule.at(reading, at) for at in range(len(tokens)))}
+    covers = [(row, cover) for row in _ROWS if (cover := row.cover(reading, there, CUES["filler"]))]
+    for row, (_, found) in sorted(covers, key=lambda one: one[1][0]):
+        if asked := _asked(row, found, clip, it):
             return asked
     return None
 
