@@ -12,7 +12,7 @@ WORDS: set[str] = set()
 """Every word of the cues: none of them is the name of a thing."""
 _WALK = "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap"
 _PAST = {"ran": "run", "swam": "swim", "drove": "drive", "driven": "drive", "flew": "fly", "rode": "ride"}
-COLOURS = word_set("red orange yellow green blue purple violet pink brown black white gray grey beige golden")
+COLOURS = word_set("red orange yellow green blue purple violet pink brown black white gray beige golden silver gold turquoise cyan navy tan")
 
 
 def cue(spec: str) -> Rule:
@@ -38,18 +38,19 @@ moments: time|times|moment|moments|second|seconds|frame|frames|point|points|inst
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) {pictures}
-see: see|find|spot|recognize|recognise|detect|notice|make out|count|observe
-looking: (do|does|did|can|could|would) {people} (can|could) (ever|also|first|last|still|really|actually) {see}
-its: its|his|her|their|the
-at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) {its} (very)|at|reach|reaches|be|have|has|come|comes|get|gets
+see: see|find|spot|recognize|recognise|detect|notice|make out|count|observe|look for
+looking: (do|does|did|can|could|would) {people} (can|could) (ever|also|first|last|still|really|actually) {see}|[have|has]
+    ({people}) got|got|[can|could] be [seen|found|spotted]
 direction: left|right
 in-view: in view|on screen|on the screen|on view|in sight|on camera|in shot
 now: first|last|still|also|ever|actually|clearly
 at: (at|in|on|from|since|until|to|by|during|for|between|over|around) (exactly|about|around|roughly) [which|what] (exact)
 picture-shows: [the|this] {pictures} [show|have|contain|include|shows|has|contains|includes]
+its: its|his|her|their|the
+at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) {its} (very)|at|reach|reaches|be|have|has|come|comes|get|gets
 plainly: {+move|go|travel|come|head}|went|came|in motion|on the move|[move|moves|moving]
-    [around|about]|movement|[has|have|having] (any) [motion|movement]
-stands: {+stand|stay|remain|keep|lie|sit}|located|placed|found|situated|positioned
+    [around|about]|({its}) [movement|motion]|[has|have|having] (any) [motion|movement]
+stands: {+stand|stay|remain|keep|lie|sit|hide}|located|placed|found|situated|positioned
 rest: still|at rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at
     rest]|where it is|in place|not in motion|without moving
 set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going
@@ -60,18 +61,18 @@ small-er: smaller|shorter|tinier|narrower|littler
 half: side|half|part|third|hand side
 what: what|who|which|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which of [the|these|those|all
     the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|(the) [things|objects]
-when: when (exactly)|from when (to when)|until when|since when|how [early|soon|late]|[which|what] {moments}
-    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] [when|at which|in which|where|that]|(at) the
+when: when (exactly)|from when ([to|until|till] when)|until when|since when|how [early|soon|late]|[which|what] {moments}
+    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at) the
     [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments}
     (in time|of the clip|on)
-where: where (exactly|precisely)|whereabouts|where about|where abouts|(the) [position|location|place|whereabouts]|{at}
+where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the) [position|location|place|whereabouts]|{at}
     [part|side|half|place|position|corner|area|third|spot|location|region] (of the {pictures})
 move: {plainly}|{manner}
 takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
-nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together)
+nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
 farthest: ({at-its}) (the|its) (very) [farthest|furthest|most distant|remotest] (away|apart) (point|position|{noun})
-highest: ({at-its}) (its|his|her|their|the) (very) [highest|top|peak|maximum height|uppermost|topmost] (up)
+highest: ({at-its}) (up) ({its}) (very) [highest|top|{+peak}|maximum height|uppermost|topmost] (up)
     (point|position|place|spot|of all)
 farther-aside = left of: (further|farther|more|most) (to|on|at) (the) left
 farther-aside = right of: (further|farther|more|most) (to|on|at) (the) right
@@ -95,16 +96,17 @@ way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directi
     to|{sideways-or}
 compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
-    there|available|exist|exists|there|here|{inside}]|{looking}|(do|does|can|is) {picture-shows}|{stands}
-    [visible|seen|{in-view}]|found|any sign of|[do|does] [we|you|it] have
+    there|available|exist|exists|there|here|around|{inside}]|{looking}|(do|does|can|is) {picture-shows}|{stands}
+    [visible|seen|{in-view}]|any sign of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
 visible: ({now}) [visible|seen|shown|present|{in-view}|to be seen|around|there|here|showing|shows]|{looking}|{inside}
 always: always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the time|at all
     times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single frame|from
     start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the {clips}|from
     (the) [beginning|start] to (the) end
-enter: {+appear|arrive|show up|turn up|pop up|emerge}|first appear|(first) [{+enter|come into|come in|get into|move into|walk
-    into|drive into|step into}] (the|this) ({pictures})
-leave: {+disappear|vanish|go away|go out}|gone|out of [sight|view|the picture|the frame]|[leave|leaves|leaving] (the|this)
+enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|move into|walk into|drive into|step
+    into}] (the|this) ({pictures})
+gone: gone|no longer [{inside}|there|here|around|visible]
+leave: {+disappear|vanish|go away|go out}|{+lose sight of}|out of [sight|view|the picture|the frame]|[leave|leaves|leaving] (the|this)
     ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop out of|drive out of|walk out of|run
     out of}] (the|this) ({pictures})
 happens-to: what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
@@ -114,16 +116,23 @@ happens: what [happens|is happening|goes on|is going on|happened|takes place|is 
     [changes|has changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it
     (about)|what is this|what does [it|this|the {clips}|this {clips}] show|a (short) [summary|description] (of)|any action|the
     action
-contents: what does (the|this) {clips} [contain|show|include|consist of]|what is there (to [see|edit])|what are there|what do we
+several: how many|several|multiple|many|(just|only|more than) one (or) (more)|more than one|more|(just|only) a single
+remain: left (over)|remaining
+own: it|them|itself|him|her
+event: (during|in|of|at) {its} [jump|leap|hop|flight|ride|run|walk|trick|turn|action|maneuver]
+tag: or not|, [yes|no|right|correct|true|huh|or]|(,) or|for|(,) [is|are|does|do|did|was|were|has|have|can] (not) [it|he|she|they|there|we|you]
+remark: i|we|my|because|there
+contents: what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to [see|edit]|{inside})|what are there|what do we
     have|what you (can) [see|know|have]|what there is (to see)|what is|a list|what (all) (is|are|can be) (to be)
     [seen|shown|visible|present|in view|on screen|available|known|in it]|the [contents|inventory]|[what|which] (all) ({noun})
     (do|can|could) {people} (can|could|all) [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds
     of|sorts of|kind of) {noun} (are|is|can be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
 filler:
-    {inside}|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
+    {inside}|{event}|{looking}|{people} have|look|looks|seem|seems|appear|appears|can|could|[is|was] [it|this|that]
+    [a|an|just|only]|would you [say|call|describe]|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
     total|altogether|overall|at all|ever|also|then|now|just|about|anywhere|somewhere|by the way|right
-    now|hey|hi|hello|ok|well|so|and|here|there|currently|maybe|perhaps|really|kindly|if|whether|that|quick question|know|you
+    now|hey|hi|hello|ok|well|so|and|here|there|currently|maybe|perhaps|really|kindly|if|if so|whether|that|quick question|know|you
     know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give)
     (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
     [like|love] to know|do you know|any idea|do you have any idea|i am curious|question|do you happen to know|find out|work
@@ -142,7 +151,7 @@ far: how far|how much (ground|distance|way)|[what|which] [distance|length]|(the)
 gap: how [far|close|near] (away|apart|off|together)|(the) (current) [distance|gap|space|spacing]|apart|how much
     [space|room|distance|gap]|how [big|large|wide|small] (is) (the) [gap|distance|space]|[what|which] distance|at [what|which]
     distance|how many units
-least: (the) [shortest|smallest|minimum|minimal|closest|least|nearest]|at the [closest|nearest] (point)
+least: (the|{at-its}) [shortest|smallest|minimum|minimal|closest|least|nearest|lowest]|at the [closest|nearest] (point)
 close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
@@ -171,21 +180,21 @@ everything: everything (that) ({people} (can) {see}|you know|is there|there is)|
     [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what is there|what you
     see|them
 first: first|last|(is|are) the first (one|thing|object) to|(is|are) the last (one|thing|object) to|earliest|before all others
-start: [{set-off}|continue|continues] (to)
+start: [{set-off}|continue|continues|first] (to)
 turn: [{+turn}] (around|round|back|left|right|to the left|to the right|the corner)|[{+change}] (its|his|her|the|their)
     [direction|course|way|directions|heading]|[make|makes|take|takes] a turn
 front: [in|at] (the) (very) [front|foreground]|in the foreground
 back: farthest back|furthest back|at the back|[in|at] the (very) [back|rear|background]
 nearer: closer|nearer|more near
-farther: farther (away)|further (away)|more distant
-fastest: ({at-its}) (its|his|her|their|the) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]
+farther: [farther|further] (away|back)|more distant
+fastest: speed {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]
 slowest: (at) ({its}) [slowest|lowest speed|least speed|minimum speed]
 most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
     [motion|movement] (in it)|the largest [motion|movement|way]
 more: more|farther|further|the most
-most-motion: (has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
+most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile]] ({noun})|(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
 biggest = biggest: (the) (very) [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller]
-    one ({noun})
+    one ({noun})|(the) most [space|room|area]
 biggest = smallest: (the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller one
 brightest = brightest: (the) (very) [brightest|lightest] ({noun})
 brightest = darkest: (the) (very) [darkest|dimmest] ({noun})
@@ -201,7 +210,7 @@ by-factor: how much|how many times|by how much|by what factor|by which factor|ho
     much more
 closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
 closing = away: away from|[farther|further] [from|away|apart]|apart
-around: (close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the
+around: in the [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the
     neighbors of
 whereto: where
 sideways = left: (to|toward|towards) (the) left (side)|leftward|leftwards
@@ -210,11 +219,10 @@ along: in|to|along|into|towards|toward|from
 path: (along|trace|show|on|which|what|describe|by) (which|what) (the) [path|route|trajectory|course|track]
 how: how
 or-away: or [away|farther away|further away|{move} (away|farther away)|not] (from {camera})
-nearest-first: [closest|nearest] (one|ones) first
 relation-of: (the) (spatial) [relation|relationship] (in space)|(the) relative position
 not: not|never|no longer|not ever|not an|not any
 no: no|not|not an|not a|not any|never
-any: anything|something|anyone|anybody|somebody|someone|(any|some) [thing|things|object|objects]
+any: (any|some) (other|else) [anything|something|anyone|anybody|somebody|someone|{noun}] (else|other)|(else|other) {noun}
 but: apart from|besides|except|except for|other than|but|but not|excluding|not counting|without|aside from|beyond
 do: do|does|doing|did|up to|behave|behaves|act|acts
 list: list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (list) (of)|a list of
@@ -223,6 +231,10 @@ comes-from: come from|comes from|start out|start off|starts off|starts out|begin
 clip-length: is (the|this) [{clips}]|does (the|this) [{clips}] [last|run|take|go on]
 faster-or: faster or slower|slower or faster
 nearer-or: [closer|nearer] or [farther|further] (away)|[farther|further] (away) or [closer|nearer]
+in-gap: in the [gap|space|room|middle]
+far-off: far (away|off)|close
+length: (the) length (of)
+by-what: by (their) [distance|depth|position|nearness|size]
 near-or-far: near|nearby|close|close by|far|far away|far off|in the distance
 keep-on: keep|keeps|keeping (on)
 crosses: {+cover}
@@ -237,8 +249,9 @@ path-length: (the) (total) [distance|way] [traveled|travelled|covered|gone]|(the
 way-of: (the) [direction|heading] (of)
 order-by = from left to right: (from) left to right
 order-by = from right to left: (from) right to left
-order-by = from near to far: (from) near to far|from (the) [nearest|closest] to (the) [farthest|furthest]
-order-by = from far to near: (from) far to near
+order-by = from near to far: [closest|nearest] (one|ones|{noun}) first|(from) near to far|from (the) [nearest|closest] to (the) [farthest|furthest]
+order-by = from far to near: [farthest|furthest] (one|ones|{noun}) first|(from) far to near|from (the) [farthest|furthest] to
+    (the) [nearest|closest]
 order-by = from front to back: (from) front to back
 order-by = from back to front: (from) back to front
 order-by = by size: by (their) size|from (the) [big|biggest|largest] to (the) [small|smallest]
@@ -293,39 +306,39 @@ ROWS = """
 frames: frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: sort everything? order-by us? | contents order-by us? | order-by everything nearest-first? | sort? order-by thing us?
-order: order thing order-by stands? | order order-by us?
+order: sort? order? contents? everything? thing? by-what? us? order-by stands?
 order: order thing? everything? start? move? | order thing? everything? set-off | who first start? move | who first set-off
 nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing
 nearest_moment: when thing passes-by | when passes thing
 farthest_moment: when farthest thing together? | when farthest thing other together?
 farthest_moment: when biggest gap pair | when biggest gap thing
-highest_moment: when highest thing move?
-fastest_moment: when fastest thing move? lasts? | when speediest thing move?
-slowest_moment: when slowest thing move?
+highest_moment: when highest thing? move?
+fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
+slowest_moment: when slowest thing? move?
 when_turns: when turn thing start? | thing turn
-@place: any place-of stands? | who place-of stands?
+@place: any place-of stands? | who place-of stands? | who place thing own stands?
 neighbours: who around-of stands? | who thing around | any around-of stands?
-between: who pair stands? | any pair stands?
+between: who pair in-gap? stands? | any pair in-gap? stands?
 relation manner=compared: relation-of thing other
 relation: where thing compared-to stands? | how thing compared-to stands? | thing place-or stands?
-relation: who farther-aside thing | who place thing
+relation: who farther-aside thing stands? | who place thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 polar near: thing around-of stands? not?
 distance extreme=min: close thing get other | close thing get together | least gap pair | least gap thing other | close thing get
-distance: gap thing other | gap pair | gap thing together | gap thing
+distance extreme=min: least thing get other
+distance: gap thing other | gap pair | gap thing together | gap thing | gap other | thing far-off other
 compare_size: by-factor bigger thing other | by-factor as-big thing other | who bigger thing | thing bigger
 compare_size manner=bigger: big thing compared-to | thing bigger-or other
 compare_speed manner=faster: fast thing compared-to move? | thing faster-or other move?
-polar compare_size: thing bigger other not? | thing as-big other not?
+polar compare_size: thing bigger other not? | thing as-big other not? | thing as-big than not?
 compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
 nearest: who front nearest
-nearest: who nearer thing us? | thing nearer-or other us? | who nearest thing? other? | nearest other | who front stands?
-farthest: who farther thing us? | who farthest thing? other? | farthest other | who back stands?
+nearest: who nearer thing us? | who nearer thing other | thing nearer other | thing nearer-or other us? | who nearest thing? other? | nearest other | who front stands?
+farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? | farthest other | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
@@ -334,15 +347,17 @@ colour: which-color thing
 polar colour: thing color not?
 count_moving: how-many any? move but? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing seen? side? stands?
+count: how-many thing seen? side? stands? remain? | several thing seen? side? stands?
+still: any not move | any rest
 still: who not move start? always? | who rest always? stands? | who stands always?
 still: how-many thing rest stands? | how-many thing not move
+polar seen says=no: thing gone
 polar leave: thing leave not?
 polar enter: thing enter not?
 approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other
 approach: thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
-rise: high thing rise | by-how-much thing go-up
+rise: high thing rise move? | by-how-much thing go-up
 polar stops: thing stop move? not?
 polar stops says=no: thing always move not? | thing keep-on move
 motion: who move start? | any-parts move
@@ -351,15 +366,15 @@ fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
 path: path thing takes? | how thing move
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
-way: way thing move along? sideways-or? | whereto thing move along? | way-of thing | thing move sideways-or
+way: way thing move? takes? along? sideways-or? | whereto thing move along? | way-of thing | thing move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible
 size: big thing covers?
-far: far thing move | far thing crosses | path-length thing
+far: far thing move | far thing crosses | far thing get | path-length thing | length thing path
 motion: when thing move start? | when thing stop move? | when thing set-off move? | when thing rest
-enter: when thing enter
-leave: when thing leave
+enter: when start? thing enter
+leave: when thing leave | when thing gone
 seen: when thing visible
 polar still: thing rest not?
 polar motion: thing plainly start? not? | thing manner start? not? | any plainly
@@ -368,5 +383,5 @@ always: who visible always stands?
 where: where thing stands? seen? on? | thing near-or-far us?
 polar side: thing seen? side stands? not?
 polar seen: thing seen not? can? | no thing seen | any-of thing
-things: contents seen? | happens clip? | list everything
+things: list? contents seen? | happens clip? | list everything
 """

@@ -16,7 +16,8 @@ from typing import Any
 from ..errors import F4xError
 from ..language.grammar import NOTHING, Doubt, Mismatch, Reading, Rule, either, generated, tokenise
 from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, spellings, word_set
-from ..language.times import Clip, Span, span
+from ..language.times import END, START, Clip, Span, span
+from .knowledge import PEOPLE
 from .cues import COLOURS, CUES, ROWS, WORDS, cue
 
 CAN = (
@@ -81,7 +82,7 @@ _NO_NAMES = (
     | word_set("s frame frames second seconds minute minutes now everything everybody everyone nothing nobody")
 )
 """Words that no name of a thing holds …"""
-_NOUNS_TOO = word_set("fly track light path course slide swing ride walk run drive float stage jump")
+_NOUNS_TOO = word_set("fly track light path course slide swing drive float stage")
 """… unless an article stands before them …"""
 _BEFORE = word_set("front back left right top bottom middle other big small large tall moving fast") | COLOURS
 """… or the noun behind them."""
@@ -110,7 +111,7 @@ _EVERYTHING = word_set("everything everybody everyone things objects")
 _MOST_WORDS = 4
 """Words of a name."""
 _ARTICLE = cue(
-    "the (two)|a|an|any|some|this|that|these|those|my|your|our|two|all (of) (the)|each|every|both (of) (the)|single|of the"
+    "the (two)|a|an|any|some|this|that|these|those|my|your|our|his|her|its|their|two|all (of) (the)|each|every|both (of) (the)|single|of the"
 )
 
 
@@ -178,16 +179,35 @@ def _beside(name: str, links: str = "") -> Rule:
     return either(CUES[name] + link + _whom >> (lambda *found: (found[0] if len(found) > 1 else name, found[-1])))
 
 
+def _aside_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
+    """What adds nothing where it stands: a tag behind the question, a remark before or behind it."""
+    words = [token.text for token in reading.tokens]
+    if len(words) in CUES["tag"].at(reading, at):
+        yield len(words), None
+    begin = at + (at > 0 and words[at] == ",")
+    if (at == 0 or begin > at or words[at] == "because") and CUES["remark"].at(reading, begin):
+        ends = [end for end in range(begin, len(words)) if words[end] == ","] if at == 0 else []
+        for end in (*ends, len(words)):
+            if _INTERROGATIVES.isdisjoint(words[begin:end]):
+                yield end, None
+
+
+_INTERROGATIVES = word_set("when where how what which who if whether tell")
+"""Words with which a remark would be part of the question."""
 _slots: dict[str, Rule] = {
     **CUES,
-    "time": generated(_span_at),
+    "time": either(
+        cue("(in|at|on|during) the (very) last frame|when [it|the clip|the video] [ends|is over]") >> (lambda: Span(END, END, "moment")),
+        cue("when [it|the clip|the video] [begins|starts]") >> (lambda: Span(START, START, "moment")),
+        generated(_span_at),
+    ),
     "what-is": cue("what is|what are|which is|which are|what was|what were"),
     "thing": ~cue("of|for|by|about") + _possessed,
     "who": either(
         CUES["what"] >> (lambda: ()), cue("which|what|which of|which one of|what kind of|which of all") + _names
     ),
     "other": cue("to|from|of|than|and|-|with|toward|till|compared to|or") + _whom,
-    "than": cue("than") + _names,
+    "than": cue("than|as") + _names,
     "us": cue("to|from|of|for|toward") + _us,
     "pair": either(
         cue("between|in between") + _name + cue("and") + _us >> (lambda name: (name,)),
@@ -300,6 +320,7 @@ _NOUN_CUES = {
 CLIP_FACTS = ("frames", "long", "rate")
 """Kinds of question about the clip itself."""
 _ROWS = tuple(_rows())
+_ADDS_NOTHING = either(CUES["filler"], generated(_aside_at))
 _BESIDE = {"in front of": "in_front", "left of": "left_of", "right of": "right_of", "near": "neighbours"}
 """Relation -> the kind of question what stands so to a thing."""
 _MANY = (
@@ -333,8 +354,9 @@ def read_question(
     """
     text = " ".join(question.lower().replace("’", "'").split())
     text = _THE_SELECTION.sub("it", text) if selected else text
-    text = re.sub(r",? (?:and )?if so,? (where|when)\b", r"? \1 is it", text)
-    parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING} )", re.sub(r"[?!.,;:\s]+$", "", text))
+    text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
+    parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING}\b)", re.sub(r"[?!.,;:\s]+$", "", text))
+    parts = [part for part in parts if not _adds_nothing(part)] or parts
     understood: list[Asked] = []
     for part in parts:
         it: tuple[str, ...] = (selected,) if selected else ()
@@ -349,10 +371,24 @@ def read_question(
         more = _things_alone(follow_up[1]) if follow_up else ()
         if more:
             understood.append(replace(understood[-1], things=(*more, *understood[-1].things[len(more) :])))
-            continue
-        understood += _read(part, Clip(fps, frames), it)
+        elif understood and _matches(CUES["when"], part):
+            if understood[-1].kind not in _TELLS_WHEN:
+                understood.append(replace(understood[-1], polar=False, negated=False))
+        else:
+            understood += _read(part, Clip(fps, frames), it)
     _doubt_swapped(text, {word for asked in understood for thing in asked.things for word in thing.split()}, labels)
     return tuple(understood)
+
+
+def _matches(rule: Rule, text: str) -> bool:
+    """Whether the rule matches the whole text."""
+    reading = Reading.of(text, tokenise(text), {})
+    return len(reading.tokens) in rule.at(reading, 0)
+
+
+def _adds_nothing(text: str) -> bool:
+    """Whether a sentence is a greeting or a remark beside the question."""
+    return _matches(_ADDS_NOTHING, text)
 
 
 def _doubt_swapped(text: str, words: Collection[str], labels: Collection[str]) -> None:
@@ -372,7 +408,7 @@ def _things_alone(text: str) -> tuple[str, ...]:
 
 
 def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
-    asked = _understood(text, clip, it)
+    asked = _understood(text, clip, it) or _either_or(text, clip, it) or (_understood(f"{text} it", clip, it) if it else None)
     if asked is None:
         instead = re.sub(
             r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else misspelt(m[0], _ASKING_WORDS) or m[0], text
@@ -390,10 +426,22 @@ def _understood(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
     tokens = tokenise(text)  # "Isn't it moving?" wants the same yes as "Is it moving?"
     reading = Reading.of(text, tokens, {})
     there = {name for name, rule in _slots.items() if any(rule.at(reading, at) for at in range(len(tokens)))}
-    covers = [(row, cover) for row in _ROWS if (cover := row.cover(reading, there, CUES["filler"]))]
+    covers = [(row, cover) for row in _ROWS if (cover := row.cover(reading, there, _ADDS_NOTHING))]
     for row, (_, found) in sorted(covers, key=lambda one: one[1][0]):
         if asked := _asked(row, found, clip, it):
             return asked
+    return None
+
+
+def _either_or(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
+    """The question that two ask, of which the second says only what is other: "Is the dog moving or standing still?"."""
+    for joint in re.finditer(r",? or ", text):
+        first = _understood(text[: joint.start()], clip, it)
+        for second in (text[joint.end() :], f"{text[joint.end() :]} it") if first and first.things else ():
+            other = _understood(second, clip, first.things)
+            if other and (other.kind, other.things) == (first.kind, first.things):
+                manner = " or ".join(dict.fromkeys(filter(None, (first.manner, other.manner))))
+                return replace(first, polar=False, negated=False, side="", manner=manner)
     return None
 
 
@@ -414,8 +462,11 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     manner = row.options.get("manner") or joined[0] or next((found[slot] for slot in _MANNERS if found.get(slot)), "")
     kind, polar, negated = row.kind, row.polar and " or " not in manner, row.polar and ("not" in found or "no" in found)
     negated = negated != ("says" in row.options)
-    if kind == "@place":
-        kind, manner = _BESIDE.get(manner, manner), ""
+    if kind == "@place":  # before or behind everything is the nearest or the farthest
+        kind = _BESIDE.get(manner, manner) if things else {"in front of": "nearest", "behind": "farthest"}.get(manner, "")
+        manner = ""
+        if not kind:
+            return None
     elif kind == "near":
         kind, manner = "relation", "near"
     elif kind == "still" and polar:
@@ -455,6 +506,12 @@ _MANNERS = (
 )
 """Slots, the first that is filled: what says in which manner, or by which relation."""
 _MOST = ("fastest", "slowest")
+_TELLS_WHEN = ("motion", "stops", "enter", "leave")
+"""Kinds whose answer to yes or no says when, too."""
+
+
+_SURFACES = word_set("fur coat skin hide feathers plumage fleece wool paint paintwork body exterior surface")
+"""Parts that are no things of their own: the cat's fur is the cat."""
 
 
 def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
@@ -464,6 +521,9 @@ def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
         first, _, last = thing.rpartition(" ")
         if last in ("one", "ones") and names:
             thing = f"{first} {names[0].split()[-1]}".strip()
+        owner = first.removesuffix("'s")
+        if last in _SURFACES and owner != first and not (last == "coat" and re.fullmatch(PEOPLE, owner)):
+            thing = owner
         names += it if thing == "it" else (thing,)
     return tuple(dict.fromkeys(names))
 
