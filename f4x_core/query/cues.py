@@ -32,9 +32,9 @@ def _inflected(verbs: str) -> Iterator[tuple[str, str]]:
 _CUES = """
 clips: clip|video|film|movie|footage|sequence|recording|scene|shot
 pictures: {clips}|picture|image|view|frame|room|world|screen|sight|reconstruction
-noun: thing|things|object|objects|one|ones|item|items|element|elements|stuff
+noun: thing|things|object|objects|one|ones|item|items|element|elements|stuff|mover|of (them) all|of all (of them)
 people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
-moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage|timecode|timestamp
+moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage|timecode|timestamp|(time) [span|interval|period]
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) {pictures}
@@ -48,26 +48,26 @@ at: (at|in|on|from|since|until|to|by|during|for|between|over|around) (exactly|ab
 picture-shows: [the|this] {pictures} [show|have|contain|include|shows|has|contains|includes]
 its: its|his|her|their|the
 at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) {its} (very)|at|reach|reaches|be|have|has|come|comes|get|gets
-plainly: {+move|go|travel|come|head}|went|came|in motion|on the move|[move|moves|moving]
+plainly: {+move|travel|come}|go|goes|going|went|came|in motion|on the move|[move|moves|moving]
     [around|about]|({its}) [movement|motion]|[has|have|having] (any) [motion|movement]
-stands: {+stand|stay|remain|keep|lie|sit|hide}|located|placed|found|situated|positioned
+stands: {+stand|stay|remain|keep|lie|sit|hide}|sitting|painted|located|placed|found|situated|positioned
 rest: still|at rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at
     rest]|where it is|in place|not in motion|without moving
-set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going
+set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going|set out|sets out
 stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full)
     [stop|halt|standstill|rest]|[stand|stands|stay|stays|remain|remains|standing|staying] still
 big-er: bigger|larger|taller|wider|longer|broader|higher|thicker|greater
 small-er: smaller|shorter|tinier|narrower|littler
 half: side|half|part|third|hand side
 what: what|who|which|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which of [the|these|those|all
-    the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|(the) [things|objects]
+    the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|what (is) (it) that|(the) [things|objects]
 when: when (exactly)|from when ([to|until|till] when)|until when|since when|how [early|soon|late]|[which|what] {moments}
     [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at) the
     [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments}
     (in time|of the clip|on)
 where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the) [position|location|place|whereabouts]|{at}
     [part|side|half|place|position|corner|area|third|spot|location|region] (of the {pictures})
-move: {plainly}|{manner}
+move: {plainly}|{+head}|{manner}
 takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
 nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
@@ -93,20 +93,20 @@ side-of: (to|on|at) (the) {direction} (side) of
 or-other-side: or {on-side} (of [it|him|her|them])
 sideways-or: {on-side} or {on-side}
 way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where
-    to|{sideways-or}
-compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to
+    to
+compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at) [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
-    there|available|exist|exists|there|here|around|{inside}]|{looking}|(do|does|can|is) {picture-shows}|{stands}
+    there|available|exist|exists|[appear|appears] {inside}|there (still)|here|around|{inside}]|{looking}|(do|does|can|is) {picture-shows}|{stands}
     [visible|seen|{in-view}]|any sign of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
-visible: ({now}) [visible|seen|shown|present|{in-view}|to be seen|around|there|here|showing|shows]|{looking}|{inside}
-always: always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the time|at all
+visible: ({now}) [visible|seen|shown|present|{in-view}|to be seen|around|there|here|show|showing|shows]|{looking}|{inside}
+always: [stay|stays|remain|remains|staying|remaining] [visible|in view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the time|at all
     times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single frame|from
     start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the {clips}|from
     (the) [beginning|start] to (the) end
 enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|move into|walk into|drive into|step
     into}] (the|this) ({pictures})
 gone: gone|no longer [{inside}|there|here|around|visible]
-leave: {+disappear|vanish|go away|go out}|{+lose sight of}|out of [sight|view|the picture|the frame]|[leave|leaves|leaving] (the|this)
+leave: {+disappear|vanish|go away|go out}|(we|you|i) {+lose sight of}|out of [sight|view|the picture|the frame]|[leave|leaves|leaving] (the|this)
     ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop out of|drive out of|walk out of|run
     out of}] (the|this) ({pictures})
 happens-to: what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
@@ -114,13 +114,14 @@ happens-to: what [happens|is happening|happened|goes on|is going on|is up] [to|w
 happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
     see)|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what
     [changes|has changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it
-    (about)|what is this|what does [it|this|the {clips}|this {clips}] show|a (short) [summary|description] (of)|any action|the
+    (about)|what is this|what does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick) [summary|description|overview] (of)|any action|the
     action
-several: how many|several|multiple|many|(just|only|more than) one (or) (more)|more than one|more|(just|only) a single
+anybody: [anyone|anybody|someone|somebody] (else)
+several: two|three|four|several|multiple|many|(just|only|more than) one (or) (more)|more than one|more|(just|only) a single
 remain: left (over)|remaining
 own: it|them|itself|him|her
 event: (during|in|of|at) {its} [jump|leap|hop|flight|ride|run|walk|trick|turn|action|maneuver]
-tag: or not|, [yes|no|right|correct|true|huh|or]|(,) or|for|(,) [is|are|does|do|did|was|were|has|have|can] (not) [it|he|she|they|there|we|you]
+tag: or not|, [yes|no|right|correct|true|huh|or]|(,) or|[for|in|at|on|to|of|from]|(,) [is|are|does|do|did|was|were|has|have|can] (not) [it|he|she|they|there|we|you]
 remark: i|we|my|because|there
 contents: what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to [see|edit]|{inside})|what are there|what do we
     have|what you (can) [see|know|have]|what there is (to see)|what is|a list|what (all) (is|are|can be) (to be)
@@ -129,11 +130,11 @@ contents: what does (the|this) {clips} [contain|show|include|consist of]|what (a
     of|sorts of|kind of) {noun} (are|is|can be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
 filler:
-    {inside}|{event}|{looking}|{people} have|look|looks|seem|seems|appear|appears|can|could|[is|was] [it|this|that]
+    {inside}|{event}|{looking}|{people} have|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check|identify|report|{its} {pictures}|look|looks|seem|seems|appear|appears|can|could|[is|was] [it|this|that]
     [a|an|just|only]|would you [say|call|describe]|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
     total|altogether|overall|at all|ever|also|then|now|just|about|anywhere|somewhere|by the way|right
     now|hey|hi|hello|ok|well|so|and|here|there|currently|maybe|perhaps|really|kindly|if|if so|whether|that|quick question|know|you
-    know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give)
+    know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give|point out)
     (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
     [like|love] to know|do you know|any idea|do you have any idea|i am curious|question|do you happen to know|find out|work
     out|i ask myself|what i want to know is|do you think|would you say|according to you|describe|explain|in seconds|in
@@ -160,22 +161,22 @@ big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which
     [part|share|fraction|percentage] of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
 high: how high (up)|(to) [what|which|how much] height|how far up|how much height
-rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come}|rose|up|upward|off the ground
-go-up: {+rise|climb|ascend|leap}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
+rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the ground
+go-up: {+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
-which-color: (of) [what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main)
+which-color: (of|in) [what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main)
     [color|colors|colour|colours]|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|count (all) (of) (the)|what number of
-frames: how many [frames|pictures|images] (in total)|(the) total number of frames|the number of frames|what is the number of
+frames: frame count|how many [frames|pictures|images] (in total)|(the) total number of frames|the number of frames|what is the number of
     frames
-rate: (the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per second
+rate: how many fps|(the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per second
 how-long: (for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time
 duration: how many seconds|(the) (total) [length|duration|running time|run time|runtime] (of)|(for) how long
 clip: (the|this|my|our) (whole|entire) [{clips}]|it|this|of (the|this) [{clips}]|of it|in (the|this) [{clips}]|there
-lasts: last|lasts|run|runs|take|takes|go on|goes on|have|has|contain|contains|consist of|long|go
-order: (in) [which|what] [order|sequence|succession]|(in) the order|order|one after the other
-sort: order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order of|put in order|in order
+lasts: cover|covers|last|lasts|run|runs|take|takes|go on|goes on|have|has|contain|contains|consist of|long|go
+order: (in) [which|what] [order|sequence|succession]|in order|(in) the order|order|one after the other
+sort: put|compare|order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order of|put in order|in order
 everything: everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all) (of) (the|these|those)
     [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what is there|what you
     see|them
@@ -187,12 +188,13 @@ front: [in|at] (the) (very) [front|foreground]|in the foreground
 back: farthest back|furthest back|at the back|[in|at] the (very) [back|rear|background]
 nearer: closer|nearer|more near
 farther: [farther|further] (away|back)|more distant
-fastest: speed {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]
+fastest: [at|with|reach|reaches] (its) [full|top|maximum|highest|peak] [speed|velocity]|[speed|velocity] {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]
 slowest: (at) ({its}) [slowest|lowest speed|least speed|minimum speed]
+slow-est: (the) slowest
 most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
     [motion|movement] (in it)|the largest [motion|movement|way]
 more: more|farther|further|the most
-most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile]] ({noun})|(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
+most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile|energetic|agile]] ({noun})|(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
 biggest = biggest: (the) (very) [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller]
     one ({noun})|(the) most [space|room|area]
 biggest = smallest: (the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller one
@@ -254,7 +256,8 @@ order-by = from far to near: [farthest|furthest] (one|ones|{noun}) first|(from) 
     (the) [nearest|closest]
 order-by = from front to back: (from) front to back
 order-by = from back to front: (from) back to front
-order-by = by size: by (their) size|from (the) [big|biggest|largest] to (the) [small|smallest]
+order-by = by size: [biggest|largest|tallest] (one|ones) first|by (their) size|from (the) [big|biggest|largest] to (the) [small|smallest]
+order-by = from small to big: [smallest|littlest] (one|ones) first|from (the) [small|smallest] to (the) [big|biggest|large|largest]
 order-by = by distance: (the) (in) depth order (of)|by (their) [distance|depth]|by how [far|near|close] they are
 """
 """Name, value (where it has one) and phrases. `[a|b]`: one of them; `(a|b)`: one or none; `{name}`: what another line says;
@@ -308,19 +311,19 @@ rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
 order: sort? order? contents? everything? thing? by-what? us? order-by stands?
 order: order thing? everything? start? move? | order thing? everything? set-off | who first start? move | who first set-off
-nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing
+nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other?
 nearest_moment: when thing passes-by | when passes thing
 farthest_moment: when farthest thing together? | when farthest thing other together?
 farthest_moment: when biggest gap pair | when biggest gap thing
 highest_moment: when highest thing? move?
 fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
-slowest_moment: when slowest thing? move?
+slowest_moment: when slowest thing? move? | when slow-est thing? move?
 when_turns: when turn thing start? | thing turn
 @place: any place-of stands? | who place-of stands? | who place thing own stands?
 neighbours: who around-of stands? | who thing around | any around-of stands?
 between: who pair in-gap? stands? | any pair in-gap? stands?
 relation manner=compared: relation-of thing other
-relation: where thing compared-to stands? | how thing compared-to stands? | thing place-or stands?
+relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands?
 relation: who farther-aside thing stands? | who place thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
@@ -329,8 +332,8 @@ distance extreme=min: close thing get other | close thing get together | least g
 distance extreme=min: least thing get other
 distance: gap thing other | gap pair | gap thing together | gap thing | gap other | thing far-off other
 compare_size: by-factor bigger thing other | by-factor as-big thing other | who bigger thing | thing bigger
-compare_size manner=bigger: big thing compared-to | thing bigger-or other
-compare_speed manner=faster: fast thing compared-to move? | thing faster-or other move?
+compare_size manner=bigger: sort big thing | big thing compared-to | thing bigger-or other
+compare_speed manner=faster: sort fast thing | fast thing compared-to move? | thing faster-or other move?
 polar compare_size: thing bigger other not? | thing as-big other not? | thing as-big than not?
 compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
@@ -343,12 +346,12 @@ most_moving: who move more thing? | who move most thing? | who crosses most | wh
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
 compare_speed: who move? speediest thing? | who speediest thing? but?
-colour: which-color thing
+colour: which-color thing stands?
 polar colour: thing color not?
-count_moving: how-many any? move but? | how-many thing move start?
+count_moving: how-many any? move but? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing seen? side? stands? remain? | several thing seen? side? stands?
-still: any not move | any rest
+count: how-many thing seen? side? stands? remain? | several thing seen? side? stands? remain?
+still: any not move | any rest always?
 still: who not move start? always? | who rest always? stands? | who stands always?
 still: how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
@@ -363,10 +366,10 @@ polar stops says=no: thing always move not? | thing keep-on move
 motion: who move start? | any-parts move
 does: what-it do thing | happens-to thing
 fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
-path: path thing takes? | how thing move
+path: path thing takes? | how thing move | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
-way: way thing move? takes? along? sideways-or? | whereto thing move along? | way-of thing | thing move sideways-or
+way: way thing move? takes? along? sideways-or? | thing move sideways-or | whereto thing move along? | way-of thing | thing move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible
@@ -382,6 +385,27 @@ polar always: thing seen? always not? stands? | thing always
 always: who visible always stands?
 where: where thing stands? seen? on? | thing near-or-far us?
 polar side: thing seen? side stands? not?
+polar seen thing=person: anybody seen?
 polar seen: thing seen not? can? | no thing seen | any-of thing
 things: list? contents seen? | happens clip? | list everything
 """
+
+ASKED_FOR = dict(
+    entry.strip().split(": ")
+    for entry in """
+    where: where {} is; side: on which side {} is; relation: how {} stand to each other; neighbours: what is near {};
+    behind: what is behind {}; in_front: what is in front of {}; left_of: what is left of {}; right_of: what is right of {};
+    above: what is above {}; below: what is below {}; between: what is between {}; way: which way {} goes;
+    path: which path {} takes; motion: whether and when {} moves; stops: whether {} stops; still: what stands still;
+    seen: whether or when {} is seen; always: whether {} is always seen; seeing: how long {} is seen;
+    enter: when {} comes into the picture; leave: when {} goes out of the picture; nearest_moment: when {} is nearest;
+    farthest_moment: when {} is farthest; highest_moment: when {} is highest; fastest_moment: when {} is fastest;
+    slowest_moment: when {} is slowest; when_turns: when {} turns; distance: how far away {} is; approach: whether {} comes nearer;
+    fast: how fast {} moves; far: how far {} goes; lasting: how long {} moves; rise: how far {} rises; size: how big {} is;
+    compare_size: which of {} is bigger; compare_speed: which of {} is faster; colour: what colour {} has;
+    count: how many of {} there are; count_moving: how many things move; nearest: what is nearest; farthest: what is farthest;
+    biggest: what is biggest; brightest: what is brightest; most_moving: what moves most; order: in which order things stand or move;
+    does: what {} does; things: what there is to see; long: how long the clip is; frames: how many frames it has
+    """.split(";")
+)
+"""Kind of question -> what it asks for, with the place of its things."""

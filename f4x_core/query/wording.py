@@ -18,7 +18,7 @@ from ..language.grammar import NOTHING, Doubt, Mismatch, Reading, Rule, either, 
 from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, spellings, word_set
 from ..language.times import END, START, Clip, Span, span
 from .knowledge import PEOPLE
-from .cues import COLOURS, CUES, ROWS, WORDS, cue
+from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
 
 CAN = (
     "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
@@ -111,7 +111,7 @@ _EVERYTHING = word_set("everything everybody everyone things objects")
 _MOST_WORDS = 4
 """Words of a name."""
 _ARTICLE = cue(
-    "the (two)|a|an|any|some|this|that|these|those|my|your|our|his|her|its|their|two|all (of) (the)|each|every|both (of) (the)|single|of the"
+    "the (two)|a|an|any|some|this|that|these|those|my|your|our|his|her|its|their|all (of) (the)|each|every|both (of) (the)|single|of the"
 )
 
 
@@ -261,10 +261,12 @@ class _Row:
     needed: frozenset[str]
     """Those of them without which it is not asked."""
 
-    def cover(self, reading: Reading, there: Collection[str], between: Rule) -> tuple[int, dict[str, Any]] | None:
-        """(words that add nothing, value of each slot) where slots cover the sentence, with the fewest such words between them.
+    def cover(
+        self, reading: Reading, there: Collection[str], gaps: list[dict[int, int]]
+    ) -> tuple[int, dict[str, Any]] | None:
+        """(cost, value of each slot) of the cheapest way in which slots cover the sentence, with words between that add nothing.
 
-        `there`: the slots that match anywhere in the sentence.
+        `there`: the slots that match anywhere in the sentence; `gaps`: per word where such words end, and what leaving them out costs.
         """
         if not self.needed <= set(there):
             return None
@@ -280,7 +282,7 @@ class _Row:
                     for end, value in rule.at(reading, at).items()
                 ]
                 for end, names, more, value in steps + [
-                    (end, filled, cost + end - at, values) for end in between.at(reading, at)
+                    (end, filled, cost + loss, values) for end, loss in gaps[at].items()
                 ]:
                     if end > at and (names not in ways[end] or more < ways[end][names][0]):
                         ways[end][names] = more, value
@@ -320,7 +322,14 @@ _NOUN_CUES = {
 CLIP_FACTS = ("frames", "long", "rate")
 """Kinds of question about the clip itself."""
 _ROWS = tuple(_rows())
-_ADDS_NOTHING = either(CUES["filler"], generated(_aside_at))
+_BINDING = word_set("in at on to from for of")
+"""Prepositions that tell something of the thing behind them …"""
+_LOOSE = _BINDING | word_set("the a an it its that this these those already yet even really very quite rather so just")
+"""… and other words that may be left out where nothing else fits."""
+_LOOSELY, _UNKNOWN = 20, 100
+"""Costs of such a word, and of any word."""
+_aside = generated(_aside_at)
+_adds_nothing = either(CUES["filler"], _aside)
 _BESIDE = {"in front of": "in_front", "left of": "left_of", "right of": "right_of", "near": "neighbours"}
 """Relation -> the kind of question what stands so to a thing."""
 _MANY = (
@@ -356,10 +365,13 @@ def read_question(
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
     parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING}\b)", re.sub(r"[?!.,;:\s]+$", "", text))
-    parts = [part for part in parts if not _adds_nothing(part)] or parts
+    parts = [part for part in parts if not _matches(_adds_nothing, part)] or parts
     understood: list[Asked] = []
-    for part in parts:
+    for number, part in enumerate(parts):
         it: tuple[str, ...] = (selected,) if selected else ()
+        if not it and number + 1 < len(parts) and _IT.isdisjoint(part.split()):  # "how fast and how far does the dog run?"
+            ahead = _understood(parts[number + 1], Clip(fps, frames), ())
+            it = ahead.things if ahead else ()
         if understood:
             it = understood[-1].things or it
         follow_up = (
@@ -386,11 +398,6 @@ def _matches(rule: Rule, text: str) -> bool:
     return len(reading.tokens) in rule.at(reading, 0)
 
 
-def _adds_nothing(text: str) -> bool:
-    """Whether a sentence is a greeting or a remark beside the question."""
-    return _matches(_ADDS_NOTHING, text)
-
-
 def _doubt_swapped(text: str, words: Collection[str], labels: Collection[str]) -> None:
     """Raise Doubt where one of the `words` is a label with its letters in another order."""
     known = {form for label in labels for form in spellings(label)}
@@ -413,24 +420,48 @@ def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
         instead = re.sub(
             r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else misspelt(m[0], _ASKING_WORDS) or m[0], text
         )
-        if instead != text and _understood(instead, clip, it) is not None:
+        if instead != text and _understood(instead, clip, it, _LOOSELY):
             raise Doubt(f"I do not understand '{text}'; did you mean '{instead}'?", instead)
-        raise _refusal(text)
+        raise _refusal(text, clip, it)
     if asked.kind in ONE_BY_ONE and not asked.other:
         return [replace(asked, things=(thing,)) for thing in asked.things] or [asked]
     return [asked]
 
 
-def _understood(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
+def _understood(text: str, clip: Clip, it: tuple[str, ...], below: int = _UNKNOWN) -> Asked | None:
+    """The likeliest question, of those that cost less than `below`."""
     text = re.sub(r"^((?:and |but |so )?(?:is|are|was|were|do|does|did|has|have|can|could))n't\b", r"\1", text)
     tokens = tokenise(text)  # "Isn't it moving?" wants the same yes as "Is it moving?"
     reading = Reading.of(text, tokens, {})
-    there = {name for name, rule in _slots.items() if any(rule.at(reading, at) for at in range(len(tokens)))}
-    covers = [(row, cover) for row in _ROWS if (cover := row.cover(reading, there, _ADDS_NOTHING))]
-    for row, (_, found) in sorted(covers, key=lambda one: one[1][0]):
+    cost, asked = next(readings := _readings(reading, clip, it), (below, None))
+    for same, other in readings:
+        if asked and same == cost and {asked.kind, other.kind} - {*_ALIKE} and asked.kind != other.kind:
+            either_kind = ", or ".join(_in_words(one) for one in (asked, other))
+            raise Unanswerable(f"This can be meant in two ways. Do you ask {either_kind}?")
+    verb = asked and any(re.search(rf"\b(?:do|does|did) (?:\w+ )?{re.escape(thing)}$", text) for thing in asked.things if " " in thing)
+    return asked if cost < below and not verb else None  # "the man live" is no name: "does" needs a verb
+
+
+def _readings(reading: Reading, clip: Clip, it: tuple[str, ...], whatever: bool = False) -> Iterator[tuple[int, Asked]]:
+    """(cost, question) of every row that covers the sentence, the cheapest first; `whatever`: any words may be left out."""
+    tokens = range(len(reading.tokens))
+    there = {name for name, rule in _slots.items() if any(rule.at(reading, at) for at in tokens)}
+    gaps = [_gaps(reading, at) | ({at + 1: _UNKNOWN} if whatever else {}) for at in tokens]
+    covers = [(row, cover) for row in _ROWS if (cover := row.cover(reading, there, gaps))]
+    for row, (cost, found) in sorted(covers, key=lambda one: (one[1][0], -len(one[0].needed))):
         if asked := _asked(row, found, clip, it):
-            return asked
-    return None
+            yield cost - len(row.needed) / 10, asked
+
+
+def _gaps(reading: Reading, at: int) -> dict[int, int]:
+    """Where what adds nothing ends that begins at a word, and the cost: the fewer words are left out, the likelier a reading."""
+    ends = {end: end - at for end in (*_aside.at(reading, at), *CUES["filler"].at(reading, at))}
+    word = reading.word(at)
+    if word in _LOOSE and not (word in _BINDING and _name.at(reading, at + 1)):
+        ends.setdefault(at + 1, _LOOSELY)
+    return ends | dict.fromkeys(CUES["inside"].at(reading, at), 1)
+
+
 
 
 def _either_or(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
@@ -439,7 +470,8 @@ def _either_or(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
         first = _understood(text[: joint.start()], clip, it)
         for second in (text[joint.end() :], f"{text[joint.end() :]} it") if first and first.things else ():
             other = _understood(second, clip, first.things)
-            if other and (other.kind, other.things) == (first.kind, first.things):
+            kinds = {first.kind, other.kind} if other else set()
+            if other and other.things == first.things and (len(kinds) == 1 or kinds == {"motion", "stops"}):
                 manner = " or ".join(dict.fromkeys(filter(None, (first.manner, other.manner))))
                 return replace(first, polar=False, negated=False, side="", manner=manner)
     return None
@@ -449,7 +481,7 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     """The question of a row whose slots are filled; None where they do not go together."""
     joined = next((found[slot] for slot in _JOINED if slot in found), ("", ()))
     pair = found.get("pair", ())
-    who, thing = found.get("who") or (), found.get("thing", ())
+    who, thing = found.get("who") or (), found.get("thing", ()) or tuple(filter(None, [row.options.get("thing")]))
     if who and len(thing) == 1:
         return None
     other = (*found.get("other", ()), *found.get("than", ()), *pair[1:], *joined[1])
@@ -462,6 +494,8 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     manner = row.options.get("manner") or joined[0] or next((found[slot] for slot in _MANNERS if found.get(slot)), "")
     kind, polar, negated = row.kind, row.polar and " or " not in manner, row.polar and ("not" in found or "no" in found)
     negated = negated != ("says" in row.options)
+    if kind == "fastest_moment" and manner == "slowest":
+        return None
     if kind == "@place":  # before or behind everything is the nearest or the farthest
         kind = _BESIDE.get(manner, manner) if things else {"in front of": "nearest", "behind": "farthest"}.get(manner, "")
         manner = ""
@@ -505,6 +539,8 @@ _MANNERS = (
     "farther-aside",
 )
 """Slots, the first that is filled: what says in which manner, or by which relation."""
+_ALIKE = ("motion", "stops")
+"""Kinds whose answers say the same of what stands still."""
 _MOST = ("fastest", "slowest")
 _TELLS_WHEN = ("motion", "stops", "enter", "leave")
 """Kinds whose answer to yes or no says when, too."""
@@ -528,8 +564,24 @@ def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _refusal(text: str) -> Unanswerable:
-    """Why nothing is computed: the word that is not known, or what the question is about."""
+def _in_words(asked: Asked) -> str:
+    """What a question asks for: "where the dog is"."""
+    things = " and ".join(f"the {thing}" for thing in asked.things) or "it"
+    return ASKED_FOR[asked.kind].format(things)
+
+
+def _nearest_kinds(text: str, clip: Clip, it: tuple[str, ...]) -> str:
+    """What questions that the scene answers are like `text`; nothing where too many of its words would be left out."""
+    reading = Reading.of(text, tokenise(text), {})
+    near: dict[str, str] = {}
+    for cost, asked in _readings(reading, clip, it, whatever=True):
+        if cost < _UNKNOWN * len(reading.tokens) / 2 and asked.kind in ASKED_FOR:
+            near.setdefault(asked.kind, _in_words(asked))
+    return f" Do you ask {', or '.join([*near.values()][:2])}?" if near else ""
+
+
+def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
+    """Why nothing is computed: the word that is not known, or what the question is about; and what may be meant."""
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
     negation = re.search(_NEGATION, text)
     if negation and subject == "that":
@@ -540,8 +592,8 @@ def _refusal(text: str) -> Unanswerable:
     if not strange and last and re.search(rf"(?<!\ba )(?<!\ban )(?<!\bthe )\b{last[0]}$", text):
         strange = last[0]
     if subject == "that" and strange:
-        return Unanswerable(f"I do not know what '{strange}' means here; {CAN}.")
-    return Unanswerable(f"Computing from the scene cannot tell {subject}; {CAN}.")
+        return Unanswerable(f"I do not know what '{strange}' means here; {CAN}.{_nearest_kinds(text, clip, it)}")
+    return Unanswerable(f"Computing from the scene cannot tell {subject}; {CAN}.{_nearest_kinds(text, clip, it)}")
 
 
 def _frames(said: Span, clip: Clip) -> tuple[float, float]:
