@@ -10,7 +10,7 @@ from ..language.lexicon import forms, word_set
 
 WORDS: set[str] = set()
 """Every word of the cues: none of them is the name of a thing."""
-_WALK = "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap"
+_WALK = "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap|drift|trot|stroll|sprint|rush|cruise|skate|paddle|waddle|stride|pedal"
 _PAST = {"ran": "run", "swam": "swim", "drove": "drive", "driven": "drive", "flew": "fly", "rode": "ride"}
 COLOURS = word_set("red orange yellow green blue purple violet pink brown black white gray beige golden silver gold turquoise cyan navy tan")
 
@@ -34,7 +34,8 @@ clips: clip|video|film|movie|footage|sequence|recording|scene|shot
 pictures: {clips}|picture|image|view|frame|room|world|screen|sight|reconstruction
 noun: thing|things|object|objects|one|ones|item|items|element|elements|stuff|mover|of (them) all|of all (of them)
 people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
-moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage|timecode|timestamp|(time) [span|interval|period]
+moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage|timecode|timestamp|(time)
+    [span|interval|period]
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) {pictures}
@@ -48,8 +49,8 @@ at: (at|in|on|from|since|until|to|by|during|for|between|over|around) (exactly|ab
 picture-shows: [the|this] {pictures} [show|have|contain|include|shows|has|contains|includes]
 its: its|his|her|their|the
 at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) {its} (very)|at|reach|reaches|be|have|has|come|comes|get|gets
-plainly: {+move|travel|come}|go|goes|going|went|came|in motion|on the move|[move|moves|moving]
-    [around|about]|({its}) [movement|motion]|[has|have|having] (any) [motion|movement]
+plainly: {+move|travel|come}|go|goes|going|went|came|in motion|on the move|[move|moves|moving] [around|about]|({its})
+    [movement|motion]|[has|have|having] (any) [motion|movement]
 stands: {+stand|stay|remain|keep|lie|sit|hide}|sitting|painted|located|placed|found|situated|positioned
 rest: still|at rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at
     rest]|where it is|in place|not in motion|without moving
@@ -60,26 +61,28 @@ big-er: bigger|larger|taller|wider|longer|broader|higher|thicker|greater
 small-er: smaller|shorter|tinier|narrower|littler
 half: side|half|part|third|hand side
 what: what|who|which|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which of [the|these|those|all
-    the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|what (is) (it) that|(the) [things|objects]
+    the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|what (is) (it) that|(the)
+    [things|objects]
 when: when (exactly)|from when ([to|until|till] when)|until when|since when|how [early|soon|late]|[which|what] {moments}
-    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at) the
-    [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments}
-    (in time|of the clip|on)
-where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the) [position|location|place|whereabouts]|{at}
-    [part|side|half|place|position|corner|area|third|spot|location|region] (of the {pictures})
+    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at)
+    the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at}
+    {moments} (in time|of the clip|on)
+where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the)
+    [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of the
+    {pictures})
 move: {plainly}|{+head}|{manner}
 takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
 nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
 farthest: ({at-its}) (the|its) (very) [farthest|furthest|most distant|remotest] (away|apart) (point|position|{noun})
 highest: ({at-its}) (up) ({its}) (very) [highest|top|{+peak}|maximum height|uppermost|topmost] (up)
-    (point|position|place|spot|of all)
+    (point|position|place|spot|of all|[above|off] the ground|in the air)
 farther-aside = left of: (further|farther|more|most) (to|on|at) (the) left
 farther-aside = right of: (further|farther|more|most) (to|on|at) (the) right
-place = in front of: (further|farther) [in front of|before|in front]
+place = in front of: (further|farther) [in front of|before|in front|ahead (of)]
 place = behind: (further|farther) [behind|in back of]
-place = above: above|over|higher than|on top of
-place = below: below|under|beneath|underneath|lower than
+place = above: higher (up)|above|over|higher than|on top of
+place = below: below|under|beneath|underneath|lower (down)|lower than
 place = left of: (further|farther) (to|on|at) (the) left (hand) (side) of|left from
 place = right of: (further|farther) (to|on|at) (the) right (hand) (side) of|right from
 place = near: next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby
@@ -92,50 +95,57 @@ either-side-of: {on-side} or (to|on|at) (the) {direction} (side) of
 side-of: (to|on|at) (the) {direction} (side) of
 or-other-side: or {on-side} (of [it|him|her|them])
 sideways-or: {on-side} or {on-side}
-way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where
-    to
-compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at) [which|what] side of
+way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where to
+compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at)
+    [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
-    there|available|exist|exists|[appear|appears] {inside}|there (still)|here|around|{inside}]|{looking}|(do|does|can|is) {picture-shows}|{stands}
-    [visible|seen|{in-view}]|any sign of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
-visible: ({now}) [visible|seen|shown|present|{in-view}|to be seen|around|there|here|show|showing|shows]|{looking}|{inside}
-always: [stay|stays|remain|remains|staying|remaining] [visible|in view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the time|at all
-    times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single frame|from
-    start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the {clips}|from
-    (the) [beginning|start] to (the) end
+    there|available|exist|exists|[appear|appears] {inside}|there (still)|here|around|{inside}]|{looking}|(do|does|can|is)
+    {picture-shows}|any sign of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
+visible: ({now}) [visible|(be) seen|shown|present|{in-view}|to be seen|around|there|here|show|showing|shows]|{looking}|{inside}
+always: [stay|stays|remain|remains|staying|remaining] [visible|in
+    view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the
+    time|at all times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single
+    frame|from start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the
+    {clips}|from (the) [beginning|start] to (the) end
 enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|move into|walk into|drive into|step
     into}] (the|this) ({pictures})
 gone: gone|no longer [{inside}|there|here|around|visible]
-leave: {+disappear|vanish|go away|go out}|(we|you|i) {+lose sight of}|out of [sight|view|the picture|the frame]|[leave|leaves|leaving] (the|this)
-    ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop out of|drive out of|walk out of|run
-    out of}] (the|this) ({pictures})
+leave: {+disappear|vanish|go away|go out}|(we|you|i) {+lose sight of}|out of [sight|view|the picture|the
+    frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out
+    of|drop out of|drive out of|walk out of|run out of}] (the|this) ({pictures})
 happens-to: what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
     about
 happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
     see)|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what
     [changes|has changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it
-    (about)|what is this|what does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick) [summary|description|overview] (of)|any action|the
-    action
+    (about)|what is this|what does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick)
+    [summary|description|overview] (of)|any action|the action|what (can|could) you (can) [tell|say] (me) about [the|this]
+    {clips}|anything (interesting) [happening|going on]|anything happens
 anybody: [anyone|anybody|someone|somebody] (else)
-several: two|three|four|several|multiple|many|(just|only|more than) one (or) (more)|more than one|more|(just|only) a single
+several: [is|are] there [one|two|three|four]|several|multiple|many|[just|only|more than] one (or more)|one or more|more than
+    one|more|(just|only) a single
+first-with: (the) first [frame|moment] (with|of|showing|that shows)
+last-with: (the) last [frame|moment] (with|of|showing|that shows)
 remain: left (over)|remaining
 own: it|them|itself|him|her
 event: (during|in|of|at) {its} [jump|leap|hop|flight|ride|run|walk|trick|turn|action|maneuver]
-tag: or not|, [yes|no|right|correct|true|huh|or]|(,) or|[for|in|at|on|to|of|from]|(,) [is|are|does|do|did|was|were|has|have|can] (not) [it|he|she|they|there|we|you]
+tag: or not|(,) or|[for|in|at|on|to|of|from]|(,) [is|are|does|do|did|was|were|has|have|can] (not) [it|he|she|they|there|we|you]
 remark: i|we|my|because|there
-contents: what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to [see|edit]|{inside})|what are there|what do we
-    have|what you (can) [see|know|have]|what there is (to see)|what is|a list|what (all) (is|are|can be) (to be)
-    [seen|shown|visible|present|in view|on screen|available|known|in it]|the [contents|inventory]|[what|which] (all) ({noun})
-    (do|can|could) {people} (can|could|all) [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds
-    of|sorts of|kind of) {noun} (are|is|can be|do) (there|seen|visible|known|shown|present|found|exist|available)
+contents: what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to [see|edit]|{inside})|what are
+    there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what is|a list|what (all)
+    (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
+    [contents|inventory]|[what|which] (all) ({noun}) (do|can|could) {people} (can|could|all)
+    [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
+    be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
-filler:
-    {inside}|{event}|{looking}|{people} have|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check|identify|report|{its} {pictures}|look|looks|seem|seems|appear|appears|can|could|[is|was] [it|this|that]
-    [a|an|just|only]|would you [say|call|describe]|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
+filler: {inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
+    {people}|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check|identify|report|{its}
+    {pictures}|look|looks|seem|seems|appear|appears|[is|was] [it|this|that] [a|an|just|only]|would you
+    [say|call|describe]|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
     total|altogether|overall|at all|ever|also|then|now|just|about|anywhere|somewhere|by the way|right
-    now|hey|hi|hello|ok|well|so|and|here|there|currently|maybe|perhaps|really|kindly|if|if so|whether|that|quick question|know|you
-    know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give|point out)
-    (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
+    now|hey|hi|hello|ok|well|so|and|here|there|currently|maybe|perhaps|really|kindly|if|if so|whether|that|quick
+    question|know|you know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give|point
+    out) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
     [like|love] to know|do you know|any idea|do you have any idea|i am curious|question|do you happen to know|find out|work
     out|i ask myself|what i want to know is|do you think|would you say|according to you|describe|explain|in seconds|in
     frames|[the|this] {clips}|in here|in there|in this|list|name|in it|of them|of all|at any time|at some point|at any
@@ -146,12 +156,12 @@ extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maxima
     maximum
 extreme = mean: (at) ({its}) [average|mean]|on average|averaged|typically
 extreme = min: (at) ({its}) [lowest|minimum|least|min|minimal]|at {its} slowest|at least|at minimum
-far: how far|how much (ground|distance|way)|[what|which] [distance|length]|(the) (total) distance
-    [traveled|travelled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how long (is) (the)
+far: how far|how much (ground|distance|way)|[what|which] [distance|length]|(the) total [distance|way]|(the) (total) distance
+    [traveled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how long (is) (the)
     [path|way|route|journey]|how long a way|[what|which] [way|distance] in total|how many [meters|metres|units|steps]
-gap: how [far|close|near] (away|apart|off|together)|(the) (current) [distance|gap|space|spacing]|apart|how much
-    [space|room|distance|gap]|how [big|large|wide|small] (is) (the) [gap|distance|space]|[what|which] distance|at [what|which]
-    distance|how many units
+gap: how [far|close|near] (away|apart|off|together)|(the) (current) [distance|gap|space|spacing|separation]|apart|how much
+    [space|room|distance|gap]|how [big|large|wide|small] (is) (the) [gap|distance|space]|[what|which]
+    [distance|gap|separation]|at [what|which] distance|how many units
 least: (the|{at-its}) [shortest|smallest|minimum|minimal|closest|least|nearest|lowest]|at the [closest|nearest] (point)
 close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
@@ -160,23 +170,27 @@ big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which
     [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what
     [part|share|fraction|percentage] of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
-high: how high (up)|(to) [what|which|how much] height|how far up|how much height
-rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the ground
+max-height: (the) (greatest|maximum|peak|top) height (of)
+high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|how much height
+rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the
+    ground
 go-up: {+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
 which-color: (of|in) [what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main)
     [color|colors|colour|colours]|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|count (all) (of) (the)|what number of
-frames: frame count|how many [frames|pictures|images] (in total)|(the) total number of frames|the number of frames|what is the number of
-    frames
-rate: how many fps|(the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per second
+frames: frame count|(the) number of frames|how many [frames|pictures|images] (in total)|(the) total number of frames|the number
+    of frames|what is the number of frames
+rate: how many fps|(the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per
+    second
 how-long: (for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time
 duration: how many seconds|(the) (total) [length|duration|running time|run time|runtime] (of)|(for) how long
 clip: (the|this|my|our) (whole|entire) [{clips}]|it|this|of (the|this) [{clips}]|of it|in (the|this) [{clips}]|there
 lasts: cover|covers|last|lasts|run|runs|take|takes|go on|goes on|have|has|contain|contains|consist of|long|go
 order: (in) [which|what] [order|sequence|succession]|in order|(in) the order|order|one after the other
-sort: put|compare|order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order of|put in order|in order
+sort: put|compare|{+order|sort|rank|arrange}|order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order
+    of|put in order|in order
 everything: everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all) (of) (the|these|those)
     [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what is there|what you
     see|them
@@ -188,13 +202,15 @@ front: [in|at] (the) (very) [front|foreground]|in the foreground
 back: farthest back|furthest back|at the back|[in|at] the (very) [back|rear|background]
 nearer: closer|nearer|more near
 farther: [farther|further] (away|back)|more distant
-fastest: [at|with|reach|reaches] (its) [full|top|maximum|highest|peak] [speed|velocity]|[speed|velocity] {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]
+fastest: [at|with|reach|reaches] (its) [full|top|maximum|highest|peak] [speed|velocity]|[speed|velocity] {at-its}
+    [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top speed|highest speed|maximum speed|peak
+    speed|speediest]
 slowest: (at) ({its}) [slowest|lowest speed|least speed|minimum speed]
-slow-est: (the) slowest
 most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
     [motion|movement] (in it)|the largest [motion|movement|way]
 more: more|farther|further|the most
-most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile|energetic|agile]] ({noun})|(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
+most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile|energetic|agile]]
+    ({noun})|(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
 biggest = biggest: (the) (very) [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller]
     one ({noun})|(the) most [space|room|area]
 biggest = smallest: (the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller one
@@ -212,8 +228,8 @@ by-factor: how much|how many times|by how much|by what factor|by which factor|ho
     much more
 closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
 closing = away: away from|[farther|further] [from|away|apart]|apart
-around: in the [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the
-    neighbors of
+around: in the [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close
+    to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the neighbors of
 whereto: where
 sideways = left: (to|toward|towards) (the) left (side)|leftward|leftwards
 sideways = right: (to|toward|towards) (the) right (side)|rightward|rightwards
@@ -251,13 +267,16 @@ path-length: (the) (total) [distance|way] [traveled|travelled|covered|gone]|(the
 way-of: (the) [direction|heading] (of)
 order-by = from left to right: (from) left to right
 order-by = from right to left: (from) right to left
-order-by = from near to far: [closest|nearest] (one|ones|{noun}) first|(from) near to far|from (the) [nearest|closest] to (the) [farthest|furthest]
+order-by = from near to far: [closest|nearest] (one|ones|{noun}) first|(from) near to far|from (the) [nearest|closest] to (the)
+    [farthest|furthest]
 order-by = from far to near: [farthest|furthest] (one|ones|{noun}) first|(from) far to near|from (the) [farthest|furthest] to
     (the) [nearest|closest]
 order-by = from front to back: (from) front to back
 order-by = from back to front: (from) back to front
-order-by = by size: [biggest|largest|tallest] (one|ones) first|by (their) size|from (the) [big|biggest|largest] to (the) [small|smallest]
-order-by = from small to big: [smallest|littlest] (one|ones) first|from (the) [small|smallest] to (the) [big|biggest|large|largest]
+order-by = by size: [biggest|largest|tallest] (one|ones) first|by (their) size|from (the) [big|biggest|largest] to (the)
+    [small|smallest]
+order-by = from small to big: [smallest|littlest] (one|ones) first|from (the) [small|smallest] to (the)
+    [big|biggest|large|largest]
 order-by = by distance: (the) (in) depth order (of)|by (their) [distance|depth]|by how [far|near|close] they are
 """
 """Name, value (where it has one) and phrases. `[a|b]`: one of them; `(a|b)`: one or none; `{name}`: what another line says;
@@ -306,18 +325,18 @@ def _read(text: str) -> dict[str, Rule]:
 CUES = _read(_CUES)
 
 ROWS = """
-frames: frames clip? lasts?
+frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
 order: sort? order? contents? everything? thing? by-what? us? order-by stands?
 order: order thing? everything? start? move? | order thing? everything? set-off | who first start? move | who first set-off
 nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other?
-nearest_moment: when thing passes-by | when passes thing
+nearest_moment: when near-to thing | when thing passes-by | when passes thing
 farthest_moment: when farthest thing together? | when farthest thing other together?
 farthest_moment: when biggest gap pair | when biggest gap thing
 highest_moment: when highest thing? move?
 fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
-slowest_moment: when slowest thing? move? | when slow-est thing? move?
+slowest_moment: when slowest thing? move?
 when_turns: when turn thing start? | thing turn
 @place: any place-of stands? | who place-of stands? | who place thing own stands?
 neighbours: who around-of stands? | who thing around | any around-of stands?
@@ -339,9 +358,8 @@ compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who front nearest
-nearest: who nearer thing us? | who nearer thing other | thing nearer other | thing nearer-or other us? | who nearest thing? other? | nearest other | who front stands?
-farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? | farthest other | who back stands?
+nearest: who nearer thing us? | who nearer thing other | thing nearer other | thing nearer-or other us? | who nearest thing? other? | nearest other? | who near-to thing? | who front stands?
+farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? | farthest other? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
@@ -351,7 +369,7 @@ polar colour: thing color not?
 count_moving: how-many any? move but? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
 count: how-many thing seen? side? stands? remain? | several thing seen? side? stands? remain?
-still: any not move | any rest always?
+still: everything rest | any not move | any rest always?
 still: who not move start? always? | who rest always? stands? | who stands always?
 still: how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
@@ -360,7 +378,7 @@ polar enter: thing enter not?
 approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other
 approach: thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
-rise: high thing rise move? | by-how-much thing go-up
+rise: high thing rise move? | max-height thing | by-how-much thing go-up
 polar stops: thing stop move? not?
 polar stops says=no: thing always move not? | thing keep-on move
 motion: who move start? | any-parts move
@@ -374,11 +392,11 @@ polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible
 size: big thing covers?
-far: far thing move | far thing crosses | far thing get | path-length thing | length thing path
+far: far thing move | far thing crosses | far thing get | path-length thing takes? | length thing path
 motion: when thing move start? | when thing stop move? | when thing set-off move? | when thing rest
-enter: when start? thing enter
-leave: when thing leave | when thing gone
-seen: when thing visible
+enter: first-with thing | when start? thing enter
+leave: last-with thing | when thing leave | when thing gone
+seen: when thing visible can?
 polar still: thing rest not?
 polar motion: thing plainly start? not? | thing manner start? not? | any plainly
 polar always: thing seen? always not? stands? | thing always
@@ -386,7 +404,7 @@ always: who visible always stands?
 where: where thing stands? seen? on? | thing near-or-far us?
 polar side: thing seen? side stands? not?
 polar seen thing=person: anybody seen?
-polar seen: thing seen not? can? | no thing seen | any-of thing
+polar seen: thing time | thing seen not? can? | no thing seen | any-of thing
 things: list? contents seen? | happens clip? | list everything
 """
 

@@ -92,7 +92,8 @@ _NO_ENDING = re.compile(
     r"|clothing|railing|awning|spring|pudding|duckling|sapling|wedding|earring).{3,}ing"
 )
 """A word that no name ends with: "parked", "looking"."""
-_IT = word_set("it they them he she him her this that these those its their his")
+_PRONOUNS = word_set("it they them he she him her")
+_IT = _PRONOUNS | word_set("this that these those its their his")
 """Words for what was named just before, or is selected."""
 _THE_SELECTION = re.compile(
     r"\b(?:(?:the|this|my) (?:current )?selection|(?<=\w )what is selected|the selected (?:thing|one|object))\b"
@@ -179,6 +180,10 @@ def _beside(name: str, links: str = "") -> Rule:
     return either(CUES[name] + link + _whom >> (lambda *found: (found[0] if len(found) > 1 else name, found[-1])))
 
 
+_before_article = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("the", "a", "this", "that", "us") else {})
+"""Whether a thing follows with its article: "nearest the tree", which "the nearest tree" is not."""
+
+
 def _aside_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
     """What adds nothing where it stands: a tag behind the question, a remark before or behind it."""
     words = [token.text for token in reading.tokens]
@@ -233,6 +238,7 @@ _slots: dict[str, Rule] = {
         >> (lambda one, names, two, same: _same(one, names, same)),
     ),
     "around-of": _beside("around", "to|of"),
+    "near-to": cue("nearest|closest|nearer|closer") + _before_article + _whom >> (lambda names: ("nearest", names)),
     "passes-by": _beside("passes"),
     "closing-to": either(
         _beside("closing", "to|from"),
@@ -317,6 +323,10 @@ _NOUN_CUES = {
     "order",
     "least",
     "how-many",
+    "first-with",
+    "last-with",
+    "max-height",
+    "far",
 }
 """Cues that may be nouns: "what is the speed"."""
 CLIP_FACTS = ("frames", "long", "rate")
@@ -324,7 +334,7 @@ CLIP_FACTS = ("frames", "long", "rate")
 _ROWS = tuple(_rows())
 _BINDING = word_set("in at on to from for of")
 """Prepositions that tell something of the thing behind them …"""
-_LOOSE = _BINDING | word_set("the a an it its that this these those already yet even really very quite rather so just")
+_LOOSE = _BINDING | word_set("the a an it its that this these those already yet even really very quite rather so just one would exactly")
 """… and other words that may be left out where nothing else fits."""
 _LOOSELY, _UNKNOWN = 20, 100
 """Costs of such a word, and of any word."""
@@ -364,7 +374,8 @@ def read_question(
     text = " ".join(question.lower().replace("’", "'").split())
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
-    parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING}\b)", re.sub(r"[?!.,;:\s]+$", "", text))
+    text = re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
+    parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING}\b)", text)
     parts = [part for part in parts if not _matches(_adds_nothing, part)] or parts
     understood: list[Asked] = []
     for number, part in enumerate(parts):
@@ -494,7 +505,8 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     manner = row.options.get("manner") or joined[0] or next((found[slot] for slot in _MANNERS if found.get(slot)), "")
     kind, polar, negated = row.kind, row.polar and " or " not in manner, row.polar and ("not" in found or "no" in found)
     negated = negated != ("says" in row.options)
-    if kind == "fastest_moment" and manner == "slowest":
+    kind = _OPPOSITE.get((kind, manner), kind)
+    if kind in _NEEDS_A_THING and not it and "it" in (*who, *thing, *pair, *other, *found.get("other", ())):
         return None
     if kind == "@place":  # before or behind everything is the nearest or the farthest
         kind = _BESIDE.get(manner, manner) if things else {"in front of": "nearest", "behind": "farthest"}.get(manner, "")
@@ -533,12 +545,16 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     )
 
 
-_JOINED = ("place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to")
+_JOINED = ("near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to")
 _MANNERS = (
     *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
     "farther-aside",
 )
 """Slots, the first that is filled: what says in which manner, or by which relation."""
+_OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}
+"""(kind, extreme that is asked for) -> the kind that it is."""
+_NEEDS_A_THING = ("@place", "neighbours", "between", "near", "relation", "size", "colour", "count", "compare_size", "biggest")
+"""Kinds that nothing stands in for where "it" stands for nothing."""
 _ALIKE = ("motion", "stops")
 """Kinds whose answers say the same of what stands still."""
 _MOST = ("fastest", "slowest")
@@ -574,7 +590,7 @@ def _nearest_kinds(text: str, clip: Clip, it: tuple[str, ...]) -> str:
     """What questions that the scene answers are like `text`; nothing where too many of its words would be left out."""
     reading = Reading.of(text, tokenise(text), {})
     near: dict[str, str] = {}
-    for cost, asked in _readings(reading, clip, it, whatever=True):
+    for cost, asked in _readings(reading, Clip(clip.fps, 10**6), it, whatever=True):  # times are another matter
         if cost < _UNKNOWN * len(reading.tokens) / 2 and asked.kind in ASKED_FOR:
             near.setdefault(asked.kind, _in_words(asked))
     return f" Do you ask {', or '.join([*near.values()][:2])}?" if near else ""
@@ -582,11 +598,13 @@ def _nearest_kinds(text: str, clip: Clip, it: tuple[str, ...]) -> str:
 
 def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
     """Why nothing is computed: the word that is not known, or what the question is about; and what may be meant."""
+    words = re.findall(r"[^\W\d_]+", text)
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
+    if not it and not _PRONOUNS.isdisjoint(words) and _understood(text, clip, ("it",)):
+        subject = "what is meant here, as nothing is selected or was named before"
     negation = re.search(_NEGATION, text)
     if negation and subject == "that":
         subject = f"what '{negation[0]}' asks for here"
-    words = re.findall(r"[^\W\d_]+", text)
     strange = next((word for word in words if re.fullmatch(_ADVERB, word)), "")
     last = [word for word in words if word not in _ASKING_WORDS][-1:]
     if not strange and last and re.search(rf"(?<!\ba )(?<!\ban )(?<!\bthe )\b{last[0]}$", text):
