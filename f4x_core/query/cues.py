@@ -91,9 +91,6 @@ side = right: [to|on|at|in] (the) right (hand) ({half}) (of the {pictures})
 side = middle: in the [middle|center|centre] (of the {pictures})|central|centered
 on-side: (on|to|at|in) (the) {direction} ({half})
 sides: {on-side} or {on-side}
-either-side-of: {on-side} or (to|on|at) (the) {direction} (side) of
-side-of: (to|on|at) (the) {direction} (side) of
-or-other-side: or {on-side} (of [it|him|her|them])
 sideways-or: {on-side} or {on-side}
 way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where to
 compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at)
@@ -131,6 +128,9 @@ own: it|them|itself|him|her
 event: (during|in|of|at) {its} [jump|leap|hop|flight|ride|run|walk|trick|turn|action|maneuver]
 tag: or not|(,) or|[for|in|at|on|to|of|from]|(,) [is|are|does|do|did|was|were|has|have|can] (not) [it|he|she|they|there|we|you]
 remark: i|we|my|because|there
+what-is-it: [what|which] (kind of|sort of|type of) ({noun}) (is|are) [it|this|that|these|those|they] ({noun}|is|are)
+    (called)|[identify|classify] [it|this|that] ({noun})|what [did|have] i (just) [{+click|select|pick|mark}] (on)|what is
+    selected|what am i looking at
 contents: what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to [see|edit]|{inside})|what are
     there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what is|a list|what (all)
     (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
@@ -247,8 +247,6 @@ list: list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (li
 ends-up: end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lands|finally|in the end
 comes-from: come from|comes from|start out|start off|starts off|starts out|begin|begins|start|starts
 clip-length: is (the|this) [{clips}]|does (the|this) [{clips}] [last|run|take|go on]
-faster-or: faster or slower|slower or faster
-nearer-or: [closer|nearer] or [farther|further] (away)|[farther|further] (away) or [closer|nearer]
 in-gap: in the [gap|space|room|middle]
 far-off: far (away|off)|close
 length: (the) length (of)
@@ -325,6 +323,7 @@ def _read(text: str) -> dict[str, Rule]:
 CUES = _read(_CUES)
 
 ROWS = """
+what_is: what-is-it
 frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
@@ -352,13 +351,13 @@ distance extreme=min: least thing get other
 distance: gap thing other | gap pair | gap thing together | gap thing | gap other | thing far-off other
 compare_size: by-factor bigger thing other | by-factor as-big thing other | who bigger thing | thing bigger
 compare_size manner=bigger: sort big thing | big thing compared-to | thing bigger-or other
-compare_speed manner=faster: sort fast thing | fast thing compared-to move? | thing faster-or other move?
+compare_speed manner=faster: sort fast thing | fast thing compared-to move?
 polar compare_size: thing bigger other not? | thing as-big other not? | thing as-big than not?
 compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who nearer thing us? | who nearer thing other | thing nearer other | thing nearer-or other us? | who nearest thing? other? | nearest other? | who near-to thing? | who front stands?
+nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? | nearest other? | who near-to thing? | who front stands?
 farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? | farthest other? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest

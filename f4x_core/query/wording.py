@@ -8,13 +8,13 @@ gives an answer to another question.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Any
 
 from ..errors import F4xError
-from ..language.grammar import NOTHING, Doubt, Mismatch, Reading, Rule, either, generated, tokenise
+from ..language.grammar import NOTHING, Doubt, Reading, Rule, either, generated, table, tokenise
 from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, spellings, word_set
 from ..language.times import END, START, Clip, Span, span
 from .knowledge import PEOPLE
@@ -99,15 +99,6 @@ _THE_SELECTION = re.compile(
     r"\b(?:(?:the|this|my) (?:current )?selection|(?<=\w )what is selected|the selected (?:thing|one|object))\b"
 )
 """More words for what is selected."""
-_WHAT_IT_IS = re.compile(
-    r"(?:(?:so|and|hey|please|tell me|can you tell me|do you know),? )*"
-    r"(?:(?:what|which)(?: (?:kind|sort|type) of)?(?: thing| object)?(?:'s| is| are|)"
-    r" (?:it|this|that|these|those|they)(?: thing| object| one)?(?: is| are| called| here| exactly| supposed to be)*"
-    r"|(?:identify|classify) (?:it|this|that)(?: thing| object)?"
-    r"|what (?:did|have) i (?:just )?(?:click|clicked|select|selected|pick|picked|mark|marked)(?: on)?"
-    r"|what is selected|what am i looking at)"
-)
-"""Asks for the word for what is selected; without a selection the same words ask for what there is."""
 _EVERYTHING = word_set("everything everybody everyone things objects")
 _MOST_WORDS = 4
 """Words of a name."""
@@ -165,6 +156,7 @@ _listing = cue("and|or|,|, and|, or|versus|vs|and of")
 _names = generated(_names_at)
 _us = CUES["camera"]
 _whom = either(_us >> (lambda: ()), _names)
+_end = either(_us >> (lambda: ()), _name >> (lambda name: (name,)))
 _possessed = _names + ~cue("'s|'")
 
 
@@ -215,28 +207,17 @@ _slots: dict[str, Rule] = {
     "than": cue("than|as") + _names,
     "us": cue("to|from|of|for|toward") + _us,
     "pair": either(
-        cue("between|in between") + _name + cue("and") + _us >> (lambda name: (name,)),
-        cue("between|in between") + _us + cue("and") + _name >> (lambda name: (name,)),
-        cue("from") + _us + cue("to") + _name >> (lambda name: (name,)),
-        cue("from") + _name + cue("to") + _us >> (lambda name: (name,)),
-        cue("from") + _name + cue("to") + _name >> (lambda one, two: (one, two)),
+        cue("between|in between|from") + _end + cue("and|to") + _end >> (lambda one, two: one + two),
         cue("between|in between") + _names,
     ),
     "but": CUES["but"] + _names,
     "place-of": either(
         _beside("place"),
-        cue("on|to|at") + _names + cue("'s left (hand) (side)") >> (lambda names: ("left of", names)),
-        cue("on|to|at") + _names + cue("'s right (hand) (side)") >> (lambda names: ("right of", names)),
+        cue("on|to|at") + _names + table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, words_of=WORDS)
+        >> (lambda names, relation: (relation, names)),
     ),
-    "place-or": either(
-        CUES["either-side-of"] + _names >> (lambda names: ("left of", names)),
-        CUES["side-of"] + _names + CUES["or-other-side"] >> (lambda names: ("left of", names)),
-        CUES["place"] + cue("or") + CUES["place"] + _names >> (lambda one, two, names: (one, names)),
-        CUES["place"] + _names + ~cue(",") + cue("or") + CUES["place"] + ~cue("it|them|him|her")
-        >> (lambda one, names, two: (one, names)),
-        CUES["place"] + _names + ~cue(",") + cue("or") + CUES["place"] + _names
-        >> (lambda one, names, two, same: _same(one, names, same)),
-    ),
+    "place-or": either(CUES["on-side"] >> (lambda: "left of"), CUES["place"]) + cue("or") + CUES["place"] + _names
+    >> (lambda one, two, names: (one, names)),
     "around-of": _beside("around", "to|of"),
     "near-to": cue("nearest|closest|nearer|closer") + _before_article + _whom >> (lambda names: ("nearest", names)),
     "passes-by": _beside("passes"),
@@ -248,10 +229,8 @@ _slots: dict[str, Rule] = {
 }
 
 
-def _same(relation: str, names: tuple[str, ...], others: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
-    if names != others and others != ("it",):
-        raise Mismatch
-    return relation, names
+Matches = dict[int, list[tuple[int, Any]]]
+"""Word where a slot matches -> its (end, value)."""
 
 
 @dataclass(frozen=True)
@@ -267,32 +246,27 @@ class _Row:
     needed: frozenset[str]
     """Those of them without which it is not asked."""
 
-    def cover(
-        self, reading: Reading, there: Collection[str], gaps: list[dict[int, int]]
-    ) -> tuple[int, dict[str, Any]] | None:
+    def cover(self, matches: Mapping[str, Matches], gaps: Sequence[dict[int, int]]) -> tuple[int, dict[str, Any]] | None:
         """(cost, value of each slot) of the cheapest way in which slots cover the sentence, with words between that add nothing.
 
-        `there`: the slots that match anywhere in the sentence; `gaps`: per word where such words end, and what leaving them out costs.
+        `matches`: of each slot that is in the sentence; `gaps`: per word where such words end, and what leaving them out costs.
         """
-        if not self.needed <= set(there):
+        if not self.needed <= matches.keys():
             return None
-        rules = {name: _slots[name] for name in self.slots if name in there}
-        ways: list[dict[frozenset[str], tuple[int, dict[str, Any]]]] = [{} for _ in range(len(reading.tokens) + 1)]
-        ways[0][frozenset()] = 0, {}
+        bits = {name: 1 << number for number, name in enumerate(self.slots) if name in matches}
+        needed = sum(bits[name] for name in self.needed)
+        ways: list[dict[int, tuple[int, dict[str, Any]]]] = [{} for _ in range(len(gaps) + 1)]
+        ways[0][0] = 0, {}
         for at, found in enumerate(ways[:-1]):
             for filled, (cost, values) in found.items():
-                steps = [
-                    (end, filled | {name}, cost, {**values, name: value[0] if value else None})
-                    for name, rule in rules.items()
-                    if name not in filled
-                    for end, value in rule.at(reading, at).items()
-                ]
-                for end, names, more, value in steps + [
-                    (end, filled, cost + loss, values) for end, loss in gaps[at].items()
-                ]:
-                    if end > at and (names not in ways[end] or more < ways[end][names][0]):
-                        ways[end][names] = more, value
-        return min((way for names, way in ways[-1].items() if self.needed <= names), key=itemgetter(0), default=None)
+                for name, bit in bits.items():
+                    for end, value in () if filled & bit else matches[name].get(at, ()):
+                        if end > at and cost < ways[end].get(filled | bit, (_NEVER,))[0]:
+                            ways[end][filled | bit] = cost, {**values, name: value}
+                for end, loss in gaps[at].items():
+                    if end > at and cost + loss < ways[end].get(filled, (_NEVER,))[0]:
+                        ways[end][filled] = cost + loss, values
+        return min((way for filled, way in ways[-1].items() if not needed & ~filled), key=itemgetter(0), default=None)
 
 
 def _rows() -> Iterator[_Row]:
@@ -308,26 +282,10 @@ def _rows() -> Iterator[_Row]:
             yield _Row(kind, "polar" in polar, options, tuple(slots), needed)
 
 
-_NOUN_CUES = {
-    "relation-of",
-    "fast",
-    "gap",
-    "big",
-    "where",
-    "path",
-    "path-length",
-    "way-of",
-    "duration",
-    "which-color",
-    "rate",
-    "order",
-    "least",
-    "how-many",
-    "first-with",
-    "last-with",
-    "max-height",
-    "far",
-}
+_NOUN_CUES = word_set(
+    "relation-of fast gap big where path path-length way-of duration which-color rate order least how-many first-with last-with"
+    " max-height far"
+)
 """Cues that may be nouns: "what is the speed"."""
 CLIP_FACTS = ("frames", "long", "rate")
 """Kinds of question about the clip itself."""
@@ -336,28 +294,17 @@ _BINDING = word_set("in at on to from for of")
 """Prepositions that tell something of the thing behind them …"""
 _LOOSE = _BINDING | word_set("the a an it its that this these those already yet even really very quite rather so just one would exactly")
 """… and other words that may be left out where nothing else fits."""
-_LOOSELY, _UNKNOWN = 20, 100
-"""Costs of such a word, and of any word."""
+_LOOSELY, _UNKNOWN, _NEVER = 20, 100, 10**6
+"""Costs of such a word, of any word, and of what there is no way to."""
 _aside = generated(_aside_at)
 _adds_nothing = either(CUES["filler"], _aside)
 _BESIDE = {"in front of": "in_front", "left of": "left_of", "right of": "right_of", "near": "neighbours"}
 """Relation -> the kind of question what stands so to a thing."""
-_MANY = (
-    "nearest",
-    "farthest",
-    "biggest",
-    "brightest",
-    "most_moving",
-    "compare_speed",
-    "order",
-    "count_moving",
-    "still",
-    "motion",
-)
+_MANY = word_set("nearest farthest biggest brightest most_moving compare_speed order count_moving still motion")
 """Kinds that can be about the single ones of a kind."""
 ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "path", "when_turns", "stops")
 """Kinds that are answered for each of several things."""
-_TWO = ("relation", "compare_size", "compare_speed")
+_TWO = word_set("relation compare_size compare_speed")
 _NEGATION = r"\b(?:no|not|never)\b"
 _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in which|at what|at which)"
 _ASKING_WORDS = {*_NO_NAMES, *SPELLING}
@@ -388,9 +335,6 @@ def read_question(
         follow_up = (
             re.fullmatch(r"(?:and|or|what about|how about|and what about)(?: for)? (.+)", part) if understood else None
         )
-        if selected and _WHAT_IT_IS.fullmatch(part):
-            understood.append(Asked("what_is", (selected,)))
-            continue
         more = _things_alone(follow_up[1]) if follow_up else ()
         if more:
             understood.append(replace(understood[-1], things=(*more, *understood[-1].things[len(more) :])))
@@ -446,7 +390,7 @@ def _understood(text: str, clip: Clip, it: tuple[str, ...], below: int = _UNKNOW
     reading = Reading.of(text, tokens, {})
     cost, asked = next(readings := _readings(reading, clip, it), (below, None))
     for same, other in readings:
-        if asked and same == cost and {asked.kind, other.kind} - {*_ALIKE} and asked.kind != other.kind:
+        if asked and same == cost and asked.kind != other.kind and "what_is" != asked.kind and {asked.kind, other.kind} - {*_ALIKE}:
             either_kind = ", or ".join(_in_words(one) for one in (asked, other))
             raise Unanswerable(f"This can be meant in two ways. Do you ask {either_kind}?")
     verb = asked and any(re.search(rf"\b(?:do|does|did) (?:\w+ )?{re.escape(thing)}$", text) for thing in asked.things if " " in thing)
@@ -456,9 +400,13 @@ def _understood(text: str, clip: Clip, it: tuple[str, ...], below: int = _UNKNOW
 def _readings(reading: Reading, clip: Clip, it: tuple[str, ...], whatever: bool = False) -> Iterator[tuple[int, Asked]]:
     """(cost, question) of every row that covers the sentence, the cheapest first; `whatever`: any words may be left out."""
     tokens = range(len(reading.tokens))
-    there = {name for name, rule in _slots.items() if any(rule.at(reading, at) for at in tokens)}
+    matches: dict[str, Matches] = {}
+    for name, rule in _slots.items():
+        for at in tokens:
+            if ways := rule.at(reading, at):
+                matches.setdefault(name, {})[at] = [(end, value[0] if value else None) for end, value in ways.items()]
     gaps = [_gaps(reading, at) | ({at + 1: _UNKNOWN} if whatever else {}) for at in tokens]
-    covers = [(row, cover) for row in _ROWS if (cover := row.cover(reading, there, gaps))]
+    covers = [(row, cover) for row in _ROWS if (cover := row.cover(matches, gaps))]
     for row, (cost, found) in sorted(covers, key=lambda one: (one[1][0], -len(one[0].needed))):
         if asked := _asked(row, found, clip, it):
             yield cost - len(row.needed) / 10, asked
@@ -479,8 +427,9 @@ def _either_or(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
     """The question that two ask, of which the second says only what is other: "Is the dog moving or standing still?"."""
     for joint in re.finditer(r",? or ", text):
         first = _understood(text[: joint.start()], clip, it)
-        for second in (text[joint.end() :], f"{text[joint.end() :]} it") if first and first.things else ():
-            other = _understood(second, clip, first.things)
+        rest, *other_thing = text[joint.end() :], *(first.other if first else ())
+        for second in (rest, f"{rest} it", *(f"it {rest} {of}{it}" for it in other_thing for of in ("", "of "))) if first else ():
+            other = _understood(second, clip, first.things[:-1] if other_thing else first.things) if first.things else None
             kinds = {first.kind, other.kind} if other else set()
             if other and other.things == first.things and (len(kinds) == 1 or kinds == {"motion", "stops"}):
                 manner = " or ".join(dict.fromkeys(filter(None, (first.manner, other.manner))))
@@ -505,6 +454,8 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     manner = row.options.get("manner") or joined[0] or next((found[slot] for slot in _MANNERS if found.get(slot)), "")
     kind, polar, negated = row.kind, row.polar and " or " not in manner, row.polar and ("not" in found or "no" in found)
     negated = negated != ("says" in row.options)
+    if kind == "what_is":
+        return Asked(kind, it) if it else None
     kind = _OPPOSITE.get((kind, manner), kind)
     if kind in _NEEDS_A_THING and not it and "it" in (*who, *thing, *pair, *other, *found.get("other", ())):
         return None
@@ -545,11 +496,8 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     )
 
 
-_JOINED = ("near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to")
-_MANNERS = (
-    *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
-    "farther-aside",
-)
+_JOINED = "near-to place-of place-or around-of passes-by closing-to compared-to".split()
+_MANNERS = "manner order-by biggest brightest speediest bigger as-big faster color place farther-aside".split()
 """Slots, the first that is filled: what says in which manner, or by which relation."""
 _OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}
 """(kind, extreme that is asked for) -> the kind that it is."""
