@@ -57,8 +57,8 @@ rest: still|at rest|stationary|static|motionless|unmoving|immobile|resting|{stan
 set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going|set out|sets out
 stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full)
     [stop|halt|standstill|rest]|[stand|stands|stay|stays|remain|remains|standing|staying] still
-big-er: bigger|larger|taller|wider|longer|broader|higher|thicker|greater
-small-er: smaller|shorter|tinier|narrower|littler
+big-er: bigger|larger|wider|longer|broader|thicker|greater
+small-er: smaller|tinier|narrower|littler
 half: side|half|part|third|hand side
 what: what|who|which|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which of [the|these|those|all
     the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|what (is) (it) that|(the)
@@ -220,7 +220,10 @@ speediest = fastest: (the) [fastest|quickest|speediest] (moving) ({noun})|the [f
 speediest = slowest: (the) [slowest] (moving) ({noun})|the slower (one)
 bigger = bigger: (much|the|a lot) {big-er} (one|in size)
 bigger = smaller: (much|the|a lot) {small-er} (one|in size)
-as-big = bigger: as [big|large|tall|wide|long|high]|the same size
+bigger = taller: (much|the|a lot) [taller|higher] (one)
+bigger = lower: (much|the|a lot) [shorter|lower] (one)
+as-big = taller: as [tall|high]
+as-big = bigger: as [big|large|wide|long]|the same size
 as-big = smaller: as small
 faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)
 faster = slower: (much|the|a lot) [slower|more slowly] (one)

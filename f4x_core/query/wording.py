@@ -307,7 +307,7 @@ ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "pat
 _TWO = word_set("relation compare_size compare_speed")
 _NEGATION = r"\b(?:no|not|never)\b"
 _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in which|at what|at which)"
-_ASKING_WORDS = {*_NO_NAMES, *SPELLING}
+_ASKING_WORDS = {*_NO_NAMES, *SPELLING} - {"looking"}  # in "what am I looking at?" alone
 
 
 def read_question(
@@ -445,7 +445,8 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     if who and len(thing) == 1:
         return None
     other = (*found.get("other", ()), *found.get("than", ()), *pair[1:], *joined[1])
-    things = _resolved((*who, *thing, *pair[:1], *other), it)
+    named = (*who, *thing, *pair[:1], *other)
+    things = _resolved(named, it)
     other = things[len(things) - len(other) :] if len(things) >= len(other) else ()
     if row.kind == "distance" and len(things) < 2:
         if not things:
@@ -457,7 +458,7 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     if kind == "what_is":
         return Asked(kind, it) if it else None
     kind = _OPPOSITE.get((kind, manner), kind)
-    if kind in _NEEDS_A_THING and not it and "it" in (*who, *thing, *pair, *other, *found.get("other", ())):
+    if row.kind in _NEEDS_A_THING and not it and "it" in named:
         return None
     if kind == "@place":  # before or behind everything is the nearest or the farthest
         kind = _BESIDE.get(manner, manner) if things else {"in front of": "nearest", "behind": "farthest"}.get(manner, "")
@@ -475,7 +476,8 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
         other = things[-1:]
     if not several and (kind in _TWO or (polar and kind in ("nearest", "farthest"))) and manner not in _MOST:
         return None
-    single = (*who, *thing) if kind in _MANY and len(who) + len(thing) == 1 and not (polar or pair) else ()
+    nearest_of_several = kind in ("nearest", "farthest") and bool(other) and len(things) > 2
+    single = things[:1] if nearest_of_several else (*who, *thing) if kind in _MANY and len(who) + len(thing) == 1 and not (polar or pair) else ()
     if kind == "motion" or "it" in single or (other and kind not in ("nearest", "farthest")):
         single = ()
     span = _frames(found["time"], clip) if "time" in found else None
