@@ -10,9 +10,14 @@ from ..language.lexicon import forms, word_set
 
 WORDS: set[str] = set()
 """Every word of the cues: none of them is the name of a thing."""
-_WALK = "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap|drift|trot|stroll|sprint|rush|cruise|skate|paddle|waddle|stride|pedal"
+_WALK = (
+    "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap"
+    "|drift|trot|stroll|sprint|rush|cruise|skate|paddle|waddle|stride|pedal"
+)
 _PAST = {"ran": "run", "swam": "swim", "drove": "drive", "driven": "drive", "flew": "fly", "rode": "ride"}
-COLOURS = word_set("red orange yellow green blue purple violet pink brown black white gray beige golden silver gold turquoise cyan navy tan")
+COLOURS = word_set(
+    "red orange yellow green blue purple violet pink brown black white gray beige golden silver gold turquoise cyan navy tan"
+)
 
 
 def cue(spec: str) -> Rule:
@@ -104,12 +109,12 @@ always: [stay|stays|remain|remains|staying|remaining] [visible|in
     time|at all times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single
     frame|from start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the
     {clips}|from (the) [beginning|start] to (the) end
-enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|move into|walk into|drive into|step
-    into}] (the|this) ({pictures})
+enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|step into}|{manner} into] (the|this)
+    ({pictures})
 gone: gone|no longer [{inside}|there|here|around|visible]
 leave: {+disappear|vanish|go away|go out}|(we|you|i) {+lose sight of}|out of [sight|view|the picture|the
     frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out
-    of|drop out of|drive out of|walk out of|run out of}] (the|this) ({pictures})
+    of|drop out of}|{manner} out of] (the|this) ({pictures})
 happens-to: what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
     about
 happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
@@ -191,9 +196,9 @@ lasts: cover|covers|last|lasts|run|runs|take|takes|go on|goes on|have|has|contai
 order: (in) [which|what] [order|sequence|succession]|in order|(in) the order|order|one after the other
 sort: put|compare|{+order|sort|rank|arrange}|order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order
     of|put in order|in order
-everything: everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all) (of) (the|these|those)
-    [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what is there|what you
-    see|them
+everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all)
+    (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what
+    is there|what you see|them
 first: first|last|(is|are) the first (one|thing|object) to|(is|are) the last (one|thing|object) to|earliest|before all others
 start: [{set-off}|continue|continues|first] (to)
 turn: [{+turn}] (around|round|back|left|right|to the left|to the right|the corner)|[{+change}] (its|his|her|the|their)
@@ -311,7 +316,11 @@ def _read(text: str) -> dict[str, Rule]:
     colour = table({name: name for name in shades}, words_of=WORDS)
     named = {
         "manner": table(verbs, words_of=WORDS),
-        "color": either(colour + cue("or|, or") + colour >> (lambda one, two: f"{one} or {two}"), colour),
+        "color": either(
+            colour + cue(",") + colour + cue("or|, or") + colour >> (lambda *shades: " or ".join(shades)),
+            colour + cue("or|, or") + colour >> (lambda one, two: f"{one} or {two}"),
+            colour,
+        ),
     }
     for line in text.replace("\n    ", " ").strip().splitlines():
         head, _, spec = line.partition(": ")
@@ -330,12 +339,12 @@ what_is: what-is-it
 frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: sort? order? contents? everything? thing? by-what? us? order-by stands?
-order: order thing? everything? start? move? | order thing? everything? set-off | who first start? move | who first set-off
-nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other?
-nearest_moment: when near-to thing | when thing passes-by | when passes thing
-farthest_moment: when farthest thing together? | when farthest thing other together?
-farthest_moment: when biggest gap pair | when biggest gap thing
+order: sort? order? contents? everything? thing? by-what? us? order-by stands? | order thing? everything? start? move? | order
+    thing? everything? set-off | who first start? move thing? | who first set-off
+nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other? |
+    when near-to thing | when thing passes-by | when passes thing
+farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest
+    gap thing
 highest_moment: when highest thing? move?
 fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
 slowest_moment: when slowest thing? move?
@@ -345,12 +354,12 @@ neighbours: who around-of stands? | who thing around | any around-of stands?
 between: who pair in-gap? stands? | any pair in-gap? stands?
 relation manner=compared: relation-of thing other
 relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands?
-relation: who farther-aside thing stands? | who place thing stands?
+    | who farther-aside thing stands? | who place thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 polar near: thing around-of stands? not?
-distance extreme=min: close thing get other | close thing get together | least gap pair | least gap thing other | close thing get
-distance extreme=min: least thing get other
+distance extreme=min: close thing get other | close thing get together | least gap pair | least gap thing other | close thing
+    get | least thing get other
 distance: gap thing other | gap pair | gap thing together | gap thing | gap other | thing far-off other
 compare_size: by-factor bigger thing other | by-factor as-big thing other | who bigger thing | thing bigger
 compare_size manner=bigger: sort big thing | big thing compared-to | thing bigger-or other
@@ -360,8 +369,10 @@ compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? | nearest other? | who near-to thing? | who front stands?
-farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? | farthest other? | who back stands?
+nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest
+    other? | who near-to thing? | who front stands?
+farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? stands? |
+    farthest other? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
@@ -371,14 +382,12 @@ polar colour: thing color not?
 count_moving: how-many any? move but? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
 count: how-many thing seen? side? stands? remain? | several thing seen? side? stands? remain?
-still: everything rest | any not move | any rest always?
-still: who not move start? always? | who rest always? stands? | who stands always?
-still: how-many thing rest stands? | how-many thing not move
+still: everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? | who stands
+    always? | how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
 polar leave: thing leave not?
 polar enter: thing enter not?
-approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other
-approach: thing closing-to move? get? or-away
+approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other | thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
 rise: high thing rise move? | max-height thing | by-how-much thing go-up
 polar stops: thing stop move? not?
@@ -389,10 +398,11 @@ fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
 path: path thing takes? | how thing move | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
-way: way thing move? takes? along? sideways-or? | thing move sideways-or | whereto thing move along? | way-of thing | thing move sideways-or
+way: way thing move? takes? along? sideways-or? | thing move sideways-or | whereto thing move along? | way-of thing | thing
+    move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
-seeing: how-long thing visible
+seeing: how-long thing visible can?
 size: big thing covers?
 far: far thing move | far thing crosses | far thing get | path-length thing takes? | length thing path
 motion: when thing move start? | when thing stop move? | when thing set-off move? | when thing rest
@@ -410,22 +420,20 @@ polar seen: thing time | thing seen not? can? | no thing seen | any-of thing
 things: list? contents seen? | happens clip? | list everything
 """
 
-ASKED_FOR = dict(
-    entry.strip().split(": ")
-    for entry in """
-    where: where {} is; side: on which side {} is; relation: how {} stand to each other; neighbours: what is near {};
-    behind: what is behind {}; in_front: what is in front of {}; left_of: what is left of {}; right_of: what is right of {};
-    above: what is above {}; below: what is below {}; between: what is between {}; way: which way {} goes;
-    path: which path {} takes; motion: whether and when {} moves; stops: whether {} stops; still: what stands still;
-    seen: whether or when {} is seen; always: whether {} is always seen; seeing: how long {} is seen;
-    enter: when {} comes into the picture; leave: when {} goes out of the picture; nearest_moment: when {} is nearest;
-    farthest_moment: when {} is farthest; highest_moment: when {} is highest; fastest_moment: when {} is fastest;
-    slowest_moment: when {} is slowest; when_turns: when {} turns; distance: how far away {} is; approach: whether {} comes nearer;
-    fast: how fast {} moves; far: how far {} goes; lasting: how long {} moves; rise: how far {} rises; size: how big {} is;
-    compare_size: which of {} is bigger; compare_speed: which of {} is faster; colour: what colour {} has;
-    count: how many of {} there are; count_moving: how many things move; nearest: what is nearest; farthest: what is farthest;
-    biggest: what is biggest; brightest: what is brightest; most_moving: what moves most; order: in which order things stand or move;
-    does: what {} does; things: what there is to see; long: how long the clip is; frames: how many frames it has
-    """.split(";")
-)
+_ASKED_FOR = """
+where: where {} is; side: on which side {} is; relation: how {} stand to each other; neighbours: what is near {}; behind: what
+is behind {}; in_front: what is in front of {}; left_of: what is left of {}; right_of: what is right of {}; above: what is
+above {}; below: what is below {}; between: what is between {}; way: which way {} goes; path: which path {} takes; motion:
+whether and when {} moves; stops: whether {} stops; still: what stands still; seen: whether or when {} is seen; always:
+whether {} is always seen; seeing: how long {} is seen; enter: when {} comes into the picture; leave: when {} goes out of the
+picture; nearest_moment: when {} is nearest; farthest_moment: when {} is farthest; highest_moment: when {} is highest;
+fastest_moment: when {} is fastest; slowest_moment: when {} is slowest; when_turns: when {} turns; distance: how far away {}
+is; approach: whether {} comes nearer; fast: how fast {} moves; far: how far {} goes; lasting: how long {} moves; rise: how
+far {} rises; size: how big {} is; compare_size: which of {} is bigger; compare_speed: which of {} is faster; colour: what
+colour {} has; count: how many of {} there are; count_moving: how many things move; nearest: what is nearest; farthest: what
+is farthest; biggest: what is biggest; brightest: what is brightest; most_moving: what moves most; order: in which order
+things stand or move; does: what {} does; things: what there is to see; long: how long the clip is; frames: how many frames it
+has
+"""
+ASKED_FOR: dict[str, str] = dict(re.findall(r"(\w+): ([^;]+)", " ".join(_ASKED_FOR.split())))
 """Kind of question -> what it asks for, with the place of its things."""

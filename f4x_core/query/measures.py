@@ -74,7 +74,9 @@ def measure(
         width, height = (width_along(posed[0].means[rows], cameras[0].camera_to_world[:3, axis]) for axis in (0, 1))
         name = label if label in named else f"the {label}"
         pixels, depth = np.stack([pixel[0] for pixel, _ in seen]), np.array([far[0] for _, far in seen])
-        measured.append(Measured(name, rows, centres, pixels, depth, width, bool(scene.moving[rows].mean() > 0.5), height))
+        measured.append(
+            Measured(name, rows, centres, pixels, depth, width, bool(scene.moving[rows].mean() > 0.5), height)
+        )
     return measured
 
 

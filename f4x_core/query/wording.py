@@ -17,8 +17,8 @@ from ..errors import F4xError
 from ..language.grammar import NOTHING, Doubt, Reading, Rule, either, generated, table, tokenise
 from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, spellings, word_set
 from ..language.times import END, START, Clip, Span, span
-from .knowledge import PEOPLE
 from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
+from .knowledge import PEOPLE
 
 CAN = (
     "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
@@ -103,7 +103,8 @@ _EVERYTHING = word_set("everything everybody everyone things objects")
 _MOST_WORDS = 4
 """Words of a name."""
 _ARTICLE = cue(
-    "the (two)|a|an|any|some|this|that|these|those|my|your|our|his|her|its|their|all (of) (the)|each|every|both (of) (the)|single|of the"
+    "the (two)|a|an|any|some|this|that|these|those|my|your|our|his|her|its|their"
+    "|all (of) (the)|each|every|both (of) (the)|single|of the"
 )
 
 
@@ -194,7 +195,8 @@ _INTERROGATIVES = word_set("when where how what which who if whether tell")
 _slots: dict[str, Rule] = {
     **CUES,
     "time": either(
-        cue("(in|at|on|during) the (very) last frame|when [it|the clip|the video] [ends|is over]") >> (lambda: Span(END, END, "moment")),
+        cue("(in|at|on|during) the (very) last frame|when [it|the clip|the video] [ends|is over]")
+        >> (lambda: Span(END, END, "moment")),
         cue("when [it|the clip|the video] [begins|starts]") >> (lambda: Span(START, START, "moment")),
         generated(_span_at),
     ),
@@ -213,7 +215,9 @@ _slots: dict[str, Rule] = {
     "but": CUES["but"] + _names,
     "place-of": either(
         _beside("place"),
-        cue("on|to|at") + _names + table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, words_of=WORDS)
+        cue("on|to|at")
+        + _names
+        + table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, words_of=WORDS)
         >> (lambda names, relation: (relation, names)),
     ),
     "place-or": either(CUES["on-side"] >> (lambda: "left of"), CUES["place"]) + cue("or") + CUES["place"] + _names
@@ -246,7 +250,9 @@ class _Row:
     needed: frozenset[str]
     """Those of them without which it is not asked."""
 
-    def cover(self, matches: Mapping[str, Matches], gaps: Sequence[dict[int, int]]) -> tuple[int, dict[str, Any]] | None:
+    def cover(
+        self, matches: Mapping[str, Matches], gaps: Sequence[dict[int, int]]
+    ) -> tuple[int, dict[str, Any]] | None:
         """(cost, value of each slot) of the cheapest way in which slots cover the sentence, with words between that add nothing.
 
         `matches`: of each slot that is in the sentence; `gaps`: per word where such words end, and what leaving them out costs.
@@ -270,7 +276,7 @@ class _Row:
 
 
 def _rows() -> Iterator[_Row]:
-    for line in ROWS.strip().splitlines():
+    for line in ROWS.replace("\n    ", " ").strip().splitlines():
         (*polar, kind), _, ways = (line.partition(":")[0].split(), *line.partition(":")[1:])
         options = dict(word.split("=") for word in (*polar, kind) if "=" in word)
         kind = next(word for word in (*polar, kind) if "=" not in word and word != "polar")
@@ -292,7 +298,9 @@ CLIP_FACTS = ("frames", "long", "rate")
 _ROWS = tuple(_rows())
 _BINDING = word_set("in at on to from for of")
 """Prepositions that tell something of the thing behind them …"""
-_LOOSE = _BINDING | word_set("the a an it its that this these those already yet even really very quite rather so just one would exactly")
+_LOOSE = _BINDING | word_set(
+    "the a an it its that this these those already yet even really very quite rather so just one would exactly"
+)
 """… and other words that may be left out where nothing else fits."""
 _LOOSELY, _UNKNOWN, _NEVER = 20, 100, 10**6
 """Costs of such a word, of any word, and of what there is no way to."""
@@ -327,7 +335,9 @@ def read_question(
     understood: list[Asked] = []
     for number, part in enumerate(parts):
         it: tuple[str, ...] = (selected,) if selected else ()
-        if not it and number + 1 < len(parts) and _IT.isdisjoint(part.split()):  # "how fast and how far does the dog run?"
+        if (
+            not it and number + 1 < len(parts) and _IT.isdisjoint(part.split())
+        ):  # "how fast and how far does the dog run?"
             ahead = _understood(parts[number + 1], Clip(fps, frames), ())
             it = ahead.things if ahead else ()
         if understood:
@@ -370,7 +380,11 @@ def _things_alone(text: str) -> tuple[str, ...]:
 
 
 def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
-    asked = _understood(text, clip, it) or _either_or(text, clip, it) or (_understood(f"{text} it", clip, it) if it else None)
+    asked = (
+        _understood(text, clip, it)
+        or _either_or(text, clip, it)
+        or (_understood(f"{text} it", clip, it) if it else None)
+    )
     if asked is None:
         instead = re.sub(
             r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else misspelt(m[0], _ASKING_WORDS) or m[0], text
@@ -389,11 +403,12 @@ def _understood(text: str, clip: Clip, it: tuple[str, ...], below: int = _UNKNOW
     tokens = tokenise(text)  # "Isn't it moving?" wants the same yes as "Is it moving?"
     reading = Reading.of(text, tokens, {})
     cost, asked = next(readings := _readings(reading, clip, it), (below, None))
-    for same, other in readings:
-        if asked and same == cost and asked.kind != other.kind and "what_is" != asked.kind and {asked.kind, other.kind} - {*_ALIKE}:
-            either_kind = ", or ".join(_in_words(one) for one in (asked, other))
-            raise Unanswerable(f"This can be meant in two ways. Do you ask {either_kind}?")
-    verb = asked and any(re.search(rf"\b(?:do|does|did) (?:\w+ )?{re.escape(thing)}$", text) for thing in asked.things if " " in thing)
+    for same, other in readings if asked and asked.kind in ASKED_FOR else ():
+        if asked and same == cost and other.kind not in (asked.kind, *(_ALIKE if asked.kind in _ALIKE else ())):
+            raise Unanswerable(f"This can be meant in two ways. Do you ask {_in_words(asked)}, or {_in_words(other)}?")
+    verb = asked and any(
+        re.search(rf"\b(?:do|does|did) (?:\w+ )?{re.escape(thing)}$", text) for thing in asked.things if " " in thing
+    )
     return asked if cost < below and not verb else None  # "the man live" is no name: "does" needs a verb
 
 
@@ -421,19 +436,18 @@ def _gaps(reading: Reading, at: int) -> dict[int, int]:
     return ends | dict.fromkeys(CUES["inside"].at(reading, at), 1)
 
 
-
-
 def _either_or(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
     """The question that two ask, of which the second says only what is other: "Is the dog moving or standing still?"."""
     for joint in re.finditer(r",? or ", text):
-        first = _understood(text[: joint.start()], clip, it)
-        rest, *other_thing = text[joint.end() :], *(first.other if first else ())
-        for second in (rest, f"{rest} it", *(f"it {rest} {of}{it}" for it in other_thing for of in ("", "of "))) if first else ():
-            other = _understood(second, clip, first.things[:-1] if other_thing else first.things) if first.things else None
-            kinds = {first.kind, other.kind} if other else set()
-            if other and other.things == first.things and (len(kinds) == 1 or kinds == {"motion", "stops"}):
-                manner = " or ".join(dict.fromkeys(filter(None, (first.manner, other.manner))))
-                return replace(first, polar=False, negated=False, side="", manner=manner)
+        first, rest = _understood(text[: joint.start()], clip, it), text[joint.end() :]
+        if first is None or not first.things:
+            continue
+        than = first.other[0] if first.other else ""  # "is the dog behind the bush or in front?"
+        for second in (rest, f"{rest} it", f"it {rest} {than}", f"it {rest} of {than}"):
+            other = _understood(second, clip, first.things[:-1] if than else first.things)
+            if other and other.things == first.things and len({first.kind, other.kind} - {"motion"}) < 2:
+                both = f"{first.manner} or {other.manner}" if first.kind == "colour" else first.manner
+                return replace(first, polar=False, negated=False, side="", manner=both)
     return None
 
 
@@ -458,10 +472,10 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     if kind == "what_is":
         return Asked(kind, it) if it else None
     kind = _OPPOSITE.get((kind, manner), kind)
-    if row.kind in _NEEDS_A_THING and not it and "it" in named:
-        return None
     if kind == "@place":  # before or behind everything is the nearest or the farthest
-        kind = _BESIDE.get(manner, manner) if things else {"in front of": "nearest", "behind": "farthest"}.get(manner, "")
+        kind = (
+            _BESIDE.get(manner, manner) if things else {"in front of": "nearest", "behind": "farthest"}.get(manner, "")
+        )
         manner = ""
         if not kind:
             return None
@@ -477,10 +491,18 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     if not several and (kind in _TWO or (polar and kind in ("nearest", "farthest"))) and manner not in _MOST:
         return None
     nearest_of_several = kind in ("nearest", "farthest") and bool(other) and len(things) > 2
-    single = things[:1] if nearest_of_several else (*who, *thing) if kind in _MANY and len(who) + len(thing) == 1 and not (polar or pair) else ()
+    single = (
+        things[:1]
+        if nearest_of_several
+        else (*who, *thing)
+        if kind in _MANY and len(who) + len(thing) == 1 and not (polar or pair)
+        else ()
+    )
     if kind == "motion" or "it" in single or (other and kind not in ("nearest", "farthest")):
         single = ()
     span = _frames(found["time"], clip) if "time" in found else None
+    if row.kind in _NEEDS_A_THING and not it and "it" in named:
+        return None
     if span is None and "at" in row.options:
         span = (clip.frames - 1.0, clip.frames - 1.0) if row.options["at"] == "end" else (0.0, 0.0)
     return Asked(
@@ -498,12 +520,15 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     )
 
 
-_JOINED = "near-to place-of place-or around-of passes-by closing-to compared-to".split()
-_MANNERS = "manner order-by biggest brightest speediest bigger as-big faster color place farther-aside".split()
+_JOINED = ["near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
+_MANNERS = (
+    *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
+    "farther-aside",
+)
 """Slots, the first that is filled: what says in which manner, or by which relation."""
 _OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}
 """(kind, extreme that is asked for) -> the kind that it is."""
-_NEEDS_A_THING = ("@place", "neighbours", "between", "near", "relation", "size", "colour", "count", "compare_size", "biggest")
+_NEEDS_A_THING = word_set("@place neighbours between near relation size colour count compare_size biggest seen")
 """Kinds that nothing stands in for where "it" stands for nothing."""
 _ALIKE = ("motion", "stops")
 """Kinds whose answers say the same of what stands still."""
