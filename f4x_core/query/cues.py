@@ -433,7 +433,7 @@ far {} rises; size: how big {} is; compare_size: which of {} is bigger; compare_
 colour {} has; count: how many of {} there are; count_moving: how many things move; nearest: what is nearest; farthest: what
 is farthest; biggest: what is biggest; brightest: what is brightest; most_moving: what moves most; order: in which order
 things stand or move; does: what {} does; things: what there is to see; long: how long the clip is; frames: how many frames it
-has
+has; rate: how many frames a second there are
 """
 ASKED_FOR: dict[str, str] = dict(re.findall(r"(\w+): ([^;]+)", " ".join(_ASKED_FOR.split())))
 """Kind of question -> what it asks for, with the place of its things."""

@@ -412,7 +412,9 @@ def _understood(text: str, clip: Clip, it: tuple[str, ...], below: int = _UNKNOW
     return asked if cost < below and not verb else None  # "the man live" is no name: "does" needs a verb
 
 
-def _readings(reading: Reading, clip: Clip, it: tuple[str, ...], whatever: bool = False) -> Iterator[tuple[int, Asked]]:
+def _readings(
+    reading: Reading, clip: Clip, it: tuple[str, ...], whatever: bool = False
+) -> Iterator[tuple[float, Asked]]:
     """(cost, question) of every row that covers the sentence, the cheapest first; `whatever`: any words may be left out."""
     tokens = range(len(reading.tokens))
     matches: dict[str, Matches] = {}
@@ -443,7 +445,8 @@ def _either_or(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
         if first is None or not first.things:
             continue
         than = first.other[0] if first.other else ""  # "is the dog behind the bush or in front?"
-        for second in (rest, f"{rest} it", f"it {rest} {than}", f"it {rest} of {than}"):
+        placed = re.sub(r" (?:it|them|him|her)$", "", rest)
+        for second in (rest, f"{rest} it", f"it {placed} {than}", f"it {placed} of {than}"):
             other = _understood(second, clip, first.things[:-1] if than else first.things)
             if other and other.things == first.things and len({first.kind, other.kind} - {"motion"}) < 2:
                 both = f"{first.manner} or {other.manner}" if first.kind == "colour" else first.manner
