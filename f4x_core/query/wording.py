@@ -579,7 +579,7 @@ def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
     words = re.findall(r"[^\W\d_]+", text)
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
     if not it and not _PRONOUNS.isdisjoint(words) and _understood(text, clip, ("it",)):
-        subject = "what is meant here, as nothing is selected or was named before"
+        return Unanswerable(f"I do not know what is meant here, as nothing is selected or was named before; {CAN}.")
     negation = re.search(_NEGATION, text)
     if negation and subject == "that":
         subject = f"what '{negation[0]}' asks for here"
