@@ -229,6 +229,8 @@ def test_between_is_near_the_line_and_not_beyond_its_ends(x, y, there):
 def test_between_a_thing_and_the_camera():
     told = say("between", thing("it", 0, 0, 4.0), everything=[FRONT, thing("the wall", 0, 0, 5.0)])
     assert told == "between them: the front."
+    comes, stone = thing("it", 0, 0, [4.0, 1.5, 1.5, 1.5, 1.5]), thing("the stone", 0, 0, 2.0)
+    assert say("between", comes, everything=[stone]) == "between them: the stone."  # as it is at the first moment
 
 
 def test_speed_needs_two_moments_and_comparison_two_things():
@@ -265,6 +267,7 @@ def test_a_colour_counts_by_the_surface_that_has_it():
     scene = lights((1, 0, 0), (0, 0, 1), (0, 0, 1), opacities=(0.5, 0.5, 0.5))
     assert say("colour", thing("it", 0, rows=(0, 1, 2)), scene=scene) == "it is blue (86%)."
     assert say("colour", thing("it", 0, rows=(0,)), scene=scene, polar=True, manner="blue") == "No: it is red (100%)."
+    assert say("colour", thing("it", 0, rows=(0,)), scene=scene, times=TIMES[3:4]) == "it is red (100%)."
 
 
 def test_brightness_is_luma_weighed_by_opacity():
