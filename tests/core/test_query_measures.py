@@ -184,6 +184,42 @@ def test_sides_of_two_go_by_the_pixels_of_the_first_moment():
     assert order == "from left to right at frame 0 (0.0 s): it, the other."
 
 
+@pytest.mark.parametrize(
+    ("kind", "manners", "moments"),
+    [
+        ("relation", ("in relation", "to the left", "over", "under", "in front", "behind", "near"), slice(1, 5)),
+        ("order", ("from left to right", "from right to left", "from near to far", "from far to near"), slice(1, 5)),
+        *(
+            (kind, ("",), slice(1, 5))
+            for kind in ("nearest", "farthest", "left_of", "right_of", "above", "below", "behind", "in_front")
+        ),
+        *((kind, ("",), slice(1, 5)) for kind in ("neighbours", "between")),
+        ("approach", ("", "away"), slice(1, 4)),
+    ],
+)
+def test_what_is_said_of_the_first_moment_does_not_depend_on_later_ones(kind, manners, moments):
+    """And "approach" compares the first with the last."""
+    rng = np.random.default_rng(3)
+    still = [thing(f"the thing {name}", *rng.normal(size=2), 2 + rng.uniform(), width=0.3) for name in "abcdef"]
+    for _ in range(5):
+        moved = []
+        for one in still:
+            centres = one.centres.copy()
+            centres[moments] += rng.normal(size=centres[moments].shape)
+            moved.append(replace_tracks(one, centres))
+        for manner in manners:
+            count = 2 if kind in ("relation", "approach", "between") else 6 if kind == "order" else 1
+            first, later = (
+                say(kind, *things[:count], everything=things, manner=manner, polar=True) for things in (still, moved)
+            )
+            assert first == later
+
+
+def replace_tracks(one, centres):
+    """The thing along other places."""
+    return replace(one, centres=centres, pixels=100 * centres[:, :2], depth=centres[:, 2])
+
+
 @pytest.mark.parametrize(("apart", "near"), [(0.39, "Yes"), (0.41, "No")])
 def test_two_things_are_near_within_their_widths(apart, near):
     assert say("relation", thing("it", 0.0), thing("the other", apart), manner="near", polar=True).startswith(near)
