@@ -87,6 +87,8 @@ def test_the_seen_are_the_square_and_through_it_the_wall():
         SCENE.cameras.at(2.0).project(SCENE.static.means)[0]
     )
     assert behind.sum() > 10 and not (seen.chosen[:COUNT] & behind).any()
+    as_it_is = select_by_gesture(SCENE, view(), box_of_square(2.0))
+    np.testing.assert_array_equal(as_it_is.chosen, seen.chosen)  # what is seen, unless asked otherwise
 
 
 @pytest.mark.parametrize("through", [False, True])

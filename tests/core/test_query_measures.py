@@ -208,11 +208,20 @@ def test_what_is_said_of_the_first_moment_does_not_depend_on_later_ones(kind, ma
             centres[moments] += rng.normal(size=centres[moments].shape)
             moved.append(replace_tracks(one, centres))
         for manner in manners:
-            count = 2 if kind in ("relation", "approach", "between") else 6 if kind == "order" else 1
-            first, later = (
-                say(kind, *things[:count], everything=things, manner=manner, polar=True) for things in (still, moved)
-            )
-            assert first == later
+            counts = {
+                "relation": (2,),
+                "approach": (2,),
+                "between": (1, 2),
+                "order": (6,),
+                "nearest": (1, 3),
+                "farthest": (1, 3),
+            }
+            for named in counts.get(kind, (1,)):
+                first, later = (
+                    say(kind, *things[:named], everything=things, manner=manner, polar=True)
+                    for things in (still, moved)
+                )
+                assert first == later
 
 
 def replace_tracks(one, centres):
@@ -275,6 +284,12 @@ def test_speed_needs_two_moments_and_comparison_two_things():
     for kind in ("compare_size", "relation"):
         with pytest.raises(F4xError, match="only one is named"):
             say(kind, DOG, manner="over")
+
+
+def test_speed_is_the_way_by_the_time_between_the_moments():
+    """Moments two frames, .2 s, apart: .031 a second is .0062 a moment."""
+    slow, slower = (thing("it", np.arange(5) * speed / 5) for speed in (0.031, 0.029))
+    assert say("count_moving", slow, slower, times=2 * TIMES) == "1 separate thing moves: it."
 
 
 def test_a_thing_moves_from_three_hundredths_a_second_on():
