@@ -35,6 +35,7 @@ VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
 _rendering = False
 _failures: dict[int, str] = {}  # session_uid of a root -> why this frame of it could not be worked out
+_counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
 
 
 def refresh(scene_object: SceneObject) -> None:
@@ -85,6 +86,14 @@ def counts(scene_object: SceneObject) -> tuple[int, int]:
         total += int(there.sum())
         selected += 0 if chosen is None else int((chosen & there).sum())
     return selected, total
+
+
+def last_counts(scene_object: SceneObject) -> tuple[int, int]:
+    """`counts`, worked out only where Blender has seen a change since the last call: panels are drawn often."""
+    uid = scene_object.root.session_uid
+    if uid not in _counts:
+        _counts[uid] = counts(scene_object)
+    return _counts[uid]
 
 
 def _fill_lists(scene_object: SceneObject) -> None:
@@ -225,6 +234,7 @@ def check_frame(scene: bpy.types.Scene) -> None:
 def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Update scenes whose edits change over time."""
     for root in [item for item in scene.objects if item.get(TIMED)]:
+        _counts.pop(root.session_uid, None)
         failure, before = _draw_frame(SceneObject(root)), _failures.pop(root.session_uid, "")
         if failure:  # playback goes on with what was drawn last; renders do not
             _failures[root.session_uid] = failure
@@ -258,11 +268,8 @@ def _end_wrong_render(scene: bpy.types.Scene) -> None:
 
 
 @persistent
-def _undone(*_) -> None:
-    """Undo brings points back as they were at another frame, and keeps the frame."""
-    for root in [item for item in bpy.context.scene.objects if item.get(TIMED)]:
-        if not SceneObject(root).is_linked:
-            redraw(SceneObject(root))
+def _changed(*_) -> None:
+    _counts.clear()
 
 
 @persistent
@@ -281,13 +288,15 @@ def _render_ended(scene: bpy.types.Scene, *_) -> None:
 def _file_loaded(path: str) -> None:
     forget()
     _failures.clear()
+    _counts.clear()
 
 
 _HANDLERS = {
     "frame_change_post": _frame_changed,
+    "depsgraph_update_post": _changed,
+    "undo_post": _changed,
+    "redo_post": _changed,
     "load_post": _file_loaded,
-    "undo_post": _undone,
-    "redo_post": _undone,
     "render_init": _render_began,
     "render_complete": _render_ended,
     "render_cancel": _render_ended,

@@ -33,7 +33,6 @@ from ..f4x_core.edit.operations import (
     Transform,
     Vector,
 )
-from ..f4x_core.edit.plan import propose
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.edit.telling import told
 from ..f4x_core.errors import F4xError
@@ -44,7 +43,7 @@ from . import display
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
 from .preferences import preferences
-from .scene_object import EDITS, PREVIEW, SceneObject
+from .scene_object import EDITS, PREVIEW, TIMED, SceneObject
 from .wording import panel_words
 
 READINGS = 4
@@ -364,6 +363,9 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
         try:
             scene_object.prepared()
             scene, edit_context = scene_object.edited, scene_object.context
+            # Not above: the grammar takes a quarter of a second to build, and Blender starts more often than somebody speaks.
+            from ..f4x_core.edit.plan import propose
+
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
         except F4xError as error:
             state.answer = panel_words(with_code(error))
@@ -449,17 +451,28 @@ def _before_undo(*_) -> None:
 
 
 @persistent
-def _after_undo(*_) -> None:
-    """End the preview of a plan whose edit was just undone: one Ctrl-Z takes both back."""
-    for scene_object in SceneObject.among(bpy.data.objects):
-        edits = scene_object.root.get(EDITS, "")
-        if PREVIEW in scene_object.root and _before.get(scene_object.root.session_uid, edits) != edits:
+def _undone(*_) -> None:
+    """Draw what undo or redo cannot bring back by itself.
+
+    The preview of a plan whose edit was just undone ends: one Ctrl-Z takes both back. What changes over time is drawn anew, for
+    undo brings points back as they were at another frame, and keeps the frame.
+    """
+    shown = bpy.context.scene.objects
+    for scene_object in [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked]:
+        root = scene_object.root
+        edits = root.get(EDITS, "")
+        ended = PREVIEW in root and _before.get(root.session_uid, edits) != edits
+        if ended:
             scene_object.show_preview(None)
             scene_object.state.readings.clear()
+        if ended or (root.get(TIMED) and root.name in shown):
             display.redraw(scene_object)
+        if edits:
+            scene_object.remember()
+    _before.clear()
 
 
-_HANDLERS = {"save_pre": _save_along, "undo_pre": _before_undo, "undo_post": _after_undo}
+_HANDLERS = {"save_pre": _save_along, "undo_pre": _before_undo, "undo_post": _undone, "redo_post": _undone}
 
 
 def register() -> None:

@@ -19,6 +19,8 @@ frame into the object's); ours: `gid` (identity), `rgb` (linear display colour),
 scene has features `f4x_latent`, their three principal components from 0 to 1.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
@@ -55,12 +57,24 @@ SOURCE = "f4x_source"
 """Property of the root of what came from another program: its file. A scene's root has `f4x_path` instead."""
 
 
+@contextmanager
+def _in_window() -> Iterator[None]:
+    """Where a script has just opened a file there is no current window, without which Blender converts no points."""
+    windows = bpy.context.window_manager.windows
+    if bpy.context.window is not None or not windows:
+        yield
+        return
+    with bpy.context.temp_override(window=windows[0]):
+        yield
+
+
+@_in_window()
 def import_scene(
     path: Path, *, set_up_render: bool = True, clip: Path | None = None, sequence: bool = True, step: int = 1
 ) -> bpy.types.Object:
     """Read a scene or splat file into the current Blender scene and return the root empty.
 
-    What `f4x_core.scene.foreign.open_any` opens, told by content: a `.f4x` scene with its edits, a 3DGS PLY, a `.splat`, a
+    What `f4x_core.scene.foreign.open_any` opens, told by content: a `.f4x` scene with its edits, a file of splats, a
     numbered PLY sequence (unless not `sequence`: that file alone), of which every `step`th is taken.
 
     `set_up_render` also takes over the clip's size, rate, frame range, camera and the Standard view transform. `clip` is shown

@@ -16,6 +16,7 @@ from ..f4x_core.scene.formats.usd import expected_bytes
 from ..f4x_core.troubles import with_code
 from . import jobs
 from .motion_edits import unwritten
+from .point_cloud import selected_in
 from .preferences import worker_python
 from .scene_object import PATH, SceneObject
 from .wording import panel_words
@@ -60,7 +61,7 @@ def import_fitted(result: dict[str, Any]) -> None:
     """Import the scene of a finished fit. A file that already shows a scene keeps its render size, frames and camera."""
     others = [item for item in bpy.data.objects if PATH in item and item.parent is None]
     alone, view_layer = not others, bpy.context.view_layer
-    active, selected = view_layer.objects.active, list(bpy.context.selected_objects)
+    active, selected = view_layer.objects.active, selected_in(view_layer)
     try:
         bpy.ops.f4x.import_scene(  # True: one step of undo
             "EXEC_DEFAULT", True, filepath=result["scene"], set_up_render=alone, show=alone

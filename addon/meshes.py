@@ -8,26 +8,35 @@ The engine Feature4X draws the Gaussians and never such a mesh; what it does in 
 
 from __future__ import annotations
 
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, IntProperty
 
 from ..f4x_core.edit.apply import EditedScene
+from ..f4x_core.edit.meshing import Request
 from ..f4x_core.errors import F4xError
-from ..f4x_core.language.lexicon import plural
 from ..f4x_core.scaffold import Scaffold
 from ..f4x_core.scaffold.deformation import node_poses_at
 from ..f4x_core.scene import Scene
 from ..f4x_core.scene.color import linear_from_srgb
-from ..f4x_core.scene.mesh import MeshConfig, Skin, SplatMesh, mesh_of
+from ..f4x_core.scene.mesh import MeshConfig, Skin, SplatMesh
+from . import jobs, scene_cache
 from .evaluated import OF
 from .motion_nodes import build_motion_tree
 from .panel import CATEGORY
 from .panel_operators import SceneOperator
-from .point_cloud import write_attribute
+from .point_cloud import selected_in, write_attribute
 from .rig_repair import ORDER, add_pairs
 from .scaffold_rig import NODES, all_nodes
 from .scene_object import SceneObject
+from .worker import RUNNING, Job, own_command
+
+TITLE = "Mesh of"
+"""How the titles of jobs begin that make a mesh."""
 
 
 def add_mesh(root: bpy.types.Object, scene: Scene, made: SplatMesh, count: int) -> bpy.types.Object:
@@ -84,10 +93,11 @@ def _material(name: str) -> bpy.types.Material:
 
 
 class F4X_OT_make_mesh(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blender wants this form
-    """Make a mesh around the selected Gaussians, moved by the same nodes."""
+    """Make a mesh around the selected Gaussians, moved by the same nodes. A job does it; it is listed under Jobs."""
 
     bl_idname = "f4x.make_mesh"
     bl_label = "Make Mesh"
+    bl_options = {"REGISTER"}  # noqa: RUF012 - the job that it starts is a step of undo when it ends
 
     resolution: IntProperty(  # type: ignore[valid-type]
         name="Resolution", description="Steps along its longest side", default=MeshConfig.resolution, min=8, max=256
@@ -101,22 +111,53 @@ class F4X_OT_make_mesh(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blend
         description="Find the surface at the current frame; else at the frame where the thing is spread the widest",
     )
 
+    def invoke(self, context, event):
+        """Open the dialog."""
+        return context.window_manager.invoke_props_dialog(self)
+
     def act(self, context, scene_object):
-        """Make it; the nodes take it from there to every frame."""
+        """Start the job."""
         chosen = scene_object.selection
         if chosen is None:
             raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
-        scene = scene_object.edited
         time = scene_object.frame if self.current else None
-        config = MeshConfig(self.resolution, self.faces)
-        made = mesh_of(scene, np.isin(scene.ids, chosen.chosen_ids), time, config)
-        item = add_mesh(scene_object.root, scene, made, len(chosen.chosen_ids))
-        for other in context.selected_objects:
+        _start(scene_object, chosen.chosen_ids, time, MeshConfig(self.resolution, self.faces))
+
+
+def _start(scene_object: SceneObject, ids: np.ndarray, time: float | None, config: MeshConfig) -> None:
+    """Start a job that makes a mesh, and adds it to the scene when it is done."""
+    scene, uid, active = scene_object.edited, scene_object.root.session_uid, _active_uid()
+    folder = Path(mkdtemp(dir=bpy.app.tempdir, prefix="mesh-"))
+    asked, made = folder / "request.npz", folder / "made.npz"
+    edits = scene_cache.text_of(scene_object.stack)
+    Request(scene_object.path, edits, ids, time, config).write(asked)
+
+    def done(result: dict[str, Any]) -> None:
+        root = next((item for item in bpy.data.objects if item.session_uid == uid), None)
+        if root is None:
+            raise F4xError("The scene that the mesh belongs to is no longer there; make it again.")
+        item = add_mesh(root, scene, SplatMesh.read(made), len(ids))
+        if active == _active_uid():  # else the person is busy with something else by now
+            _make_active(item)
+        if bpy.ops.ed.undo_push.poll():
+            bpy.ops.ed.undo_push(message="Make Mesh")
+
+    jobs.start(Job(f"{TITLE} {scene_object.name}", own_command("edit.meshing", asked, made), done))
+
+
+def _active_uid() -> int:
+    """session_uid of the active object; 0 where there is none."""
+    active = bpy.context.view_layer.objects.active
+    return 0 if active is None else active.session_uid
+
+
+def _make_active(item: bpy.types.Object) -> None:
+    layer = bpy.context.view_layer
+    if bpy.context.mode == "OBJECT" and item.name in layer.objects:
+        for other in selected_in(layer):
             other.select_set(False)
         item.select_set(True)
-        context.view_layer.objects.active = item
-        count = len(made.faces)
-        self.report({"INFO"}, f"{item.name}: {count:,} triangles in {made.parts} {plural('part', made.parts)}")
+        layer.objects.active = item
 
 
 class F4X_OT_collider(bpy.types.Operator):  # noqa: N801
@@ -160,7 +201,10 @@ class F4X_PT_mesh(bpy.types.Panel):  # noqa: N801
     def draw(self, context):
         """Draw the button, and the switches of the active mesh."""
         layout, item = self.layout, context.object
-        layout.operator("f4x.make_mesh", icon="MESH_DATA")
+        layout.operator("f4x.make_mesh", text="Make Mesh…", icon="MESH_DATA")
+        for job in jobs.all_jobs():  # ended ones stay under Jobs
+            if job.title.startswith(TITLE) and job.state == RUNNING:
+                jobs.draw_job(layout, context, job)
         if is_made(item):
             column = layout.column(heading=item.name, align=True)
             for name in SWITCHES:

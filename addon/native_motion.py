@@ -3,7 +3,8 @@
 The modifier `Feature4X motion` is then off in viewports, not in renders, and the engine's reader asks `carried_cloud` where the
 Gaussians are: the core's deformer moves them by the empties as Blender has evaluated them. As soon as another kind of viewport
 opens, a mode other than Object Mode begins, geometry nodes of others may look at the points, or the .blend is saved, the
-modifier is on again.
+modifier is on again. Blender saves by itself without telling anybody: what is off is marked with the property `f4x_carried`, and
+on again in a file that was opened.
 """
 
 from __future__ import annotations
@@ -24,15 +25,17 @@ from .point_cloud import read_attribute
 from .render_settings import ENGINE
 from .rig_repair import ORDER
 from .scaffold_rig import NODE, NODES
-from .scene_object import SceneObject
+from .scene_object import SceneObject, root_of
 
 GLANCE = 0.5
 """Seconds between two looks at the viewports."""
 OURS = "Feature4X "
 """How the names of our modifiers begin."""
 
+CARRIED = "f4x_carried"
+"""Property of objects whose modifier we have switched off; a person may do so, too."""
+
 _clouds: dict[int, _CarriedCloud | None] = {}  # session_uid of a cloud's object -> what carries it; None = cannot be
-_off: set[int] = set()  # session_uids of objects whose modifier we have switched off; a person may do so, too
 
 
 class _CarriedCloud:
@@ -55,7 +58,10 @@ class _CarriedCloud:
     @property
     def is_current(self) -> bool:
         """Whether there are the same nodes as at first."""
-        return self._root.get(ORDER) == self._order and len(self._nodes) == len(self._rows)
+        try:
+            return self._root.get(ORDER) == self._order and len(self._nodes) == len(self._rows)
+        except ReferenceError:  # the root or the collection of its nodes was deleted
+            return False
 
     def now(self) -> Carried:
         """The Gaussians by the empties as they stand; the very same arrays where none has moved."""
@@ -107,10 +113,9 @@ def carried_places(owner: bpy.types.Object, data: bpy.types.PointCloud) -> np.nd
 
 def switch_on() -> None:
     """Let geometry nodes pose all clouds again."""
-    for item in bpy.data.objects if _off else ():
-        if _is_off(item):
-            item.modifiers[MOTION].show_viewport = True
-    _off.clear()
+    for item in bpy.data.objects:
+        if CARRIED in item and item.is_editable:
+            _switch_on(item)
     _clouds.clear()
 
 
@@ -122,8 +127,15 @@ def switch_off(item: bpy.types.Object) -> None:
         and item.modifiers[MOTION].show_viewport
         and _carries(item)
     ):
-        _off.add(item.session_uid)
+        item[CARRIED] = True
         item.modifiers[MOTION].show_viewport = False
+
+
+def _switch_on(item: bpy.types.Object) -> None:
+    """Let geometry nodes pose a cloud that the core has posed."""
+    del item[CARRIED]
+    if MOTION in item.modifiers:
+        item.modifiers[MOTION].show_viewport = True
 
 
 def look() -> float:
@@ -133,14 +145,13 @@ def look() -> float:
         switch_on()
     for item in bpy.context.scene.objects if wanted else ():
         if _is_off(item) and _carries(item) is None:  # a node was deleted
-            _off.discard(item.session_uid)
-            item.modifiers[MOTION].show_viewport = True
+            _switch_on(item)
         switch_off(item)
     return GLANCE
 
 
 def _is_off(item: bpy.types.Object) -> bool:
-    return item.session_uid in _off and MOTION in item.modifiers and not item.modifiers[MOTION].show_viewport
+    return CARRIED in item and MOTION in item.modifiers and not item.modifiers[MOTION].show_viewport
 
 
 def _carries(item: bpy.types.Object) -> _CarriedCloud | None:
@@ -152,11 +163,11 @@ def _carries(item: bpy.types.Object) -> _CarriedCloud | None:
 
 
 def _new_carrier(item: bpy.types.Object) -> _CarriedCloud | None:
-    scene_object = SceneObject.of(item)
-    if scene_object is None or scene_object.is_linked or NODES not in scene_object.root:
+    root = root_of(item)  # not `SceneObject.of`: a cloud without a root is no part of the only scene that there is
+    if root is None or SceneObject(root).is_linked or root.get(NODES) is None:
         return None
     try:
-        found = _CarriedCloud(scene_object)
+        found = _CarriedCloud(SceneObject(root))
     except F4xError:  # the file is gone; the points are in the .blend
         return None
     return found if found.is_whole else None
@@ -179,7 +190,7 @@ def _may_carry() -> bool:
 
 
 @persistent
-def _before_saving(*_) -> None:
+def _saving_or_opened(*_) -> None:
     switch_on()
 
 
@@ -188,23 +199,26 @@ def _changed(*_) -> None:
     _clouds.clear()
 
 
-_HANDLERS = {"save_pre": _before_saving, "load_post": _changed, "undo_post": _changed, "redo_post": _changed}
+_HANDLERS = {
+    "save_pre": _saving_or_opened,
+    "load_post": _saving_or_opened,
+    "undo_post": _changed,
+    "redo_post": _changed,
+}
 
 
 def register() -> None:
-    """Begin to look; without a window or the compiled library there is no need."""
-    if bpy.app.background or open_library()[0] is None:
-        return
+    """Begin to look; without a window or the compiled library nothing is switched off."""
     for name, function in _HANDLERS.items():
         getattr(bpy.app.handlers, name).append(function)
-    bpy.app.timers.register(look, first_interval=GLANCE, persistent=True)
+    if not bpy.app.background and open_library()[0] is not None:
+        bpy.app.timers.register(look, first_interval=GLANCE, persistent=True)
 
 
 def unregister() -> None:
     """Undo `register`."""
-    if not bpy.app.timers.is_registered(look):
-        return
-    bpy.app.timers.unregister(look)
     for name, function in _HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(function)
-    switch_on()
+    if bpy.app.timers.is_registered(look):
+        bpy.app.timers.unregister(look)
+        switch_on()

@@ -15,6 +15,7 @@ from .clip_background import doubt, show_clip
 from .import_scene import SOURCE, import_scene
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
+from .point_cloud import selected_in
 from .scene_object import PATH, SceneObject
 from .wording import panel_words
 
@@ -29,14 +30,14 @@ def options_for(filepath: str) -> list[str]:
 
 
 class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blender wants this form
-    """Import a Feature4X scene with its motion, camera and edits, or Gaussian splats: PLY, .splat, PLY sequences."""
+    """Import a Feature4X scene with its motion, camera and edits, or Gaussian splats: PLY, .splat, SPZ, glTF, PLY sequences."""
 
     bl_idname = "f4x.import_scene"
     bl_label = "Import Feature4X"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - read by Blender at registration
 
     filename_ext = ".f4x"
-    filter_glob: StringProperty(default="*.f4x;*.ply;*.splat", options={"HIDDEN"})  # type: ignore[valid-type]
+    filter_glob: StringProperty(default="*.f4x;*.ply;*.splat;*.spz;*.glb;*.gltf", options={"HIDDEN"})  # type: ignore[valid-type]
     directory: StringProperty(subtype="DIR_PATH", options=PASSING)  # type: ignore[valid-type]
     set_up_render: BoolProperty(  # type: ignore[valid-type]
         name="Set Up Render",
@@ -90,7 +91,7 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
             return {"CANCELLED"}
         if clip is not None:
             _warn_of_clip(self, root)
-        for item in context.selected_objects:
+        for item in selected_in(context.view_layer):
             item.select_set(False)
         root.select_set(True)
         context.view_layer.objects.active = root
@@ -182,7 +183,7 @@ class F4X_FH_scene(bpy.types.FileHandler):  # noqa: N801
     bl_idname = "F4X_FH_scene"
     bl_label = "Feature4X"
     bl_import_operator = "f4x.import_scene"
-    bl_file_extensions = ".f4x;.ply;.splat"
+    bl_file_extensions = ".f4x;.ply;.splat;.spz"
 
     @classmethod
     def poll_drop(cls, context):

@@ -173,7 +173,7 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row.label(text=_bars(json.loads(state.histogram or f"[{', '.join('0' * marking.BARS)}]")))
         column.prop(state, "threshold", slider=True)
         row = layout.row()
-        selected, total = display.counts(SceneObject.of(context.object))
+        selected, total = display.last_counts(SceneObject.of(context.object))
         row.label(text=f"{selected:,} of {total:,} selected", icon="RESTRICT_SELECT_OFF")
         row.prop(state, "show_score", text="", icon="COLORSET_01_VEC", toggle=True)
 

@@ -54,6 +54,12 @@ def new_point_cloud(name: str, count: int, collection: bpy.types.Collection) -> 
     return item
 
 
+def selected_in(layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
+    """The selected objects, whether or not there is a current window, which `bpy.context.selected_objects` needs."""
+    layer.update()
+    return [item for item in layer.objects if item is not None and item.select_get(view_layer=layer)]
+
+
 def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bpy.types.Object:
     """Blender 4.5 and 5.0 can only convert a mesh's vertices to points."""
     mesh = bpy.data.meshes.new(name)
@@ -61,10 +67,9 @@ def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bp
     item = bpy.data.objects.new(name, mesh)
     collection.objects.link(item)
     layer = bpy.context.view_layer
-    selected, active = list(bpy.context.selected_objects), layer.objects.active
+    selected, active = selected_in(layer), layer.objects.active
     for other in selected:
         other.select_set(False)
-    layer.update()
     item.select_set(True)
     layer.objects.active = item
     bpy.ops.object.convert(target="POINTCLOUD")

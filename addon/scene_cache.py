@@ -113,6 +113,7 @@ def forget() -> None:
     """Empty the caches: another .blend was opened."""
     _files.clear()
     _scenes.clear()
+    _preparing.clear()
 
 
 def _hash(data: Mapping) -> str:

@@ -9,7 +9,7 @@ The state is stored in the .blend on the scene's root empty, so that Blender's U
     f4x_preview  JSON of a stack that is only previewed; absent otherwise
 
 Undo rolls these back, but not the file. So whether edits are saved is read in the file, and `f4x_saved` counts only after a
-.blend was opened: until then `_synced` has it, which undo does not touch.
+.blend was opened: until then `_synced` has it, which undo does not touch and from which `f4x_saved` is set again.
 
 Gaussians are known by their id, the point attribute `gid`, so points may be deleted, split off and copied in Blender.
 """
@@ -216,7 +216,7 @@ class SceneObject:
         return stack
 
     def remember(self) -> None:
-        """Put into the .blend, which is about to be saved, what the file held when the scene last met it."""
+        """Put into the .blend, which may be saved at any time, what the file held when the scene last met it."""
         self.root[SAVED] = self._met
 
     # The core's scenes

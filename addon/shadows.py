@@ -15,15 +15,13 @@ from ..f4x_core.scene.stage import Cloud
 from .evaluated import OF, SOLID, surface_of
 from .scene_object import SceneObject
 
-LAMPS = ("SUN", "POINT")
-
 
 class F4X_PG_shadows(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form
     """Shadows on Gaussians."""
 
     use: BoolProperty(  # type: ignore[valid-type]
         name="Shadows on Gaussians",
-        description="In final renders, let meshes take the light of suns and points away from Gaussians",
+        description="In final renders, let meshes take the light of lamps away from Gaussians",
     )
     strength: FloatProperty(  # type: ignore[valid-type]
         name="Strength",
@@ -61,22 +59,32 @@ def _root(item: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def _lamps(depsgraph: bpy.types.Depsgraph) -> list[shadows.Lamp]:
-    """Suns and points that cast shadows."""
+    """Lamps that cast shadows."""
     found = []
     for instance in depsgraph.object_instances:
         item = instance.object
-        if item.type != "LIGHT" or item.data.type not in LAMPS or not instance.show_self or not item.data.use_shadow:
-            continue
-        data, matrix = item.data, np.array(instance.matrix_world)
-        power = data.energy * 2 ** getattr(data, "exposure", 0.0) * sum(data.color) / 3
-        if power <= 0:
-            continue
-        if data.type == "SUN":
-            towards = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
-            found.append(shadows.Lamp(power, float(np.tan(data.angle / 2)), towards=towards))
-        else:
-            found.append(shadows.Lamp(power, data.shadow_soft_size, place=matrix[:3, 3]))
+        if item.type == "LIGHT" and instance.show_self and item.data.use_shadow:
+            lamp = _lamp(item.data, np.array(instance.matrix_world))
+            if lamp.power > 0:
+                found.append(lamp)
     return found
+
+
+def _lamp(data: bpy.types.Light, matrix: np.ndarray) -> shadows.Lamp:
+    """A lamp as the core's; it shines along its -z axis."""
+    power = data.energy * 2 ** getattr(data, "exposure", 0.0) * sum(data.color) / 3
+    axes, place = matrix[:3, :3], matrix[:3, 3]
+    back = axes[:, 2] / np.linalg.norm(axes[:, 2])
+    if data.type == "SUN":
+        return shadows.Sun(power, float(np.tan(data.angle / 2)), back)
+    if data.type == "AREA":
+        longer = data.size if data.shape in ("SQUARE", "DISK") else data.size_y
+        sides = np.array([data.size * axes[:, 0], longer * axes[:, 1]]) / 2
+        return shadows.Area(power, place, sides, -back, data.shape in ("DISK", "ELLIPSE"), data.spread)
+    if data.type == "SPOT":
+        cosine = float(np.cos(data.spot_size / 2))
+        return shadows.Spot(power, data.shadow_soft_size, place, np.linalg.inv(axes), cosine, data.spot_blend)
+    return shadows.Ball(power, data.shadow_soft_size, place)
 
 
 def _casters(depsgraph: bpy.types.Depsgraph) -> list[tuple[shadows.Caster, bpy.types.Object | None]]:

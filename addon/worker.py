@@ -42,6 +42,11 @@ def core_command(interpreter: Path | str, verb: str, *arguments: Path | str) -> 
     return [str(interpreter), "-m", "f4x_core", verb, *map(str, arguments), "--progress-json"]
 
 
+def own_command(module: str, *arguments: Path | str) -> list[str]:
+    """The command line of a module of the core that Blender's own Python runs: it needs numpy alone, and no worker."""
+    return [sys.executable, "-m", f"f4x_core.{module}", *map(str, arguments)]
+
+
 class Job:
     """One child process; `poll` never blocks."""
 

@@ -101,7 +101,12 @@ TROUBLES = (
         "F4X-IMPORT",
         "A PLY, .splat or other file from elsewhere is none of the kinds that are read.",
         "docs/formats.md lists them; export it as a 3DGS PLY from the program that made it.",
-        ("f4x_core.scene.foreign", "f4x_core.scene.ply", "f4x_core.scene.formats.splat"),
+        (
+            "f4x_core.scene.foreign",
+            "f4x_core.scene.ply",
+            "f4x_core.scene.formats.gltf_splats",
+            "f4x_core.scene.formats.splat",
+        ),
     ),
     Trouble(
         "F4X-EXPORT",

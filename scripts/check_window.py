@@ -9,7 +9,6 @@ step's name where the window does not do what it should. SCENE is copied, not ch
 
 import argparse
 import json
-import os
 import shutil
 import subprocess
 import time
@@ -219,25 +218,10 @@ def blender(root: Path, scene: Path, out: Path, frame: int, shading: str) -> Ite
         startup = profile.folder / "startup.py"
         home, height = profile.inside, SIZE[1]
         startup.write_text(STARTUP.format(home=home, frame=frame, shading=shading, height=height, rendered=RENDERED))
-        display = f":{90 + os.getpid() % 900}"
-        environment = profile.environment | {"DISPLAY": display}
-        children: list[subprocess.Popen] = []
-
-        def start(*command: object) -> None:
-            full_command = profile.command(*command)
-            children.append(subprocess.Popen(full_command, env=environment, stdout=log, stderr=log))
-
-        try:
-            screen = ("-screen", 0, f"{SIZE[0]}x{SIZE[1]}x24", "-nolisten", "tcp", "-listen", "unix")
-            start("Xvfb", display, *screen)
-            time.sleep(2)
-            window = ("--factory-startup", "--window-geometry", 0, 0, *SIZE)
+        window = ("--factory-startup", "--window-geometry", 0, 0, *SIZE)
+        with profile.screen(SIZE, log) as start:
             start("blender", *window, "--python", f"{profile.inside}/startup.py")
-            yield Window(profile, display, out)
-        finally:
-            for child in reversed(children):
-                child.kill()
-                child.wait()
+            yield Window(profile, profile.display, out)
 
 
 def main() -> None:

@@ -29,8 +29,9 @@ SITE = ("mkdocs==1.6.1", "mkdocs-material==9.8.1", "mkdocstrings[python]==1.0.8"
 # Breaks formulas to see whether a test notices; it comes only when it is asked for.
 MUTMUT = "mutmut==3.8.1"
 EVERYDAY = ("-m", "not slow and not real")
-# A process a core; four at most, because each takes a gigabyte or two.
-SIDE_BY_SIDE = ("-n", "auto", "--maxprocesses", "4")
+# A process a core; four at most, because each takes a gigabyte or two. Each works through its part in order, so that what a
+# file prepares is made once, and takes over from another one at the end.
+SIDE_BY_SIDE = ("-n", "auto", "--maxprocesses", "4", "--dist", "worksteal")
 VERBS = {
     "demo": "a rendered clip all the way to a Blender file; takes the options of `f4x demo` (demo --help)",
     "test": "the everyday tests; takes the options of pytest, such as a file, or -m real for the real clips",
@@ -108,6 +109,8 @@ def run(command: list[str]) -> int:
 
 def test(arguments: list[str]) -> int:
     """The everyday tests side by side; with arguments of pytest (`-m real` for the real clips) those alone, one after the other."""
+    # They start some hundred processes, each of which would compile the same modules again where bytecode is not written.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     return run(["-m", "pytest", *(arguments or (*EVERYDAY, *SIDE_BY_SIDE))])
 
 

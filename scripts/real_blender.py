@@ -18,10 +18,11 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -74,6 +75,42 @@ class Profile:
     def command(self, *words: object) -> list[str]:
         """A command that runs in the system."""
         return ["chroot", str(self.root), *map(str, words)]
+
+    @contextmanager
+    def screen(self, size: tuple[int, int], log: IO) -> Iterator[Callable[..., subprocess.Popen]]:
+        """A screen of its own. What it yields starts a program of the system there; all of them end with the block."""
+        environment = self.environment | {"DISPLAY": self.display}
+        children: list[subprocess.Popen] = []
+
+        def start(*words: object) -> subprocess.Popen:
+            # with /proc, which a program asks for its memory, in a view of the file systems that goes with the program
+            mounted = [
+                "unshare",
+                "-m",
+                "sh",
+                "-c",
+                'mount -t proc proc "$1/proc" && shift && exec "$@"',
+                "sh",
+                self.root,
+            ]
+            children.append(
+                subprocess.Popen([*map(str, mounted), *self.command(*words)], env=environment, stdout=log, stderr=log)
+            )
+            return children[-1]
+
+        try:
+            start("Xvfb", self.display, "-screen", 0, f"{size[0]}x{size[1]}x24", "-nolisten", "tcp", "-listen", "unix")
+            time.sleep(2)
+            yield start
+        finally:
+            for child in reversed(children):
+                child.kill()
+                child.wait()
+
+    @property
+    def display(self) -> str:
+        """The name of the screen."""
+        return f":{90 + os.getpid() % 900}"
 
     def check_out(self) -> str:
         """Copy what Blender needs of this repository; returns its path in the system."""

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 import door
+import gpu
 from walk_checks import content, require, same
 
 door.load_extension()
 
-from feature4x.addon.evaluated import OF  # noqa: E402 - there once the extension is loaded
+from feature4x.addon import jobs  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.evaluated import OF  # noqa: E402
 from feature4x.addon.scaffold_rig import HANDLE, NODE, layer_of  # noqa: E402
 from feature4x.f4x_core.edit.operations import Opacity  # noqa: E402
 from feature4x.f4x_core.edit.selects import All  # noqa: E402
@@ -123,8 +125,11 @@ def revert(walk: Walk) -> None:
 @action(0.4, ANY)
 def auto_saved(walk: Walk) -> None:
     """A copy that Blender writes by itself, opened after a crash."""
-    copy = walk.folder / "auto.blend"
+    copy, handlers = walk.folder / "auto.blend", bpy.app.handlers.save_pre
+    asleep = list(handlers)
+    handlers.clear()  # it tells nobody
     bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, check_existing=False)
+    handlers.extend(asleep)
     before = content()
     walk.open(copy)
     same(before, content(), "recovered")
@@ -589,7 +594,13 @@ def write_motion(walk: Walk) -> None:
 @action(0.7)
 def make_mesh(walk: Walk) -> None:
     """A mesh of the selection."""
+    before = len(bpy.data.objects)
     walk.call(bpy.ops.f4x.make_mesh, resolution=12, faces=100, current=walk.random.random() < 0.5)
+    for job in jobs.all_jobs():
+        job.wait()
+        jobs.dismiss(job)
+    if len(bpy.data.objects) > before:
+        walk.remember()
 
 
 @action(0.7)
@@ -627,7 +638,10 @@ def play(walk: Walk) -> None:
         for frame in range(6):
             bpy.context.scene.frame_set(frame)
     else:
+        playing = bpy.context.screen.is_animation_playing
         walk.call(bpy.ops.screen.animation_play)
+        if playing:
+            walk.remember()  # Blender 5.2 ends playback with a step of undo
 
 
 @action(1)
@@ -686,7 +700,10 @@ def change_view(walk: Walk) -> None:
     """Another shading, a camera's view, another workspace, a sidebar: in a window."""
     if bpy.app.background:
         return
-    what = walk.random.choice(("shading", "shading", "camera", "quad", "sidebar", "workspace", "full"))
+    # drawn by the processor EEVEE takes minutes, and the buffers of ever more editors are in the memory that is watched
+    slow = "llvmpipe" in gpu.platform.renderer_get()
+    names = ("shading", "shading", "camera", "quad", "sidebar", "full", "sidebar" if slow else "workspace")
+    what = walk.random.choice(names)
     space = bpy.context.space_data
     if what == "workspace":
         bpy.context.window.workspace = walk.random.choice(list(bpy.data.workspaces))
@@ -695,7 +712,8 @@ def change_view(walk: Walk) -> None:
     elif space is None or space.type != "VIEW_3D":
         return
     elif what == "shading":
-        space.shading.type = walk.random.choice(("SOLID", "RENDERED", "RENDERED", "MATERIAL", "WIREFRAME"))
+        kinds = ("SOLID", "RENDERED", "RENDERED", "WIREFRAME")
+        space.shading.type = walk.random.choice(kinds if slow else (*kinds, "MATERIAL"))
     elif what == "camera":
         space.region_3d.view_perspective = walk.random.choice(("CAMERA", "PERSP", "ORTHO"))
     elif what == "quad":

@@ -150,7 +150,8 @@ class Walk:
     def open(self, path: Path) -> None:
         """Open a .blend; undo begins anew."""
         bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
-        self._begin_undo()
+        with _in_viewport():  # there is no current window any more
+            self._begin_undo()
 
     def note(self, line: str) -> None:
         """Write a line into the list of steps."""
@@ -196,7 +197,8 @@ class Walk:
         bpy.ops.wm.read_homefile(use_empty=True, load_ui=False)
         for path in self.files:
             bpy.ops.f4x.import_scene(filepath=str(path))
-        self._begin_undo()
+        with _in_viewport():
+            self._begin_undo()
         gc.collect()
         self.memory.append(resident())
 
@@ -212,7 +214,7 @@ class Walk:
         warm = self.memory[len(self.memory) // 2 :]
         if len(warm) >= 2 * COMPARED:
             first, last = (sorted(part)[COMPARED // 2] for part in (warm[:COMPARED], warm[-COMPARED:]))
-            require(last < GROWTH * first, f"memory grew from {first:.0f} to {last:.0f} MiB: {self.memory}")
+            require(last <= GROWTH * first, f"memory grew from {first:.0f} to {last:.0f} MiB: {self.memory}")
 
 
 def resident() -> float:
@@ -266,6 +268,7 @@ def main() -> None:
     door.load_extension().register()
     bpy.context.preferences.edit.undo_steps = 2 * UNDONE
     bpy.context.preferences.filepaths.save_version = 0
+    bpy.context.preferences.filepaths.file_preview_type = "NONE"  # drawn by the processor it takes a minute
     walk = Walk(options.scene.resolve(), options.out.resolve(), options.seed, options.words.split(","))
     begin = time.monotonic()
 

@@ -42,8 +42,9 @@ def require(good: bool, otherwise: str) -> None:
 
 
 def own_scenes() -> list[SceneObject]:
-    """The scenes of the file that are not another file's."""
-    return [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked]
+    """The scenes of the file that are not another file's; what is in no Blender scene any more, Blender does not save."""
+    shown = {item.name for scene in bpy.data.scenes for item in scene.objects}
+    return [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked and each.name in shown]
 
 
 def content() -> dict[str, dict[str, str]]:

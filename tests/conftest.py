@@ -1,5 +1,6 @@
 """Shared fixtures. bpy 4.5 hangs at interpreter exit with classes registered, so the run ends with os._exit."""
 
+import gc
 import os
 import signal
 import sys
@@ -7,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-os.environ.setdefault("OMP_NUM_THREADS", "2")
+# Side by side each process has one core: threads of torch that wait for a core spin, which doubled the time of whole files.
+os.environ.setdefault("OMP_NUM_THREADS", "1" if "PYTEST_XDIST_WORKER" in os.environ else "2")
 # BLAS spins while its threads wait for each other: on a busy machine a bundle adjustment of 4 seconds of processor time took
 # minutes, which looked like a test that hangs. Numpy reads this when it is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -54,6 +56,16 @@ def native_library():
     library, reason = open_library()
     assert library is not None, reason
     return library
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """What is imported here stays to the end: the garbage collector need not look at its million objects again and again."""
+    gc.disable()
+    collected = yield
+    gc.freeze()
+    gc.enable()
+    return collected
 
 
 def pytest_sessionfinish(session, exitstatus):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from ..edit.json_files import read_operations
 from ..edit.language import parse
 from ..edit.operations import Duplicate, Name
+from ..edit.request import Request
 from ..edit.selects import Text, parts_of
 from ..errors import F4xError
 from ..fit.vocabulary import EVERYDAY
@@ -17,8 +17,8 @@ from ..query.chat import ChatServer
 from .graph import declared_frames
 from .manifest import Row
 
-UNKNOWN: dict[str, Any] = {"fps": 24.0, "frames": 1_000_000}
-"""Assumed length of a clip that was not opened yet, so that no time in a sentence lies outside it."""
+FPS, FRAMES = 24.0, 1_000_000
+"""Assumed of a clip that was not opened yet, so that no time in a sentence lies outside it."""
 parse_cached = lru_cache(1024)(parse)
 """`parse` with a cache, since most rows of a batch have the same sentences."""
 
@@ -50,7 +50,7 @@ def _require_sentences(row: Row) -> None:
         if sentence.endswith(".json"):
             return
         try:
-            operations = parse_cached(sentence, labels=labels, **UNKNOWN)
+            operations = parse_cached(Request(sentence, labels, fps=FPS, frames=FRAMES))
         except F4xError as error:
             raise F4xError(f"edits has '{sentence}': {error}") from error
         selects = [getattr(one, name) for one in operations for name in ("select", "source") if hasattr(one, name)]

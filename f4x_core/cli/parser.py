@@ -176,7 +176,7 @@ def _export(verbs: Verbs) -> None:
     """`f4x export`."""
     sub = add_verb(verbs, "export", "Write a scene for other programs: PLY, .splat, SPZ, glTF, USD, points.")
     sub.add_argument(
-        "scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat, .spz) or a folder of numbered PLY"
+        "scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat, .spz, .glb) or a folder of numbered PLY"
     )
     edits_option(sub)
     output_option(
@@ -228,7 +228,7 @@ def _mesh(verbs: Verbs) -> None:
 def _open(verbs: Verbs) -> None:
     """`f4x open`."""
     sub = add_verb(verbs, "open", "Show a scene in the browser, without Blender: one HTML page that plays.")
-    sub.add_argument("scene", type=path_argument, help="a .f4x scene or splats (.ply, .splat, .spz)")
+    sub.add_argument("scene", type=path_argument, help="a .f4x scene or splats (.ply, .splat, .spz, .glb)")
     edits_option(sub)
     sub.add_argument("--write", type=path_argument, metavar="FILE", help="only write the page there")
     sub.add_argument("--word", metavar="WORD[,WORD]", help="buttons that colour what these words mean")

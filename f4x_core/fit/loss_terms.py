@@ -12,7 +12,7 @@ from ..raster import RasterOutput
 from ..scaffold.losses import arap_losses, smoothness_losses
 from .config import FitConfig
 from .frame_data import FrameData, MovingTracks
-from .losses import depth_loss, rgb_loss
+from .losses import depth_loss, depth_roughness, rgb_loss
 from .model import SceneModel
 
 TRACK_CLAMP = 20.0
@@ -86,6 +86,7 @@ def loss_terms(model: SceneModel, tracks: MovingTracks, config: FitConfig) -> tu
     weights = config.losses
     losses = _Losses(model, tracks, config)
     terms = [LossTerm("rgb", 1.0, losses.rgb), LossTerm("depth", weights.depth, losses.depth)]
+    terms.append(LossTerm("roughness", config.rough_every * weights.roughness, losses.roughness, config.rough_every))
     if model.dynamic is not None:
         terms += [
             LossTerm("mask", weights.mask, losses.mask),
@@ -113,6 +114,12 @@ class _Losses:
         """Inverse depth against the prior's, by its confidence."""
         data, frame, output = rendered.data, rendered.frame, rendered.output
         return depth_loss(output.depth, output.alpha, data.depth[frame], data.confidence[frame].float())
+
+    def roughness(self, rendered: Rendered) -> Tensor:
+        """Bends of the background's depth where the frame is plain and the prior's depth unsure."""
+        data, frame, output = rendered.data, rendered.frame, rendered.output
+        unsure = (1 - data.confidence[frame].float()) * (1 - rendered.motion)
+        return depth_roughness(output.depth, output.alpha, data.rgb[frame].float() / 255, unsure)
 
     def mask(self, rendered: Rendered) -> Tensor:
         """Alpha of the dynamic Gaussians against the moving mask, as far as the motion score is certain."""

@@ -16,6 +16,12 @@ SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
 MIN_WEIGHT = 1e-6
 
 
+ROUGHNESS_STEPS = 68
+"""Steps of the second difference of depth in the shorter side of a picture: 4 pixels of 270, a few Gaussians."""
+PLAIN = 0.04
+"""Second difference of grey, 1 = white, at which a surface is textured and tells its depth itself."""
+
+
 def masked_l1(image: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     """Sum over channels of |image - target| (H,W,C), averaged over pixels with `weight` (H,W)."""
     return ((image - target).abs().sum(-1) * weight).sum() / weight.sum().clamp_min(MIN_WEIGHT)
@@ -77,6 +83,38 @@ def depth_loss(depth: Tensor, alpha: Tensor, prior: Tensor, confidence: Tensor) 
     # a/(sum z a T) is the inverse of the alpha-normalised depth; the floor keeps empty pixels finite.
     inverse = alpha / depth.clamp_min(1e-3)
     return ((inverse - expected).abs() * weight).sum() / weight.sum().clamp_min(1.0)
+
+
+def depth_roughness(depth: Tensor, alpha: Tensor, image: Tensor, unsure: Tensor) -> Tensor:
+    """Mean bend of the inverse depth (1 = the scene's median) where the picture is plain and the depth unsure; 0 for planes.
+
+    The inverse depth of a plane is linear in the picture. Colours do not tell where along their rays the Gaussians of a plain
+    surface lie: without this they fray, which shows from the side alone.
+
+    Args:
+        depth: (H,W) composited `sum z a T`. alpha: (H,W). image: (H,W,3) in [0,1], the frame.
+        unsure: (H,W) in [0,1], how little is known of the depth of a pixel of the background; 0 on what moves, at whose
+            outlines surfaces end.
+    """
+    inverse, step = alpha / depth.clamp_min(1e-3), max(round(min(image.shape[:2]) / ROUGHNESS_STEPS), 1)
+    grey, total = image.mean(-1), inverse.new_zeros(())
+    for axis in (0, 1):
+        texture = _second_difference(*_three(grey, axis, step)).abs()
+        first, middle, last = _three(unsure, axis, step)
+        weight = torch.exp(-texture / PLAIN) * torch.minimum(torch.minimum(first, middle), last)
+        total = total + (_second_difference(*_three(inverse, axis, step)).abs() * weight).mean()
+    return total
+
+
+def _three(image: Tensor, axis: int, step: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Pixels, and those `step` before and behind them along `axis`, in the order in which they lie."""
+    count = image.shape[axis] - 2 * step
+    first, middle, last = (image.narrow(axis, k * step, count) for k in (0, 1, 2))
+    return first, middle, last
+
+
+def _second_difference(first: Tensor, middle: Tensor, last: Tensor) -> Tensor:
+    return first - 2 * middle + last
 
 
 def psnr(image: Tensor, target: Tensor, weight: Tensor | None = None) -> float:

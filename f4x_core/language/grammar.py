@@ -239,6 +239,8 @@ def sign(text: str) -> Rule:
 
 def split(spec: str, at: str) -> list[str]:
     """Parts between the signs `at` that stand in no bracket."""
+    if "(" not in spec and "[" not in spec:  # nearly all: the grammar is built at import, while Blender starts
+        return spec.split(at)
     parts, depth = [""], 0
     for sign in spec:
         depth += (sign in "([") - (sign in ")]")
@@ -256,6 +258,10 @@ def alternatives(spec: str) -> list[str]:
 
 def _expanded(spec: str) -> Iterator[tuple[str, ...]]:
     """Word sequences of a phrase, brackets in brackets too: "to (the|my) left": to left, to the left, to my left."""
+    if "(" not in spec and "[" not in spec:
+        if words := tuple(spec.split()):
+            yield words
+        return
     choices = [
         [words for each in alternatives(part[1:-1]) for words in _expanded(each)] + [()] * (part[0] == "(")
         if part[0] in "(["

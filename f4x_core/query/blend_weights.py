@@ -29,12 +29,18 @@ def blend_weight_sums(scene: Scene, time: float, index: int | None, layers: np.n
 
 
 def seen_sums(
-    splats: Splats, camera: Camera, layers: np.ndarray, config: RasterConfig, least: float, backend: str = "auto"
+    splats: Splats,
+    camera: Camera,
+    layers: np.ndarray,
+    config: RasterConfig,
+    least: float,
+    backend: str = "auto",
+    asked: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(sums (N,L) float64, seen (N,) bool): blend weights in `layers (H,W,L)`, and who shows in the picture.
 
     A Gaussian shows if some of its light falls into the picture, and of all its light, on a picture that is wider by `MARGIN`,
-    at least the fraction `least` passes what is before it.
+    at least the fraction `least` passes what is before it. Only those of `asked (N,) bool` are looked at for that.
     """
     rows, columns = (round(MARGIN * size) for size in layers.shape[:2])
     intrinsics = camera.intrinsics.copy()
@@ -44,8 +50,10 @@ def seen_sums(
     inside = np.pad(inside, ((rows, rows), (columns, columns), (0, 0)))
     all_of_it = np.concatenate([inside, np.ones((*inside.shape[:2], 1), np.float32)], -1)
     found = blend_weights.blend_weight_sums(splats, wide, all_of_it, config=config, backend=backend).astype(np.float64)
-    alone = blend_weights.alpha_sums(splats, wide, config=config)
-    return found[:, :-2], (found[:, -2] > 0) & (found[:, -1] >= least * alone)
+    seen = found[:, -2] > 0 if asked is None else asked & (found[:, -2] > 0)
+    index = np.flatnonzero(seen)
+    seen[index] = found[index, -1] >= least * blend_weights.alpha_sums(splats.take(index), wide, config=config)
+    return found[:, :-2], seen
 
 
 def total_blend_weights(scene: Scene, views: int, columns: int) -> np.ndarray:

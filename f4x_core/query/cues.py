@@ -10,9 +10,14 @@ from ..language.lexicon import forms, word_set
 
 WORDS: set[str] = set()
 """Every word of the cues: none of them is the name of a thing."""
-_WALK = "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap"
+_WALK = (
+    "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap"
+    "|drift|trot|stroll|sprint|rush|cruise|skate|paddle|waddle|stride|pedal"
+)
 _PAST = {"ran": "run", "swam": "swim", "drove": "drive", "driven": "drive", "flew": "fly", "rode": "ride"}
-COLOURS = word_set("red orange yellow green blue purple violet pink brown black white gray grey beige golden")
+COLOURS = word_set(
+    "red orange yellow green blue purple violet pink brown black white gray beige golden silver gold turquoise cyan navy tan"
+)
 
 
 def cue(spec: str) -> Rule:
@@ -32,53 +37,57 @@ def _inflected(verbs: str) -> Iterator[tuple[str, str]]:
 _CUES = """
 clips: clip|video|film|movie|footage|sequence|recording|scene|shot
 pictures: {clips}|picture|image|view|frame|room|world|screen|sight|reconstruction
-noun: thing|things|object|objects|one|ones|item|items|element|elements|stuff
+noun: thing|things|object|objects|one|ones|item|items|element|elements|stuff|mover|of (them) all|of all (of them)
 people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
-moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage|timecode|timestamp
+moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage|timecode|timestamp|(time)
+    [span|interval|period]
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) {pictures}
-see: see|find|spot|recognize|recognise|detect|notice|make out|count|observe
-looking: (do|does|did|can|could|would) {people} (can|could) (ever|also|first|last|still|really|actually) {see}
-its: its|his|her|their|the
-at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) {its} (very)|at|reach|reaches|be|have|has|come|comes|get|gets
+see: see|find|spot|recognize|recognise|detect|notice|make out|count|observe|look for
+looking: (do|does|did|can|could|would) {people} (can|could) (ever|also|first|last|still|really|actually) {see}|[have|has]
+    ({people}) got|got|[can|could] be [seen|found|spotted]
 direction: left|right
 in-view: in view|on screen|on the screen|on view|in sight|on camera|in shot
 now: first|last|still|also|ever|actually|clearly
 at: (at|in|on|from|since|until|to|by|during|for|between|over|around) (exactly|about|around|roughly) [which|what] (exact)
 picture-shows: [the|this] {pictures} [show|have|contain|include|shows|has|contains|includes]
-plainly: {+move|go|travel|come|head}|went|came|in motion|on the move|[move|moves|moving]
-    [around|about]|movement|[has|have|having] (any) [motion|movement]
-stands: {+stand|stay|remain|keep|lie|sit}|located|placed|found|situated|positioned
+its: its|his|her|their|the
+at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) {its} (very)|at|reach|reaches|be|have|has|come|comes|get|gets
+plainly: {+move|travel|come}|go|goes|going|went|came|in motion|on the move|[move|moves|moving] [around|about]|({its})
+    [movement|motion]|[has|have|having] (any) [motion|movement]
+stands: {+stand|stay|remain|keep|lie|sit|hide}|sitting|painted|located|placed|found|situated|positioned
 rest: still|at rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at
     rest]|where it is|in place|not in motion|without moving
-set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going
+set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going|set out|sets out
 stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full)
     [stop|halt|standstill|rest]|[stand|stands|stay|stays|remain|remains|standing|staying] still
-big-er: bigger|larger|taller|wider|longer|broader|higher|thicker|greater
-small-er: smaller|shorter|tinier|narrower|littler
+big-er: bigger|larger|wider|longer|broader|thicker|greater
+small-er: smaller|tinier|narrower|littler
 half: side|half|part|third|hand side
 what: what|who|which|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which of [the|these|those|all
-    the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|(the) [things|objects]
-when: when (exactly)|from when (to when)|until when|since when|how [early|soon|late]|[which|what] {moments}
-    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] [when|at which|in which|where|that]|(at) the
-    [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments}
-    (in time|of the clip|on)
-where: where (exactly|precisely)|whereabouts|where about|where abouts|(the) [position|location|place|whereabouts]|{at}
-    [part|side|half|place|position|corner|area|third|spot|location|region] (of the {pictures})
-move: {plainly}|{manner}
+    the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|what (is) (it) that|(the)
+    [things|objects]
+when: when (exactly)|from when ([to|until|till] when)|until when|since when|how [early|soon|late]|[which|what] {moments}
+    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at)
+    the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at}
+    {moments} (in time|of the clip|on)
+where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the)
+    [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of the
+    {pictures})
+move: {plainly}|{+head}|{manner}
 takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
-nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together)
+nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
 farthest: ({at-its}) (the|its) (very) [farthest|furthest|most distant|remotest] (away|apart) (point|position|{noun})
-highest: ({at-its}) (its|his|her|their|the) (very) [highest|top|peak|maximum height|uppermost|topmost] (up)
-    (point|position|place|spot|of all)
+highest: ({at-its}) (up) ({its}) (very) [highest|top|{+peak}|maximum height|uppermost|topmost] (up)
+    (point|position|place|spot|of all|[above|off] the ground|in the air)
 farther-aside = left of: (further|farther|more|most) (to|on|at) (the) left
 farther-aside = right of: (further|farther|more|most) (to|on|at) (the) right
-place = in front of: (further|farther) [in front of|before|in front]
+place = in front of: (further|farther) [in front of|before|in front|ahead (of)]
 place = behind: (further|farther) [behind|in back of]
-place = above: above|over|higher than|on top of
-place = below: below|under|beneath|underneath|lower than
+place = above: higher (up)|above|over|higher than|on top of
+place = below: below|under|beneath|underneath|lower (down)|lower than
 place = left of: (further|farther) (to|on|at) (the) left (hand) (side) of|left from
 place = right of: (further|farther) (to|on|at) (the) right (hand) (side) of|right from
 place = near: next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby
@@ -87,45 +96,61 @@ side = right: [to|on|at|in] (the) right (hand) ({half}) (of the {pictures})
 side = middle: in the [middle|center|centre] (of the {pictures})|central|centered
 on-side: (on|to|at|in) (the) {direction} ({half})
 sides: {on-side} or {on-side}
-either-side-of: {on-side} or (to|on|at) (the) {direction} (side) of
-side-of: (to|on|at) (the) {direction} (side) of
-or-other-side: or {on-side} (of [it|him|her|them])
 sideways-or: {on-side} or {on-side}
-way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where
-    to|{sideways-or}
-compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to
+way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where to
+compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at)
+    [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
-    there|available|exist|exists|there|here|{inside}]|{looking}|(do|does|can|is) {picture-shows}|{stands}
-    [visible|seen|{in-view}]|found|any sign of|[do|does] [we|you|it] have
-visible: ({now}) [visible|seen|shown|present|{in-view}|to be seen|around|there|here|showing|shows]|{looking}|{inside}
-always: always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the time|at all
-    times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single frame|from
-    start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the {clips}|from
-    (the) [beginning|start] to (the) end
-enter: {+appear|arrive|show up|turn up|pop up|emerge}|first appear|(first) [{+enter|come into|come in|get into|move into|walk
-    into|drive into|step into}] (the|this) ({pictures})
-leave: {+disappear|vanish|go away|go out}|gone|out of [sight|view|the picture|the frame]|[leave|leaves|leaving] (the|this)
-    ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop out of|drive out of|walk out of|run
-    out of}] (the|this) ({pictures})
+    there|available|exist|exists|[appear|appears] {inside}|there (still)|here|around|{inside}]|{looking}|(do|does|can|is)
+    {picture-shows}|any sign of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
+visible: ({now}) [visible|(be) seen|shown|present|{in-view}|to be seen|around|there|here|show|showing|shows]|{looking}|{inside}
+always: [stay|stays|remain|remains|staying|remaining] [visible|in
+    view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the
+    time|at all times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single
+    frame|from start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the
+    {clips}|from (the) [beginning|start] to (the) end
+enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|step into}|{manner} into] (the|this)
+    ({pictures})
+gone: gone|no longer [{inside}|there|here|around|visible]
+leave: {+disappear|vanish|go away|go out}|(we|you|i) {+lose sight of}|out of [sight|view|the picture|the
+    frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out
+    of|drop out of}|{manner} out of] (the|this) ({pictures})
 happens-to: what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
     about
 happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
     see)|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what
     [changes|has changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it
-    (about)|what is this|what does [it|this|the {clips}|this {clips}] show|a (short) [summary|description] (of)|any action|the
-    action
-contents: what does (the|this) {clips} [contain|show|include|consist of]|what is there (to [see|edit])|what are there|what do we
-    have|what you (can) [see|know|have]|what there is (to see)|what is|a list|what (all) (is|are|can be) (to be)
-    [seen|shown|visible|present|in view|on screen|available|known|in it]|the [contents|inventory]|[what|which] (all) ({noun})
-    (do|can|could) {people} (can|could|all) [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds
-    of|sorts of|kind of) {noun} (are|is|can be|do) (there|seen|visible|known|shown|present|found|exist|available)
+    (about)|what is this|what does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick)
+    [summary|description|overview] (of)|any action|the action|what (can|could) you (can) [tell|say] (me) about [the|this]
+    {clips}|anything (interesting) [happening|going on]|anything happens
+anybody: [anyone|anybody|someone|somebody] (else)
+several: [is|are] there [one|two|three|four]|several|multiple|many|[just|only|more than] one (or more)|one or more|more than
+    one|more|(just|only) a single
+first-with: (the) first [frame|moment] (with|of|showing|that shows)
+last-with: (the) last [frame|moment] (with|of|showing|that shows)
+remain: left (over)|remaining
+own: it|them|itself|him|her
+event: (during|in|of|at) {its} [jump|leap|hop|flight|ride|run|walk|trick|turn|action|maneuver]
+tag: or not|(,) or|[for|in|at|on|to|of|from]|(,) [is|are|does|do|did|was|were|has|have|can] (not) [it|he|she|they|there|we|you]
+remark: i|we|my|because|there
+what-is-it: [what|which] (kind of|sort of|type of) ({noun}) (is|are) [it|this|that|these|those|they] ({noun}|is|are)
+    (called)|[identify|classify] [it|this|that] ({noun})|what [did|have] i (just) [{+click|select|pick|mark}] (on)|what is
+    selected|what am i looking at
+contents: what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to [see|edit]|{inside})|what are
+    there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what is|a list|what (all)
+    (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
+    [contents|inventory]|[what|which] (all) ({noun}) (do|can|could) {people} (can|could|all)
+    [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
+    be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
-filler:
-    {inside}|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
+filler: {inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
+    {people}|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check|identify|report|{its}
+    {pictures}|look|looks|seem|seems|appear|appears|[is|was] [it|this|that] [a|an|just|only]|would you
+    [say|call|describe]|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
     total|altogether|overall|at all|ever|also|then|now|just|about|anywhere|somewhere|by the way|right
-    now|hey|hi|hello|ok|well|so|and|here|there|currently|maybe|perhaps|really|kindly|if|whether|that|quick question|know|you
-    know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give)
-    (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
+    now|hey|hi|hello|ok|well|so|and|here|there|currently|maybe|perhaps|really|kindly|if|if so|whether|that|quick
+    question|know|you know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give|point
+    out) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
     [like|love] to know|do you know|any idea|do you have any idea|i am curious|question|do you happen to know|find out|work
     out|i ask myself|what i want to know is|do you think|would you say|according to you|describe|explain|in seconds|in
     frames|[the|this] {clips}|in here|in there|in this|list|name|in it|of them|of all|at any time|at some point|at any
@@ -136,13 +161,13 @@ extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maxima
     maximum
 extreme = mean: (at) ({its}) [average|mean]|on average|averaged|typically
 extreme = min: (at) ({its}) [lowest|minimum|least|min|minimal]|at {its} slowest|at least|at minimum
-far: how far|how much (ground|distance|way)|[what|which] [distance|length]|(the) (total) distance
-    [traveled|travelled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how long (is) (the)
+far: how far|how much (ground|distance|way)|[what|which] [distance|length]|(the) total [distance|way]|(the) (total) distance
+    [traveled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how long (is) (the)
     [path|way|route|journey]|how long a way|[what|which] [way|distance] in total|how many [meters|metres|units|steps]
-gap: how [far|close|near] (away|apart|off|together)|(the) (current) [distance|gap|space|spacing]|apart|how much
-    [space|room|distance|gap]|how [big|large|wide|small] (is) (the) [gap|distance|space]|[what|which] distance|at [what|which]
-    distance|how many units
-least: (the) [shortest|smallest|minimum|minimal|closest|least|nearest]|at the [closest|nearest] (point)
+gap: how [far|close|near] (away|apart|off|together)|(the) (current) [distance|gap|space|spacing|separation]|apart|how much
+    [space|room|distance|gap]|how [big|large|wide|small] (is) (the) [gap|distance|space]|[what|which]
+    [distance|gap|separation]|at [what|which] distance|how many units
+least: (the|{at-its}) [shortest|smallest|minimum|minimal|closest|least|nearest|lowest]|at the [closest|nearest] (point)
 close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
@@ -150,42 +175,49 @@ big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which
     [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what
     [part|share|fraction|percentage] of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
-high: how high (up)|(to) [what|which|how much] height|how far up|how much height
-rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come}|rose|up|upward|off the ground
-go-up: {+rise|climb|ascend|leap}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
+max-height: (the) (greatest|maximum|peak|top) height (of)
+high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|how much height
+rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the
+    ground
+go-up: {+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
-which-color: (of) [what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main)
+which-color: (of|in) [what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main)
     [color|colors|colour|colours]|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|count (all) (of) (the)|what number of
-frames: how many [frames|pictures|images] (in total)|(the) total number of frames|the number of frames|what is the number of
-    frames
-rate: (the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per second
+frames: frame count|(the) number of frames|how many [frames|pictures|images] (in total)|(the) total number of frames|the number
+    of frames|what is the number of frames
+rate: how many fps|(the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per
+    second
 how-long: (for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time
 duration: how many seconds|(the) (total) [length|duration|running time|run time|runtime] (of)|(for) how long
 clip: (the|this|my|our) (whole|entire) [{clips}]|it|this|of (the|this) [{clips}]|of it|in (the|this) [{clips}]|there
-lasts: last|lasts|run|runs|take|takes|go on|goes on|have|has|contain|contains|consist of|long|go
-order: (in) [which|what] [order|sequence|succession]|(in) the order|order|one after the other
-sort: order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order of|put in order|in order
-everything: everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all) (of) (the|these|those)
-    [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what is there|what you
-    see|them
+lasts: cover|covers|last|lasts|run|runs|take|takes|go on|goes on|have|has|contain|contains|consist of|long|go
+order: (in) [which|what] [order|sequence|succession]|in order|(in) the order|order|one after the other
+sort: put|compare|{+order|sort|rank|arrange}|order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order
+    of|put in order|in order
+everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all)
+    (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what
+    is there|what you see|them
 first: first|last|(is|are) the first (one|thing|object) to|(is|are) the last (one|thing|object) to|earliest|before all others
-start: [{set-off}|continue|continues] (to)
+start: [{set-off}|continue|continues|first] (to)
 turn: [{+turn}] (around|round|back|left|right|to the left|to the right|the corner)|[{+change}] (its|his|her|the|their)
     [direction|course|way|directions|heading]|[make|makes|take|takes] a turn
 front: [in|at] (the) (very) [front|foreground]|in the foreground
 back: farthest back|furthest back|at the back|[in|at] the (very) [back|rear|background]
 nearer: closer|nearer|more near
-farther: farther (away)|further (away)|more distant
-fastest: ({at-its}) (its|his|her|their|the) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]
+farther: [farther|further] (away|back)|more distant
+fastest: [at|with|reach|reaches] (its) [full|top|maximum|highest|peak] [speed|velocity]|[speed|velocity] {at-its}
+    [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top speed|highest speed|maximum speed|peak
+    speed|speediest]
 slowest: (at) ({its}) [slowest|lowest speed|least speed|minimum speed]
 most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
     [motion|movement] (in it)|the largest [motion|movement|way]
 more: more|farther|further|the most
-most-motion: (has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
+most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile|energetic|agile]]
+    ({noun})|(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
 biggest = biggest: (the) (very) [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller]
-    one ({noun})
+    one ({noun})|(the) most [space|room|area]
 biggest = smallest: (the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller one
 brightest = brightest: (the) (very) [brightest|lightest] ({noun})
 brightest = darkest: (the) (very) [darkest|dimmest] ({noun})
@@ -193,7 +225,10 @@ speediest = fastest: (the) [fastest|quickest|speediest] (moving) ({noun})|the [f
 speediest = slowest: (the) [slowest] (moving) ({noun})|the slower (one)
 bigger = bigger: (much|the|a lot) {big-er} (one|in size)
 bigger = smaller: (much|the|a lot) {small-er} (one|in size)
-as-big = bigger: as [big|large|tall|wide|long|high]|the same size
+bigger = taller: (much|the|a lot) [taller|higher] (one)
+bigger = lower: (much|the|a lot) [shorter|lower] (one)
+as-big = taller: as [tall|high]
+as-big = bigger: as [big|large|wide|long]|the same size
 as-big = smaller: as small
 faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)
 faster = slower: (much|the|a lot) [slower|more slowly] (one)
@@ -201,8 +236,8 @@ by-factor: how much|how many times|by how much|by what factor|by which factor|ho
     much more
 closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
 closing = away: away from|[farther|further] [from|away|apart]|apart
-around: (close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the
-    neighbors of
+around: in the [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close
+    to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the neighbors of
 whereto: where
 sideways = left: (to|toward|towards) (the) left (side)|leftward|leftwards
 sideways = right: (to|toward|towards) (the) right (side)|rightward|rightwards
@@ -210,19 +245,20 @@ along: in|to|along|into|towards|toward|from
 path: (along|trace|show|on|which|what|describe|by) (which|what) (the) [path|route|trajectory|course|track]
 how: how
 or-away: or [away|farther away|further away|{move} (away|farther away)|not] (from {camera})
-nearest-first: [closest|nearest] (one|ones) first
 relation-of: (the) (spatial) [relation|relationship] (in space)|(the) relative position
 not: not|never|no longer|not ever|not an|not any
 no: no|not|not an|not a|not any|never
-any: anything|something|anyone|anybody|somebody|someone|(any|some) [thing|things|object|objects]
+any: (any|some) (other|else) [anything|something|anyone|anybody|somebody|someone|{noun}] (else|other)|(else|other) {noun}
 but: apart from|besides|except|except for|other than|but|but not|excluding|not counting|without|aside from|beyond
 do: do|does|doing|did|up to|behave|behaves|act|acts
 list: list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (list) (of)|a list of
 ends-up: end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lands|finally|in the end
 comes-from: come from|comes from|start out|start off|starts off|starts out|begin|begins|start|starts
 clip-length: is (the|this) [{clips}]|does (the|this) [{clips}] [last|run|take|go on]
-faster-or: faster or slower|slower or faster
-nearer-or: [closer|nearer] or [farther|further] (away)|[farther|further] (away) or [closer|nearer]
+in-gap: in the [gap|space|room|middle]
+far-off: far (away|off)|close
+length: (the) length (of)
+by-what: by (their) [distance|depth|position|nearness|size]
 near-or-far: near|nearby|close|close by|far|far away|far off|in the distance
 keep-on: keep|keeps|keeping (on)
 crosses: {+cover}
@@ -237,11 +273,16 @@ path-length: (the) (total) [distance|way] [traveled|travelled|covered|gone]|(the
 way-of: (the) [direction|heading] (of)
 order-by = from left to right: (from) left to right
 order-by = from right to left: (from) right to left
-order-by = from near to far: (from) near to far|from (the) [nearest|closest] to (the) [farthest|furthest]
-order-by = from far to near: (from) far to near
+order-by = from near to far: [closest|nearest] (one|ones|{noun}) first|(from) near to far|from (the) [nearest|closest] to (the)
+    [farthest|furthest]
+order-by = from far to near: [farthest|furthest] (one|ones|{noun}) first|(from) far to near|from (the) [farthest|furthest] to
+    (the) [nearest|closest]
 order-by = from front to back: (from) front to back
 order-by = from back to front: (from) back to front
-order-by = by size: by (their) size|from (the) [big|biggest|largest] to (the) [small|smallest]
+order-by = by size: [biggest|largest|tallest] (one|ones) first|by (their) size|from (the) [big|biggest|largest] to (the)
+    [small|smallest]
+order-by = from small to big: [smallest|littlest] (one|ones) first|from (the) [small|smallest] to (the)
+    [big|biggest|large|largest]
 order-by = by distance: (the) (in) depth order (of)|by (their) [distance|depth]|by how [far|near|close] they are
 """
 """Name, value (where it has one) and phrases. `[a|b]`: one of them; `(a|b)`: one or none; `{name}`: what another line says;
@@ -275,7 +316,11 @@ def _read(text: str) -> dict[str, Rule]:
     colour = table({name: name for name in shades}, words_of=WORDS)
     named = {
         "manner": table(verbs, words_of=WORDS),
-        "color": either(colour + cue("or|, or") + colour >> (lambda one, two: f"{one} or {two}"), colour),
+        "color": either(
+            colour + cue(",") + colour + cue("or|, or") + colour >> (lambda *shades: " or ".join(shades)),
+            colour + cue("or|, or") + colour >> (lambda one, two: f"{one} or {two}"),
+            colour,
+        ),
     }
     for line in text.replace("\n    ", " ").strip().splitlines():
         head, _, spec = line.partition(": ")
@@ -290,83 +335,105 @@ def _read(text: str) -> dict[str, Rule]:
 CUES = _read(_CUES)
 
 ROWS = """
-frames: frames clip? lasts?
+what_is: what-is-it
+frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: sort everything? order-by us? | contents order-by us? | order-by everything nearest-first? | sort? order-by thing us?
-order: order thing order-by stands? | order order-by us?
-order: order thing? everything? start? move? | order thing? everything? set-off | who first start? move | who first set-off
-nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing
-nearest_moment: when thing passes-by | when passes thing
-farthest_moment: when farthest thing together? | when farthest thing other together?
-farthest_moment: when biggest gap pair | when biggest gap thing
-highest_moment: when highest thing move?
-fastest_moment: when fastest thing move? lasts? | when speediest thing move?
-slowest_moment: when slowest thing move?
+order: sort? order? contents? everything? thing? by-what? us? order-by stands? | order thing? everything? start? move? | order
+    thing? everything? set-off | who first start? move thing? | who first set-off
+nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other? |
+    when near-to thing | when thing passes-by | when passes thing
+farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest
+    gap thing
+highest_moment: when highest thing? move?
+fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
+slowest_moment: when slowest thing? move?
 when_turns: when turn thing start? | thing turn
-@place: any place-of stands? | who place-of stands?
+@place: any place-of stands? | who place-of stands? | who place thing own stands?
 neighbours: who around-of stands? | who thing around | any around-of stands?
-between: who pair stands? | any pair stands?
+between: who pair in-gap? stands? | any pair in-gap? stands?
 relation manner=compared: relation-of thing other
-relation: where thing compared-to stands? | how thing compared-to stands? | thing place-or stands?
-relation: who farther-aside thing | who place thing
+relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands?
+    | who farther-aside thing stands? | who place thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 polar near: thing around-of stands? not?
-distance extreme=min: close thing get other | close thing get together | least gap pair | least gap thing other | close thing get
-distance: gap thing other | gap pair | gap thing together | gap thing
+distance extreme=min: close thing get other | close thing get together | least gap pair | least gap thing other | close thing
+    get | least thing get other
+distance: gap thing other | gap pair | gap thing together | gap thing | gap other | thing far-off other
 compare_size: by-factor bigger thing other | by-factor as-big thing other | who bigger thing | thing bigger
-compare_size manner=bigger: big thing compared-to | thing bigger-or other
-compare_speed manner=faster: fast thing compared-to move? | thing faster-or other move?
-polar compare_size: thing bigger other not? | thing as-big other not?
+compare_size manner=bigger: sort big thing | big thing compared-to | thing bigger-or other
+compare_speed manner=faster: sort fast thing | fast thing compared-to move?
+polar compare_size: thing bigger other not? | thing as-big other not? | thing as-big than not?
 compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who front nearest
-nearest: who nearer thing us? | thing nearer-or other us? | who nearest thing? other? | nearest other | who front stands?
-farthest: who farther thing us? | who farthest thing? other? | farthest other | who back stands?
+nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest
+    other? | who near-to thing? | who front stands?
+farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? stands? |
+    farthest other? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
 compare_speed: who move? speediest thing? | who speediest thing? but?
-colour: which-color thing
+colour: which-color thing stands?
 polar colour: thing color not?
-count_moving: how-many any? move but? | how-many thing move start?
+count_moving: how-many any? move but? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing seen? side? stands?
-still: who not move start? always? | who rest always? stands? | who stands always?
-still: how-many thing rest stands? | how-many thing not move
+count: how-many thing seen? side? stands? remain? | several thing seen? side? stands? remain?
+still: everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? | who stands
+    always? | how-many thing rest stands? | how-many thing not move
+polar seen says=no: thing gone
 polar leave: thing leave not?
 polar enter: thing enter not?
-approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other
-approach: thing closing-to move? get? or-away
+approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other | thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
-rise: high thing rise | by-how-much thing go-up
+rise: high thing rise move? | max-height thing | by-how-much thing go-up
 polar stops: thing stop move? not?
 polar stops says=no: thing always move not? | thing keep-on move
 motion: who move start? | any-parts move
 does: what-it do thing | happens-to thing
 fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
-path: path thing takes? | how thing move
+path: path thing takes? | how thing move | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
-way: way thing move along? sideways-or? | whereto thing move along? | way-of thing | thing move sideways-or
+way: way thing move? takes? along? sideways-or? | thing move sideways-or | whereto thing move along? | way-of thing | thing
+    move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
-seeing: how-long thing visible
+seeing: how-long thing visible can?
 size: big thing covers?
-far: far thing move | far thing crosses | path-length thing
+far: far thing move | far thing crosses | far thing get | path-length thing takes? | length thing path
 motion: when thing move start? | when thing stop move? | when thing set-off move? | when thing rest
-enter: when thing enter
-leave: when thing leave
-seen: when thing visible
+enter: first-with thing | when start? thing enter
+leave: last-with thing | when thing leave | when thing gone
+seen: when thing visible can?
 polar still: thing rest not?
 polar motion: thing plainly start? not? | thing manner start? not? | any plainly
 polar always: thing seen? always not? stands? | thing always
 always: who visible always stands?
 where: where thing stands? seen? on? | thing near-or-far us?
 polar side: thing seen? side stands? not?
-polar seen: thing seen not? can? | no thing seen | any-of thing
-things: contents seen? | happens clip? | list everything
+polar seen thing=person: anybody seen?
+polar seen: thing time | thing seen not? can? | no thing seen | any-of thing
+things: list? contents seen? | happens clip? | list everything
 """
+
+_ASKED_FOR = """
+where: where {} is; side: on which side {} is; relation: how {} stand to each other; neighbours: what is near {}; behind: what
+is behind {}; in_front: what is in front of {}; left_of: what is left of {}; right_of: what is right of {}; above: what is
+above {}; below: what is below {}; between: what is between {}; way: which way {} goes; path: which path {} takes; motion:
+whether and when {} moves; stops: whether {} stops; still: what stands still; seen: whether or when {} is seen; always:
+whether {} is always seen; seeing: how long {} is seen; enter: when {} comes into the picture; leave: when {} goes out of the
+picture; nearest_moment: when {} is nearest; farthest_moment: when {} is farthest; highest_moment: when {} is highest;
+fastest_moment: when {} is fastest; slowest_moment: when {} is slowest; when_turns: when {} turns; distance: how far away {}
+is; approach: whether {} comes nearer; fast: how fast {} moves; far: how far {} goes; lasting: how long {} moves; rise: how
+far {} rises; size: how big {} is; compare_size: which of {} is bigger; compare_speed: which of {} is faster; colour: what
+colour {} has; count: how many of {} there are; count_moving: how many things move; nearest: what is nearest; farthest: what
+is farthest; biggest: what is biggest; brightest: what is brightest; most_moving: what moves most; order: in which order
+things stand or move; does: what {} does; things: what there is to see; long: how long the clip is; frames: how many frames it
+has; rate: how many frames a second there are
+"""
+ASKED_FOR: dict[str, str] = dict(re.findall(r"(\w+): ([^;]+)", " ".join(_ASKED_FOR.split())))
+"""Kind of question -> what it asks for, with the place of its things."""

@@ -17,7 +17,7 @@ from .score import cosines
 from .selection import Selection
 from .smoothing import group_of
 
-_PEOPLE = (
+PEOPLE = (
     r"person|people|humans?|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|bab(?:y|ies)|boys?|girls?|guys?|lad(?:y|ies)|faces?"
     r"|hands?|crowd|(?:bicycl|motorcycl|cycl|art|tour|guitar|pian|viol)ists?|ballerinas?|skaters?|surfers?|jockeys?|nurses?"
     r"|(?:horse |bike )?(?:rid|driv|danc|runn|swimm|walk|work|play|passeng|teach|farm|soldi|paint|conduct|act|sail|sing|act|wait"
@@ -34,7 +34,7 @@ _DRAWN = (
     r"|(?:drawing|painting|sketch|cartoon|picture|photo|image)s?(?: of .+)?"
     r"|(?:logo|icon|emoji|graffiti|mural|doodle|letter|text|writing|word|number|symbol|subtitle)s?"
 )
-UNKNOWN = {"minilm": {"people": _PEOPLE, "surfaces": _SURFACES, "drawn things": _DRAWN}}
+UNKNOWN = {"minilm": {"people": PEOPLE, "surfaces": _SURFACES, "drawn things": _DRAWN}}
 """Text encoder -> kind -> names of what the teacher that speaks through it knows nothing of (docs/features.md)."""
 ALIKE = 0.6
 """Cosine of two words from which either may mean what the other means: a puppy is a dog (0.8), a rider no horse."""

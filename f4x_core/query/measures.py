@@ -54,6 +54,8 @@ class Measured:
     """World units across the picture, at the first time."""
     moves: bool
     """Whether the scaffold or an edit moves most of it."""
+    height: float = 0.0
+    """World units up the picture, at the first time."""
 
 
 def measure(
@@ -69,10 +71,12 @@ def measure(
             continue
         centres = np.stack([np.average(one.means[rows], 0, one.opacities[rows] + 1e-6) for one in posed]).astype(float)
         seen = [camera.project(centre[None]) for camera, centre in zip(cameras, centres, strict=True)]
-        width = width_along(posed[0].means[rows], cameras[0].camera_to_world[:3, 0])
+        width, height = (width_along(posed[0].means[rows], cameras[0].camera_to_world[:3, axis]) for axis in (0, 1))
         name = label if label in named else f"the {label}"
         pixels, depth = np.stack([pixel[0] for pixel, _ in seen]), np.array([far[0] for _, far in seen])
-        measured.append(Measured(name, rows, centres, pixels, depth, width, bool(scene.moving[rows].mean() > 0.5)))
+        measured.append(
+            Measured(name, rows, centres, pixels, depth, width, bool(scene.moving[rows].mean() > 0.5), height)
+        )
     return measured
 
 
@@ -238,11 +242,11 @@ class Comparison:
 
     def _sizes(self) -> str:
         one, two = self._two()
-        larger, smaller = (one, two) if one.width >= two.width else (two, one)
-        yes = self.asked.yes((larger is one) == (self.asked.manner != "smaller"))
-        return _polar(
-            yes, f"{larger.name} is {larger.width / max(smaller.width, 1e-9):.1f} times as wide as {smaller.name}."
-        )
+        axis, word = ("height", "tall") if self.asked.manner in ("taller", "lower") else ("width", "wide")
+        smaller, larger = sorted((two, one), key=lambda thing: float(getattr(thing, axis)))
+        yes = self.asked.yes((larger is one) == (self.asked.manner not in ("smaller", "lower")))
+        times = getattr(larger, axis) / max(getattr(smaller, axis), 1e-9)
+        return _polar(yes, f"{larger.name} is {times:.1f} times as {word} as {smaller.name}.")
 
     def _depths(self) -> str:
         far = self.asked.kind == "farthest"
@@ -403,11 +407,11 @@ class Comparison:
     def _order(self) -> str:
         if not self.asked.manner:
             return self._starts()
-        by, turned = self.asked.manner, self.asked.manner.endswith(("left", "to near", "to front"))
+        by, turned = self.asked.manner, self.asked.manner.endswith(("left", "to near", "to front", "to big"))
         name, key = ("from near to far", lambda thing: thing.depth[0])
         if by.endswith(("left", "right")):
             name, key = "from left to right", lambda thing: thing.pixels[0, 0]
-        elif by.endswith("size"):
+        elif by.endswith(("size", "big")):
             name, key = "from big to small", lambda thing: -thing.width
         ranked = sorted(self.things, key=key, reverse=turned)
         names = ", ".join(thing.name for thing in ranked)

@@ -12,15 +12,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..geometry import spherical_harmonics
-from ..scene import DynamicSet, Scene, StaticSet
-from ..scene.field import FeatureField
+from ..scene import Scene
 from .blend_weights import blend_weight_sums, total_blend_weights
 from .connected_objects import connect
+from .kept import Kept
 from .marks import Mark
 from .smoothing import LOOKS_ALIKE
 
@@ -81,7 +80,7 @@ class Graph(NamedTuple):
     static: Superpoints
 
 
-_GRAPHS: WeakKeyDictionary[StaticSet, tuple[DynamicSet, FeatureField | None, Graph]] = WeakKeyDictionary()
+_GRAPHS: Kept[Graph] = Kept()
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,10 +244,7 @@ def _moving_fraction(marks: Sequence[Mark]) -> float:
 def graph_of(scene: Scene) -> Graph:
     """The superpoints of a scene, cached as long as its static Gaussians live; an edited scene has those of its base."""
     base = scene.base
-    known = _GRAPHS.get(base.static)
-    if known is None or known[0] is not base.dynamic or known[1] is not base.features:
-        known = _GRAPHS[base.static] = (base.dynamic, base.features, superpoints_of(base))
-    graph = known[2]
+    graph = _GRAPHS.get(base.static, base.dynamic, base.features, make=lambda: superpoints_of(base))
     return graph if base is scene else Graph(*(_after_edits(part, scene) for part in graph))
 
 

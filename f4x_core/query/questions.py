@@ -14,7 +14,7 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import Trajectory, original
 from ..language.compounds import ADJECTIVE
-from ..language.lexicon import spellings
+from ..language.lexicon import spellings, word_set
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
@@ -388,33 +388,9 @@ def _note(scene: Scene, name: str, word: str) -> str:
 
 OF_ONE = (*ONE_BY_ONE, "distance", "approach", "nearest_moment", "farthest_moment")
 """Kinds that need to know which thing is meant …"""
-COMPARED = (
-    *(
-        *OF_ONE,
-        "compare_size",
-        "compare_speed",
-        "colour",
-        "what_is",
-        "count",
-        "count_moving",
-        "relation",
-        "nearest",
-        "farthest",
-        "biggest",
-    ),
-    *(
-        "brightest",
-        "most_moving",
-        "behind",
-        "in_front",
-        "left_of",
-        "right_of",
-        "above",
-        "below",
-        "neighbours",
-        "between",
-    ),
-    "still",
+COMPARED = {*OF_ONE} | word_set(
+    "compare_size compare_speed colour what_is count count_moving relation nearest farthest biggest brightest most_moving behind"
+    " in_front left_of right_of above below neighbours between still"
 )
 """… and all that compare things or moments."""
 SEEING = ("seen", "seeing")

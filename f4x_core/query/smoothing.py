@@ -8,13 +8,13 @@ A few thousand patches carry a scene of any size, and heads decode their mean la
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..scene import DynamicSet, Scene, StaticSet
-from ..scene.field import FeatureField, FieldHead
+from ..scene import Scene
+from ..scene.field import FieldHead
 from .blend_weights import total_blend_weights
+from .kept import Kept
 
 LOOKS_ALIKE = "visual"
 """The head whose features say what looks alike: they carry masks through the clip, and words to neighbours (a scene without
@@ -43,9 +43,6 @@ UNSEEN = 1e-3
 """Minimum blend weight of a Gaussian, in pixels of such a view."""
 STEPS, TOLERANCE = 200, 1e-4
 """Bounds of the conjugate gradients: steps, and the residual relative to the start."""
-
-
-_GROUPS: WeakKeyDictionary[FeatureField, tuple[tuple[StaticSet, DynamicSet], Patches]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,16 +99,17 @@ class Patches:
         return diagonal * x - np.add.reduceat(self.bond * x[self.other], self.first)
 
 
+_GROUPS: Kept[Patches] = Kept()
+
+
 def group_of(scene: Scene) -> Patches:
     """`group`, cached as long as the scene's features live: all words are scored on the same patches.
 
     An edited scene has those of its base, a copy that of its original: edits do not change what a thing is.
     """
     base, field = scene.base, scene.require_field()
-    known = _GROUPS.get(field)
-    if known is None or known[0][0] is not base.static or known[0][1] is not base.dynamic:
-        known = _GROUPS[field] = ((base.static, base.dynamic), group(base))
-    return known[1] if base is scene else replace(known[1], index=known[1].index[scene.origin])
+    patches = _GROUPS.get(field, base.static, base.dynamic, make=lambda: group(base))
+    return patches if base is scene else replace(patches, index=patches.index[scene.origin])
 
 
 def group(scene: Scene) -> Patches:

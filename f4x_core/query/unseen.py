@@ -7,6 +7,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..geometry.arrays import evenly_spaced
+from ..geometry.splats import Splats
 from ..scene import Scene
 from ..scene.stage import Cloud, fitted_config
 from .blend_weights import seen_sums
@@ -40,6 +41,7 @@ def _seen(scene: Scene) -> np.ndarray:
     nothing, seen = np.zeros((rows, COLUMNS, 0), np.float32), np.zeros(len(scene.ids), bool)
     for frame in evenly_spaced(len(cameras), VIEWS):
         time, camera = float(cameras.times[frame]), cameras[frame].resized(COLUMNS, rows)
-        config = fitted_config([Cloud.of_scene(scene, time)], camera)
-        seen |= seen_sums(scene.posed(time), camera, nothing, config, LEAST)[1]
+        cloud = Cloud.of_scene(scene, time)
+        splats = Splats(cloud.means, cloud.quats, cloud.scales, cloud.opacities)
+        seen |= seen_sums(splats, camera, nothing, fitted_config([cloud], camera), LEAST, asked=~seen)[1]
     return seen

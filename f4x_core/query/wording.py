@@ -8,15 +8,17 @@ gives an answer to another question.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any
 
 from ..errors import F4xError
-from ..language.grammar import NOTHING, Doubt, Mismatch, Reading, Rule, bag, either, generated, tokenise
+from ..language.grammar import NOTHING, Doubt, Reading, Rule, either, generated, table, tokenise
 from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, spellings, word_set
-from ..language.times import Clip, Span, span
-from .cues import COLOURS, CUES, ROWS, WORDS, cue
+from ..language.times import END, START, Clip, Span, span
+from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
+from .knowledge import PEOPLE
 
 CAN = (
     "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
@@ -80,7 +82,7 @@ _NO_NAMES = (
     | word_set("s frame frames second seconds minute minutes now everything everybody everyone nothing nobody")
 )
 """Words that no name of a thing holds …"""
-_NOUNS_TOO = word_set("fly track light path course slide swing ride walk run drive float stage jump")
+_NOUNS_TOO = word_set("fly track light path course slide swing drive float stage")
 """… unless an article stands before them …"""
 _BEFORE = word_set("front back left right top bottom middle other big small large tall moving fast") | COLOURS
 """… or the noun behind them."""
@@ -90,26 +92,19 @@ _NO_ENDING = re.compile(
     r"|clothing|railing|awning|spring|pudding|duckling|sapling|wedding|earring).{3,}ing"
 )
 """A word that no name ends with: "parked", "looking"."""
-_IT = word_set("it they them he she him her this that these those its their his")
+_PRONOUNS = word_set("it they them he she him her")
+_IT = _PRONOUNS | word_set("this that these those its their his")
 """Words for what was named just before, or is selected."""
 _THE_SELECTION = re.compile(
     r"\b(?:(?:the|this|my) (?:current )?selection|(?<=\w )what is selected|the selected (?:thing|one|object))\b"
 )
 """More words for what is selected."""
-_WHAT_IT_IS = re.compile(
-    r"(?:(?:so|and|hey|please|tell me|can you tell me|do you know),? )*"
-    r"(?:(?:what|which)(?: (?:kind|sort|type) of)?(?: thing| object)?(?:'s| is| are|)"
-    r" (?:it|this|that|these|those|they)(?: thing| object| one)?(?: is| are| called| here| exactly| supposed to be)*"
-    r"|(?:identify|classify) (?:it|this|that)(?: thing| object)?"
-    r"|what (?:did|have) i (?:just )?(?:click|clicked|select|selected|pick|picked|mark|marked)(?: on)?"
-    r"|what is selected|what am i looking at)"
-)
-"""Asks for the word for what is selected; without a selection the same words ask for what there is."""
 _EVERYTHING = word_set("everything everybody everyone things objects")
 _MOST_WORDS = 4
 """Words of a name."""
 _ARTICLE = cue(
-    "the (two)|a|an|any|some|this|that|these|those|my|your|our|two|all (of) (the)|each|every|both (of) (the)|single|of the"
+    "the (two)|a|an|any|some|this|that|these|those|my|your|our|his|her|its|their"
+    "|all (of) (the)|each|every|both (of) (the)|single|of the"
 )
 
 
@@ -162,6 +157,7 @@ _listing = cue("and|or|,|, and|, or|versus|vs|and of")
 _names = generated(_names_at)
 _us = CUES["camera"]
 _whom = either(_us >> (lambda: ()), _names)
+_end = either(_us >> (lambda: ()), _name >> (lambda name: (name,)))
 _possessed = _names + ~cue("'s|'")
 
 
@@ -177,41 +173,57 @@ def _beside(name: str, links: str = "") -> Rule:
     return either(CUES[name] + link + _whom >> (lambda *found: (found[0] if len(found) > 1 else name, found[-1])))
 
 
+_before_article = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("the", "a", "this", "that", "us") else {})
+"""Whether a thing follows with its article: "nearest the tree", which "the nearest tree" is not."""
+
+
+def _aside_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
+    """What adds nothing where it stands: a tag behind the question, a remark before or behind it."""
+    words = [token.text for token in reading.tokens]
+    if len(words) in CUES["tag"].at(reading, at):
+        yield len(words), None
+    begin = at + (at > 0 and words[at] == ",")
+    if (at == 0 or begin > at or words[at] == "because") and CUES["remark"].at(reading, begin):
+        ends = [end for end in range(begin, len(words)) if words[end] == ","] if at == 0 else []
+        for end in (*ends, len(words)):
+            if _INTERROGATIVES.isdisjoint(words[begin:end]):
+                yield end, None
+
+
+_INTERROGATIVES = word_set("when where how what which who if whether tell")
+"""Words with which a remark would be part of the question."""
 _slots: dict[str, Rule] = {
     **CUES,
-    "time": generated(_span_at),
+    "time": either(
+        cue("(in|at|on|during) the (very) last frame|when [it|the clip|the video] [ends|is over]")
+        >> (lambda: Span(END, END, "moment")),
+        cue("when [it|the clip|the video] [begins|starts]") >> (lambda: Span(START, START, "moment")),
+        generated(_span_at),
+    ),
     "what-is": cue("what is|what are|which is|which are|what was|what were"),
     "thing": ~cue("of|for|by|about") + _possessed,
     "who": either(
         CUES["what"] >> (lambda: ()), cue("which|what|which of|which one of|what kind of|which of all") + _names
     ),
     "other": cue("to|from|of|than|and|-|with|toward|till|compared to|or") + _whom,
-    "than": cue("than") + _names,
+    "than": cue("than|as") + _names,
     "us": cue("to|from|of|for|toward") + _us,
     "pair": either(
-        cue("between|in between") + _name + cue("and") + _us >> (lambda name: (name,)),
-        cue("between|in between") + _us + cue("and") + _name >> (lambda name: (name,)),
-        cue("from") + _us + cue("to") + _name >> (lambda name: (name,)),
-        cue("from") + _name + cue("to") + _us >> (lambda name: (name,)),
-        cue("from") + _name + cue("to") + _name >> (lambda one, two: (one, two)),
+        cue("between|in between|from") + _end + cue("and|to") + _end >> (lambda one, two: one + two),
         cue("between|in between") + _names,
     ),
     "but": CUES["but"] + _names,
     "place-of": either(
         _beside("place"),
-        cue("on|to|at") + _names + cue("'s left (hand) (side)") >> (lambda names: ("left of", names)),
-        cue("on|to|at") + _names + cue("'s right (hand) (side)") >> (lambda names: ("right of", names)),
+        cue("on|to|at")
+        + _names
+        + table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, words_of=WORDS)
+        >> (lambda names, relation: (relation, names)),
     ),
-    "place-or": either(
-        CUES["either-side-of"] + _names >> (lambda names: ("left of", names)),
-        CUES["side-of"] + _names + CUES["or-other-side"] >> (lambda names: ("left of", names)),
-        CUES["place"] + cue("or") + CUES["place"] + _names >> (lambda one, two, names: (one, names)),
-        CUES["place"] + _names + ~cue(",") + cue("or") + CUES["place"] + ~cue("it|them|him|her")
-        >> (lambda one, names, two: (one, names)),
-        CUES["place"] + _names + ~cue(",") + cue("or") + CUES["place"] + _names
-        >> (lambda one, names, two, same: _same(one, names, same)),
-    ),
+    "place-or": either(CUES["on-side"] >> (lambda: "left of"), CUES["place"]) + cue("or") + CUES["place"] + _names
+    >> (lambda one, two, names: (one, names)),
     "around-of": _beside("around", "to|of"),
+    "near-to": cue("nearest|closest|nearer|closer") + _before_article + _whom >> (lambda names: ("nearest", names)),
     "passes-by": _beside("passes"),
     "closing-to": either(
         _beside("closing", "to|from"),
@@ -221,10 +233,8 @@ _slots: dict[str, Rule] = {
 }
 
 
-def _same(relation: str, names: tuple[str, ...], others: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
-    if names != others and others != ("it",):
-        raise Mismatch
-    return relation, names
+Matches = dict[int, list[tuple[int, Any]]]
+"""Word where a slot matches -> its (end, value)."""
 
 
 @dataclass(frozen=True)
@@ -235,67 +245,77 @@ class _Row:
     polar: bool
     options: dict[str, str]
     """`extreme`, `manner`, or `at` which end of the clip; `says`: yes means that it is not so."""
-    bag: Rule
-    """Matches its slots."""
+    slots: tuple[str, ...]
+    """What it may hold."""
+    needed: frozenset[str]
+    """Those of them without which it is not asked."""
+
+    def cover(
+        self, matches: Mapping[str, Matches], gaps: Sequence[dict[int, int]]
+    ) -> tuple[int, dict[str, Any]] | None:
+        """(cost, value of each slot) of the cheapest way in which slots cover the sentence, with words between that add nothing.
+
+        `matches`: of each slot that is in the sentence; `gaps`: per word where such words end, and what leaving them out costs.
+        """
+        if not self.needed <= matches.keys():
+            return None
+        bits = {name: 1 << number for number, name in enumerate(self.slots) if name in matches}
+        needed = sum(bits[name] for name in self.needed)
+        ways: list[dict[int, tuple[int, dict[str, Any]]]] = [{} for _ in range(len(gaps) + 1)]
+        ways[0][0] = 0, {}
+        for at, found in enumerate(ways[:-1]):
+            for filled, (cost, values) in found.items():
+                for name, bit in bits.items():
+                    for end, value in () if filled & bit else matches[name].get(at, ()):
+                        if end > at and cost < ways[end].get(filled | bit, (_NEVER,))[0]:
+                            ways[end][filled | bit] = cost, {**values, name: value}
+                for end, loss in gaps[at].items():
+                    if end > at and cost + loss < ways[end].get(filled, (_NEVER,))[0]:
+                        ways[end][filled] = cost + loss, values
+        return min((way for filled, way in ways[-1].items() if not needed & ~filled), key=itemgetter(0), default=None)
 
 
 def _rows() -> Iterator[_Row]:
-    for line in ROWS.strip().splitlines():
+    for line in ROWS.replace("\n    ", " ").strip().splitlines():
         (*polar, kind), _, ways = (line.partition(":")[0].split(), *line.partition(":")[1:])
         options = dict(word.split("=") for word in (*polar, kind) if "=" in word)
         kind = next(word for word in (*polar, kind) if "=" not in word and word != "polar")
         for way in ways.split("|"):
             words = way.split()
-            slots = {word.rstrip("?"): _slots[word.rstrip("?")] for word in words}
-            if kind not in CLIP_FACTS:
-                slots["time"] = _slots["time"]
-            if not _NOUN_CUES.isdisjoint(words):
-                slots["what-is"] = _slots["what-is"]
+            slots = [word.rstrip("?") for word in words]
+            slots += ["time"] * (kind not in CLIP_FACTS) + ["what-is"] * (not _NOUN_CUES.isdisjoint(words))
             needed = frozenset(word for word in words if not word.endswith("?"))
-            yield _Row(kind, "polar" in polar, options, bag(slots, needed, CUES["filler"]))
+            yield _Row(kind, "polar" in polar, options, tuple(slots), needed)
 
 
-_NOUN_CUES = {
-    "relation-of",
-    "fast",
-    "gap",
-    "big",
-    "where",
-    "path",
-    "path-length",
-    "way-of",
-    "duration",
-    "which-color",
-    "rate",
-    "order",
-    "least",
-    "how-many",
-}
+_NOUN_CUES = word_set(
+    "relation-of fast gap big where path path-length way-of duration which-color rate order least how-many first-with last-with"
+    " max-height far"
+)
 """Cues that may be nouns: "what is the speed"."""
 CLIP_FACTS = ("frames", "long", "rate")
 """Kinds of question about the clip itself."""
 _ROWS = tuple(_rows())
+_BINDING = word_set("in at on to from for of")
+"""Prepositions that tell something of the thing behind them …"""
+_LOOSE = _BINDING | word_set(
+    "the a an it its that this these those already yet even really very quite rather so just one would exactly"
+)
+"""… and other words that may be left out where nothing else fits."""
+_LOOSELY, _UNKNOWN, _NEVER = 20, 100, 10**6
+"""Costs of such a word, of any word, and of what there is no way to."""
+_aside = generated(_aside_at)
+_adds_nothing = either(CUES["filler"], _aside)
 _BESIDE = {"in front of": "in_front", "left of": "left_of", "right of": "right_of", "near": "neighbours"}
 """Relation -> the kind of question what stands so to a thing."""
-_MANY = (
-    "nearest",
-    "farthest",
-    "biggest",
-    "brightest",
-    "most_moving",
-    "compare_speed",
-    "order",
-    "count_moving",
-    "still",
-    "motion",
-)
+_MANY = word_set("nearest farthest biggest brightest most_moving compare_speed order count_moving still motion")
 """Kinds that can be about the single ones of a kind."""
 ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "path", "when_turns", "stops")
 """Kinds that are answered for each of several things."""
-_TWO = ("relation", "compare_size", "compare_speed")
+_TWO = word_set("relation compare_size compare_speed")
 _NEGATION = r"\b(?:no|not|never)\b"
 _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in which|at what|at which)"
-_ASKING_WORDS = {*_NO_NAMES, *SPELLING}
+_ASKING_WORDS = {*_NO_NAMES, *SPELLING} - {"looking"}  # in "what am I looking at?" alone
 
 
 def read_question(
@@ -308,26 +328,39 @@ def read_question(
     """
     text = " ".join(question.lower().replace("’", "'").split())
     text = _THE_SELECTION.sub("it", text) if selected else text
-    text = re.sub(r",? (?:and )?if so,? (where|when)\b", r"? \1 is it", text)
-    parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING} )", re.sub(r"[?!.,;:\s]+$", "", text))
+    text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
+    text = re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
+    parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING}\b)", text)
+    parts = [part for part in parts if not _matches(_adds_nothing, part)] or parts
     understood: list[Asked] = []
-    for part in parts:
+    for number, part in enumerate(parts):
         it: tuple[str, ...] = (selected,) if selected else ()
+        if (
+            not it and number + 1 < len(parts) and _IT.isdisjoint(part.split())
+        ):  # "how fast and how far does the dog run?"
+            ahead = _understood(parts[number + 1], Clip(fps, frames), ())
+            it = ahead.things if ahead else ()
         if understood:
             it = understood[-1].things or it
         follow_up = (
             re.fullmatch(r"(?:and|or|what about|how about|and what about)(?: for)? (.+)", part) if understood else None
         )
-        if selected and _WHAT_IT_IS.fullmatch(part):
-            understood.append(Asked("what_is", (selected,)))
-            continue
         more = _things_alone(follow_up[1]) if follow_up else ()
         if more:
             understood.append(replace(understood[-1], things=(*more, *understood[-1].things[len(more) :])))
-            continue
-        understood += _read(part, Clip(fps, frames), it)
+        elif understood and _matches(CUES["when"], part):
+            if understood[-1].kind not in _TELLS_WHEN:
+                understood.append(replace(understood[-1], polar=False, negated=False))
+        else:
+            understood += _read(part, Clip(fps, frames), it)
     _doubt_swapped(text, {word for asked in understood for thing in asked.things for word in thing.split()}, labels)
     return tuple(understood)
+
+
+def _matches(rule: Rule, text: str) -> bool:
+    """Whether the rule matches the whole text."""
+    reading = Reading.of(text, tokenise(text), {})
+    return len(reading.tokens) in rule.at(reading, 0)
 
 
 def _doubt_swapped(text: str, words: Collection[str], labels: Collection[str]) -> None:
@@ -347,28 +380,77 @@ def _things_alone(text: str) -> tuple[str, ...]:
 
 
 def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
-    asked = _understood(text, clip, it)
+    asked = (
+        _understood(text, clip, it)
+        or _either_or(text, clip, it)
+        or (_understood(f"{text} it", clip, it) if it else None)
+    )
     if asked is None:
         instead = re.sub(
             r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else misspelt(m[0], _ASKING_WORDS) or m[0], text
         )
-        if instead != text and _understood(instead, clip, it) is not None:
+        if instead != text and _understood(instead, clip, it, _LOOSELY):
             raise Doubt(f"I do not understand '{text}'; did you mean '{instead}'?", instead)
-        raise _refusal(text)
+        raise _refusal(text, clip, it)
     if asked.kind in ONE_BY_ONE and not asked.other:
         return [replace(asked, things=(thing,)) for thing in asked.things] or [asked]
     return [asked]
 
 
-def _understood(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
+def _understood(text: str, clip: Clip, it: tuple[str, ...], below: int = _UNKNOWN) -> Asked | None:
+    """The likeliest question, of those that cost less than `below`."""
     text = re.sub(r"^((?:and |but |so )?(?:is|are|was|were|do|does|did|has|have|can|could))n't\b", r"\1", text)
     tokens = tokenise(text)  # "Isn't it moving?" wants the same yes as "Is it moving?"
     reading = Reading.of(text, tokens, {})
-    for row in _ROWS:
-        found = row.bag.at(reading, 0).get(len(tokens))
-        asked = found and _asked(row, found[0], clip, it)
-        if asked:
-            return asked
+    cost, asked = next(readings := _readings(reading, clip, it), (below, None))
+    for same, other in readings if asked and asked.kind in ASKED_FOR else ():
+        if asked and same == cost and other.kind not in (asked.kind, *(_ALIKE if asked.kind in _ALIKE else ())):
+            raise Unanswerable(f"This can be meant in two ways. Do you ask {_in_words(asked)}, or {_in_words(other)}?")
+    verb = asked and any(
+        re.search(rf"\b(?:do|does|did) (?:\w+ )?{re.escape(thing)}$", text) for thing in asked.things if " " in thing
+    )
+    return asked if cost < below and not verb else None  # "the man live" is no name: "does" needs a verb
+
+
+def _readings(
+    reading: Reading, clip: Clip, it: tuple[str, ...], whatever: bool = False
+) -> Iterator[tuple[float, Asked]]:
+    """(cost, question) of every row that covers the sentence, the cheapest first; `whatever`: any words may be left out."""
+    tokens = range(len(reading.tokens))
+    matches: dict[str, Matches] = {}
+    for name, rule in _slots.items():
+        for at in tokens:
+            if ways := rule.at(reading, at):
+                matches.setdefault(name, {})[at] = [(end, value[0] if value else None) for end, value in ways.items()]
+    gaps = [_gaps(reading, at) | ({at + 1: _UNKNOWN} if whatever else {}) for at in tokens]
+    covers = [(row, cover) for row in _ROWS if (cover := row.cover(matches, gaps))]
+    for row, (cost, found) in sorted(covers, key=lambda one: (one[1][0], -len(one[0].needed))):
+        if asked := _asked(row, found, clip, it):
+            yield cost - len(row.needed) / 10, asked
+
+
+def _gaps(reading: Reading, at: int) -> dict[int, int]:
+    """Where what adds nothing ends that begins at a word, and the cost: the fewer words are left out, the likelier a reading."""
+    ends = {end: end - at for end in (*_aside.at(reading, at), *CUES["filler"].at(reading, at))}
+    word = reading.word(at)
+    if word in _LOOSE and not (word in _BINDING and _name.at(reading, at + 1)):
+        ends.setdefault(at + 1, _LOOSELY)
+    return ends | dict.fromkeys(CUES["inside"].at(reading, at), 1)
+
+
+def _either_or(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
+    """The question that two ask, of which the second says only what is other: "Is the dog moving or standing still?"."""
+    for joint in re.finditer(r",? or ", text):
+        first, rest = _understood(text[: joint.start()], clip, it), text[joint.end() :]
+        if first is None or not first.things:
+            continue
+        than = first.other[0] if first.other else ""  # "is the dog behind the bush or in front?"
+        placed = re.sub(r" (?:it|them|him|her)$", "", rest)
+        for second in (rest, f"{rest} it", f"it {placed} {than}", f"it {placed} of {than}"):
+            other = _understood(second, clip, first.things[:-1] if than else first.things)
+            if other and other.things == first.things and len({first.kind, other.kind} - {"motion"}) < 2:
+                both = f"{first.manner} or {other.manner}" if first.kind == "colour" else first.manner
+                return replace(first, polar=False, negated=False, side="", manner=both)
     return None
 
 
@@ -376,11 +458,12 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     """The question of a row whose slots are filled; None where they do not go together."""
     joined = next((found[slot] for slot in _JOINED if slot in found), ("", ()))
     pair = found.get("pair", ())
-    who, thing = found.get("who") or (), found.get("thing", ())
+    who, thing = found.get("who") or (), found.get("thing", ()) or tuple(filter(None, [row.options.get("thing")]))
     if who and len(thing) == 1:
         return None
     other = (*found.get("other", ()), *found.get("than", ()), *pair[1:], *joined[1])
-    things = _resolved((*who, *thing, *pair[:1], *other), it)
+    named = (*who, *thing, *pair[:1], *other)
+    things = _resolved(named, it)
     other = things[len(things) - len(other) :] if len(things) >= len(other) else ()
     if row.kind == "distance" and len(things) < 2:
         if not things:
@@ -389,8 +472,16 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     manner = row.options.get("manner") or joined[0] or next((found[slot] for slot in _MANNERS if found.get(slot)), "")
     kind, polar, negated = row.kind, row.polar and " or " not in manner, row.polar and ("not" in found or "no" in found)
     negated = negated != ("says" in row.options)
-    if kind == "@place":
-        kind, manner = _BESIDE.get(manner, manner), ""
+    if kind == "what_is":
+        return Asked(kind, it) if it else None
+    kind = _OPPOSITE.get((kind, manner), kind)
+    if kind == "@place":  # before or behind everything is the nearest or the farthest
+        kind = (
+            _BESIDE.get(manner, manner) if things else {"in front of": "nearest", "behind": "farthest"}.get(manner, "")
+        )
+        manner = ""
+        if not kind:
+            return None
     elif kind == "near":
         kind, manner = "relation", "near"
     elif kind == "still" and polar:
@@ -402,10 +493,19 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
         other = things[-1:]
     if not several and (kind in _TWO or (polar and kind in ("nearest", "farthest"))) and manner not in _MOST:
         return None
-    single = (*who, *thing) if kind in _MANY and len(who) + len(thing) == 1 and not (polar or pair) else ()
+    nearest_of_several = kind in ("nearest", "farthest") and bool(other) and len(things) > 2
+    single = (
+        things[:1]
+        if nearest_of_several
+        else (*who, *thing)
+        if kind in _MANY and len(who) + len(thing) == 1 and not (polar or pair)
+        else ()
+    )
     if kind == "motion" or "it" in single or (other and kind not in ("nearest", "farthest")):
         single = ()
     span = _frames(found["time"], clip) if "time" in found else None
+    if row.kind in _NEEDS_A_THING and not it and "it" in named:
+        return None
     if span is None and "at" in row.options:
         span = (clip.frames - 1.0, clip.frames - 1.0) if row.options["at"] == "end" else (0.0, 0.0)
     return Asked(
@@ -423,13 +523,25 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     )
 
 
-_JOINED = ("place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to")
+_JOINED = ["near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
 _MANNERS = (
     *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
     "farther-aside",
 )
 """Slots, the first that is filled: what says in which manner, or by which relation."""
+_OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}
+"""(kind, extreme that is asked for) -> the kind that it is."""
+_NEEDS_A_THING = word_set("@place neighbours between near relation size colour count compare_size biggest seen")
+"""Kinds that nothing stands in for where "it" stands for nothing."""
+_ALIKE = ("motion", "stops")
+"""Kinds whose answers say the same of what stands still."""
 _MOST = ("fastest", "slowest")
+_TELLS_WHEN = ("motion", "stops", "enter", "leave")
+"""Kinds whose answer to yes or no says when, too."""
+
+
+_SURFACES = word_set("fur coat skin hide feathers plumage fleece wool paint paintwork body exterior surface")
+"""Parts that are no things of their own: the cat's fur is the cat."""
 
 
 def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
@@ -439,24 +551,45 @@ def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
         first, _, last = thing.rpartition(" ")
         if last in ("one", "ones") and names:
             thing = f"{first} {names[0].split()[-1]}".strip()
+        owner = first.removesuffix("'s")
+        if last in _SURFACES and owner != first and not (last == "coat" and re.fullmatch(PEOPLE, owner)):
+            thing = owner
         names += it if thing == "it" else (thing,)
     return tuple(dict.fromkeys(names))
 
 
-def _refusal(text: str) -> Unanswerable:
-    """Why nothing is computed: the word that is not known, or what the question is about."""
+def _in_words(asked: Asked) -> str:
+    """What a question asks for: "where the dog is"."""
+    things = " and ".join(f"the {thing}" for thing in asked.things) or "it"
+    return ASKED_FOR[asked.kind].format(things)
+
+
+def _nearest_kinds(text: str, clip: Clip, it: tuple[str, ...]) -> str:
+    """What questions that the scene answers are like `text`; nothing where too many of its words would be left out."""
+    reading = Reading.of(text, tokenise(text), {})
+    near: dict[str, str] = {}
+    for cost, asked in _readings(reading, Clip(clip.fps, 10**6), it, whatever=True):  # times are another matter
+        if cost < _UNKNOWN * len(reading.tokens) / 2 and asked.kind in ASKED_FOR:
+            near.setdefault(asked.kind, _in_words(asked))
+    return f" Do you ask {', or '.join([*near.values()][:2])}?" if near else ""
+
+
+def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
+    """Why nothing is computed: the word that is not known, or what the question is about; and what may be meant."""
+    words = re.findall(r"[^\W\d_]+", text)
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
+    if not it and not _PRONOUNS.isdisjoint(words) and _understood(text, clip, ("it",)):
+        return Unanswerable(f"I do not know what is meant here, as nothing is selected or was named before; {CAN}.")
     negation = re.search(_NEGATION, text)
     if negation and subject == "that":
         subject = f"what '{negation[0]}' asks for here"
-    words = re.findall(r"[^\W\d_]+", text)
     strange = next((word for word in words if re.fullmatch(_ADVERB, word)), "")
     last = [word for word in words if word not in _ASKING_WORDS][-1:]
     if not strange and last and re.search(rf"(?<!\ba )(?<!\ban )(?<!\bthe )\b{last[0]}$", text):
         strange = last[0]
     if subject == "that" and strange:
-        return Unanswerable(f"I do not know what '{strange}' means here; {CAN}.")
-    return Unanswerable(f"Computing from the scene cannot tell {subject}; {CAN}.")
+        return Unanswerable(f"I do not know what '{strange}' means here; {CAN}.{_nearest_kinds(text, clip, it)}")
+    return Unanswerable(f"Computing from the scene cannot tell {subject}; {CAN}.{_nearest_kinds(text, clip, it)}")
 
 
 def _frames(said: Span, clip: Clip) -> tuple[float, float]:

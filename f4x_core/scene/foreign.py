@@ -21,12 +21,13 @@ from ..errors import F4xError
 from ..geometry.camera import CameraPath
 from ..geometry.splats import Splats
 from .file import HEADER, read_scene
+from .formats.gltf_splats import holds_splats, read_gltf
 from .formats.splat import looks_like_splat, read_splat
 from .formats.spz import read_spz
 from .model import PosedSplats, Scene, StaticSet
 from .ply import read_ply
 
-Kind = Literal["scene", "ply", "splat", "spz", "sequence"]
+Kind = Literal["scene", "ply", "splat", "spz", "gltf", "sequence"]
 WIDTH, HEIGHT, FIELD_OF_VIEW = 960, 540, 50.0
 """Pixels and vertical degrees of the camera that frames splats which come without one."""
 SEEN = 0.1
@@ -45,7 +46,7 @@ FIT = "make a scene of it with `f4x fit {path} -o DIR`"
 GZIP = b"\x1f\x8b"
 SIGNATURES = (
     (0, b"NGSP", f"SPZ splats of version 4, of which 2 and 3 can be read; {CONVERT}"),
-    (0, b"glTF", "a glTF binary; import it in Blender, or take the splats' PLY"),
+    (0, b"glTF", "a glTF binary without splats; import it in Blender, or take the splats' PLY"),
     (0, b"#usda", "a USD stage; import it in Blender, or take the splats' PLY"),
     (0, b"PXR-USDC", "a USD stage; import it in Blender, or take the splats' PLY"),
     (0, b"BLENDER", "a Blender file; open it in Blender"),
@@ -64,7 +65,7 @@ SIGNATURES = (
     (0, b"{", "a JSON file; choose a .f4x scene or a splat file"),
 )
 """(offset, bytes there, what the file is and what to do)."""
-READERS = {"ply": read_ply, "splat": read_splat, "spz": read_spz}
+READERS = {"ply": read_ply, "splat": read_splat, "spz": read_spz, "gltf": read_gltf}
 """Of one file of splats, by kind."""
 
 
@@ -112,7 +113,7 @@ class SplatSequence:
 
 
 def open_any(path: Path | str, sequence: bool = True) -> Scene | SplatSequence:
-    """Open a `.f4x` scene, a 3DGS PLY, a `.splat` or `.spz` file or a numbered PLY sequence (its folder or one of its files).
+    """Open a `.f4x` scene, splats (3DGS PLY, `.splat`, `.spz`, glTF) or a numbered PLY sequence (its folder or a file of it).
 
     A single splat file becomes a scene in which nothing moves, with one camera that frames it. With `sequence` False
     a numbered file is opened alone. Raises F4xError that says what the file is and what to do with it.
@@ -145,6 +146,8 @@ def identify(path: Path | str, sequence: bool = True) -> Kind:
             return "sequence" if sequence and len(_siblings(path)) > 1 else "ply"
         if start.startswith(GZIP):
             return "spz"  # `read_spz` says if it is something else
+        if start.startswith((b"glTF", b"{")) and holds_splats(path):
+            return "gltf"
         for offset, signature, sentence in SIGNATURES:
             if start.startswith(signature, offset):
                 raise F4xError(f"{path}: {sentence.format(path=path)}")
@@ -157,7 +160,7 @@ def identify(path: Path | str, sequence: bool = True) -> Kind:
             f"{path}: cannot be read ({error.strerror or error}); choose a .f4x scene or a splat file"
         ) from error
     raise F4xError(
-        f"{path}: neither a scene nor splats that are known here; choose a .f4x, a 3DGS .ply, a .splat or a .spz file"
+        f"{path}: neither a scene nor splats that are known here; choose a .f4x, a 3DGS .ply, a .splat, a .spz or a .glb file"
     )
 
 

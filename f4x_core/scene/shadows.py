@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -19,46 +20,128 @@ SAMPLES = 16
 """Points of a lamp with a size that are looked at from each Gaussian."""
 BLOCK = 1 << 16
 """Points that are worked on together: with all their ways about 100 MB."""
+_TURNS = np.arange(SAMPLES) * GOLDEN_ANGLE
+_DISC = np.sqrt((np.arange(SAMPLES) + 0.5) / SAMPLES)[:, None] * np.stack([np.cos(_TURNS), np.sin(_TURNS)], 1)
+"""(S,2) spread evenly over a disc of radius 1."""
+_SQUARE = (
+    2 * np.stack([(np.arange(SAMPLES) + 0.5) / SAMPLES, (np.arange(SAMPLES) + 0.5) * GOLDEN_ANGLE / (2 * np.pi) % 1], 1)
+    - 1
+)
+"""(S,2) spread evenly over a square of side 2."""
 OFF = 1e-4
 """Fraction of the way to a lamp, or of the size of what casts shadows for the sun, before which nothing casts one: a Gaussian that
 lies on a mesh does not hide itself."""
 
 
+class Lamp(Protocol):
+    """Something that gives light."""
+
+    def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """(ways (N,S,3), irradiances (N,S)): from `points (N,3)` to S places of the lamp, and what each of them gives, W/m^2.
+
+        That is on what faces the lamp. The ways to a sun are `reach` long.
+        """
+        ...
+
+
 @dataclass(frozen=True, eq=False)
-class Lamp:
-    """A sun or a ball of light."""
+class Sun:
+    """Light from one direction."""
 
     power: float
-    """Of a sun its irradiance, W/m^2; of a ball its W."""
+    """Irradiance, W/m^2."""
     size: float
-    """Of a sun the tangent of half its angle, of a ball its radius in world units; 0 has hard shadows."""
-    place: np.ndarray | None = None
-    """(3,) centre of a ball in the world; None for a sun."""
-    towards: np.ndarray | None = None
-    """(3,) unit vector to a sun; None for a ball."""
+    """The tangent of half its angle; 0 has hard shadows."""
+    towards: np.ndarray
+    """(3,) unit vector to it."""
 
-    def irradiance(self, points: np.ndarray) -> np.ndarray:
-        """(N,) W/m^2 at `points (N,3)` on what faces the lamp."""
-        if self.place is None:
-            return np.full(len(points), self.power)
-        squared = ((points - self.place) ** 2).sum(1)
-        return self.power / (4 * np.pi * np.maximum(squared, max(self.size, OFF) ** 2))
+    def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """See `Lamp`."""
+        ways = _to_disc(np.broadcast_to(reach * self.towards, points.shape), reach * self.size)
+        return ways, np.full(ways.shape[:2], self.power / ways.shape[1])
 
-    def ways(self, points: np.ndarray, reach: float) -> np.ndarray:
-        """(N,S,3) ways from `points (N,3)` to S points on the disc that the lamp shows them; to a sun `reach` far."""
-        count = SAMPLES if self.size > 0 else 1
-        radius, angle = np.sqrt((np.arange(count) + 0.5) / count), np.arange(count) * GOLDEN_ANGLE
-        disc = self.size * radius * np.array([np.cos(angle), np.sin(angle)]) * (self.size > 0)
-        if self.place is not None:
-            middle = self.place - points
-        else:
-            assert self.towards is not None
-            middle, disc = np.broadcast_to(reach * self.towards, points.shape), reach * disc
-        side = np.cross(middle, np.eye(3)[np.abs(middle).argmin(axis=1)])
-        side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), np.finfo(float).tiny)
-        up = np.cross(middle, side)
-        up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), np.finfo(float).tiny)
-        return middle[:, None] + disc[0][:, None] * side[:, None] + disc[1][:, None] * up[:, None]
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """A ball that shines in all directions."""
+
+    power: float
+    """W."""
+    size: float
+    """Its radius in world units; 0 has hard shadows."""
+    place: np.ndarray
+    """(3,) its centre in the world."""
+
+    def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """See `Lamp`."""
+        middle = self.place - points
+        squared = np.maximum((middle**2).sum(1), max(self.size, OFF) ** 2)
+        ways = _to_disc(middle, self.size)
+        count = ways.shape[1]
+        return ways, np.repeat((self.power / (4 * np.pi * count) / squared)[:, None], count, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Spot(Ball):
+    """A ball whose light leaves in a cone."""
+
+    to_lamp: np.ndarray
+    """(3,3) world directions to the lamp's own axes; it shines along -z. Axes of a scaled lamp squeeze the cone."""
+    cosine: float
+    """Of half the angle of the cone."""
+    blend: float
+    """Fraction of the cone, by cosine, over which its light ends; 0 has a hard edge."""
+
+    def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """See `Lamp`."""
+        ways, given = super().rays(points, reach)
+        own = (points - self.place) @ self.to_lamp.T
+        along = -own[:, 2] / np.maximum(np.linalg.norm(own, axis=1), np.finfo(float).tiny)
+        edge = np.clip((along - self.cosine) / max((1 - self.cosine) * self.blend, np.finfo(float).eps), 0, 1)
+        return ways, given * (edge**2 * (3 - 2 * edge))[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Area:
+    """A flat lamp that shines to one side."""
+
+    power: float
+    """W."""
+    place: np.ndarray
+    """(3,) its middle in the world."""
+    sides: np.ndarray
+    """(2,3) from the middle to the middle of a side and of the next one, or half the axes of an ellipse."""
+    towards: np.ndarray
+    """(3,) unit vector of the direction in which it shines."""
+    is_round: bool = False
+    """An ellipse, not a rectangle."""
+    spread: float = np.pi
+    """Angle within which its light leaves, rad."""
+
+    def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """See `Lamp`; every place of it counts by its distance and by how obliquely it is seen."""
+        places = self.place + (_DISC if self.is_round else _SQUARE) @ self.sides
+        ways = places - points[:, None]
+        squared = np.maximum((ways**2).sum(2), OFF**2)
+        cosine = np.maximum(-(ways @ self.towards), 0) / np.sqrt(squared)
+        given = self.power / (np.pi * SAMPLES) * cosine / squared
+        if self.spread < np.pi:  # a honeycomb before it
+            half = self.spread / 2
+            with np.errstate(divide="ignore"):
+                tangent = np.sqrt(np.maximum(1 / cosine**2 - 1, 0))
+            given = given * np.maximum(np.tan(half) - tangent, 0) / (np.tan(half) - half)
+        return ways, given
+
+
+def _to_disc(middle: np.ndarray, size: float) -> np.ndarray:
+    """(N,S,3) ways to S points on a disc of radius `size` across the ways `middle (N,3)`; one way without a size."""
+    if size <= 0:
+        return middle[:, None]
+    side = np.cross(middle, np.eye(3)[np.abs(middle).argmin(axis=1)])
+    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), np.finfo(float).tiny)
+    up = np.cross(middle, side)
+    up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), np.finfo(float).tiny)
+    return middle[:, None] + size * (_DISC[:, :1] * side[:, None] + _DISC[:, 1:] * up[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,24 +167,24 @@ def light_left(
     reach = float(np.linalg.norm(np.ptp(everything, axis=0)))
     whole, seen = np.zeros(len(points)), np.zeros(len(points))
     for lamp in lamps:
-        share = lamp.irradiance(points)
-        whole += share
         for first in range(0, len(points), BLOCK):
             block = slice(first, first + BLOCK)
-            seen[block] += share[block] * _visible(points[block], lamp.ways(points[block], reach), casters)
+            ways, given = lamp.rays(points[block], reach)
+            whole[block] += given.sum(1)
+            seen[block] += np.where(_free(points[block], ways, given > 0, casters), given, 0).sum(1)
     lost = 1 - np.where(whole > 0, seen / np.where(whole > 0, whole, 1), 1)
     return np.where(lost > 0, 1 - strength * lost, 1.0)
 
 
-def _visible(points: np.ndarray, ways: np.ndarray, casters: Sequence[Caster]) -> np.ndarray:
-    """(N,) fraction of the `ways (N,S,3)` from `points (N,3)` on which nothing stands."""
-    free = np.ones(ways.shape[:2], bool)
+def _free(points: np.ndarray, ways: np.ndarray, asked: np.ndarray, casters: Sequence[Caster]) -> np.ndarray:
+    """(N,S) bool: on which of the `ways (N,S,3)` from `points (N,3)` nothing stands; looked at are those of `asked (N,S)`."""
+    free = asked.copy()
     for caster in casters:
         row, sample = np.nonzero(free & _meets(points, ways, caster.box))
         if len(row):
             way = ways[row, sample]
             free[row, sample] = ~caster.blocks(points[row] + OFF * way, (1 - OFF) * way)
-    return free.mean(1)
+    return free
 
 
 def _meets(points: np.ndarray, ways: np.ndarray, box: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.foreign import open_any
 from f4x_core.scene.formats import export
 
-from .test_import_scene import CLIP, STATIC, tiny_scene
+from .tiny_scene import CLIP, STATIC, tiny_scene
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")

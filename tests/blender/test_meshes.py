@@ -199,3 +199,85 @@ def test_a_plane_below_a_cube_gets_a_dark_square(tmp_path):
     assert (arrays["unseen"] <= arrays["alone"]).all()
     seen = np.abs(arrays["on"] - arrays["off"]).max(-1) > 0
     assert seen.any() and not (seen & ~(changed > 0)).any()
+
+
+LAMPS = {
+    "SUN": {"energy": 2, "rotation_euler": (0.3, 0, 0), "angle": 0.3},
+    "POINT": {"energy": 100, "shadow_soft_size": 0.2},
+    "SPOT": {"energy": 100, "spot_size": 1.4, "spot_blend": 0.5, "shadow_soft_size": 0.1, "scale": (1, 1.5, 1)},
+    "AREA": {"energy": 50, "shape": "RECTANGLE", "size": 0.3, "size_y": 0.6, "rotation_euler": (0.3, 0.1, 0.4)},
+    "AREA ": {"energy": 50, "shape": "ELLIPSE", "size": 0.6, "size_y": 0.3, "scale": (1.5, 1, 1), "spread": 2.0},
+}
+CYCLES = """
+from mathutils import Vector
+from feature4x.addon import shadows
+from feature4x.f4x_core.scene.shadows import light_left
+bpy.ops.wm.read_factory_settings(use_empty=True)
+scene, SIDE = bpy.context.scene, 48
+scene.render.engine, scene.cycles.samples, scene.cycles.max_bounces = "CYCLES", 256, 0
+scene.cycles.use_denoising, scene.view_settings.view_transform = False, "Raw"
+scene.render.resolution_x = scene.render.resolution_y = SIDE
+scene.render.filter_size = 0.01
+bpy.ops.mesh.primitive_plane_add(size=4)
+material = bpy.data.materials.new("white")
+material.use_nodes = True
+tree = material.node_tree
+shader, sink = tree.nodes.new("ShaderNodeBsdfDiffuse"), next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+shader.inputs[0].default_value = (1, 1, 1, 1)
+tree.links.new(shader.outputs[0], sink.inputs[0])
+bpy.context.object.data.materials.append(material)
+plane = bpy.context.object
+bpy.ops.mesh.primitive_cube_add(size=0.6, location=(0.2, 0.1, 0.7))
+cube = bpy.context.object
+cube.visible_camera = False
+camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+camera.data.type, camera.data.ortho_scale, camera.location = "ORTHO", 2, (0, 0, 5)
+scene.collection.objects.link(camera)
+scene.camera = camera
+image = scene.render.image_settings
+image.file_format, image.color_depth = "OPEN_EXR", "32"
+across = (np.arange(SIDE) + 0.5) / SIDE * 2 - 1
+points = np.stack([*np.meshgrid(across, across), np.zeros((SIDE, SIDE))], -1).reshape(-1, 3)
+
+def irradiance(name):
+    scene.render.filepath = str(folder / f"{name}.exr")
+    bpy.ops.render.render(write_still=True)
+    picture = bpy.data.images.load(scene.render.filepath)
+    flat = np.empty(len(picture.pixels), np.float32)
+    picture.pixels.foreach_get(flat)
+    return np.pi * flat.reshape(SIDE * SIDE, -1)[:, 0]
+
+for name, settings in LAMPS.items():
+    light = bpy.data.lights.new(name, name.strip())
+    item = bpy.data.objects.new(name, light)
+    item.location = 0.1, -0.1, 2
+    for key, value in settings.items():
+        setattr(item if hasattr(item, key) else light, key, value)
+    scene.collection.objects.link(item)
+    cube.visible_shadow = True
+    arrays[f"{name} shaded"] = irradiance(f"{name} shaded")
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    lamps, casters = shadows._lamps(depsgraph), [each for each, _ in shadows._casters(depsgraph)]
+    arrays[f"{name} left"] = light_left(points, lamps, casters, 1.0)
+    ways, given = lamps[0].rays(points, 10.0)
+    arrays[f"{name} given"] = (given * np.maximum(ways[..., 2] / np.linalg.norm(ways, axis=2), 0)).sum(1)
+    cube.visible_shadow = False
+    arrays[f"{name} free"] = irradiance(f"{name} free")
+    bpy.data.objects.remove(item)
+noted["casters"] = len(casters)
+"""
+
+
+def test_lamps_shine_and_shade_as_in_cycles(tmp_path):
+    """On a plane below a cube: what each lamp gives without the cube, and the fraction of it that is left behind the cube."""
+    noted, arrays = perform(tmp_path, CYCLES.replace("LAMPS.items()", f"{LAMPS}.items()"))
+    assert noted["casters"] == 2  # the plane, which lies behind every point, and the cube
+    for name in LAMPS:
+        free, given = arrays[f"{name} free"], arrays[f"{name} given"]
+        off = np.abs(free - given) / free.max()
+        assert np.median(off) < 0.01 and np.quantile(off, 0.98) < 0.03, (name, np.quantile(off, [0.5, 0.98]))
+        lit = free > 0.05 * free.max()
+        left, expected = arrays[f"{name} left"][lit], (arrays[f"{name} shaded"] / np.maximum(free, 1e-9))[lit]
+        assert (expected < 0.02).sum() > 50, name
+        off = np.abs(left - expected)
+        assert off.mean() < 0.02 and np.quantile(off, 0.97) < 0.15, (name, off.mean(), np.quantile(off, 0.97))

@@ -13,7 +13,7 @@ from f4x_core.edit.apply import open_scene
 from f4x_core.edit.stack import read_stack
 from f4x_core.scene import write_scene
 
-from .test_import_scene import CLIP, tiny_scene
+from .tiny_scene import CLIP, tiny_scene
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")

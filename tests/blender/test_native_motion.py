@@ -99,3 +99,47 @@ noted["by hand"] = modifier.show_viewport
     noted, _ = perform(folder, START + script)
     assert noted["same"] == [True, True] and noted["other"] is False
     assert noted["on"] == [False, 0.5, True] and noted["without a node"] is True and noted["by hand"] is False
+
+
+def test_a_file_that_blender_saved_by_itself_and_copies_are_posed_by_geometry_nodes(folder):
+    """An auto-save tells nobody, so it is written while the core poses; so is what a person then copies."""
+    script = """
+native_motion.switch_off(cloud)
+bpy.app.handlers.save_pre.clear()
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "auto.blend"), copy=True)
+noted["written"] = modifier.show_viewport
+select(cloud)
+bpy.ops.object.duplicate()
+copy = bpy.context.object
+noted["copied"] = copy.modifiers["Feature4X motion"].show_viewport
+native_motion.switch_on()
+noted["copy"] = copy.modifiers["Feature4X motion"].show_viewport
+bpy.ops.wm.open_mainfile(filepath=str(folder / "auto.blend"))
+cloud = bpy.data.objects["labelled dynamic"]
+noted["opened"] = cloud.modifiers["Feature4X motion"].show_viewport
+noted["marked"] = native_motion.CARRIED in cloud
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted == {"written": False, "copied": False, "copy": True, "opened": True, "marked": False}
+
+
+@pytest.mark.parametrize(
+    "gone", ["bpy.data.objects.remove(root())", "bpy.data.collections.remove(root()['f4x_nodes'])"]
+)
+def test_a_cloud_whose_root_or_nodes_were_deleted_is_left_to_geometry_nodes(folder, gone):
+    """Another scene, which is the only one then, does not move it."""
+    script = f"""
+bpy.context.scene.frame_set(4)
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+select(bpy.data.objects["labelled"])
+native_motion.switch_off(cloud)
+read(reader)
+{gone}
+bpy.context.view_layer.update()
+noted["drawn"] = len(read(reader).means)
+native_motion._may_carry = lambda: True
+native_motion.look()
+noted["on"] = modifier.show_viewport
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted == {"drawn": 81, "on": True}

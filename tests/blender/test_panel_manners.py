@@ -14,7 +14,7 @@ from f4x_core.scene import write_scene
 from f4x_core.scene.view import render
 
 from .artist import perform
-from .test_import_scene import tiny_scene
+from .tiny_scene import tiny_scene
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 import door

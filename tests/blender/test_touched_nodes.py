@@ -6,7 +6,7 @@ import pytest
 from f4x_core.scene import write_scene
 
 from .artist import perform
-from .test_import_scene import NODES, tiny_scene
+from .tiny_scene import NODES, tiny_scene
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")

@@ -8,7 +8,7 @@ from labelled_scene import labelled_scene
 from f4x_core.scene import read_scene, write_scene
 
 from .artist import perform
-from .test_import_scene import tiny_scene
+from .tiny_scene import tiny_scene
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
@@ -57,6 +57,19 @@ ops.save_edits(); note("saved")
     noted, _ = perform(tmp_path, script + again)
     assert not noted["opened"]["saved"] and noted["opened"]["label"] == "Remove 1 Edit from Scene File"
     assert noted["saved"]["file"] == []
+
+
+def test_a_file_that_blender_saved_by_itself_remembers_it_too(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    script = START + UNDONE.partition("bpy.ops.wm.save")[0]
+    again = """
+bpy.app.handlers.save_pre.clear()  # an auto-save tells nobody
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "auto.blend"), copy=True)
+bpy.ops.wm.open_mainfile(filepath=str(folder / "auto.blend"))
+note("opened")
+"""
+    noted, _ = perform(tmp_path, script + again)
+    assert noted["opened"]["label"] == "Remove 1 Edit from Scene File"
 
 
 def test_what_another_program_wrote_is_seen_and_stays(tmp_path):

@@ -179,3 +179,59 @@ noted["counts"] = [*before, *display.counts(scene_object())]
 """
     noted, _ = perform(folder, START + script)
     assert noted["counts"] == [1201, 1201, 1120, 1120]
+
+
+def test_the_sidebar_counts_anew_after_every_change_and_only_then(folder):
+    script = """
+from feature4x.addon import display
+calls, count = [], display.counts
+display.counts = lambda found: calls.append(1) or count(found)
+
+def seen(name):
+    bpy.context.view_layer.update()  # as before each redraw
+    calls.clear()
+    noted[name] = [*display.last_counts(scene_object()), *display.last_counts(scene_object()), len(calls)]
+
+seen("imported")
+ops.change_selection("EXEC_DEFAULT", True, how="ALL"); seen("all")
+noted["asked again"] = [*display.last_counts(scene_object()), len(calls)]
+ops.query_text("EXEC_DEFAULT", True, text="square"); seen("square")
+ops.remove("EXEC_DEFAULT", True); seen("removed")
+bpy.ops.ed.undo(); seen("undone")
+bpy.ops.ed.redo(); seen("redone")
+bpy.ops.ed.undo()
+ops.transform("EXEC_DEFAULT", True, move=(0, 0, 1))
+scene_object().state.use_span, scene_object().state.first, scene_object().state.last = True, 2, 3
+ops.remove("EXEC_DEFAULT", True); seen("removed for a while")
+bpy.context.scene.frame_set(2); seen("in that while")
+bpy.data.objects.remove(bpy.data.objects["labelled static"]); seen("without the wall")
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted.pop("asked again") == [1201, 1201, 1]
+    assert noted == {
+        name: [*two, *two, 1]
+        for name, two in {
+            "imported": (0, 1201),
+            "all": (1201, 1201),
+            "square": (81, 1201),
+            "removed": (0, 1120),
+            "undone": (81, 1201),
+            "redone": (0, 1120),
+            "removed for a while": (81, 1201),
+            "in that while": (0, 1120),
+            "without the wall": (0, 0),
+        }.items()
+    }
+
+
+def test_importing_where_something_selected_has_just_been_removed(folder):
+    script = """
+item = bpy.data.objects.new("gone", None)
+bpy.context.scene.collection.objects.link(item)
+select(item)
+bpy.data.objects.remove(item)
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+noted["scenes"] = len(SceneObject.among(bpy.data.objects))
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["scenes"] == 2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from f4x_core.fit.losses import depth_loss, masked_l1, psnr, rgb_loss, ssim, ssim_map
+from f4x_core.fit.losses import depth_loss, depth_roughness, masked_l1, psnr, rgb_loss, ssim, ssim_map
 
 
 @pytest.fixture
@@ -57,6 +57,50 @@ def test_unknown_depth_says_nothing_and_little_confidence_is_not_blown_up():
     prior = torch.tensor([[torch.nan, torch.inf, 0.0, -3.0, 4.0]])
     assert float(depth_loss(depth, alpha, prior, torch.full((1, 5), 2.0))) == pytest.approx(1 / 2 - 1 / 4)
     assert float(depth_loss(depth, alpha, prior, torch.full((1, 5), 0.1))) == pytest.approx(0.1 * (1 / 2 - 1 / 4))
+
+
+def roughness_by_loops(inverse, grey, unsure, step):
+    """The mean bend of `inverse (H,W)`, pixel by pixel."""
+    total, (height, width) = 0.0, inverse.shape
+    for down, across in ((step, 0), (0, step)):
+        bends = []
+        for y in range(down, height - down):
+            for x in range(across, width - across):
+                places = [(y - down, x - across), (y, x), (y + down, x + across)]
+                bend, texture = (abs(m[places[0]] - 2 * m[places[1]] + m[places[2]]) for m in (inverse, grey))
+                bends.append(bend * math.exp(-texture / 0.04) * min(unsure[place] for place in places))
+        total += sum(bends) / len(bends)
+    return total
+
+
+@pytest.mark.parametrize(("size", "step"), [((12, 17), 1), ((17, 12), 1), ((136, 140), 2)])
+def test_depth_bends_count_where_pictures_are_plain_and_depth_unsure(size, step):
+    rng = torch.Generator().manual_seed(1)
+    depth, alpha, unsure = (0.2 + torch.rand(size, generator=rng, dtype=torch.float64) for _ in range(3))
+    image = 0.5 + 0.02 * torch.randn(*size, 3, generator=rng, dtype=torch.float64)
+    found = float(depth_roughness(depth, alpha, image, unsure))
+    expected = roughness_by_loops((alpha / depth).numpy(), image.mean(-1).numpy(), unsure.numpy(), step)
+    assert found == pytest.approx(expected, rel=1e-9) and found > 0.05
+
+
+def test_planes_are_not_rough_and_neither_is_what_is_sure_or_moves():
+    y, x = (torch.arange(n, dtype=torch.float64) for n in (20, 30))
+    plane = 0.5 + 0.02 * x + 0.03 * y[:, None]
+    image, unsure = torch.full((20, 30, 3), 0.5, dtype=torch.float64), torch.ones(20, 30, dtype=torch.float64)
+    assert float(depth_roughness(1 / plane, torch.ones_like(plane), image, unsure)) < 1e-12
+    bumpy = plane.clone()
+    bumpy[10, 15] += 0.4
+    assert float(depth_roughness(1 / bumpy, torch.ones_like(plane), image, unsure)) > 1e-3
+    unsure[7:14, 12:19] = 0
+    assert float(depth_roughness(1 / bumpy, torch.ones_like(plane), image, unsure)) < 1e-12
+
+
+def test_the_gradient_of_roughness():
+    rng = torch.Generator().manual_seed(2)
+    depth, alpha, unsure = (0.5 + torch.rand(7, 9, generator=rng, dtype=torch.float64) for _ in range(3))
+    image = torch.rand(7, 9, 3, generator=rng, dtype=torch.float64)
+    depth.requires_grad_(), alpha.requires_grad_()
+    assert torch.autograd.gradcheck(lambda d, a: depth_roughness(d, a, image, unsure), (depth, alpha))
 
 
 def test_an_empty_pixel_has_a_bounded_inverse_depth_and_gradient():

@@ -160,6 +160,21 @@ def depth_term(stage, data, drawn):
     return total / weights
 
 
+def rough_term(stage, data, drawn):
+    """Mean bend of the inverse depth of two neighbours' middle, less on texture, where depth is known and where it moves."""
+    height, width, total = data.height, data.width, 0.0
+    grey, motion = data.rgb[FRAME].double().numpy().mean(-1) / 255, data.motion[FRAME].double().numpy()
+    unsure = (1 - data.confidence[FRAME].double().numpy()) * (1 - motion)
+    inverse = drawn.alpha / np.maximum(drawn.depth, 1e-3)
+    for down, across in ((1, 0), (0, 1)):
+        middles = [(r, c) for r in range(down, height - down) for c in range(across, width - across)]
+        for r, c in middles:
+            three = [(r - down, c - across), (r, c), (r + down, c + across)]
+            bend, texture = (abs(m[three[0]] - 2 * m[three[1]] + m[three[2]]) for m in (inverse, grey))
+            total += bend * math.exp(-texture / 0.04) * min(unsure[place] for place in three) / len(middles)
+    return total
+
+
 def mask_term(stage, data, drawn):
     """Mean over all pixels of |alpha of what moves - mask|, trusted fully at scores 0 and 1 and not at all at 1/2."""
     total = 0.0
@@ -296,6 +311,14 @@ def test_a_term_of_what_is_drawn_is_its_formula_times_its_weight(scene, name, te
     assert added == pytest.approx(30 * term(stage, data, draw(stage, data, scene)), rel=2e-4)
 
 
+@pytest.mark.parametrize("level", [0, 1])
+@pytest.mark.parametrize("every", [1, 3])
+def test_roughness_is_its_formula_times_its_weight_and_its_period(scene, every, level):
+    added, stage = with_term(scene, "roughness", 30.0, level, rough_every=every)
+    data = stage.levels[level]
+    assert added == pytest.approx(30 * every * rough_term(stage, data, draw(stage, data, scene)), rel=2e-4)
+
+
 @pytest.mark.parametrize("every", [1, 3])
 @pytest.mark.parametrize("shifts", [((1, 3, 8), (0.6, 0.2, 0.2)), ((1, 2), (0.7, 0.3))])
 @pytest.mark.parametrize("name", MOTION)
@@ -328,7 +351,9 @@ def test_terms_add_up(scene):
         assert float(loss_of(whole)) == pytest.approx(plain + total, rel=1e-4)
 
 
-@pytest.mark.parametrize(("name", "period"), [("track", "track_every"), ("velocity", "motion_every")])
+@pytest.mark.parametrize(
+    ("name", "period"), [("track", "track_every"), ("velocity", "motion_every"), ("roughness", "rough_every")]
+)
 def test_what_is_costly_is_asked_for_every_so_many_steps(scene, name, period):
     stage, silent = stage_with(scene, dataclasses.replace(SILENT, **{name: 5.0}), **{period: 3}), stage_with(scene)
     plain = float(loss_of(silent).detach())

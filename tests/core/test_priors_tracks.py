@@ -100,6 +100,20 @@ def test_points_on_an_object_keep_to_its_flow_and_to_it():
         np.testing.assert_array_equal(visible[:, n], seen)
 
 
+def test_a_silhouette_point_that_leaves_the_picture_before_its_object_is_lost():
+    frames, height, width, speed = 4, 14, 24, -3.5
+    flows = {gap: np.full((frames, height, width, 2), (speed * gap, 0.0), np.float16) for gap in (1, -1)}
+    mask = np.zeros((frames, height, width), bool)
+    for t in range(frames):
+        left = int(10 + speed * t)
+        mask[t, 3:11, max(left, 0) : left + 7] = True
+    found, visible = module.track_points(flows, np.array([[0, 9.5, 7.5]]), TracksConfig(gaps=(1,)), mask)
+    np.testing.assert_allclose(
+        found[:, 0, 0], 9.5 + speed * np.arange(frames), atol=0.02
+    )  # 2 pixels beside the object's inside
+    assert visible[:, 0].tolist() == [True, True, True, False]
+
+
 def test_an_objects_flow_is_that_of_its_inside():
     flows, mask = random_flows(), moving_mask()
     found = module.ObjectFlows(flows, mask, TracksConfig(gaps=(1, 2)))

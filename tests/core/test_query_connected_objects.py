@@ -123,6 +123,12 @@ def test_a_thing_in_the_plane_of_the_camera_is_not_the_nearest():
     np.testing.assert_array_equal(pick_object(posed, behind, "nearest", CAMERA), rows[2])
 
 
+def test_of_things_that_are_all_behind_the_camera_one_is_picked_all_the_same():
+    posed, rows = splats([((-2, 0, -5), 9, FLAT, 0.5), ((1, 0, -4), 3, FLAT, 0.5)])
+    for which, thing in (("largest", 0), ("smallest", 1), ("farthest", 1), ("nearest", 0)):  # depth has a sign
+        np.testing.assert_array_equal(pick_object(posed, np.concatenate(rows), which, CAMERA), rows[thing])
+
+
 @pytest.mark.parametrize(
     ("which", "thing"),
     [

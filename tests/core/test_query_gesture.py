@@ -75,6 +75,11 @@ def test_a_lasso_that_crosses_itself_leaves_out_what_it_encloses_twice():
     assert Polygon(star).contains(np.array([[0.0, 0.0], [0.0, -0.8]])).tolist() == [False, True]
 
 
+def test_three_corners_enclose_a_triangle():
+    triangle = Polygon([(0.0, 0.0), (4.0, 0.0), (0.0, 4.0)])
+    assert triangle.contains(np.array([[1.0, 1.0], [3.0, 3.0], [-1.0, 1.0]])).tolist() == [True, False, False]
+
+
 def test_the_seen_are_the_square_and_through_it_the_wall():
     seen, through = (select_by_gesture(SCENE, view(), box_of_square(2.0), through=deep) for deep in (False, True))
     assert chosen(seen)[1] == 1 and chosen(through)[1] == 1
@@ -82,6 +87,8 @@ def test_the_seen_are_the_square_and_through_it_the_wall():
         SCENE.cameras.at(2.0).project(SCENE.static.means)[0]
     )
     assert behind.sum() > 10 and not (seen.chosen[:COUNT] & behind).any()
+    as_it_is = select_by_gesture(SCENE, view(), box_of_square(2.0))
+    np.testing.assert_array_equal(as_it_is.chosen, seen.chosen)  # what is seen, unless asked otherwise
 
 
 @pytest.mark.parametrize("through", [False, True])

@@ -87,6 +87,10 @@ def test_an_answer_that_is_another_labels_names_it(scene, monkeypatch):
         refuse_evidence_of_another(scene, "rhomb", moves, encode(0.59))
     refuse_evidence_of_another(scene, "rhomb", moves, encode(0.61))  # a word for the same thing
     refuse_evidence_of_another(scene, "square", moves)
+    monkeypatch.setattr(knowledge, "ALIKE", 0.99)  # no more a word for the same thing: a twentieth of evidence decides
+    refuse_evidence_of_another(scene, "rhomb", moves, encode(0.96))
+    with pytest.raises(F4xError, match=r"answers more to 'square' \(1.00 against 0.94\)"):
+        refuse_evidence_of_another(scene, "rhomb", moves, encode(0.94))
     refuse_evidence_of_another(scene, "wall", moves)  # a surface is what no thing takes
     nobody = Selection(scene.ids, np.zeros(len(scene.ids)), np.zeros(len(scene.ids), bool))
     refuse_evidence_of_another(scene, "rhomb", nobody, encode(0.59))

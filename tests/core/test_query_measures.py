@@ -184,6 +184,51 @@ def test_sides_of_two_go_by_the_pixels_of_the_first_moment():
     assert order == "from left to right at frame 0 (0.0 s): it, the other."
 
 
+@pytest.mark.parametrize(
+    ("kind", "manners", "moments"),
+    [
+        ("relation", ("in relation", "to the left", "over", "under", "in front", "behind", "near"), slice(1, 5)),
+        ("order", ("from left to right", "from right to left", "from near to far", "from far to near"), slice(1, 5)),
+        *(
+            (kind, ("",), slice(1, 5))
+            for kind in ("nearest", "farthest", "left_of", "right_of", "above", "below", "behind", "in_front")
+        ),
+        *((kind, ("",), slice(1, 5)) for kind in ("neighbours", "between")),
+        ("approach", ("", "away"), slice(1, 4)),
+    ],
+)
+def test_what_is_said_of_the_first_moment_does_not_depend_on_later_ones(kind, manners, moments):
+    """And "approach" compares the first with the last."""
+    rng = np.random.default_rng(3)
+    still = [thing(f"the thing {name}", *rng.normal(size=2), 2 + rng.uniform(), width=0.3) for name in "abcdef"]
+    for _ in range(5):
+        moved = []
+        for one in still:
+            centres = one.centres.copy()
+            centres[moments] += rng.normal(size=centres[moments].shape)
+            moved.append(replace_tracks(one, centres))
+        for manner in manners:
+            counts = {
+                "relation": (2,),
+                "approach": (2,),
+                "between": (1, 2),
+                "order": (6,),
+                "nearest": (1, 3),
+                "farthest": (1, 3),
+            }
+            for named in counts.get(kind, (1,)):
+                first, later = (
+                    say(kind, *things[:named], everything=things, manner=manner, polar=True)
+                    for things in (still, moved)
+                )
+                assert first == later
+
+
+def replace_tracks(one, centres):
+    """The thing along other places."""
+    return replace(one, centres=centres, pixels=100 * centres[:, :2], depth=centres[:, 2])
+
+
 @pytest.mark.parametrize(("apart", "near"), [(0.39, "Yes"), (0.41, "No")])
 def test_two_things_are_near_within_their_widths(apart, near):
     assert say("relation", thing("it", 0.0), thing("the other", apart), manner="near", polar=True).startswith(near)
@@ -229,6 +274,8 @@ def test_between_is_near_the_line_and_not_beyond_its_ends(x, y, there):
 def test_between_a_thing_and_the_camera():
     told = say("between", thing("it", 0, 0, 4.0), everything=[FRONT, thing("the wall", 0, 0, 5.0)])
     assert told == "between them: the front."
+    comes, stone = thing("it", 0, 0, [4.0, 1.5, 1.5, 1.5, 1.5]), thing("the stone", 0, 0, 2.0)
+    assert say("between", comes, everything=[stone]) == "between them: the stone."  # as it is at the first moment
 
 
 def test_speed_needs_two_moments_and_comparison_two_things():
@@ -237,6 +284,12 @@ def test_speed_needs_two_moments_and_comparison_two_things():
     for kind in ("compare_size", "relation"):
         with pytest.raises(F4xError, match="only one is named"):
             say(kind, DOG, manner="over")
+
+
+def test_speed_is_the_way_by_the_time_between_the_moments():
+    """Moments two frames, .2 s, apart: .031 a second is .0062 a moment."""
+    slow, slower = (thing("it", np.arange(5) * speed / 5) for speed in (0.031, 0.029))
+    assert say("count_moving", slow, slower, times=2 * TIMES) == "1 separate thing moves: it."
 
 
 def test_a_thing_moves_from_three_hundredths_a_second_on():
@@ -265,6 +318,7 @@ def test_a_colour_counts_by_the_surface_that_has_it():
     scene = lights((1, 0, 0), (0, 0, 1), (0, 0, 1), opacities=(0.5, 0.5, 0.5))
     assert say("colour", thing("it", 0, rows=(0, 1, 2)), scene=scene) == "it is blue (86%)."
     assert say("colour", thing("it", 0, rows=(0,)), scene=scene, polar=True, manner="blue") == "No: it is red (100%)."
+    assert say("colour", thing("it", 0, rows=(0,)), scene=scene, times=TIMES[3:4]) == "it is red (100%)."
 
 
 def test_brightness_is_luma_weighed_by_opacity():

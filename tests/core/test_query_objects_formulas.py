@@ -8,11 +8,26 @@ import pytest
 from labelled_scene import labelled_scene, square_mask
 from random_scene import random_scene
 
+from f4x_core.features.models.prompt import Prompt, check_prompt
 from f4x_core.geometry import spherical_harmonics
 from f4x_core.query import objects
 from f4x_core.query.blend_weights import blend_weight_sums, total_blend_weights
-from f4x_core.query.marks import Box, Brush, Mask, Point
+from f4x_core.query.marks import Box, Brush, Mask, Point, marks_of
 from f4x_core.query.objects import BLENDING, Graph, Superpoints, point_out
+
+
+@pytest.mark.parametrize(
+    ("prompt", "kinds"),
+    [
+        (check_prompt(3, 9, (12, 16), points=[(1, 2), (3, 4)], labels=[1, 0]), [(Point, True), (Point, False)]),
+        (check_prompt(3, 9, (12, 16), points=[(1, 2)], box=(0, 0, 5, 6)), [(Point, True), (Box, True)]),
+        (check_prompt(3, 9, (12, 16), mask=np.eye(12, 16)), [(Mask, True)]),
+    ],
+)
+def test_a_decoders_prompt_says_where_the_thing_is(prompt: Prompt, kinds):
+    marks = marks_of(3, prompt)
+    assert [(type(mark), mark.on) for mark in marks] == kinds and {mark.frame for mark in marks} == {3}
+
 
 TWO_BLEND = np.array([0.0, 0.0, 0.5, 0.5])
 """Of four superpoints the last two look like the background, so that the whole of them is no thing."""
@@ -389,6 +404,7 @@ def test_what_an_exact_mark_covers_is_held_but_for_what_is_against(pointing):
     start = weights(r4=1.0)
     assert pointing([STROKE], starts=[start], exact=[weights(r7=0.51)]) == [4, 5, 7]
     assert pointing([STROKE], starts=[start], exact=[weights(r7=0.49)]) == [4, 5]
+    assert pointing([STROKE, STROKE], starts=[start], exact=[weights(r6=0.51), weights(r7=0.51)]) == [4, 5, 6, 7]
     assert pointing([STROKE], starts=[start], exact=[weights(r7=0.6)], beside=[weights(r7=0.6)]) == [4, 5]
     assert pointing([STROKE], starts=[start], exact=[weights(r7=0.6)], seen=weights(r4=1.0, r5=1.0)) == [4, 5]
 

@@ -3,6 +3,7 @@
 import pytest
 
 from f4x_core.errors import F4xError
+from f4x_core.query.cues import ASKED_FOR, ROWS
 from f4x_core.query.wording import Asked, Unanswerable, read_question
 
 FPS, FRAMES = 24.0, 72
@@ -132,3 +133,90 @@ def test_no_word_of_a_question_is_ignored(word):
             except F4xError:
                 continue
             assert word == "blork" and any("blork" in thing for asked in understood for thing in asked.things), text
+
+
+@pytest.mark.parametrize(
+    ("question", "kind"),
+    [
+        ("is the dog still there at the end", "seen"),
+        ("is there still a dog in frame 30", "seen"),
+        ("is the dog still", "motion"),
+        ("is the dog gone at the end", "seen"),
+        ("does a dog appear in this clip", "seen"),
+        ("does the dog appear", "enter"),
+        ("can you find a dog in this scene", "seen"),
+        ("find the dog", "where"),
+        ("when is the gap between the dog and the cat smallest", "nearest_moment"),
+        ("when is the gap between the dog and the cat biggest", "farthest_moment"),
+        ("when does the dog move the slowest", "slowest_moment"),
+        ("what is in front of everything", "nearest"),
+    ],
+)
+def test_the_reading_that_leaves_fewest_words_over_is_taken(question, kind):
+    assert read_question(question, FPS, FRAMES)[0].kind == kind
+
+
+@pytest.mark.parametrize(
+    ("question", "plain"),
+    [
+        ("brown dog, yes?", "is the dog brown"),
+        ("the dog is behind the car, right?", "is the dog behind the car"),
+        ("the dog moves, doesn't it?", "does the dog move"),
+        ("is there a dog or not", "is there a dog"),
+        ("i see only water, is there also a dog?", "is there a dog"),
+        ("where is the dog, i can't see it", "where is the dog"),
+        ("hello! where is the dog?", "where is the dog"),
+        ("what colour is the dog's fur", "what colour is the dog"),
+        ("does the dog stop, and if so, when?", "does the dog stop"),
+        ("how fast does the dog run during the jump", "how fast does the dog run"),
+    ],
+)
+def test_what_adds_nothing_is_left_out_by_its_place(question, plain):
+    assert read_question(question, FPS, FRAMES) == read_question(plain, FPS, FRAMES)
+
+
+def test_a_coat_is_the_animals_and_a_things_of_a_persons():
+    assert read_question("what colour is the dog's coat", FPS, FRAMES)[0].things == ("dog",)
+    assert read_question("what colour is the girl's coat", FPS, FRAMES)[0].things == ("girl's coat",)
+
+
+@pytest.mark.parametrize(
+    ("question", "kind", "manner"),
+    [
+        ("is the dog moving or standing still", "motion", ""),
+        ("is the dog red or is it brown", "colour", "red or brown"),
+        ("is the dog behind the car or in front of it", "relation", "behind"),
+        ("are there several dogs or just one", "count", ""),
+    ],
+)
+def test_either_or_wants_no_yes(question, kind, manner):
+    (asked,) = read_question(question, FPS, FRAMES)
+    assert (asked.kind, asked.manner, asked.polar) == (kind, manner, False)
+
+
+def test_a_part_without_a_thing_is_about_that_of_its_neighbour():
+    fast, far = read_question("how fast and how far does the dog run", FPS, FRAMES)
+    assert (fast.kind, far.kind, fast.things, far.things) == ("fast", "far", ("dog",), ("dog",))
+    where, fast = read_question("where is the dog, and what's its speed?", FPS, FRAMES)
+    assert (where.kind, fast.kind, fast.things) == ("where", "fast", ("dog",))
+
+
+def test_what_fits_two_kinds_equally_well_is_asked_back():
+    with pytest.raises(Unanswerable, match="Do you ask how long the clip is, or how big the train is"):
+        read_question("how long is it", FPS, FRAMES, "train")
+    assert read_question("how long is it", FPS, FRAMES)[0].kind == "long"
+
+
+def test_a_refusal_names_the_nearest_kinds():
+    with pytest.raises(Unanswerable, match=r"Do you ask where the dog is.*\?"):
+        read_question("where will the dog be tomorrow", FPS, FRAMES)
+    with pytest.raises(Unanswerable, match="nothing is selected or was named"):
+        read_question("what is near it", FPS, FRAMES)
+    with pytest.raises(Unanswerable, match="'live'"):
+        read_question("where does the man live", FPS, FRAMES)
+
+
+def test_every_kind_can_be_asked_back():
+    kinds = {line.partition(":")[0].split()[-1] for line in ROWS.replace("\n    ", " ").strip().splitlines()}
+    plain = {kind for kind in kinds if "=" not in kind} - {"@place", "near", "what_is"}
+    assert plain <= ASKED_FOR.keys()

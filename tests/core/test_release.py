@@ -1,18 +1,22 @@
 """What a release rests on: one version everywhere, notes from the change log, zips that are the same twice, documents that show."""
 
 import re
+import shlex
 import zipfile
 from pathlib import Path
 
 import pytest
 
+from f4x_core.cli.parser import build_parser
 from f4x_core.versions import VERSION
+from scripts import dev
 from scripts.build_extension import blender_platform, reproducible
 from scripts.release import ReleaseError, copy_examples, repeated_versions, section_of, write_sums
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 LINK = re.compile(r"\]\(([^)\s]+)")
+SHELL = re.compile(r"```bash\n(.*?)```", re.DOTALL)
 
 
 def test_every_file_that_repeats_the_version_has_it():
@@ -80,3 +84,16 @@ def test_quoted_diagnoses_were_said_of_the_films_shown():
     said = (ROOT / "benchmarks" / "results" / "hard-cases.json").read_text(encoding="utf-8")
     quotes = re.findall(r"^> (.+)$", poor, re.MULTILINE)
     assert len(quotes) >= 6 and [quote for quote in quotes if quote not in said] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_on_a_page_are_commands_that_there_are(page):
+    """Verbs and options of `f4x`, verbs of `dev.py`, scripts; nothing is run."""
+    lines = "".join(SHELL.findall(page.read_text(encoding="utf-8"))).splitlines()
+    for words in (shlex.split(re.sub(r"^(\w+=\S* )+", "", line), comments=True) for line in lines):
+        if words[:1] == ["f4x"]:
+            build_parser().parse_args(words[1:])
+        elif words[1:2] == ["scripts/dev.py"]:
+            assert words[2] in dev.VERBS
+        for word in words:
+            assert not word.startswith("scripts/") or (ROOT / word).is_file(), word

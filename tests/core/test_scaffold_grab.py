@@ -94,6 +94,7 @@ def test_within_reach_goes_along_edges():
     edges = np.array([[0, 1], [1, 2], [2, 3]])
     assert within_reach(xyz, edges, np.array([0]), 2.0).tolist() == [0, 1, 2]
     assert within_reach(xyz, edges, np.array([0]), 0.0).tolist() == [0]
+    assert within_reach(xyz, edges, np.array([2]), 1.9).tolist() == [1, 2, 3]  # and against their order
 
 
 def test_an_offset_is_held_in_the_nodes_own_frame():

@@ -220,6 +220,89 @@ def test_gltf_leaves_out_what_it_has_no_names_for(tmp_path):
     assert read_khr(tmp_path / "a.glb")[0][4].shape[1] == 16
 
 
+@pytest.mark.parametrize(("name", "degree"), [("a.glb", 0), ("a.glb", 3), ("a.gltf", 1)])
+def test_gltf_there_and_back(tmp_path, name, degree):
+    scene = random_scene(degree=degree)
+    export(scene, tmp_path / name, [TIME], "gltf", SIMILARITY)
+    opened = open_any(tmp_path / name)
+    posed = opened.posed(0)
+    sh = world_harmonics(posed)
+    same_picture(scene, TIME, SIMILARITY, posed.means, posed.quats, posed.scales, posed.opacities, sh)
+    assert identify(tmp_path / name) == "gltf" and opened.scaffold is None
+
+
+def quantised(path):
+    """A .gltf as others write it: short rotations, byte scales and opacities, positions with a stride, a file beside it, nodes."""
+    kinds = {"<f4": 5126, "<i2": 5122, "u1": 5121}
+    attributes = {
+        "POSITION": ("VEC3", "<f4", False, [[1, 0, 0, 9], [0, 2, 0, 9]]),  # 9: of another attribute between the rows
+        "KHR_gaussian_splatting:ROTATION": ("VEC4", "<i2", True, [[0, 0, 0, 32767], [32767, 0, 0, 0]]),
+        "KHR_gaussian_splatting:SCALE": ("VEC3", "u1", False, [[1, 2, 3, 0], [4, 5, 6, 0]]),
+        "KHR_gaussian_splatting:OPACITY": ("SCALAR", "u1", True, [[255, 0, 0, 0], [51, 0, 0, 0]]),
+        "KHR_gaussian_splatting:SH_DEGREE_0_COEF_0": ("VEC3", "<f4", False, [[0.5, 0.25, 0], [-1, 0, 1]]),
+    }
+    accessors, views, data = [], [], b""
+    for index, (shape, kind, normalized, rows) in enumerate(attributes.values()):
+        rows = np.array(rows, kind)
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": rows.nbytes, "byteStride": rows.strides[0]})
+        accessors.append(
+            {"bufferView": index, "componentType": kinds[kind], "count": 2, "type": shape, "normalized": normalized}
+        )
+        data += rows.tobytes()
+    extension = {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}
+    names = {name: index for index, name in enumerate(attributes)}
+    primitive = {"mode": 0, "attributes": names, "extensions": {"KHR_gaussian_splatting": extension}}
+    document = {
+        "asset": {"version": "2.0"},
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(data), "uri": "the%20splats.bin"}],
+        "meshes": [{"primitives": [primitive]}],
+        "nodes": [{"children": [1], "scale": [2, 2, 2]}, {"mesh": 0, "translation": [0, 0, 10]}],
+        "scenes": [{"nodes": [0]}],
+    }
+    (path.parent / "the splats.bin").write_bytes(data)
+    path.write_text(json.dumps(document))
+    return document, extension
+
+
+def test_gltf_of_others_with_small_numbers_and_nodes(tmp_path):
+    quantised(tmp_path / "a.gltf")
+    posed = open_any(tmp_path / "a.gltf").posed(0)
+    np.testing.assert_allclose(posed.means, [[2, 0, -20], [0, -4, -20]], atol=1e-6)  # y up, z backward
+    np.testing.assert_allclose(posed.scales, [[2, 4, 6], [8, 10, 12]])
+    np.testing.assert_allclose(posed.opacities, [1, 0.2])
+    np.testing.assert_allclose(np.abs(posed.quats), [[0, 1, 0, 0], [1, 0, 0, 0]], atol=1e-4)
+    np.testing.assert_allclose(posed.sh[:, 0], [[0.5, 0.25, 0], [-1, 0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("words", "change"),
+    [
+        ("kernel 'round', of which only 'ellipse'", lambda document, extension: extension.update(kernel="round")),
+        ("colorSpace 'lin_rec709_display'", lambda document, extension: extension.update(colorSpace="lin_rec709_display")),
+        ("damaged glTF file", lambda document, extension: extension.pop("kernel")),
+        ("need KHR_some_compression", lambda document, extension: extension.update(extensions={"KHR_some_compression": {}})),
+        ("compressed or sparse", lambda document, extension: document["accessors"][0].pop("bufferView")),
+        ("compressed .EXT_pressed", lambda document, extension: document["bufferViews"][1].update(extensions={"EXT_pressed": {}})),
+        ("promises 3 splats", lambda document, extension: document["accessors"][4].update(count=3)),
+        ("outside its own folder", lambda document, extension: document["buffers"][0].update(uri="../other.bin")),
+        ("cannot be read", lambda document, extension: document["buffers"][0].update(uri="none.bin")),
+        ("scales unevenly", lambda document, extension: document["nodes"][0].update(scale=[1, 2, 1])),
+        ("glTF file without splats", lambda document, extension: document["nodes"][1].pop("mesh")),
+        ("damaged glTF file", lambda document, extension: document["scenes"][0].update(nodes=[7])),
+    ],
+)  # fmt: skip
+def test_gltf_that_is_not_read_is_said(tmp_path, words, change):
+    path = tmp_path / "a.gltf"
+    document, extension = quantised(path)
+    change(document, extension)
+    path.write_text(json.dumps(document))
+    with pytest.raises(F4xError, match=words) as caught:
+        open_any(path)
+    assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
+
+
 def test_gltf_in_a_viewer_without_splats(tmp_path):
     scene = random_scene(degree=1)
     export(scene, tmp_path / "a.glb", [TIME], "gltf")
@@ -659,7 +742,7 @@ STRANGERS = {
     "a USD package": zipped("a.usdc"),
     "not a whole scene file": data(b"PK\x03\x04 but no more"),
     "holds no SPZ splats": data(gzip.compress(bytes(40))),
-    "a glTF binary": lambda path: path.write_bytes(trimesh.creation.box().export(file_type="glb")),
+    "a glTF binary without splats": lambda path: path.write_bytes(trimesh.creation.box().export(file_type="glb")),
     "a USD stage": data(b"#usda 1.0\n"),
     "a Blender file": data(b"BLENDER-v405"),
     "a JSON file": data(b'{"format": "f4x-cameras"}'),

@@ -11,9 +11,11 @@ from f4x_core.edit.operations import Delete, Duplicate
 from f4x_core.edit.resolve import EditorState, resolve
 from f4x_core.edit.selects import Ids
 from f4x_core.edit.stack import EditStack, with_stack
-from f4x_core.query.unseen import unseen_gaussians
+from f4x_core.geometry.arrays import evenly_spaced
+from f4x_core.query.blend_weights import seen_sums
+from f4x_core.query.unseen import COLUMNS, LEAST, VIEWS, unseen_gaussians
 from f4x_core.scene import StaticSet
-from f4x_core.scene.stage import Cloud, Surface, draw
+from f4x_core.scene.stage import Cloud, Surface, draw, fitted_config
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +49,17 @@ def test_the_hidden_wall_alone_is_unseen(scene):
     within = ((pixels > 4) & (pixels < (WIDTH - 4, HEIGHT - 4))).all(1)
     assert not unseen[:first][within[:first]].any() and unseen[first:last][within[first:]].all()
     assert not unseen[last:].any()
+
+
+def test_it_is_what_numpy_alone_finds_view_by_view(scene):
+    seen = np.zeros(len(scene.ids), bool)
+    rows = round(COLUMNS * HEIGHT / WIDTH)
+    for frame in evenly_spaced(FRAMES, VIEWS):
+        camera = scene.cameras[frame].resized(COLUMNS, rows)
+        config = fitted_config([Cloud.of_scene(scene, float(frame))], camera)
+        nothing = np.zeros((rows, COLUMNS, 0), np.float32)
+        seen |= seen_sums(scene.posed(float(frame)), camera, nothing, config, LEAST, backend="plain")[1]
+    np.testing.assert_array_equal(unseen_gaussians(scene), ~seen)
 
 
 def test_behind_what_moves_other_frames_saw_the_wall(scene):

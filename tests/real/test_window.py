@@ -1,6 +1,7 @@
 """The window of a real Blender, used as a person would: `scripts/check_window.py` on a small scene."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -91,3 +92,15 @@ def test_the_viewport_shows_what_was_done(window):
 def test_the_graphics_card_draws_the_viewport(window):
     folder, _ = window
     assert "the processor does" not in (folder / "blender.log").read_text()
+
+
+def test_a_walk_in_the_window_ends_without_anything_wrong(blender_root, tmp_path):
+    """Two minutes; `F4X_WALK_MINUTES=60` makes it an hour."""
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    minutes = float(os.environ.get("F4X_WALK_MINUTES", "2"))
+    command = [sys.executable, str(REPOSITORY / "scripts/walk_window.py"), str(tmp_path / "scene.f4x")]
+    command += ["--root", str(blender_root), "--out", str(tmp_path), "--seed", "3", "--minutes", str(minutes)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60 * minutes + 1200)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert result["steps"] > 20 * minutes and result["memory"][0] > 0

@@ -1,7 +1,7 @@
 """glTF 2.0 with `KHR_gaussian_splatting`: one moment as Gaussians, which other viewers draw as coloured points.
 
-Attribute names, types and colour space follow the extension's text (Khronos; its review draft, the same attributes as ratified in
-2026): linear scale, opacity in [0, 1], rotation xyzw, harmonics by degree and order with the
+Attribute names, types and colour space follow the extension's text (Khronos, the release candidate of 2026, which was ratified):
+linear scale, opacity in [0, 1], unit rotation xyzw, harmonics by degree and order with the
 Condon-Shortley phase, which are the signs of 3DGS. glTF's axes are y up, z backward: data are turned on the way out,
 harmonics too, because not every viewer turns those with the node.
 """
@@ -23,6 +23,8 @@ from ..color import linear_from_srgb
 from ..posing import Y_UP, Posable, moment, plain_color, transformed, world_harmonics
 
 EXTENSION = "KHR_gaussian_splatting"
+KERNEL, COLOR_SPACE = "ellipse", "srgb_rec709_display"
+"""The required properties of the extension: an ellipse whose composited colours are display sRGB."""
 MAX_DEGREE = 3
 """The extension names no coefficients beyond."""
 GLB_MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", b"JSON", b"BIN\0"
@@ -107,8 +109,8 @@ def _document(name: str, attributes: dict[str, np.ndarray]) -> tuple[dict[str, A
         "attributes": {semantic: index for index, semantic in enumerate(attributes)},
         "extensions": {
             EXTENSION: {
-                "kernel": "ellipse",
-                "colorSpace": "srgb_rec709_display",
+                "kernel": KERNEL,
+                "colorSpace": COLOR_SPACE,
                 "projection": "perspective",
                 "sortingMethod": "cameraDistance",
             }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -79,6 +80,21 @@ class SplatMesh:
     def size(self) -> float:
         """The diagonal of its box, world units."""
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+    def write(self, path: Path) -> None:
+        """Write its arrays into an .npz, for another process."""
+        skin = {} if self.skin is None else {f"skin/{name}": value for name, value in vars(self.skin).items()}
+        arrays = {name: value for name, value in vars(self).items() if name != "skin"}
+        np.savez(path, **arrays, **skin)
+
+    @classmethod
+    def read(cls, path: Path) -> SplatMesh:
+        """Read what `write` wrote."""
+        with np.load(path) as file:
+            arrays = dict(file)
+        skin = {name.removeprefix("skin/"): arrays.pop(name) for name in list(arrays) if name.startswith("skin/")}
+        made = Skin(**{**skin, "time": float(skin["time"])}) if skin else None
+        return cls(**{**arrays, "parts": int(arrays["parts"])}, skin=made)
 
 
 def mesh_of(

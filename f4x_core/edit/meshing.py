@@ -1,0 +1,82 @@
+"""A child process that makes the mesh of a selection for Blender, whose own Python runs it: numpy alone.
+
+python -m f4x_core.edit.meshing REQUEST.npz MADE.npz
+
+It writes JSON lines as the verbs of `f4x` do with `--progress-json` (`processes`).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import Cancelled, F4xError
+from ..language.lexicon import plural
+from ..processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
+from ..progress import Progress
+from ..scene import read_scene
+from ..scene.mesh import MeshConfig, SplatMesh, mesh_of
+from .apply import edited
+from .stack import EditStack, with_stack
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What a mesh is made of."""
+
+    scene: Path
+    """The scene file."""
+    edits: str
+    """JSON of the stack in place of its own."""
+    ids: np.ndarray
+    """(n,) ids of the selected Gaussians."""
+    time: float | None
+    """Clip time at which the surface is found; None: where they are spread the widest."""
+    config: MeshConfig
+
+    def write(self, path: Path) -> None:
+        """Write it for the child."""
+        settings = {"scene": str(self.scene), "edits": self.edits, "time": self.time, "config": asdict(self.config)}
+        np.savez(path, ids=self.ids, settings=json.dumps(settings))
+
+    @classmethod
+    def read(cls, path: Path) -> Request:
+        """Read what `write` wrote."""
+        with np.load(path) as arrays:
+            settings = json.loads(str(arrays["settings"]))
+            config = MeshConfig(**settings["config"])
+            return cls(Path(settings["scene"]), settings["edits"], arrays["ids"], settings["time"], config)
+
+    def made(self, progress: Progress) -> SplatMesh:
+        """Make the mesh; see `mesh_of`."""
+        progress("scene", 0, 1)
+        stack = EditStack.from_json(json.loads(self.edits), str(self.scene))
+        scene = edited(with_stack(read_scene(self.scene), stack))
+        return mesh_of(scene, np.isin(scene.ids, self.ids), self.time, self.config, progress)
+
+
+def main(arguments: list[str]) -> int:
+    """Make the mesh of a request, telling how far it is."""
+    progress = LineProgress(sys.stdout)
+    stop_with_parent()
+    try:
+        if len(arguments) != 2:
+            raise F4xError("name two files: python -m f4x_core.edit.meshing REQUEST.npz MADE.npz")
+        mesh = Request.read(Path(arguments[0])).made(progress)
+        mesh.write(Path(arguments[1]))
+    except F4xError as error:
+        progress.tell(error=str(error))
+        return 2
+    except (KeyboardInterrupt, Cancelled):
+        return EXIT_INTERRUPTED
+    text = f"{len(mesh.faces):,} triangles in {mesh.parts} {plural('part', mesh.parts)}"
+    progress.tell(result={"faces": len(mesh.faces), "parts": mesh.parts}, text=text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

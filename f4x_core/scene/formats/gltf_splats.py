@@ -1,0 +1,186 @@
+"""Reads the splats of glTF files, .glb and .gltf: primitives with `KHR_gaussian_splatting`, placed by their nodes.
+
+Names, types and rules are those of the extension's text (Khronos, 2026). Its one kernel, `ellipse`, in display sRGB is read, with
+every component type that it allows. Files whose splats are compressed by a further extension are refused.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+
+from ...errors import F4xError
+from ...geometry import quaternion, spherical_harmonics
+from ...geometry.splats import Splats
+from ..posing import Y_UP, similarity_of
+from .gltf import BIN_CHUNK, COLOR_SPACE, ELEMENT_TYPES, EXTENSION, GLB_MAGIC, JSON_CHUNK, KERNEL, MAX_DEGREE
+
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {name: width for width, name in ELEMENT_TYPES.items()}
+CONVERT = "convert it to a 3DGS PLY with a splat editor first"
+
+
+def holds_splats(path: Path) -> bool:
+    """Whether the JSON of a .glb or .gltf file names the extension."""
+    with path.open("rb") as file:
+        start = file.read(20)
+        binary = start.startswith(GLB_MAGIC) and len(start) == 20
+        return EXTENSION.encode() in start + file.read(struct.unpack_from("<I", start, 12)[0] if binary else -1)
+
+
+def read_gltf(path: Path | str) -> Splats:
+    """Read the splats of all nodes into the axes of PLY files (x right, y down, z forward).
+
+    Raises F4xError that names what is damaged, missing or of a kind that is not read.
+    """
+    path = Path(path)
+    try:
+        document, binary = _read_document(path)
+        file = _GltfFile(document, binary, path)
+        found = [_placed(file.splats(primitive), matrix) for primitive, matrix in file.splat_primitives()]
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error) as error:
+        raise F4xError(f"{path}: a damaged glTF file ({error}); copy or export it again") from error
+    except OSError as error:
+        raise F4xError(f"{path}: cannot be read ({error.strerror or error}); copy or export it again") from error
+    except F4xError as error:
+        raise F4xError(f"{path}: {error}") from error
+    if not found:
+        raise F4xError(f"{path}: a glTF file without splats; import it in Blender, or take the splats' PLY")
+    count = max(splats.sh.shape[1] for splats in found)
+    padded = [np.pad(splats.sh, ((0, 0), (0, count - splats.sh.shape[1]), (0, 0))) for splats in found]
+    arrays = {name: np.concatenate([getattr(each, name) for each in found]) for name in found[0].shape.arrays()}
+    return Splats(**arrays, sh=np.concatenate(padded))
+
+
+def _read_document(path: Path) -> tuple[dict[str, Any], bytes]:
+    """The JSON of a file and the binary chunk of a .glb."""
+    data = path.read_bytes()
+    if not data.startswith(GLB_MAGIC):
+        return json.loads(data), b""
+    chunks: dict[bytes, bytes] = {}
+    at = 12
+    while at + 8 <= len(data):
+        size, kind = struct.unpack_from("<I4s", data, at)
+        chunks.setdefault(kind, data[at + 8 : at + 8 + size])
+        at += 8 + size
+    return json.loads(chunks[JSON_CHUNK]), chunks.get(BIN_CHUNK, b"")
+
+
+class _GltfFile:
+    """What the attributes of a file's primitives hold, and where its nodes place them."""
+
+    def __init__(self, document: dict[str, Any], binary: bytes, path: Path) -> None:
+        self.document, self.binary, self.path = document, binary, path
+        self.buffers: dict[int, bytes] = {}
+
+    def splat_primitives(self) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
+        """Each primitive of splats below the file's scene, with the 4x4 matrix of its node to the world."""
+        nodes = self.document.get("nodes", [])
+        scenes = self.document.get("scenes")
+        roots = scenes[self.document.get("scene", 0)].get("nodes", []) if scenes else range(len(nodes))
+        waiting, seen = [(index, np.eye(4)) for index in roots], set()
+        while waiting:
+            index, parent = waiting.pop(0)
+            if index in seen:  # nodes are a tree
+                continue
+            seen.add(index)
+            node = nodes[index]
+            matrix = parent @ _local_matrix(node)
+            waiting += [(child, matrix) for child in node.get("children", [])]
+            if "mesh" in node:
+                primitives = self.document["meshes"][node["mesh"]]["primitives"]
+                yield from ((each, matrix) for each in primitives if EXTENSION in each.get("extensions", {}))
+
+    def splats(self, primitive: dict[str, Any]) -> Splats:
+        """Gaussians of a primitive in the axes of its node; harmonics with directions in these axes, too."""
+        _require_known(primitive["extensions"][EXTENSION])
+        names = primitive["attributes"]
+        degree = max(d for d in range(MAX_DEGREE + 1) if d == 0 or f"{EXTENSION}:SH_DEGREE_{d}_COEF_0" in names)
+        harmonics = [f"SH_DEGREE_{d}_COEF_{order}" for d in range(degree + 1) for order in range(2 * d + 1)]
+        parts = {name: self.values(names[f"{EXTENSION}:{name}"]) for name in ("ROTATION", "SCALE", "OPACITY")}
+        return Splats(
+            means=self.values(names["POSITION"]),
+            quats=parts["ROTATION"][:, [3, 0, 1, 2]],
+            scales=parts["SCALE"],
+            opacities=parts["OPACITY"][:, 0],
+            sh=np.stack([self.values(names[f"{EXTENSION}:{name}"]) for name in harmonics], axis=1),
+        )
+
+    def values(self, index: int) -> np.ndarray:
+        """(n,k) float32 of an accessor; normalised integers as glTF 2.0, section 3.11, decodes them."""
+        accessor = self.document["accessors"][index]
+        if "sparse" in accessor or "bufferView" not in accessor:
+            raise F4xError(f"its splats are compressed or sparse; {CONVERT}")
+        view = self.document["bufferViews"][accessor["bufferView"]]
+        if view.get("extensions"):
+            raise F4xError(f"its splats are compressed ({', '.join(view['extensions'])}); {CONVERT}")
+        kind, width, count = (
+            np.dtype(COMPONENTS[accessor["componentType"]]),
+            WIDTHS[accessor["type"]],
+            accessor["count"],
+        )
+        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        row = kind.itemsize * width
+        stride = view.get("byteStride", row)
+        buffer = self.buffer(view["buffer"])
+        if min(start, count - 1) < 0 or stride < row or start + stride * (count - 1) + row > len(buffer):
+            raise F4xError(f"truncated, it promises {count} splats; copy or export it again")
+        values = np.ndarray((count, width), kind, buffer, start, (stride, kind.itemsize)).astype(np.float32)
+        return np.maximum(values / np.iinfo(kind).max, -1) if accessor.get("normalized") else values
+
+    def buffer(self, index: int) -> bytes:
+        """Bytes of a buffer: of the .glb, inside the JSON, or of a file in the same folder."""
+        if index not in self.buffers:
+            uri = self.document["buffers"][index].get("uri")
+            self.buffers[index] = self.binary if uri is None else self._bytes_of(uri)
+        return self.buffers[index]
+
+    def _bytes_of(self, uri: str) -> bytes:
+        if uri.startswith("data:"):
+            try:
+                return base64.b64decode(uri.partition(",")[2], validate=True)
+            except binascii.Error as error:
+                raise F4xError("the data inside are damaged; copy or export it again") from error
+        name = unquote(uri)
+        if name != Path(name).name or "\\" in name:
+            raise F4xError("its data lie outside its own folder, where none are read; export it as .glb")
+        return (self.path.parent / name).read_bytes()
+
+
+def _require_known(extension: dict[str, Any]) -> None:
+    """Raise F4xError for splats that would be drawn wrongly."""
+    for key, read in (("kernel", KERNEL), ("colorSpace", COLOR_SPACE)):
+        if extension[key] != read:
+            raise F4xError(f"splats with {key} '{extension[key]}', of which only '{read}' is read; {CONVERT}")
+    if extension.get("extensions"):
+        raise F4xError(f"its splats need {', '.join(extension['extensions'])}, which is not read; {CONVERT}")
+
+
+def _local_matrix(node: dict[str, Any]) -> np.ndarray:
+    """The 4x4 matrix of a node to its parent (glTF 2.0, section 3.5.3)."""
+    if "matrix" in node:
+        return np.array(node["matrix"], np.float64).reshape(4, 4).T
+    x, y, z, w = node.get("rotation", (0, 0, 0, 1))
+    matrix = np.eye(4)
+    matrix[:3, :3] = quaternion.to_matrix(np.array([w, x, y, z], np.float64)) * node.get("scale", (1, 1, 1))
+    matrix[:3, 3] = node.get("translation", (0, 0, 0))
+    return matrix
+
+
+def _placed(splats: Splats, matrix: np.ndarray) -> Splats:
+    """Splats moved by their node and turned from y up; their harmonics go to each Gaussian's own frame, which turns along."""
+    scale, turn, shift = similarity_of(Y_UP @ matrix)  # half a turn is its own inverse
+    own = spherical_harmonics.rotate(splats.sh, quaternion.conjugate(splats.quats))
+    means = scale * quaternion.rotate(turn, splats.means.astype(np.float64)) + shift
+    quats = quaternion.multiply(turn, splats.quats.astype(np.float64))
+    return Splats(
+        means.astype(np.float32), quats.astype(np.float32), np.float32(scale) * splats.scales, splats.opacities, own
+    )
