@@ -686,7 +686,10 @@ _copy_noun = literal(
     "copy|copies|clone|clones|duplicate|duplicates|replica|replicas|double|twin|doubles|twins|duplication|instances|"
     "version|versions"
 ) + ~literal("of")
-_copy_place = {name: rule for name, rule in BESIDE_IT.items() if name != "changed"}
+_changed_copy = BESIDE_IT["changed"] + unless(literal("to|bit|further|more")) | ~literal("a|another|one") + either(
+    qualities.size_value, qualities.sized, qualities.colour_value, qualities.brightness_value
+) + unless(unless(literal("copy|clone|duplicate|one|twin")))
+_copy_place = {**BESIDE_IT, "changed": _changed_copy}
 _frame(
     "three copies of the dog, to the left",
     making.copied,
@@ -705,7 +708,7 @@ _frame(
     making.copied,
     "times",
     use=NAMED,
-    who=known_thing,
+    who=~literal("of") + known_thing,
     verb=literal(any_form("add") + "|there is|there are|be there"),
     times=either(
         number + literal("more|other|extra|additional|further"),
