@@ -318,35 +318,9 @@ BESIDE_IT: dict[str, Any] = {
     "shift": SHIFT,
     "called": _called_so,
 }
-_others = either(
-    lit("another|a second|one more|an extra|an additional|one other|a further") >> (lambda: 1.0),
-    number + lit("more|other|extra|additional|further") + ~lit("of"),
-)
-_ADDING = (
-    "make|create|add|put|place|give me|insert|produce|generate|set|have|get me|i want|i would like"
-    "|we need|show|get|we want|i need"
-)
-_command(
-    "make a smaller copy of the dog to the right",
-    _ADDING,
-    making.copied,
-    "changed",
-    use=FULL,
-    **(
-        BESIDE_IT
-        | {
-            "changed": lit("a|another")
-            + either(qualities.size_value, qualities.sized, qualities.colour_value, qualities.brightness_value)
-            + lit("copy|clone|duplicate")
-            + lit("of")
-        }
-    ),
-)
 TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 """Copies of a trail, and the time from one to the next."""
 
-
-_command("add another dog", _ADDING, making.copied, "times", use=NAMED, times=_others, **BESIDE_IT)
 
 # Time
 _motion = either(whose("motion|motions|movement|movements|action|animation"), thing)

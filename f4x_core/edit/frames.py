@@ -272,14 +272,21 @@ _frame(
 )
 
 # More and less of a quality
+
+
+def _transparent(by: float) -> Value:
+    """So many times as transparent, where what is solid is one."""
+    return making.opacity(max(2 - by, 0.0))
+
+
 _QUALITIES = {
     "size|scale|dimensions": making.scaled,
     "speed|pace|tempo|playback speed|playback rate|velocity": making.retimed,
-    "brightness|light|luminance|exposure|lightness|luminosity": making.brightened,
+    "brightness|light|luminance|exposure|lightness|luminosity|glare": making.brightened,
     "contrast": making.contrasted,
     "saturation|color saturation|color intensity|vibrance|vividness|colorfulness|chroma": making.saturated,
     "opacity|visibility|alpha": making.opacity,
-    "transparency": lambda by: making.opacity(max(2 - by, 0.0)),
+    "transparency|translucency": _transparent,
     "warmth|color temperature|temperature": lambda by: making.warmed(Amount("fraction", abs(by - 1)), by > 1),
     "blur|blurriness|softness": lambda by: making.blurred(Amount("large" if by > 1.5 else "small")) if by > 1 else None,
 }
@@ -336,7 +343,7 @@ def _changed(
     if to is not None:
         if (way is not None and how is not None) or to > making.SHOWN:
             raise Mismatch
-        return quality(to)
+        return making.opacity(1 - to) if quality is _transparent else quality(to)
     upward = way if way is not None else too
     if upward is None:
         raise Mismatch
@@ -516,7 +523,7 @@ _frame(
 # Turning
 _full_turn = table(
     {
-        "(a) half turn|(a) half a turn|u turn|(a) half [rotation|spin|circle|revolution]": 180.0,
+        "(a) half turn|(a) half a turn|u turn|a 180|(a) half [rotation|spin|circle|revolution]": 180.0,
         "(a) quarter turn|(a) quarter of a turn|(a) quarter [rotation|spin|circle]|(a) right angle": 90.0,
         "(a) three quarter turn|three quarters of a turn": 270.0,
         "(a|one) (full|complete|whole) [turn|circle|rotation|360|spin|revolution]|a 360|full 360": 360.0,
@@ -535,7 +542,11 @@ _so_often = table(
     reserve=False,
 )
 _sense = SENSE | table(
-    {"[to|and] face [left|the left]|facing left": -1, "[to|and] face [right|the right]|facing right": 1}, reserve=False
+    {
+        "[to|and] face [left|the left]|facing left|so (that) [it|he|she] [faces|looks] left": -1,
+        "[to|and] face [right|the right]|facing right|so (that) [it|he|she] [faces|looks] right": 1,
+    },
+    reserve=False,
 )
 _TURNING = table(
     {
@@ -686,7 +697,10 @@ _copy_noun = literal(
     "copy|copies|clone|clones|duplicate|duplicates|replica|replicas|double|twin|doubles|twins|duplication|instances|"
     "version|versions"
 ) + ~literal("of")
-_copy_place = {name: rule for name, rule in BESIDE_IT.items() if name != "changed"}
+_changed_copy = BESIDE_IT["changed"] + unless(literal("to|bit|further|more")) | ~literal("a|another|one") + either(
+    qualities.size_value, qualities.sized, qualities.colour_value, qualities.brightness_value
+) + unless(unless(literal("copy|clone|duplicate|one|twin")))
+_copy_place = {**BESIDE_IT, "changed": _changed_copy}
 _frame(
     "three copies of the dog, to the left",
     making.copied,
@@ -705,7 +719,7 @@ _frame(
     making.copied,
     "times",
     use=NAMED,
-    who=known_thing,
+    who=~literal("of") + known_thing,
     verb=literal(any_form("add") + "|there is|there are|be there"),
     times=either(
         number + literal("more|other|extra|additional|further"),
@@ -782,9 +796,10 @@ _frame(
     "verb",
     who=_about + thing,
     use=WHOLE,
+    lead=literal(every_form("bring|come")),
     verb=literal(
         any_form("freeze")
-        + "|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no movement|stop|stopped"
+        + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no movement|stop|stopped"
     ),
 )
 _frame(

@@ -8,36 +8,28 @@ from .lexicon import every_form, forms, word_set
 VERBS: dict[str, str] = {
     # appearance
     "become": "make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, dye, spray, respray, spray "
-    "paint, "
-    "set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, display, look, feel, become, have, go, "
-    "seem, "
-    "cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, slap, splash, splatter, throw, smear, brush, "
-    "lacquer, "
-    "varnish, glaze, enamel, style, restyle, redo, colorize, tone, transition, morph, draw, pick, choose, select, add, sprinkle, "
-    "lay, "
-    "shift, swap, flip, restore, remain, enter, place, edit, modify, wear, ask for, go for, go with, opt for, fill, flood, soak, "
-    "grade",
+    "paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, display, look, feel, become, have, "
+    "go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, slap, splash, splatter, throw, smear, "
+    "brush, lacquer, varnish, glaze, enamel, style, restyle, redo, colorize, tone, transition, morph, draw, pick, choose, "
+    "select, add, sprinkle, lay, shift, swap, flip, restore, remain, enter, place, edit, modify, wear, ask for, go for, go with, "
+    "opt for, fill, flood, soak, grade",
     "tint": "tint, tinge, tone, wash, stain slightly, suffuse, hint",
     "set": "set, change, make, turn, put, bring, adjust, take, get, give, have, need, show, apply, use, keep, correct, modify, "
-    "tweak, fix, "
-    "move, pull, push, dial, drag, slide, crank, pump, knock, ramp, kick, jack, tone, want, could use, can use, could do with, "
-    "deserve, go, run, let, play",
+    "tweak, fix, move, pull, push, dial, drag, slide, crank, pump, knock, ramp, kick, jack, tone, want, could use, can use, "
+    "could do with, deserve, go, run, let, play",
     "more": "increase, raise, boost, turn up, bump up, crank up, pump up, dial up, bring up, push up, strengthen, enhance, "
-    "intensify, "
-    "bump, lift, add, pull up, amplify, up, ramp up, jack up, beef up, heighten, hike, step up, punch up, take up, deepen, "
-    "improve, extend, augment, multiply, advance, go up, grow",
+    "intensify, bump, lift, add, pull up, amplify, up, ramp up, jack up, beef up, heighten, hike, step up, punch up, take up, "
+    "deepen, improve, extend, augment, multiply, advance, go up, grow",
     "less": "reduce, decrease, lower, turn down, cut, cut down, lessen, tone down, bring down, dial down, weaken, diminish, "
-    "drop, take down, "
-    "cut back, pull down, take back, pull back, dial back, ramp down, scale back, soften, ease, mute, knock down, step down, go "
-    "down, "
-    "minimize, tame, subdue, shrink, bump down, push down, limit, curb, moderate, attenuate, crank down, drag down",
+    "drop, take down, cut back, pull down, take back, pull back, dial back, ramp down, scale back, soften, ease, mute, knock "
+    "down, step down, go down, minimize, tame, subdue, shrink, bump down, push down, limit, curb, moderate, attenuate, crank "
+    "down, drag down",
     "brighten": "brighten, lighten, brighten up, lighten up, illuminate, light up, light",
     "darken": "darken, dim, darken down, dim down, black out, shade",
     "enlarge": "enlarge, grow, magnify, scale up, blow up, upscale, upsize, expand, inflate, size up, swell, swell up, puff up, "
-    "bulk up, "
-    "balloon, bloat, supersize, pump up, widen, embiggen, zoom up, double up, broaden, get bigger, get larger",
-    "shrink": "shrink, scale down, shrink down, downscale, downsize, minimize, size down, contract, miniaturize, reduce, compress, "
-    "get smaller, dwindle, squash down, deflate, cut down",
+    "bulk up, balloon, bloat, supersize, pump up, widen, embiggen, zoom up, double up, broaden, get bigger, get larger",
+    "shrink": "shrink, scale down, shrink down, downscale, downsize, minimize, size down, contract, miniaturize, reduce, "
+    "compress, get smaller, dwindle, squash down, deflate, cut down",
     "quicken": "speed up, accelerate, quicken, hasten, hurry, hurry up, rush, hustle",
     "slow": "slow down, slow, decelerate, brake",
     "saturate": "saturate, enrich, liven up, enliven, perk up, spice up, vivify",
@@ -48,81 +40,68 @@ VERBS: dict[str, str] = {
     "scale": "scale, resize, rescale, size",
     # visibility
     "delete": "remove, delete, erase, get rid of, eliminate, drop, lose, discard, scrap, trash, do away with, dump, ditch, "
-    "clear, banish, "
-    "scratch, kill, cut, purge, rid us of, clean out, take out, cut out, edit out, wipe out, rub out, throw out, throw away, "
-    "take away, "
-    "cut away, clean up, paint out, key out, clone out, crop out, pull out, kick out, chuck out, x out, leave out, rotoscope out, "
-    "strip out, strip away, clear away, clear out, rub off, wipe off, edit away, carry off, wipe away, zap, nuke, obliterate, "
-    "yank, "
-    "axe, bin, chuck, destroy, dispose of, dispense with, do without, exclude, expunge, omit, weed out, airbrush out, photoshop "
-    "out, "
-    "wipe, vaporize, evict, oust, strike, exterminate, annihilate, toss, toss out, expel, shoo away",
+    "clear, banish, scratch, kill, cut, purge, rid us of, clean out, take out, cut out, edit out, wipe out, rub out, throw out, "
+    "throw away, take away, cut away, clean up, paint out, key out, clone out, crop out, pull out, kick out, chuck out, x out, "
+    "leave out, rotoscope out, strip out, strip away, clear away, clear out, rub off, wipe off, edit away, carry off, wipe away, "
+    "zap, nuke, obliterate, yank, axe, bin, chuck, destroy, dispose of, dispense with, do without, exclude, expunge, omit, weed "
+    "out, airbrush out, photoshop out, wipe, vaporize, evict, oust, strike, exterminate, annihilate, toss, toss out, expel, shoo "
+    "away",
     "hide": "hide, conceal, mask, mask out, make invisible, vanish, disappear, stop showing, not show, blank out, switch off, "
-    "turn off, "
-    "cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, turn invisible",
+    "turn off, cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, turn invisible",
     "show": "show, reveal, unhide, reshow, bring back, restore, uncover, unmask, unveil, reappear",
-    "appear": "fade in, appear, emerge, materialize, come into view, show up, pop up, turn up, dissolve in, come in, pop in, arise",
+    "appear": "fade in, appear, emerge, materialize, come into view, show up, pop up, turn up, dissolve in, come in, pop in, "
+    "arise",
     "vanish": "fade out, fade away, dissolve, fade, vanish slowly, disappear slowly, slowly vanish, slowly disappear, melt away, "
     "evaporate, peter out, fizzle out, dwindle away, fade off",
     "keep": "keep, show, show me, leave, retain, have, display, see, preserve, let me see, save, hold on to, spare",
-    "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, lift out, rotoscope, roto, pick out, cut out",
+    "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, lift out, rotoscope, roto, pick out, cut "
+    "out",
     # places
     "move": "move, shift, push, put, slide, bring, pull, drag, place, shove, carry, send, scoot, nudge, translate, position, "
-    "drive, displace, "
-    "set, get, drop, throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, "
-    "come, "
-    "glide, wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, sink, appear, "
-    "land, "
-    "turn up, offset, reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, hoist, heave, lay, stick, park, "
-    "plant, "
-    "tuck, squeeze, pop, hoick, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, sail, "
-    "toss, fling, kick, yank, plop, set down, put down, pick up, scroll, pan, moor, rest, belong, wander off, climb, crawl, creep",
+    "drive, displace, set, get, drop, throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, "
+    "go, jump, drift, come, glide, wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, "
+    "lower, rise, sink, appear, land, turn up, offset, reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, "
+    "hoist, heave, lay, stick, park, plant, tuck, squeeze, pop, hoick, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, "
+    "steer, sail, toss, fling, kick, yank, plop, set down, put down, pick up, scroll, pan, moor, rest, belong, wander off, "
+    "climb, crawl, creep",
     "raise": "raise, lift, elevate, hoist, rise, levitate, lift up, raise up, pick up, ascend, take off, soar, float up, hover",
     "lower": "lower, sink, descend, let down, bring down, drop down, set down, put down, duck, dip down",
     "rotate": "rotate, spin, revolve, pivot, swivel, twirl, whirl, pirouette, twist, gyrate",
     "turn": "turn, flip, swing round, swing around, wheel around",
     "tilt": "tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, cant, list",
     "face": "face, look, point, head, turn, show, aim",
-    "swap": "swap, exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap positions, "
-    "swap around, swap over, switch around, exchange places, exchange positions, change positions, switch positions, flip flop, "
-    "transpose",
+    "swap": "swap, exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap "
+    "positions, swap around, swap over, switch around, exchange places, exchange positions, change positions, switch positions, "
+    "flip flop, transpose",
     "match": "match, adapt, color match, take on, take over, pick up, borrow, copy, take, inherit, have, adopt, get, look, make, "
-    "be, "
-    "be colored, share, give, wear, steal, adjust, color, paint, harmonize, sync, blend, coordinate",
+    "be, be colored, share, give, wear, steal, adjust, color, paint, harmonize, sync, blend, coordinate",
     # copies
     "copy": "copy, duplicate, clone, replicate, multiply, double up, dup, dupe, copy and paste, copy paste, duplicate and paste, "
     "make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy",
     "add": "make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, need, stand, be, appear, "
-    "duplicate, "
-    "like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
+    "duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
     "follow": "follow, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come behind, follow "
-    "behind, "
-    "drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue",
+    "behind, drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue",
     "leave": "leave, have, make, add, put, give, create, draw, show, let, get, drag, apply, throw in, use, need",
     # time
     "freeze": "freeze, pause, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep "
-    "still, "
-    "stay put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its tracks, hold, petrify, arrest, "
-    "come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, stop",
+    "still, stay put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its tracks, hold, "
+    "petrify, arrest, come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, stop",
     "reverse": "reverse, rewind, play backward, run backward, go backward, move backward, walk backward, invert in time, play "
-    "back to front, "
-    "run in reverse, play in reverse, go in reverse, backtrack, unwind",
+    "back to front, run in reverse, play in reverse, go in reverse, backtrack, unwind",
     "run": "play, run, go, move, walk, drive, dance, jump, ride, show, swim, fly, do, happen, roll, gallop, race, act, make, "
-    "render, travel, "
-    "trot, jog, hop, leap, skate, drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, have, replay, play back, be, "
-    "get",
+    "render, travel, trot, jog, hop, leap, skate, drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, have, replay, "
+    "play back, be, get",
     "loop": "loop, repeat, cycle, replay, keep repeating, keep looping, go round and round",
     "last": "take, last, stretch, stretch out, extend, expand, slow down, compress, squeeze, speed up, shorten, retime, "
-    "lengthen, be, run, "
-    "prolong, drag out, trim, cut down, time stretch, stretch in time, make, get",
+    "lengthen, be, run, prolong, drag out, trim, cut down, time stretch, stretch in time, make, get",
     # light
     "blur": "blur, blur out, defocus, unfocus, soften, smudge, throw out of focus, put out of focus, unsharpen, smear, fuzz, "
     "smooth out",
     "glow": "glow, shine, light up, shimmer, sparkle, radiate, gleam, glisten, twinkle, glitter, beam, gleam up, emit light, "
     "emanate light",
     "apply": "add, apply, put, give, use, have, get, throw, make, want, need, set, create, lay, show, slap, surround, bathe, "
-    "cast, like, see, "
-    "place, wrap, let, deserve, do",
+    "cast, like, see, place, wrap, let, deserve, do",
 }
 """Sense -> the verbs that have it, in their first form."""
 

@@ -7,7 +7,6 @@ from f4x_core.edit.language import Refusal, describe, parse
 from f4x_core.edit.request import Request
 
 REFUSED = (
-    "make another dog, smaller, next to this one",
     "dress in #ff8800 for the dancer",
     "blow the dog up to 1.5 times its size without lifting it off the ground",
     "stand the dancer on his feet: turn him by 180 degrees",
@@ -19,6 +18,14 @@ REFUSED = (
     "fade everything to black at the end",
     "before 1 s leave it as it is, after that make the swan gold",
     "is anybody dancing?",
+    "golden dog please, like a statue",
+    "pixelate or blur the licence plate of the car",
+    "can I get an echo effect with 4 ghosts trailing the horse, like Echo in AE",
+    "two puppies should follow the dog, they do the same a third of a second later each",
+    "erase the girl who rides",
+    "cut the dog out so I can comp it on something else",
+    "time-lapse feel: speed it all up",
+    "make the rider wave at the camera",
 )
 """Sentences that are not understood, and refused. None else may be, and none may be misunderstood."""
 ROWS = sentence_cases.rows()
