@@ -12,16 +12,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import bpy
+import numpy as np
+from bpy_extras import view3d_utils
+from mathutils import Vector
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
 import door
 
 door.load_extension().register()
-import numpy as np
-from bpy_extras import view3d_utils
-from feature4x.addon import jobs
-from feature4x.addon.scene_object import SceneObject
-from mathutils import Vector
+
+from feature4x.addon import jobs  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.scaffold_rig import layer_of  # noqa: E402
+from feature4x.addon.scene_object import SceneObject  # noqa: E402
 
 INTERVAL = 0.3
 FRAME = 12
@@ -64,7 +66,9 @@ class View:
         """Pixels of the window, from its upper left corner, of points in the scene's axes."""
         region, look = self.region(), self.area.spaces.active.region_3d
         to_world = self.scene_object.root.matrix_world
-        seen = [view3d_utils.location_3d_to_region_2d(region, look, to_world @ Vector(point)) for point in points.tolist()]
+        seen = [
+            view3d_utils.location_3d_to_region_2d(region, look, to_world @ Vector(point)) for point in points.tolist()
+        ]
         return [[region.x + at.x, self.window.height - region.y - at.y] for at in seen]
 
 
@@ -122,7 +126,7 @@ def apply(view: View) -> None:
 
 def select_only(item: bpy.types.Object) -> None:
     """Make one object the selection."""
-    for other in bpy.context.selected_objects:
+    for other in bpy.context.view_layer.objects.selected:
         other.select_set(False)
     item.select_set(True)
     bpy.context.view_layer.objects.active = item
@@ -130,8 +134,6 @@ def select_only(item: bpy.types.Object) -> None:
 
 def move_node(view: View) -> None:
     """Show the nodes and pull one up."""
-    from feature4x.addon.scaffold_rig import layer_of
-
     layer_of(view.scene_object.root).hide_viewport = False
     nodes = [item for item in view.scene_object.root.children_recursive if " node " in item.name]
     highest = max(nodes, key=lambda item: item.matrix_world.translation.z)
@@ -142,8 +144,6 @@ def move_node(view: View) -> None:
 def write_motion(view: View) -> None:
     """Make an edit of it."""
     view.call(bpy.ops.f4x.write_motion)
-    from feature4x.addon.scaffold_rig import layer_of
-
     layer_of(view.scene_object.root).hide_viewport = True
     select_only(view.scene_object.root)
 
@@ -199,23 +199,21 @@ def plan_green(view: View) -> None:
     say(view, "make it green from frame 10")
 
 
-def question(view: View) -> None:
-    """Name the selection, save, and ask the worker, which Blender's own Python is here: a question needs numpy alone."""
+def name_it(view: View) -> None:
+    """Name the selection."""
     view.call(bpy.ops.f4x.drop_plan)
     view.call(bpy.ops.f4x.name_selection, called="my crate")
-    view.call(bpy.ops.f4x.save_edits)
-    os.environ["F4X_PYTHON"] = sys.executable
-    view.call(bpy.ops.f4x.ask_scene, question="What moves?")
 
 
-def film(view: View) -> None:
-    """Start a film."""
-    view.call(bpy.ops.f4x.render_film, path="orbit", degrees=ORBIT)
+def fine_mesh(view: View) -> None:
+    """Start a job that takes a while."""
+    select_only(view.scene_object.root)
+    view.call(bpy.ops.f4x.make_mesh, resolution=256, faces=100_000)
 
 
 STEPS = (
     maximise, drop, look, choose_tab, query, box, plan, apply, move_node, write_motion,
-    mesh, show_mesh, camera, plate, passes, save, gold, plan_green, question, film,
+    mesh, show_mesh, camera, plate, passes, save, gold, plan_green, name_it, fine_mesh,
 )  # fmt: skip
 
 

@@ -57,8 +57,8 @@ class Guide(Window):
     def expect(self, step: str, reached: Callable[[dict], bool]) -> dict:
         """Wait until the state is as it should be, and drawn."""
         start = time.monotonic()
-        while not reached(state := self.state()) or state.get("error"):
-            if time.monotonic() - start > PATIENCE or state.get("error"):
+        while not reached(state := self.state()) or state.get("error") or "failed" in state.get("jobs", ()):
+            if time.monotonic() - start > PATIENCE or state.get("error") or "failed" in state.get("jobs", ()):
                 self.screenshot(f"failed_{step}")
                 raise SystemExit(f"{step}: {state}")
             time.sleep(0.1)
@@ -112,11 +112,11 @@ class Guide(Window):
 @contextmanager
 def blender(root: Path, out: Path, size: tuple[int, int]) -> Iterator[Guide]:
     """A Blender with its default file and the extension, until the block ends."""
-    with clean_profile(root) as profile, open(out / "blender.log", "a") as log:
+    with clean_profile(root) as profile:
         write_scene(step_scene(), profile.folder / "room.f4x")
         script = f"{profile.check_out()}/scripts/step_actions.py"
         window = ("--factory-startup", "--window-geometry", 0, 0, *size)
-        with profile.screen(size, log) as start:
+        with profile.screen(size, sys.stderr) as start:
             start("blender", *window, "--python", script, "--", profile.inside)
             yield Guide(profile, profile.display, out)
 
@@ -127,7 +127,7 @@ def begin(guide: Guide, keep: Callable[[str], None]) -> None:
     guide.take("drop")
     keep("01_drop")
     guide.hand("key", "Return")
-    guide.expect("import", lambda state: state.get("total"))
+    guide.expect("import", lambda state: bool(state.get("total")))
     keep("02_imported")
     guide.take("look")
     guide.take("choose_tab")
@@ -144,9 +144,10 @@ def walk(guide: Guide) -> None:
     corners = guide.take("box")["places"]
     guide.drag(*corners)
     guide.expect("box", lambda state: state["last"] == ["F4X_OT_select_box"])
-    guide.open("Say", "History")
+    guide.open("Say")
     guide.take("plan", lambda state: state["readings"])
     guide.picture("06_plan")
+    guide.open("Say", "History")
     guide.take("apply", lambda state: len(state["edits"]) == 1)
     guide.picture("07_applied")
     guide.press("ctrl+z")
@@ -193,12 +194,17 @@ def panels(guide: Guide) -> None:
     guide.hand("click", 1)
     guide.expect("point", lambda state: state["selected"] and state["last"] == ["F4X_OT_query_point"])
     guide.take("plan_green", lambda state: state["readings"])
-    guide.keep("sidebar", ImageGrab.grab(xdisplay=guide.display))
+    guide.keep("../sidebar", ImageGrab.grab(xdisplay=guide.display))
     guide.alone("Scene")
     guide.open("Scene", "Selection", "Jobs")
-    guide.take("question", lambda state: state["jobs"] == ["done"])
-    left = guide.take("film", lambda state: state["jobs"] == ["done", "running"] and state["stages"][1])["sidebar"]
-    guide.keep("jobs", ImageGrab.grab(xdisplay=guide.display).crop((left, HEADER[1] - 14, left + 266, LARGE[1] - 20)))
+    guide.take("name_it", lambda state: len(state["edits"]) == 2)
+    guide.take("mesh", lambda state: state["jobs"] == ["done"])
+    left = guide.take("fine_mesh", lambda state: state["jobs"] == ["done", "running"] and state["stages"][1] == "mesh")[
+        "sidebar"
+    ]
+    guide.keep(
+        "../jobs", ImageGrab.grab(xdisplay=guide.display).crop((left, HEADER[1] - 14, left + 266, LARGE[1] - 20))
+    )
 
 
 def main() -> None:
@@ -206,7 +212,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="step_pictures.py", description=__doc__.splitlines()[0])
     parser.add_argument("--root", type=Path, required=True, help="folder of the system to chroot into")
     out = REPOSITORY / "docs/images/steps"
-    parser.add_argument("--out", type=Path, default=out, help="folder of the pictures (default: docs/images/steps)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=out,
+        help="of the steps; what stands elsewhere goes to its parent (default: docs/images/steps)",
+    )
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     with blender(options.root, options.out, SIZE) as guide:

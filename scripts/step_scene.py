@@ -1,6 +1,7 @@
 """A small scene of known shapes for pictures in the documentation: a ball rolls past a crate before a brick wall.
 
-It is made of numbers alone, no clip and no fit: 20,000 Gaussians in the camera's axes (x right, y down, z forward), with labels for words.
+It is made of numbers alone, no clip and no fit: 20,000 Gaussians in the camera's axes (x right, y down, z forward), with
+labels for words.
 """
 
 import numpy as np
@@ -27,7 +28,7 @@ SLOTS = 4
 
 def gaussians(means: np.ndarray, normals: np.ndarray, colours: np.ndarray, step: float) -> dict[str, np.ndarray]:
     """Opaque flat Gaussians at `means (N,3)`, across `normals (N,3)`, as wide as `step`."""
-    side = np.cross(normals, np.where(np.abs(normals[:, :1]) < 0.9, [1.0, 0, 0], [0, 1.0, 0]))
+    side = np.cross(normals, np.where(np.abs(normals[:, :1]) < 0.9, np.eye(3)[0], np.eye(3)[1]))
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     axes = np.stack([side, np.cross(normals, side), normals], -1)
     light = 0.65 + 0.35 * np.clip(normals @ (np.array([-0.4, -0.8, -0.5]) / np.sqrt(1.05)), 0, 1)
@@ -85,9 +86,7 @@ def still() -> tuple[dict[str, np.ndarray], np.ndarray]:
         ((x, y, z), (0, 0, SIDE), (0, SIDE, 0), (-1, 0, 0)),
         ((x, y, z), (SIDE, 0, 0), (0, 0, SIDE), (0, -1, 0)),
     )
-    parts = [
-        (1, sheet(*side, 0.015, planks)) for side in sides
-    ] + [
+    parts = [(1, sheet(corner, across, down, normal, 0.015, planks)) for corner, across, down, normal in sides] + [
         (2, sheet((-1.5, -0.85, WALL), (3, 0, 0), (0, FLOOR + 0.85, 0), (0, 0, -1), STEP, bricks)),
         (3, sheet((-1.5, FLOOR, 0.7), (3, 0, 0), (0, 0, WALL - 0.7), (0, -1, 0), STEP, tiles)),
     ]
