@@ -35,7 +35,7 @@ def gaussians(means: np.ndarray, normals: np.ndarray, colours: np.ndarray, step:
     return {
         "means": means.astype(np.float32),
         "quats": quaternion.from_matrix(axes).astype(np.float32),
-        "scales": np.tile(np.float32([0.6 * step, 0.6 * step, 0.05 * step]), (len(means), 1)),
+        "scales": np.tile(step * np.array([0.6, 0.6, 0.05], np.float32), (len(means), 1)),
         "opacities": np.full(len(means), 0.97, np.float32),
         "sh": dc_from_rgb(colours * light[:, None])[:, None].astype(np.float32),
     }
