@@ -17,7 +17,7 @@ from ..f4x_core.troubles import with_code
 from . import display
 from .motion_edits import changes, mark_keyed
 from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene
-from .scaffold_rig import NODE, add_handles, all_nodes, hold, nodes_of, read_poses, remove_handles
+from .scaffold_rig import NODE, add_handles, all_nodes, hold, key_moved, nodes_of, read_poses, remove_handles
 from .scene_object import SceneObject
 from .wording import panel_words
 
@@ -223,6 +223,8 @@ class F4X_OT_write_motion(_MotionOperator):  # noqa: N801
 
     def act(self, context, scene_object):
         """Append one edit with all changed poses; like every edit it pends until it is saved."""
+        if context.scene.frame_current_final in scene_object.base.cameras.times:
+            key_moved(scene_object.root)
         change = changes(scene_object)
         if change is None:
             self.report({"INFO"}, "No node was moved, so there is nothing to write back")

@@ -38,6 +38,8 @@ HANDLE = "f4x_handle"
 NODE_SIZE, HANDLE_SIZE = 0.4, 2.0
 """Drawn sizes of empties in node spacings."""
 PLACE, TURN = "location", "rotation_quaternion"
+MOVED = 1e-6
+"""Smallest difference between a property and its keys that a hand made; what Blender evaluates is equal."""
 MIN_GROUP_SIZE = 2
 """Minimum number of nodes in a group; a single node needs no handle."""
 
@@ -127,6 +129,17 @@ def poses_now(root: bpy.types.Object, items: Sequence[bpy.types.Object]) -> tupl
     found[:, :3, :3] /= np.linalg.norm(found[:, :3, :3], axis=-2, keepdims=True)  # an empty's size takes no part
     quat, xyz = pose.from_matrix(found)
     return xyz, quat
+
+
+def key_moved(root: bpy.types.Object) -> None:
+    """Key at the current frame the nodes and handles that were moved there by hand: a look at another frame would put them back."""
+    frame = bpy.context.scene.frame_current
+    for item in root.children_recursive:
+        if NODE not in item and HANDLE not in item:
+            continue
+        for path, keyed in sample(item, np.array([frame]), (PLACE, TURN)).items():
+            if np.abs(keyed[0] - getattr(item, path)).max() > MOVED:
+                item.keyframe_insert(path, frame=frame)
 
 
 def write_poses(

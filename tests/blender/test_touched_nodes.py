@@ -76,6 +76,26 @@ noted["written"] = list(ops.write_motion())
     assert noted["written"] == ["FINISHED"] and noted["name 9"] == ""
 
 
+def test_a_move_without_a_key_is_written_back_at_its_frame(folder):
+    script = """
+select(node(3))
+node(3).location.x += 0.4
+note("moved")
+noted["written"] = list(ops.write_motion())
+note("after")
+bpy.context.scene.frame_set(3); note("earlier")
+bpy.context.scene.frame_set(4); note("again")
+[rekey] = [edit.operation for edit in scene_object().stack.edits]
+noted["nodes"], noted["times"] = len(rekey.nodes), len(rekey.times)
+"""
+    noted, arrays = perform(folder, START + script)
+    assert np.abs(arrays["moved"] - arrays["before"]).max() > 0.05
+    np.testing.assert_allclose(arrays["after"], arrays["moved"], atol=1e-6)
+    np.testing.assert_allclose(arrays["again"], arrays["moved"], atol=1e-6)
+    assert np.abs(arrays["earlier"] - arrays["moved"]).max() > 0.05
+    assert (noted["written"], noted["nodes"], noted["times"]) == (["FINISHED"], 1, 1)
+
+
 def test_a_copied_node_carries_nothing(folder):
     script = """
 select(node(3))

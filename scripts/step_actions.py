@@ -1,0 +1,273 @@
+"""The steps of docs/blender_steps.md inside Blender; `step_pictures.py` asks for them one by one and takes the pictures.
+
+blender --factory-startup -P scripts/step_actions.py -- FOLDER
+
+FOLDER holds room.f4x. A step is asked for by FOLDER/order.json (number, name); FOLDER/state.json says how far Blender is.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy_extras import view3d_utils
+from mathutils import Vector
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
+import door
+
+door.load_extension().register()
+
+from feature4x.addon import jobs  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.scaffold_rig import layer_of  # noqa: E402
+from feature4x.addon.scene_object import SceneObject  # noqa: E402
+
+INTERVAL = 0.3
+FRAME = 12
+"""What the pictures show."""
+ORBIT = 25.0
+"""Degrees of the other camera's circle."""
+RAISED = 0.12
+"""How far the node is pulled up."""
+CRATE = (-0.45, 0.19, 1.09), 0.16
+"""Centre of the crate's front in the scene's axes, half its side."""
+
+
+class View:
+    """The maximised viewport and what it shows."""
+
+    def __init__(self, home: Path):
+        self.home = home
+        self.window = bpy.context.window_manager.windows[0]
+
+    @property
+    def area(self):
+        """The viewport; None while a picture that is being rendered fills the window."""
+        return next((area for area in self.window.screen.areas if area.type == "VIEW_3D"), None)
+
+    def region(self, kind: str = "WINDOW"):
+        """A part of the viewport."""
+        return next(region for region in self.area.regions if region.type == kind)
+
+    def call(self, operator: Callable, how: str = "EXEC_DEFAULT", /, **settings) -> None:
+        """Call an operator as the viewport's buttons do."""
+        with bpy.context.temp_override(window=self.window, area=self.area, region=self.region()):
+            operator(how, True, **settings)
+
+    @property
+    def scene_object(self) -> SceneObject:
+        """The imported scene."""
+        return SceneObject.among(bpy.context.scene.objects)[0]
+
+    def on_screen(self, points: np.ndarray) -> list[list[float]]:
+        """Pixels of the window, from its upper left corner, of points in the scene's axes."""
+        region, look = self.region(), self.area.spaces.active.region_3d
+        to_world = self.scene_object.root.matrix_world
+        seen = [
+            view3d_utils.location_3d_to_region_2d(region, look, to_world @ Vector(point)) for point in points.tolist()
+        ]
+        return [[region.x + at.x, self.window.height - region.y - at.y] for at in seen]
+
+
+def maximise(view: View) -> None:
+    """Blender's default file, its viewport as large as the window."""
+    view.call(bpy.ops.screen.screen_full_area)
+
+
+def drop(view: View) -> None:
+    """What a dropped file asks."""
+    view.call(bpy.ops.f4x.import_scene, "INVOKE_DEFAULT", filepath=str(view.home / "room.f4x"))
+
+
+def look(view: View) -> None:
+    """The sidebar, and a frame at which there is something to see."""
+    view.area.spaces.active.show_region_ui = True
+    bpy.context.scene.frame_set(FRAME)
+
+
+def choose_tab(view: View) -> None:
+    """The sidebar's tab; the clip's camera fills what is left of the viewport."""
+    view.region("UI").active_panel_category = "Feature4X"
+    view.call(bpy.ops.view3d.view_center_camera)
+
+
+def query(view: View) -> None:
+    """Ask for a word."""
+    view.scene_object.state.text = "ball"
+    view.call(bpy.ops.f4x.query_text, text="ball")
+
+
+def box(view: View) -> list[list[float]]:
+    """Take the tool Box of gestures; the corners of a box around the crate."""
+    view.call(bpy.ops.wm.tool_set_by_id, name="f4x.box_tool")
+    (x, y, z), half = CRATE
+    return view.on_screen(np.array([(x - 1.2 * half, y - 1.35 * half, z), (x + 1.5 * half, y + 1.1 * half, z)]))
+
+
+def plan(view: View) -> None:
+    """A sentence, planned."""
+    view.call(bpy.ops.wm.tool_set_by_id, name="builtin.select_box")
+    say(view, "make the ball blue from frame 10")
+
+
+def say(view: View, sentence: str) -> None:
+    """Plan a sentence."""
+    view.scene_object.state.sentence = sentence
+    view.call(bpy.ops.f4x.plan, "INVOKE_DEFAULT")
+
+
+def apply(view: View) -> None:
+    """Do what was planned."""
+    view.call(bpy.ops.f4x.apply_plan)
+
+
+def select_only(item: bpy.types.Object) -> None:
+    """Make one object the selection."""
+    for other in bpy.context.view_layer.objects.selected:
+        other.select_set(False)
+    item.select_set(True)
+    bpy.context.view_layer.objects.active = item
+
+
+def move_node(view: View) -> None:
+    """Show the nodes and pull one up."""
+    layer_of(view.scene_object.root).hide_viewport = False
+    nodes = [item for item in view.scene_object.root.children_recursive if " node " in item.name]
+    highest = max(nodes, key=lambda item: item.matrix_world.translation.z)
+    select_only(highest)
+    view.call(bpy.ops.transform.translate, value=(0, 0, RAISED))
+
+
+def write_motion(view: View) -> None:
+    """Make an edit of it."""
+    view.call(bpy.ops.f4x.write_motion)
+    layer_of(view.scene_object.root).hide_viewport = True
+    select_only(view.scene_object.root)
+
+
+def mesh(view: View) -> None:
+    """Start the job that makes a mesh of the ball."""
+    query(view)
+    view.call(bpy.ops.f4x.make_mesh, resolution=32, faces=3000)
+
+
+def show_mesh(view: View) -> None:
+    """Solid shading, without the nodes' lines."""
+    view.area.spaces.active.shading.type = "SOLID"
+
+
+def camera(view: View) -> None:
+    """Another camera."""
+    select_only(view.scene_object.root)
+    view.call(bpy.ops.f4x.show_picture)
+    view.call(bpy.ops.f4x.add_path_camera, path="ORBIT", degrees=ORBIT)
+    bpy.context.scene.frame_set(FRAME)
+
+
+def plate(view: View) -> None:
+    """The clip's camera again; the crate goes."""
+    bpy.context.scene.camera = next(item for item in bpy.data.objects if item.name == "room camera")
+    say(view, "delete the crate")
+    view.call(bpy.ops.f4x.apply_plan)
+
+
+def passes(view: View) -> None:
+    """Switch passes on."""
+    layer = bpy.context.view_layer
+    layer.use_pass_vector = layer.use_pass_normal = layer.use_pass_cryptomatte_object = True
+    layer.f4x_passes.unseen = True
+
+
+def save(view: View) -> None:
+    """Write the edits into the scene file."""
+    view.call(bpy.ops.f4x.save_edits)
+
+
+def gold(view: View) -> list[list[float]]:
+    """Say and do; then wait for a click on the crate, whose place this is."""
+    say(view, "make everything that moves look like gold")
+    view.call(bpy.ops.f4x.apply_plan)
+    view.call(bpy.ops.f4x.query_point, "INVOKE_DEFAULT")
+    return view.on_screen(np.array([CRATE[0]]))
+
+
+def plan_green(view: View) -> None:
+    """A sentence about what is selected."""
+    say(view, "make it green from frame 10")
+
+
+def name_it(view: View) -> None:
+    """Name the selection."""
+    view.call(bpy.ops.f4x.drop_plan)
+    view.call(bpy.ops.f4x.name_selection, called="my crate")
+
+
+def fine_mesh(view: View) -> None:
+    """Start a job that takes a while."""
+    select_only(view.scene_object.root)
+    view.call(bpy.ops.f4x.make_mesh, resolution=256, faces=100_000)
+
+
+STEPS = (
+    maximise, drop, look, choose_tab, query, box, plan, apply, move_node, write_motion,
+    mesh, show_mesh, camera, plate, passes, save, gold, plan_green, name_it, fine_mesh,
+)  # fmt: skip
+
+
+class Pilot:
+    """Takes one step at a time, from a timer."""
+
+    def __init__(self, home: Path):
+        self.home, self.taken, self.beat, self.view = home, 0, 0, View(home)
+        self.places: list[list[float]] | None = None
+        self.rendered, self.error = "", ""
+        bpy.app.handlers.render_complete.append(lambda *_: setattr(self, "rendered", "complete"))
+
+    def tick(self) -> float:
+        """Take the step that is asked for, and say how things are."""
+        order = self.home / "order.json"
+        if order.exists() and self.view.area is not None:
+            asked = json.loads(order.read_text())
+            if asked["number"] > self.taken:
+                self.taken = asked["number"]
+                step = next(step for step in STEPS if step.__name__ == asked["name"])
+                try:
+                    self.places = step(self.view)
+                except Exception as error:  # the outside must hear of it
+                    self.error = f"{asked['name']}: {error!r}"
+        self.tell()
+        return INTERVAL
+
+    def tell(self) -> None:
+        """Write the state, whole or not at all."""
+        self.beat += 1
+        found = SceneObject.among(bpy.context.scene.objects)
+        state = dict(beat=self.beat, taken=self.taken, places=self.places, rendered=self.rendered, error=self.error)
+        state |= dict(screen="view" if self.view.area else "picture", jobs=[job.state for job in jobs.all_jobs()])
+        state |= dict(stages=[job.stage for job in jobs.all_jobs()])
+        if self.view.area is not None:
+            state["sidebar"] = self.view.region("UI").x
+        if found:
+            properties = found[0].state
+            state |= dict(selected=properties.selected, total=properties.total, answer=properties.answer)
+            state |= dict(edits=[row.name for row in properties.history], saved=found[0].is_saved)
+            state |= dict(notice=properties.notice, readings=[row.description for row in properties.readings])
+            state |= dict(last=[operator.bl_idname for operator in bpy.context.window_manager.operators][-1:])
+        new = self.home / "state.new"
+        new.write_text(json.dumps(state))
+        os.replace(new, self.home / "state.json")
+
+
+def main() -> None:
+    """Begin."""
+    view = bpy.context.preferences.view
+    view.show_splash = view.show_tooltips = False
+    bpy.context.preferences.system.use_region_overlap = False  # the sidebar would hide what is beside it
+    view.render_display_type = "SCREEN"  # there is no window manager that would focus a new window
+    bpy.app.timers.register(Pilot(Path(door.arguments()[0])).tick, first_interval=1.0, persistent=True)
+
+
+main()
