@@ -231,10 +231,7 @@ _without = lit("(the|this) [scene|picture|video|clip|image] (but) without|withou
 _command("without the dog", "", _delete, "without", use=NAMED, without=_without)
 
 # Moving and turning
-ROTATING, TILTING = (
-    "rotate|spin|revolve|pivot|swivel|twirl",
-    "tilt|roll|lean|tip|bank|slant|incline|tip over|lean over",
-)
+_ROTATING = "rotate|spin|revolve|pivot|swivel|twirl"
 SENSE = table(
     {
         "(over) (to|toward) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise"
@@ -242,23 +239,37 @@ SENSE = table(
         "(over) (to|toward) (the|its|his|her|their) right (side|hand side)|rightward|clockwise": 1,
     }
 )
-_turn = table(
+FULL_TURN = table(
     {
-        "half (a) turn|halfway (around)|half way (around)|half (a) circle|half (a) rotation": 180.0,
-        "once|once around|all the way around|around once|full spin|complete (rotation|circle|revolution)": 360.0,
-        "twice|two full turns": 720.0,
-        "quarter (of a) turn|quarter|quarter (of a) circle|quarter rotation": 90.0,
-        "full turn|full circle|full rotation|complete turn|whole turn": 360.0,
-    }
+        "(a) half (a) [turn|rotation|spin|circle|revolution]|u turn|a 180": 180.0,
+        "(a) quarter (of a) [turn|rotation|spin|circle]|(a) right angle": 90.0,
+        "(a) three quarter turn|three quarters of a turn": 270.0,
+        "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution]|(a) [turn|spin|rotation|360]|full 360": 360.0,
+        "two (full) [turns|rotations|spins]": 720.0,
+        "three (full) [turns|rotations|spins]": 1080.0,
+    },
+    reserve=False,
+)
+_so_often = table(
+    {
+        "180|[halfway|half way] (around)": 180.0,
+        "360|all the way around|once (around|completely)|around once|one [full|complete|whole] time": 360.0,
+        "twice|two times": 720.0,
+        "three times": 1080.0,
+        "quarter": 90.0,
+    },
+    reserve=False,
 )
 _by = ~lit("by|through|for")
-ANGLE = either(_by + signed + lit("degrees|degree|deg|°|º"), ~lit("by") + signed, _by + ~lit("a|one") + _turn)
+ANGLE = either(
+    _by + signed + lit("degrees|degree|deg|°|º"), ~lit("by") + signed, _by + ~lit("a|one") + (FULL_TURN | _so_often)
+)
 _axis = lit(
     "[around|about|on] [its|his|her|their|the] (own) (vertical) axis|[around|about] the vertical|in place|on the spot"
 )
-TURNS: dict[str, Any] = {"angle": ANGLE, "sense": SENSE, "axis": _axis}
-_command("rotate the dog by 90 degrees", ROTATING, making.rotated, itself=ROTATING, **TURNS)
-
+_command(
+    "rotate the dog by 90 degrees", _ROTATING, making.rotated, itself=_ROTATING, angle=ANGLE, sense=SENSE, axis=_axis
+)
 
 # Copies
 _lagging = (

@@ -42,6 +42,7 @@ from .commands import (
     AGAIN,
     ANGLE,
     BESIDE_IT,
+    FULL_TURN,
     NAMED,
     OUT,
     QUALITY_WORDS,
@@ -521,26 +522,6 @@ _frame(
 )
 
 # Turning
-_full_turn = table(
-    {
-        "(a) half turn|(a) half a turn|u turn|a 180|(a) half [rotation|spin|circle|revolution]": 180.0,
-        "(a) quarter turn|(a) quarter of a turn|(a) quarter [rotation|spin|circle]|(a) right angle": 90.0,
-        "(a) three quarter turn|three quarters of a turn": 270.0,
-        "(a|one) (full|complete|whole) [turn|circle|rotation|360|spin|revolution]|a 360|full 360": 360.0,
-        "two [turns|rotations|spins|full turns|full rotations]": 720.0,
-        "three [turns|rotations|spins|full turns|full rotations]": 1080.0,
-    },
-    reserve=False,
-)
-_so_often = table(
-    {
-        "180|half way around|halfway around": 180.0,
-        "360|all the way around|once around|once|once completely|one [full|complete|whole] time": 360.0,
-        "twice|two times": 720.0,
-        "three times": 1080.0,
-    },
-    reserve=False,
-)
 _sense = SENSE | table(
     {
         "[to|and] face [left|the left]|facing left|so (that) [it|he|she] [faces|looks] left": -1,
@@ -575,7 +556,7 @@ _frame(
     "verb angle",
     who=_whom,
     verb=_TURNING,
-    angle=ANGLE | _full_turn | _so_often,
+    angle=ANGLE,
     sense=_sense,
     around=literal("around|on the spot|in place|over|around its axis") >> (lambda: True),
 )
@@ -619,7 +600,7 @@ _frame(
     "angle",
     who=_whom,
     verb=literal(every_form("make|do|give|turn|perform|take")),
-    angle=~literal("a|one|by") + _full_turn,
+    angle=~literal("a|one|by") + FULL_TURN,
     sense=SENSE,
     around=literal("around|on the spot|in place|around its axis"),
 )
@@ -799,7 +780,8 @@ _frame(
     lead=literal(every_form("bring|come")),
     verb=literal(
         any_form("freeze")
-        + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no movement|stop|stopped"
+        + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no "
+        "movement|stop|stopped"
     ),
 )
 _frame(

@@ -636,7 +636,8 @@ def _placed(operations: list[Operation]) -> list[Operation]:
             isinstance(made, Transform)
             and isinstance(one, Transform)
             and any(one.translate)
-            and one == replace(made, translate=tuple(-step for step in made.translate))
+            and one == replace(made, translate=one.translate)
+            and all(a == -b for a, b in zip(made.translate, one.translate, strict=True))
         )
         if opposite:
             raise Refusal("Two of the directions are on one line; say one of them.")

@@ -152,7 +152,10 @@ def _inverse(x: float) -> float:
     return round(1 / x, PLACES)
 
 
-ITS = "its present|the present|its usual|its former|its|their|his|her|the|the original|its own|their own|its original|its current|the current|the normal|normal|the original"
+ITS = (
+    "its present|the present|its usual|its former|its|their|his|her|the|the original|its own|their own|its original|its current|"
+    "the current|the normal|normal|the original"
+)
 
 
 def fraction_of(quality: str) -> Rule:

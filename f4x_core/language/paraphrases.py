@@ -87,7 +87,6 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"|all movement|(?:the )?playback)(?P<rest>.*)$",
         r"\g<verb> everything\g<rest>",
     ),
-    (rf"^speed ramp(?:ing)?(?::|,)? {_REST}$", r"smoothly \g<rest>"),
 )
 _ORDERS: tuple[tuple[str, str], ...] = (
     (

@@ -68,6 +68,18 @@ noted["script"] = refused(ops.plan, sentence="make the square bark")
     assert "bark" in noted["script"]
 
 
+def test_a_sentence_with_a_word_too_many_is_asked_about_and_read_by_a_button(folder):
+    script = """
+noted["script"] = refused(ops.plan, sentence="make the square red and happy")
+noted["instead"], noted["answer"] = root().f4x.instead, root().f4x.answer
+ops.plan("EXEC_DEFAULT", True, sentence=root().f4x.instead)
+noted["planned"], noted["after"] = [r.description for r in root().f4x.readings], root().f4x.instead
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["instead"] == "make the square red" and "'and happy'" in noted["answer"] and noted["script"]
+    assert noted["planned"] == ["make the square red"] and noted["after"] == ""
+
+
 def test_the_options_of_a_sequence_are_drawn_for_numbered_ply_alone(folder):
     script = """
 from feature4x.addon.operators import options_for

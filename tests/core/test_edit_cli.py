@@ -194,3 +194,14 @@ def test_broken_edits_in_a_scene_can_be_left_out(tmp_path, capsys):
     for verb in (["history", str(path)], ["undo", str(path)], ["bake", str(path), "-o", str(tmp_path / "b.f4x")]):
         assert main(verb) == 2
         assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_words_that_nobody_knows_are_asked_about_and_left_out_with_yes(scene, capsys):
+    sentence = "make the square red and happy"
+    assert main(["edit", str(scene), "--say", sentence, "--dry-run"]) == 2
+    error = capsys.readouterr().err
+    assert "I would do: make the square red. I do not know what 'and happy' adds." in error
+    assert "Say 'make the square red', or add --yes." in error
+    code, told = f4x(capsys, "edit", scene, "--say", sentence, "--dry-run", "--yes")
+    assert code == 0 and [edit["op"] for edit in told["edits"]] == ["recolour"]
+    assert told["notes"] == ["Read as 'make the square red'."]
