@@ -10,9 +10,8 @@ VERBS: dict[str, str] = {
     "become": "make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, dye, spray, respray, spray "
     "paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, display, look, feel, become, have, "
     "go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, slap, splash, splatter, throw, smear, "
-    "brush, lacquer, varnish, glaze, enamel, style, restyle, redo, colorize, tone, transition, morph, draw, pick, choose, "
-    "select, add, sprinkle, lay, shift, swap, flip, restore, remain, enter, place, edit, modify, wear, ask for, go for, go with, "
-    "opt for, fill, flood, soak, grade",
+    "brush, lacquer, style, restyle, redo, colorize, tone, transition, morph, draw, pick, choose, select, add, sprinkle, lay, "
+    "shift, swap, flip, restore, place, edit, modify, wear, ask for, go for, go with, opt for, fill, flood, soak, grade",
     "tint": "tint, tinge, tone, wash, stain slightly, suffuse, hint",
     "set": "set, change, make, turn, put, bring, adjust, take, get, give, have, need, show, apply, use, keep, correct, modify, "
     "tweak, fix, move, pull, push, dial, drag, slide, crank, pump, knock, ramp, kick, jack, tone, want, could use, can use, "
@@ -27,7 +26,7 @@ VERBS: dict[str, str] = {
     "brighten": "brighten, lighten, brighten up, lighten up, illuminate, light up, light",
     "darken": "darken, dim, darken down, dim down, black out, shade",
     "enlarge": "enlarge, grow, magnify, scale up, blow up, upscale, upsize, expand, inflate, size up, swell, swell up, puff up, "
-    "bulk up, balloon, bloat, supersize, pump up, widen, embiggen, zoom up, double up, broaden, get bigger, get larger",
+    "bulk up, balloon, bloat, supersize, pump up, widen, zoom up, double up, broaden, get bigger, get larger",
     "shrink": "shrink, scale down, shrink down, downscale, downsize, minimize, size down, contract, miniaturize, reduce, "
     "compress, get smaller, dwindle, squash down, deflate, cut down",
     "quicken": "speed up, accelerate, quicken, hasten, hurry, hurry up, rush, hustle",
@@ -43,9 +42,8 @@ VERBS: dict[str, str] = {
     "clear, banish, scratch, kill, cut, purge, rid us of, clean out, take out, cut out, edit out, wipe out, rub out, throw out, "
     "throw away, take away, cut away, clean up, paint out, key out, clone out, crop out, pull out, kick out, chuck out, x out, "
     "leave out, rotoscope out, strip out, strip away, clear away, clear out, rub off, wipe off, edit away, carry off, wipe away, "
-    "zap, nuke, obliterate, yank, axe, bin, chuck, destroy, dispose of, dispense with, do without, exclude, expunge, omit, weed "
-    "out, airbrush out, photoshop out, wipe, vaporize, evict, oust, strike, exterminate, annihilate, toss, toss out, expel, shoo "
-    "away",
+    "zap, nuke, yank, axe, bin, chuck, destroy, dispose of, dispense with, do without, exclude, omit, weed out, airbrush out, "
+    "photoshop out, wipe, strike, toss, toss out, expel, shoo away",
     "hide": "hide, conceal, mask, mask out, make invisible, vanish, disappear, stop showing, not show, blank out, switch off, "
     "turn off, cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, turn invisible",
     "show": "show, reveal, unhide, reshow, bring back, restore, uncover, unmask, unveil, reappear",
@@ -61,12 +59,11 @@ VERBS: dict[str, str] = {
     "drive, displace, set, get, drop, throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, "
     "go, jump, drift, come, glide, wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, "
     "lower, rise, sink, appear, land, turn up, offset, reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, "
-    "hoist, heave, lay, stick, park, plant, tuck, squeeze, pop, hoick, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, "
-    "steer, sail, toss, fling, kick, yank, plop, set down, put down, pick up, scroll, pan, moor, rest, belong, wander off, "
-    "climb, crawl, creep",
+    "hoist, heave, lay, stick, park, plant, tuck, squeeze, pop, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, "
+    "sail, toss, fling, kick, yank, plop, set down, put down, pick up, scroll, pan, rest, belong, climb, crawl, creep",
     "raise": "raise, lift, elevate, hoist, rise, levitate, lift up, raise up, pick up, ascend, take off, soar, float up, hover",
     "lower": "lower, sink, descend, let down, bring down, drop down, set down, put down, duck, dip down",
-    "rotate": "rotate, spin, revolve, pivot, swivel, twirl, whirl, pirouette, twist, gyrate",
+    "rotate": "rotate, spin, revolve, pivot, swivel, twirl, whirl, pirouette, twist",
     "turn": "turn, flip, swing round, swing around, wheel around",
     "tilt": "tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, cant, list",
     "face": "face, look, point, head, turn, show, aim",
@@ -98,8 +95,7 @@ VERBS: dict[str, str] = {
     # light
     "blur": "blur, blur out, defocus, unfocus, soften, smudge, throw out of focus, put out of focus, unsharpen, smear, fuzz, "
     "smooth out",
-    "glow": "glow, shine, light up, shimmer, sparkle, radiate, gleam, glisten, twinkle, glitter, beam, gleam up, emit light, "
-    "emanate light",
+    "glow": "glow, shine, light up, shimmer, sparkle, radiate, gleam, glisten, twinkle, glitter, beam, gleam up, emit light",
     "apply": "add, apply, put, give, use, have, get, throw, make, want, need, set, create, lay, show, slap, surround, bathe, "
     "cast, like, see, place, wrap, let, deserve, do",
 }
