@@ -30,12 +30,21 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder for the list of steps and the result")
     parser.add_argument("--seed", default="0", help="another seed takes other steps (default: 0)")
     parser.add_argument("--minutes", type=float, default=60.0, help="end after so much time (default: 60)")
+    parser.add_argument("--steps", default="1000000", help="end after so many steps (default: when the time is over)")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     with clean_profile(options.root) as profile, open(options.out / "blender.log", "w") as log:
         shutil.copy(options.scene, profile.folder / "scene.f4x")
         script = f"{profile.check_out()}/scripts/walk_blender.py"
-        given = (f"{profile.inside}/scene.f4x", "--out", f"{profile.inside}/walk", "--seed", options.seed)
+        given = (
+            f"{profile.inside}/scene.f4x",
+            "--out",
+            f"{profile.inside}/walk",
+            "--seed",
+            options.seed,
+            "--steps",
+            options.steps,
+        )
         window = ("--factory-startup", "--window-geometry", 0, 0, *SIZE)
         with profile.screen(SIZE, log) as start:
             walk = start("blender", *window, "-P", script, "--", *given, "--minutes", options.minutes)
