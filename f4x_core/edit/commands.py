@@ -18,7 +18,7 @@ from ..language.amounts import (
     steps,
 )
 from ..language.colours import colour, colourish
-from ..language.grammar import Mismatch, Rule, either, listed, lit, silent, table
+from ..language.grammar import Mismatch, Rule, either, keyword, listed, silent, table
 from ..language.times import TimeExpression, duration
 from . import making, qualities
 from .making import Value
@@ -124,7 +124,7 @@ def as_given(values: Given) -> Given:
 
 
 def _values(*rules: Rule) -> Rule:
-    return listed(either(*rules), lit("and|,|, and|but|and also|as well as|plus|but also|and then"))
+    return listed(either(*rules), keyword("and|,|, and|but|and also|as well as|plus|but also|and then"))
 
 
 # Colours
@@ -134,16 +134,16 @@ _command(
     "make|render|have|get",
     as_given,
     "values",
-    values=_values(qualities.made, lit("in") + _coloured, lit("gone") >> always(making.deleted)),
+    values=_values(qualities.made, keyword("in") + _coloured, keyword("gone") >> always(making.deleted)),
 )
-_tint = ~lit("a|an") + ~lit("slight|faint") + (colour | colourish)
+_tint = ~keyword("a|an") + ~keyword("slight|faint") + (colour | colourish)
 _command(
     "shift the hue of the car to red",
     "shift|change|turn|set|rotate|move|make|adjust",
     making.hued,
     "rgb",
     who=whose("hue|hues|tone"),
-    rgb=~lit("to|toward|into") + colour,
+    rgb=~keyword("to|toward|into") + colour,
 )
 _command(
     "remove the color of the house",
@@ -151,25 +151,25 @@ _command(
     always(making.GRAYED),
     who=whose("color|colors|saturation|coloring"),
     use=NAMED,
-    out=lit("out|away"),
+    out=keyword("out|away"),
 )
 
 
 as_long = either(
-    multiple + lit("as long") >> making.stretched,
-    multiple + lit("longer") >> making.stretched,
-    ~lit("to|by") + ~lit("a factor of") + fraction_of("length|duration|time") >> making.stretched,
-    lit("by") + ~lit("a factor of") + (multiple | number) >> making.stretched,
+    multiple + keyword("as long") >> making.stretched,
+    multiple + keyword("longer") >> making.stretched,
+    ~keyword("to|by") + ~keyword("a factor of") + fraction_of("length|duration|time") >> making.stretched,
+    keyword("by") + ~keyword("a factor of") + (multiple | number) >> making.stretched,
 )
 _command("make the dog take twice as long", "", lambda by: by, "by", itself="take|last", by=as_long)
 
 # Opacity
-_again = lit("again|once more|back")
+_again = keyword("again|once more|back")
 _command("show the dog again", "show|reveal", making.shown, again=_again >> (lambda: True))
 _command(
-    "bring the dog back", "bring", always(making.opacity(making.SHOWN)), "back", back=lit("back|back again|back in")
+    "bring the dog back", "bring", always(making.opacity(making.SHOWN)), "back", back=keyword("back|back again|back in")
 )
-_to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (
+_to_fraction = keyword("to") + either(percent, fraction, number) + ~keyword("opacity") | keyword("by") + percent >> (
     lambda x: 1 - x
 )
 _command("fade the background", "fade", lambda by=0.5: making.faded(by), itself="fade", by=_to_fraction)
@@ -180,7 +180,7 @@ _command(
     lambda: making.faded(0.0, inward=True),
     "inward",
     itself="fade",
-    inward=lit("in|into view"),
+    inward=keyword("in|into view"),
 )
 
 # Taking out, and leaving alone
@@ -189,7 +189,7 @@ DELETING = (
     "|clear|banish|scratch|kill|cut|purge|rid us of"
 )
 SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
-OUT = lit(
+OUT = keyword(
     "out|away|off|out of [there|here|sight]|from sight|from view|[out of|from] [the|this] (whole"
     "|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture"
     "|video|clip|image|shot|frame]"
@@ -201,8 +201,8 @@ _command(
 )
 _command("take the car out", SPLIT, _delete, "out", use=NAMED, out=OUT)
 KEEPING = "keep|show|show me|leave|retain|have|display|see|preserve|let me see"
-ONLY = lit("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
-_in_colour = lit("in (full) [color|colors]|colored")
+ONLY = keyword("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
+_in_colour = keyword("in (full) [color|colors]|colored")
 _command(
     "show only the dog in color",
     KEEPING,
@@ -213,7 +213,7 @@ _command(
     colored=_in_colour,
 )
 _command("isolate the dog", "isolate|extract|single out|separate out|separate|cut free", _extract, use=NAMED)
-_unwanted = lit(
+_unwanted = keyword(
     "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need]"
     " (to see)|there should be no|let there be no|"
     "[i|we] can do without|no"
@@ -225,9 +225,9 @@ _command(
     "unwanted",
     use=FULL,
     unwanted=_unwanted,
-    there=lit("in [the|this] [scene|picture|video|clip|image|shot]|any more|anymore|there|any longer"),
+    there=keyword("in [the|this] [scene|picture|video|clip|image|shot]|any more|anymore|there|any longer"),
 )
-_without = lit("(the|this) [scene|picture|video|clip|image] (but) without|without|no more|minus")
+_without = keyword("(the|this) [scene|picture|video|clip|image] (but) without|without|no more|minus")
 _command("without the dog", "", _delete, "without", use=NAMED, without=_without)
 
 # Moving and turning
@@ -260,11 +260,13 @@ _so_often = table(
     },
     reserve=False,
 )
-_by = ~lit("by|through|for")
+_by = ~keyword("by|through|for")
 ANGLE = either(
-    _by + signed + lit("degrees|degree|deg|°|º"), ~lit("by") + signed, _by + ~lit("a|one") + (FULL_TURN | _so_often)
+    _by + signed + keyword("degrees|degree|deg|°|º"),
+    ~keyword("by") + signed,
+    _by + ~keyword("a|one") + (FULL_TURN | _so_often),
 )
-_axis = lit(
+_axis = keyword(
     "[around|about|on] [its|his|her|their|the] (own) (vertical) axis|[around|about] the vertical|in place|on the spot"
 )
 _command(
@@ -273,58 +275,58 @@ _command(
 
 # Copies
 _lagging = (
-    ~lit(",")
-    + ~lit("but|that is|which is|that|which|by")
-    + ~lit("delayed|lagging|trailing|starting|running|runs|run|comes|come|plays|play|moves|move|starts|start")
-    + ~lit("by")
+    ~keyword(",")
+    + ~keyword("but|that is|which is|that|which|by")
+    + ~keyword("delayed|lagging|trailing|starting|running|runs|run|comes|come|plays|play|moves|move|starts|start")
+    + ~keyword("by")
 )
-_following = lit(
+_following = keyword(
     "that [follows|trails|chases|lags|runs|walks|moves] (behind|after) (it|"
     "him|her)|[following|trailing|lagging] (behind|after) (it|him|her)|"
     "[follow|trail] (behind|after) (it|him|her|the original)|to [follow|trail] (behind|after) (it|him|her|the original)"
 )
 SHIFT = either(
-    ~lit(",")
+    ~keyword(",")
     + _following
-    + ~lit("by|with|at|on the same path")
-    + ~lit("a delay of|a distance of")
+    + ~keyword("by|with|at|on the same path")
+    + ~keyword("a delay of|a distance of")
     + duration
-    + ~lit("later|behind|after (it)|behind it|of delay|delay|afterward|on its path|along (its|the same) path"),
+    + ~keyword("later|behind|after (it)|behind it|of delay|delay|afterward|on its path|along (its|the same) path"),
     _lagging
     + duration
-    + lit(
+    + keyword(
         "later|behind|late|after|[after|behind] [it|him|her|itself|the original|the first (one)|the other (one)]|afterward|"
         "delayed|in the future|too late|late"
     ),
-    lit("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
+    keyword("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
     + duration,
-    lit("with (a)")
+    keyword("with (a)")
     + duration
-    + lit("delay|lag|between [them|each|the copies|each of them]|in between|apart|of delay|of lag"),
-    _lagging + duration + lit("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
+    + keyword("delay|lag|between [them|each|the copies|each of them]|in between|apart|of delay|of lag"),
+    _lagging + duration + keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
     >> (lambda length: length.plus(length, -2.0)),
 )
-_in_a_row = lit(
+_in_a_row = keyword(
     "in a row|in a line|side by side|next to each other|one after another|one after the other|beside each other"
 )
-_called_so = ~lit(",") + lit("called|named|by the name of") + name
-_apart = distance + lit("apart") | ~lit("by") + number + lit("apart") >> Distance
+_called_so = ~keyword(",") + keyword("called|named|by the name of") + name
+_apart = distance + keyword("apart") | ~keyword("by") + number + keyword("apart") >> Distance
 _another_size = (
-    ~lit(",")
-    + ~lit("but|and|only|that is|at")
+    ~keyword(",")
+    + ~keyword("but|and|only|that is|at")
     + either(
         qualities.size_value,
         qualities.sized,
         qualities.brightness_value,
         qualities.opacity_value,
-        ~lit("in") + qualities.colour_value,
+        ~keyword("in") + qualities.colour_value,
     )
 )
 BESIDE_IT: dict[str, Any] = {
     "changed": _another_size,
     "own": place | beside_itself,
-    "way": ~lit(",") + steps,
-    "far": ~lit(",") + _apart | distance,
+    "way": ~keyword(",") + steps,
+    "far": ~keyword(",") + _apart | distance,
     "row": _in_a_row,
     "shift": SHIFT,
     "called": _called_so,
@@ -335,7 +337,7 @@ TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 
 # Time
 _motion = either(whose("motion|motions|movement|movements|action|animation"), thing)
-STILL = lit(
+STILL = keyword(
     "still|in place|in [the|its|his|her|their] tracks|in mid [air|flight|jump|step|stride|motion"
     "|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing"
     " still|there"
@@ -359,31 +361,31 @@ _command(
     itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll"
     "|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
     values=_values(
-        number + lit("x") >> making.retimed,
-        ~lit("in|at") + qualities.pace,
+        number + keyword("x") >> making.retimed,
+        ~keyword("in|at") + qualities.pace,
         qualities.backward,
-        lit("in") + _coloured,
+        keyword("in") + _coloured,
         qualities.a_look,
     ),
 )
 # Looks, colours of others, names
 _given = _values(
-    ~lit("a|an|some")
+    ~keyword("a|an|some")
     + either(qualities.warmth_value, qualities.brightness_value, qualities.saturation_value, qualities.contrast_value)
-    + lit("tone|tones|look|feel|color|colors|light|appearance|mood|tint|touch|cast|atmosphere"),
-    known_thing + lit("'s|'") + lit("color|colors|coloring|look|appearance") >> making.matched,
+    + keyword("tone|tones|look|feel|color|colors|light|appearance|mood|tint|touch|cast|atmosphere"),
+    known_thing + keyword("'s|'") + keyword("color|colors|coloring|look|appearance") >> making.matched,
     qualities.given_look,
     qualities.same_colour,
     qualities.opacity_value,
-    lit("a coat of") + colour + lit("paint") >> making.assigned,
-    ~lit("a|an") + colour + lit("color|look|coloring|paint job|coat of paint|paint") >> making.assigned,
-    _tint + lit("tint|tinge|touch") >> making.faintly,
-    ~lit("a|an") + colour + lit("hue") >> making.hued,
-    lit("the color") + qualities.colour_value,
+    keyword("a coat of") + colour + keyword("paint") >> making.assigned,
+    ~keyword("a|an") + colour + keyword("color|look|coloring|paint job|coat of paint|paint") >> making.assigned,
+    _tint + keyword("tint|tinge|touch") >> making.faintly,
+    ~keyword("a|an") + colour + keyword("hue") >> making.hued,
+    keyword("the color") + qualities.colour_value,
 )
-_command("give the dog a golden look", "give", as_given, "values", who=~lit("to") + thing, values=_given)
-_with = lit("to|with|and") + ~lit("the [color|colors|coloring|look] of|that of|those of") + known_thing
-_matching = _with + ~(lit("'s|'") + ~lit("color|colors|coloring"))
+_command("give the dog a golden look", "give", as_given, "values", who=~keyword("to") + thing, values=_given)
+_with = keyword("to|with|and") + ~keyword("the [color|colors|coloring|look] of|that of|those of") + known_thing
+_matching = _with + ~(keyword("'s|'") + ~keyword("color|colors|coloring"))
 for _who in (whose("color|colors|coloring|look"), thing):
     _command(
         "match the dog to the cat",
@@ -393,7 +395,7 @@ for _who in (whose("color|colors|coloring|look"), thing):
         who=_who,
         source=_matching,
     )
-_called = ~lit("as|to") + name
+_called = ~keyword("as|to") + name
 _command(
     "call the dog rex",
     "call|name|label|tag|dub|nickname",
@@ -405,21 +407,23 @@ _command(
 
 # What is said in passing, and commands without a verb
 TOPIC = Command("the dog: make it red", "", REMARK, {})
-_remark = lit("alone|as it is|as they are|as is|untouched|unchanged|as it was|the way it is|out of it|in peace")
+_remark = keyword("alone|as it is|as they are|as is|untouched|unchanged|as it was|the way it is|out of it|in peace")
 _command(
     "make the dog red",
     "leave|keep",
     REMARK,
     "remark",
     use=FULL,
-    who=either(thing, lit("it") >> (lambda: lambda context: context.last or All())),
+    who=either(thing, keyword("it") >> (lambda: lambda context: context.last or All())),
     remark=_remark,
 )
 QUALITY_WORDS = (
     "washed out|faded|lifeless|bland|ugly|weird|odd|bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
     "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
 )
-_keeps = lit("keeps|keep|retains|stays|stay|remains") + lit("(its|their|his|her) [color|colors]|colored|in color")
+_keeps = keyword("keeps|keep|retains|stays|stay|remains") + keyword(
+    "(its|their|his|her) [color|colors]|colored|in color"
+)
 _command(
     "only the dog keeps its color",
     "",
@@ -428,9 +432,9 @@ _command(
     use=FULL,
     only=ONLY,
     keeps=_keeps,
-    rest=~lit(",|and")
+    rest=~keyword(",|and")
     + silent(everything_else)
-    + lit("goes|go|turns|becomes|is|should be|should go|gets|turn|become")
+    + keyword("goes|go|turns|becomes|is|should be|should go|gets|turn|become")
     + silent(qualities.without_colour | colour),
 )
 _changed = either(
@@ -448,7 +452,7 @@ _command(
     "values",
     use=FULL,
     who=known_noun,
-    values=~lit("a|an|some|the") + either(_changed, qualities.sized) >> (lambda value: ((value,),)),
+    values=~keyword("a|an|some|the") + either(_changed, qualities.sized) >> (lambda value: ((value,),)),
 )
 
 # Trails

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from ..language.amounts import amount, direction, distance, number, percent
 from ..language.colours import colour
-from ..language.grammar import Reading, either, lit, tokenise
+from ..language.grammar import Reading, either, keyword, tokenise
 from ..language.lexicon import word_set
 from ..language.times import duration, moment, span
 from .phrases import known_thing
@@ -32,11 +32,11 @@ _SPOKEN_OF = word_set("it him her them its his their")
 _KINDS = (
     known_thing,
     colour,
-    either(span, lit("at") + moment),
-    either(duration, percent, number + lit("times|x"), lit("frame|second") + number),
+    either(span, keyword("at") + moment),
+    either(duration, percent, number + keyword("times|x"), keyword("frame|second") + number),
     moment,
     either(distance, amount),
-    either(direction, lit("left|right|up|down|top|bottom")),
+    either(direction, keyword("left|right|up|down|top|bottom")),
     number,
     made,
 )

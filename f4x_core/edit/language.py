@@ -29,8 +29,8 @@ from ..language.grammar import (
     Token,
     bag,
     either,
+    keyword,
     listed,
-    lit,
     literal,
     optional,
     sign,
@@ -71,9 +71,9 @@ class Clause(NamedTuple):
     """A time before the verb; it also holds for what follows with "and"."""
 
 
-_then = either(span, lit("only|just") + span, span + ~lit(",") + lit("only|alone"))
-_when = ~lit(",") + ~lit("but") + _then
-_slowly = ~lit(",") + table(
+_then = either(span, keyword("only|just") + span, span + ~keyword(",") + keyword("only|alone"))
+_when = ~keyword(",") + ~keyword("but") + _then
+_slowly = ~keyword(",") + table(
     {
         "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively"
         "|steadily|over time|more and more|step by step|"
@@ -82,17 +82,17 @@ _slowly = ~lit(",") + table(
         "with soft ends|eased|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth": True
     }
 )
-_between = lit("and|,|, and|but|while|, but|, while|and also")
-_afterward = lit(
+_between = keyword("and|,|, and|but|while|, but|, while|and also")
+_afterward = keyword(
     "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, after that"
 )
-_modal = lit(
+_modal = keyword(
     "should|must|shall|ought to|has to|have to|needs to|need to|is to|are to|will|is supposed to|are supposed to|had better"
 )
-_want = lit("i|we") + lit(
+_want = keyword("i|we") + keyword(
     "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love to see"
 )
-_let = lit("let|have|make|get")
+_let = keyword("let|have|make|get")
 
 
 def _telling(filled: dict[str, Any]) -> dict[str, Any]:
@@ -114,7 +114,7 @@ def _of(command: Command) -> Rule:
         return ({**filled, "who": who},)
 
     def verb(which: int, verbs: str = command.verbs) -> Rule:
-        return lit("|".join(inflected(verbs, which)))
+        return keyword("|".join(inflected(verbs, which)))
 
     ways = []
     if command.verbs or not command.itself:
@@ -141,19 +141,21 @@ def _of(command: Command) -> Rule:
         ways += [
             subject + states + own >> of_subject,
             states + own >> (lambda filled: (filled,)),  # "the car stops and turns around"
-            (_let | _want) + subject + ~lit("to") + itself >> of_subject,
+            (_let | _want) + subject + ~keyword("to") + itself >> of_subject,
             subject + _modal + itself >> of_subject,
         ]
     if command is COMMANDS[0]:  # how it is, which is no wish, unless a time is named
-        ways.append(subject + lit("is|are") + own >> (lambda who, filled: ({**filled, "who": who, "stated": True},)))
+        ways.append(
+            subject + keyword("is|are") + own >> (lambda who, filled: ({**filled, "who": who, "stated": True},))
+        )
     return either(*ways) >> (lambda pieces: Clause(command, pieces))
 
 
-_request = lit(
+_request = keyword(
     "could you|can you|would you|will you|would you mind|do you mind|could we|can we|shall we|may we|how about|what about|"
     "would it be possible to|is it possible to|i wonder if you could|i was wondering if you could|why not"
 )
-_filler = silent(~listed(ADDS_NOTHING | lit("clean up"), lit(",") | NOTHING))
+_filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
 _tail = silent(~ADDS_NOTHING)
 _core = either(*(_of(command) for command in COMMANDS))
 _clause = (
@@ -161,9 +163,9 @@ _clause = (
         _filler + _core,
         _filler + silent(_slowly) + _core
         >> (lambda clause: clause._replace(pieces=tuple({**one, "slowly": True} for one in clause.pieces))),
-        _filler + span + ~lit(",|:") + _filler + _core >> (lambda front, clause: clause._replace(front=front)),
+        _filler + span + ~keyword(",|:") + _filler + _core >> (lambda front, clause: clause._replace(front=front)),
     )
-    + ~lit(",")
+    + ~keyword(",")
     + _tail
 )
 _SOFT, _HARD = (
@@ -171,11 +173,11 @@ _SOFT, _HARD = (
     ".|;|!|then|and then|, then|, and then|after that|and after that|, after that",
 )
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
-_ends = silent(~listed(lit(".|;|!|,"), NOTHING))
-_polite = lit("please|could|can") | _request
+_ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
+_polite = keyword("please|could|can") | _request
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
-_topic = thing + lit(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
+_topic = thing + keyword(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
 _PRONOUNS = word_set("it him her them its his their")
 _pronoun_follows = Rule(lambda reading, at: {at: ()} if any(t.text in _PRONOUNS for t in reading.tokens[at:]) else {})
 _loose_topic = _topic | thing + literal(",|-|->|=>|=") + _pronoun_follows >> (
@@ -199,14 +201,14 @@ def _in_any_order(frame: Command) -> Rule:
     return bag(slots, needed, ADDS_NOTHING) >> clause
 
 
-_number_of_item = number + either(sign(")"), lit(".|:"))
+_number_of_item = number + either(sign(")"), keyword(".|:"))
 _framed = either(*map(_in_any_order, FRAMES))
 _loose_clause = either(
-    _clause, _framed, span + ~lit(",|:") + _framed >> (lambda front, clause: clause._replace(front=front))
+    _clause, _framed, span + ~keyword(",|:") + _framed >> (lambda front, clause: clause._replace(front=front))
 )
 _loose_separator = either(_separator + ~silent(_number_of_item), silent(_number_of_item) >> (lambda *_: True))
 _loose_sentence = (
-    ~lit("and")
+    ~keyword("and")
     + _ends
     + ~silent(_number_of_item)
     + ~literal("first|to begin with|to start with|for starters")
@@ -214,7 +216,7 @@ _loose_sentence = (
     + listed(_loose_clause, _loose_separator)
     + _ends
 )
-_sentence = ~lit("and") + _ends + optional(_topic) + listed(_clause, _separator) + _ends
+_sentence = ~keyword("and") + _ends + optional(_topic) + listed(_clause, _separator) + _ends
 COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"))
 """First words of the verbs of commands."""
 _DROPPED = word_set("please kindly thanks thank")
@@ -662,7 +664,7 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
     return operations
 
 
-_UNDOING = lit(
+_UNDOING = keyword(
     "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|"
     "[put|take|bring] [it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|"
     "back to the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|"
@@ -673,14 +675,14 @@ _UNDOING = lit(
 )
 _ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
 """Word -> verb of `f4x` that does it."""
-_either = either(lit("either"), silent(familiar) + lit("or") + ~lit("the|a|an") + silent(familiar))
+_either = either(keyword("either"), silent(familiar) + keyword("or") + ~keyword("the|a|an") + silent(familiar))
 _last = Rule(lambda reading, at: {at: ()} if at >= len(reading.tokens) or not reading.tokens[at].is_word else {})
 _SHOWN_ONLY_THEN = "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'."
-_ONLY_WHEN = lit(
+_ONLY_WHEN = keyword(
     "only [after|from|until|before|between|during|for|since|while]|"
     "only [in|at|on|over|within] (the) [first|last|second|frame|frames|seconds|beginning|end|middle]"
 )
-_LENGTH = silent(number | lit("half a")) + literal(
+_LENGTH = silent(number | keyword("half a")) + literal(
     "m|cm|mm|ft|metre|metres|meter|meters|centimetre|centimetres|centimeter|centimeters|inch|inches|foot|feet|yard|yards"
 )
 _named_like_a_thing = Rule(
@@ -693,23 +695,23 @@ _DOUBTFUL = (
         " left' or 'half its width up'.",
     ),
     (
-        lit("[put|take|bring|get|turn] [that|this|it|them|him|her] back") + ~lit("again|please") + _last,
+        keyword("[put|take|bring|get|turn] [that|this|it|them|him|her] back") + ~keyword("again|please") + _last,
         "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
     ),
     (
-        lit("add|insert|create|draw|put")
-        + ~lit("a|an|some")
+        keyword("add|insert|create|draw|put")
+        + ~keyword("a|an|some")
         + literal("ice|fire|lava|night|sunset|autumn|grass|ocean|chocolate|marble|ghost")
         + unless(effect)
-        | lit("add|insert|create|draw")
-        + ~lit("a|an|some")
+        | keyword("add|insert|create|draw")
+        + ~keyword("a|an|some")
         + _named_like_a_thing
         + unless(effect | qualities.colored_noun),
         "Nothing new can be made; say for example 'make the dog look like ice', or 'a sunset look for everything'.",
     ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
     (
-        lit("some [of|other]|any of|a few (of)"),
+        keyword("some [of|other]|any of|a few (of)"),
         "Which of them is not said; say for example 'the left one' or 'all of them'.",
     ),
 )
@@ -722,29 +724,30 @@ _strange_word = Rule(
         else {}
     )
 )
-_a_new = lit("add|insert|create|draw|write") + ~lit("a|an|some") | lit("put|place|stick|hang|give it|give me") + lit(
-    "a|an|some"
+_a_new = either(
+    keyword("add|insert|create|draw|write") + ~keyword("a|an|some"),
+    keyword("put|place|stick|hang|give it|give me") + keyword("a|an|some"),
 )
 _NEW_THING = _a_new + (_strange_word + ~_strange_word | silent(familiar))
 _UNKNOWN_WAYS = (
-    (lit("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
+    (keyword("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
     (
-        lit("[half|part|parts|most|some|a third|a quarter] of"),
+        keyword("[half|part|parts|most|some|a third|a quarter] of"),
         "Things are changed as a whole, so '{words}' means nobody.",
     ),
     (
-        lit("[darker|lighter|brighter|deeper]") + silent(colour),
+        keyword("[darker|lighter|brighter|deeper]") + silent(colour),
         "'{words}' is no color; give its name, for example 'dark red'.",
     ),
     (
-        lit(
+        keyword(
             "cartoon|cartoons|oil painting|painting|sketch|pencil|pencil sketch|anime|watercolor|pixel|pixels|pixelate|comic|manga|"
             "vintage|retro|vhs|noir|impressionist|drawing|hologram|plastic|wood|wooden|stone|clay|lego|cyberpunk|vaporwave"
         ),
         f"There is no look '{{words}}'; there are {', '.join(STYLES)}, and black and white.",
     ),
     (
-        lit("[i|we] [want|need]|[i|we] would like|make [it|that|them]|give me|there should be")
+        keyword("[i|we] [want|need]|[i|we] would like|make [it|that|them]|give me|there should be")
         + silent(number)
         + familiar,
         "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for example "
@@ -752,11 +755,11 @@ _UNKNOWN_WAYS = (
         " dog twice'.",
     ),
     (
-        lit("the [first|second|third|fourth|fifth|last|next|other]") + familiar,
+        keyword("the [first|second|third|fourth|fifth|last|next|other]") + familiar,
         "Things are not counted, so nobody is '{words}'; say for example 'the left one' or 'the biggest one'.",
     ),
     (
-        lit("behind|beside|near|under|underneath|above|below|next to|in front of|between|on top of"),
+        keyword("behind|beside|near|under|underneath|above|below|next to|in front of|between|on top of"),
         "It is not said what is '{words}' what; say for example 'the bush behind the dog', or 'the nearest one'.",
     ),
 )
@@ -862,7 +865,7 @@ _beginnings = [
         *COMMANDS,
     )
     if command.verbs and command.needed <= _UNSAID.keys()
-    for verb in [lit("|".join(inflected(command.verbs, 1)))]
+    for verb in [keyword("|".join(inflected(command.verbs, 1)))]
 ]
 """Commands with the rules of their verb, and of the verb and whom it is for."""
 

@@ -17,9 +17,9 @@ from ..language.grammar import (
     Rule,
     either,
     generated,
+    keyword,
     later,
     listed,
-    lit,
     literal,
     optional,
     sign,
@@ -339,7 +339,7 @@ def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 _several = silent(generated(lambda reading, at: ((end, x) for end, x in number_at(reading, at) if x >= 2)))
-_article = lit(
+_article = keyword(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|every|each|any|all|all (of) [the|these|those|my]|both|"
     "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
 )
@@ -373,7 +373,7 @@ def _always(select: SelectKind) -> Callable[..., Who]:
 
 
 _OBJECTS = "thing|things|object|objects|item|items|part|parts|stuff|one|ones"
-_objects = lit(_OBJECTS)
+_objects = keyword(_OBJECTS)
 _known, _part, _modified, _stranger = map(_things, (_known_at, _part_at, _modified_at, _stranger_at))
 _everybody, _strangers, _bare_stranger = map(_things, (_everybody_at, _strangers_at, _bare_stranger_at))
 _part_of_known = _article + _things(_part_of_known_at)
@@ -392,7 +392,7 @@ WHERE: dict[str, Where] = {
     "below|under|underneath|beneath": "below",
 }
 """Words -> how a thing stands to another."""
-_stands = ~lit("that|which|who") + ~lit(
+_stands = ~keyword("that|which|who") + ~keyword(
     "is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|sitting|lying|walking|running|"
     "hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|are standing|comes right|right|directly"
 )
@@ -439,33 +439,36 @@ def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 _doing = ~_article + _things(_relative_at)
 _wearing = ~_article + _things(_wearing_at)
 _moving = either(
-    lit(
+    keyword(
         "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones] [that|which]"
     )
-    + lit("moves|move|is moving|are moving|is in motion|does move"),
-    ~_article + lit("moving") + _objects,
-    lit(
+    + keyword("moves|move|is moving|are moving|is in motion|does move"),
+    ~_article + keyword("moving") + _objects,
+    keyword(
         "the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|walks|walk|running|walking|moving|moves|move]"
     ),
 ) >> _always(Moving())
 _static = either(
-    lit(
+    keyword(
         "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones] [that|which]"
     )
-    + lit(
+    + keyword(
         "stands still|stand still|stays still|stay still|is still|are still|is static|are static|does not move|do not move|"
         "is not moving|are not moving|rests|is at rest|never moves"
     ),
     ~_article
-    + lit("static|still|standing|stationary|motionless|unmoving|fixed")
-    + either(_objects, lit("background|scene")),
-    ~lit("the|its|all the") + ~lit("whole|entire") + lit("background|backdrop|surroundings|scenery"),
+    + keyword("static|still|standing|stationary|motionless|unmoving|fixed")
+    + either(_objects, keyword("background|scene")),
+    ~keyword("the|its|all the") + ~keyword("whole|entire") + keyword("background|backdrop|surroundings|scenery"),
 ) >> _always(Not(Moving()))
 _moving_noun = either(
-    ~_article + lit("moving") + _noun,
-    ~_article + _noun + lit("that|which|who") + lit("is moving|are moving|moves|move|is in motion|are in motion"),
+    ~_article + keyword("moving") + _noun,
+    ~_article
+    + _noun
+    + keyword("that|which|who")
+    + keyword("is moving|are moving|moves|move|is in motion|are in motion"),
 ) >> (lambda noun: lambda context: And((noun(context), Moving())))
-_still_noun = ~_article + _noun + lit("that|which|who") + lit(
+_still_noun = ~_article + _noun + keyword("that|which|who") + keyword(
     "[is|are] not moving|[does|do] not move|[is|are] standing still|[stands|stand] still|never [moves|move]"
 ) >> (lambda noun: lambda context: And((noun(context), Not(Moving()))))
 _WHICH = {
@@ -493,15 +496,15 @@ _WHERE = {
     f"in the [back|background|distance|rear]|at the [back|rear]|far away|[farthest|furthest] (away) from [{VIEWER}]|"
     "farthest (away)|furthest (away)": "farthest",
 }
-_which, _where = table(_WHICH), ~lit("that is|that are|which is|which are|standing|sitting") + table(_WHERE)
-_seen_in = optional(lit("of|as of|seen in|seen at") + lit("frame") + number)
+_which, _where = table(_WHICH), ~keyword("that is|that are|which is|which are|standing|sitting") + table(_WHERE)
+_seen_in = optional(keyword("of|as of|seen in|seen at") + keyword("frame") + number)
 _kind = either(
     _moving,
     _moving_noun,
     _noun,
-    lit("one|ones") + lit("of (the|these|those|my|all the)") + _noun,
-    lit("of (the|these|those|my|all the)") + generated(_plural_at),
-    lit("one|ones") >> (lambda: SentenceContext.one),
+    keyword("one|ones") + keyword("of (the|these|those|my|all the)") + _noun,
+    keyword("of (the|these|those|my|all the)") + generated(_plural_at),
+    keyword("one|ones") >> (lambda: SentenceContext.one),
 )
 
 
@@ -527,17 +530,17 @@ _instance: Rule = either(
 )
 _place = (
     ~sign("(")
-    + ~lit("pixel|position|point|x")
-    + ~lit("=|:")
+    + ~keyword("pixel|position|point|x")
+    + ~keyword("=|:")
     + number
-    + ~lit(",|y|and")
-    + ~lit("=|:")
+    + ~keyword(",|y|and")
+    + ~keyword("=|:")
     + number
     + ~sign(")")
 )
-_point = lit(
+_point = keyword(
     "(the|that|this) [thing|object|item|spot|point|part]|(the) pixel|what is|whatever is|what you see|the one"
-) + lit("at|on|under") + _place + optional(lit("in|at|of|on") + lit("frame") + number) >> (
+) + keyword("at|on|under") + _place + optional(keyword("in|at|of|on") + keyword("frame") + number) >> (
     lambda x, y, seen: lambda context: Point(context.present if seen is None else _frame(seen, context), x, y)
 )
 _SIDE_OF = {
@@ -553,7 +556,7 @@ _SIDE_OF = {
 _whole = later(lambda: _whole_thing)
 """A thing that has parts; by name, because things are made of parts of things."""
 SHARES = {"half": 0.5, "third": 0.333, "quarter": 0.25, "two thirds": 0.667, "part|portion|side|section": 0.5}
-_part_of = ~lit("the|its") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
+_part_of = ~keyword("the|its") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
 
 
 def _placed_part(side: Any, share: float, whole: Who) -> Who:
@@ -562,25 +565,25 @@ def _placed_part(side: Any, share: float, whole: Who) -> Who:
 
 _its = lambda context: context.it("'its'")  # noqa: E731
 _placed = either(
-    _part_of + lit("of") + _whole >> _placed_part,
-    (familiar | ~_article + _noun) + lit("'s|'") + _part_of
+    _part_of + keyword("of") + _whole >> _placed_part,
+    (familiar | ~_article + _noun) + keyword("'s|'") + _part_of
     >> (lambda whole, side, share: _placed_part(side, share, whole)),
-    ~lit("the|its") + table({"top": "top", "bottom": "bottom"}) + lit("of") + _whole
+    ~keyword("the|its") + table({"top": "top", "bottom": "bottom"}) + keyword("of") + _whole
     >> (lambda side, whole: _placed_part(side, 0.5, whole)),
-    lit("its|his|her|their") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
+    keyword("its|his|her|their") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
     >> (lambda side, share: _placed_part(side, share, _its)),
 )
 _he_or_she = table({"him|he": "'him'", "her|she": "'her'"}) >> (lambda word: lambda context: context.it(word))
-_it = _he_or_she | lit("it|this|that|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all") >> (
+_it = _he_or_she | keyword("it|this|that|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all") >> (
     lambda: lambda context: context.it("'it'")
 )
-_they = lit(
+_they = keyword(
     "them|these|those|they|themselves|[these|those|the] [things|ones|objects]|all of [them|these|those]|them [all|both]|"
     "both (of them|of these|of those)"
 ) >> (lambda: lambda context: context.they or context.it("'they'"))
 COPY = "copy"
 """The name by which "the copy" is selected after "copy the dog"."""
-_copy = lit(
+_copy = keyword(
     "[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the new one"
 ) >> (lambda: _the_copy)
 
@@ -595,8 +598,8 @@ def _the_copy(context: SentenceContext) -> SelectKind:
     return next(iter(context.earlier))
 
 
-_new_one = lit("the|that|this") + lit("new|copied|cloned|duplicated") + silent(familiar) >> (lambda: _the_copy)
-_original = lit("the original (one)") >> (lambda: _the_original)
+_new_one = keyword("the|that|this") + keyword("new|copied|cloned|duplicated") + silent(familiar) >> (lambda: _the_copy)
+_original = keyword("the original (one)") >> (lambda: _the_original)
 
 
 def _the_original(context: SentenceContext) -> SelectKind:
@@ -605,20 +608,24 @@ def _the_original(context: SentenceContext) -> SelectKind:
 
 
 _current = either(
-    lit("(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected"),
-    ~lit("the|my|our|this|these|those|all") + ~lit("the") + ~lit("currently") + lit("selected") + _objects,
+    keyword("(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected"),
+    ~keyword("the|my|our|this|these|those|all")
+    + ~keyword("the")
+    + ~keyword("currently")
+    + keyword("selected")
+    + _objects,
 ) >> (lambda *_: lambda context: Current() if context.selected else context.it("the selection"))
 _everything = silent(
     either(
-        lit(
+        keyword(
             "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|thing]"
         ),
-        lit(
+        keyword(
             f"(the) [whole|entire|full|complete] [{PICTURE}|thing]|[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
         ),
     )
 )
-_around = lit(
+_around = keyword(
     "(the) [world|scene|surroundings] around|(the|all the) things around|everything around|all around|(the) space around"
 ) + _neighbour >> (lambda who: lambda context: Not(who(context)))
 
@@ -633,24 +640,24 @@ def _the_other(context: SentenceContext) -> SelectKind:
 
 
 _cast = (
-    lit("the|its|his|her|their")
+    keyword("the|its|his|her|their")
     + table({"shadow|shadows": "shadow", "reflection|reflections": "reflection"}, reserve=False)
     + literal(
         "[under|below|beneath|beside|behind|of] [it|him|her|them]|on the [ground|floor|water|wall|street|road|grass]|in the water"
     )
 ) >> (lambda label: _thing(label, False))
 """What a thing casts, told by where it lies."""
-_other_one = lit("[the|that] other (one)|the other [ones|two|three]") >> (lambda: _the_other)
-everything_else = lit(
+_other_one = keyword("[the|that] other (one)|the other [ones|two|three]") >> (lambda: _the_other)
+everything_else = keyword(
     "[everything|all|anything] else|all the rest|the rest of the [picture|scene|image|video|clip]"
     "|the remainder|all others|the (whole) rest (of it|of them|of the scene|of the picture)|the"
     " others|"
     "all (the) other [things|objects|stuff]|the other [things|objects]"
 ) >> (lambda *_: lambda context: Not(context.it("'else'")))
-_everybody_else = _everybody + lit("else") >> (
+_everybody_else = _everybody + keyword("else") >> (
     lambda everybody: lambda context: And((everybody(context), Not(context.it("'else'"))))
 )
-_in_scene = ~lit(
+_in_scene = ~keyword(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]"
     f"|out of the [{PICTURE}]"
 )
@@ -663,7 +670,7 @@ def _with_number_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[Who,
 
 
 _kind_and_number = either(
-    ~_article + lit("one|ones") >> (lambda: (SentenceContext.one, False)),
+    ~_article + keyword("one|ones") >> (lambda: (SentenceContext.one, False)),
     generated(_with_number_at),
 )
 _stood = _kind_and_number + _stands + table(WHERE, reserve=False) + (familiar | _determiner + _noun | _instance) >> (
@@ -746,7 +753,9 @@ _with_its = Rule(
         else {}
     )
 )
-_and_also = _with_its | lit("and|or|,|, and|, or|and also|plus|+|as well as|along with|together with|and then|and all")
+_and_also = _with_its | keyword(
+    "and|or|,|, and|, or|and also|plus|+|as well as|along with|together with|and then|and all"
+)
 
 
 def _has_own_quality_at(reading: Reading, at: int) -> dict[int, tuple[()]]:
@@ -766,27 +775,27 @@ def _quality_at(reading: Reading, at: int) -> bool:
 _SEPARATORS = frozenset({",", "and", "or", "plus", "+"})
 _single = either(_definite, _bare_stranger + _in_scene)
 _both_of_them = (
-    lit("both|both (of) [the|these|those|my|our|your]")
+    keyword("both|both (of) [the|these|those|my|our|your]")
     + generated(
         lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
     )
     + _in_scene
 ) >> (lambda label: lambda context: _both(label, context))
-two_of_them = lit("the two|these two|those two|my two|two") + generated(
+two_of_them = keyword("the two|these two|those two|my two|two") + generated(
     lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
 ) >> (lambda label: lambda context: _both(label, context))
 """Two of a kind, who can change places."""
 _union = either(
-    _both_of_them, ~lit("both|either") + listed(_single, _and_also + unless(Rule(_has_own_quality_at))) >> _all_of
+    _both_of_them, ~keyword("both|either") + listed(_single, _and_also + unless(Rule(_has_own_quality_at))) >> _all_of
 )
-known_thing = ~lit("both") + listed(_definite, _and_also) >> _all_of
+known_thing = ~keyword("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
 _EXCEPT = (
     "except (for)|apart from|aside from|other than|excluding|besides|with the exception of|but not|without|minus|"
     "not including|but (for)|[that|which|who] [is|are] not|save (for)|bar|leaving out"
 )
-_the_biggest = lit("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
-_besides = ~lit(",") + lit(_EXCEPT) + (_union | _the_biggest)
+_the_biggest = keyword("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
+_besides = ~keyword(",") + keyword(_EXCEPT) + (_union | _the_biggest)
 everything_but = _everything + _in_scene + _besides
 """What is spared in "everything except the dog": a `Who`."""
 
@@ -814,14 +823,16 @@ thing = either(everything_but >> _spared, _union, _union + _besides >> _without)
 
 everywhere = NOTHING >> _always(All())
 """Whom a command without an object is for, where that is the whole picture."""
-colors = lit("the colors|colors|all colors|all the colors") >> _always(All())
+colors = keyword("the colors|colors|all colors|all the colors") >> _always(All())
 """The colours of everything."""
 
 
-_new = lit("a|an|some")
+_new = keyword("a|an|some")
 there_already = unless(_new) + thing
 """As `thing`, of what is there: "put a hat on the dog" asks for a new one."""
-THE_FIRST = lit("the first|the original|the real|the old|the other") + ~lit("one") | lit("it|him|her|this one|itself")
+THE_FIRST = keyword("the first|the original|the real|the old|the other") + ~keyword("one") | keyword(
+    "it|him|her|this one|itself"
+)
 """That which is copied."""
 
 
@@ -845,9 +856,9 @@ beside_itself = table(WHERE, reserve=False) + THE_FIRST >> (
 def whose(quality: str) -> Rule:
     """The `Who` of "the size of the dog", "the dog's size", "its size"."""
     return either(
-        ~lit("the|all|all the") + lit(quality) + lit("of|for|on|from|in") + thing,
-        lit("its|their|his|her|this|that") + lit(quality) >> (lambda *_: lambda context: context.it("'its'")),
-        thing + ~lit("'s|'") + lit(quality),
+        ~keyword("the|all|all the") + keyword(quality) + keyword("of|for|on|from|in") + thing,
+        keyword("its|their|his|her|this|that") + keyword(quality) >> (lambda *_: lambda context: context.it("'its'")),
+        thing + ~keyword("'s|'") + keyword(quality),
     )
 
 

@@ -15,7 +15,7 @@ from ..language.amounts import (
     percent,
 )
 from ..language.colours import colour, colourish, more_colour
-from ..language.grammar import Mismatch, constant, either, generated, lit, literal, optional, silent, table, unless
+from ..language.grammar import Mismatch, constant, either, generated, keyword, literal, optional, silent, table, unless
 from ..language.lexicon import FUNCTION_WORDS
 from . import making
 from .phrases import (
@@ -24,33 +24,33 @@ from .phrases import (
 from .styles import STYLES
 
 _small = degree >> (lambda how: making.A_BIT if how.kind == "small" else 1.0)
-_article = ~lit("a|an|the|some")
-shade_of = ~lit(
+_article = ~keyword("a|an|the|some")
+shade_of = ~keyword(
     "(nice|lovely|bright|strong|warm|cool) [shade|tone|tint|hue] of|nice|lovely|beautiful|pretty|kind of|really|very|"
     "warm|cool|soft|rich|strong|plain"
 ) + ~literal(
     "vivid|fluorescent|shiny|glossy|matte|metallic|intense|gorgeous|fresh|proper|real|true|good old|super|bold|juicy|loud|"
     "screaming|striking|deep and rich|electric|luminous|total|totally|all"
 )
-_shade_of = shade_of + ~(lit("from") + silent(colour) + ~lit("to|into"))
-_fully = ~lit("all|completely|fully|entirely|totally|wholly")
-colored = ~lit("(in) color|colored|tone|tint")
+_shade_of = shade_of + ~(keyword("from") + silent(colour) + ~keyword("to|into"))
+_fully = ~keyword("all|completely|fully|entirely|totally|wholly")
+colored = ~keyword("(in) color|colored|tone|tint")
 colored_noun = literal("color|paint|tint|tinge|touch|shade|hue|tone|glow|light|halo|shimmer|cast|wash|coat|aura|shine")
-_flat = lit("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
+_flat = keyword("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
 colour_value = either(
     _article + _flat + ~_flat + colour + colored >> making.recoloured,
-    lit("a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of")
-    + ~lit("more")
+    keyword("a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of")
+    + ~keyword("more")
     + (colour | colourish)
     >> making.faintly,
-    ~lit("a|an|some") + colourish + colored >> making.faintly,
-    _fully + ~lit("a|an|some") + _shade_of + ~lit("the color") + colour + colored >> making.assigned,
+    ~keyword("a|an|some") + colourish + colored >> making.faintly,
+    _fully + ~keyword("a|an|some") + _shade_of + ~keyword("the color") + colour + colored >> making.assigned,
 )
 more_colour_value = (
     optional(table({"a (little) bit|a little|slightly|somewhat": 0.5, "much|a lot|far|way": 2.0}), 1.0) + more_colour
     >> making.added
 )
-without_colour = lit(
+without_colour = keyword(
     "black and white|black white|a black and white [picture|image|look]|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
     "gray scale|colorless|desaturated|without (any|its|all) color|without colors"
 ) >> (lambda: making.GRAYED)
@@ -84,11 +84,11 @@ _warmer = table(
 warmth_value = either(
     optional(amount) + _warmer >> making.warmed, _warmer + amount >> (lambda warmer, how: making.warmed(how, warmer))
 )
-pop = lit(
+pop = keyword(
     "pop|pop more|pop out|stand out|stand out more|come alive|(more|really) vivid|(very) saturated|(very) colorful|vibrant"
 ) >> (lambda: making.saturated(factor(None, True)))
 sized = either(
-    ~lit("very|really|quite")
+    ~keyword("very|really|quite")
     + table({"tiny|small|little|minute|miniature": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0})
     >> making.scaled
 )
@@ -101,34 +101,38 @@ softly = either(
         }
     ),
 )
-_blurry = ~lit("all") + lit(
+_blurry = ~keyword("all") + keyword(
     "blurry|blurred|softer|soft focus|less sharp|blurrier|fuzzy|hazy|out of focus|unsharp|more blurry|more blurred"
 )
-blur_value = ~lit("go") + either(optional(softly) + _blurry >> making.blurred, _blurry + softly >> making.blurred)
+blur_value = ~keyword("go") + either(optional(softly) + _blurry >> making.blurred, _blurry + softly >> making.blurred)
 _glow_value = (
     optional(softly)
-    + lit("glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow")
-    + ~lit("in")
+    + keyword("glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow")
+    + ~keyword("in")
     + optional(colour)
     >> making.glowing
 )
 size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale|height|width|length")) >> making.scaled
-slow_motion = lit("(in) (a) slow motion|go slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
+slow_motion = keyword("(in) (a) slow motion|go slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
 _paced = either(
     fraction_of("speed|pace|tempo|rate|velocity"),
-    lit("(a) speed of") + (multiple | percent | number),
-    ~lit("a") + multiple,
+    keyword("(a) speed of") + (multiple | percent | number),
+    ~keyword("a") + multiple,
 )
 pace_value = (
-    either(comparison(*_SPEED), ~lit("with") + slow_motion, ~lit("at|to|with") + fraction_of("speed|pace|tempo|rate"))
+    either(
+        comparison(*_SPEED),
+        ~keyword("with") + slow_motion,
+        ~keyword("at|to|with") + fraction_of("speed|pace|tempo|rate"),
+    )
     >> making.retimed
 )
-pace = either(pace_value, lit("at|in|to") + _paced >> making.retimed)
-backward = lit(
+pace = either(pace_value, keyword("at|in|to") + _paced >> making.retimed)
+backward = keyword(
     "backward|in reverse|reversed|in the opposite direction|back to front|from the end to the start"
     "|in reverse order|(the) other way around|from back to front|from end to start"
 ) >> (lambda: making.reversed)
-_see_through = lit("transparent|see through|translucent|transparency|sheer")
+_see_through = keyword("transparent|see through|translucent|transparency|sheer")
 _share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
 
 
@@ -152,21 +156,21 @@ _transparency = either(
     + _see_through,
     fraction + _see_through >> (lambda x: 1 - x),
     _see_through >> (lambda: 0.5),
-    _article + percent + lit("opaque|visible|opacity"),
-    fraction + lit("opaque|visible|opacity"),
-    lit("(an|a) opacity (of)") + (percent | number >> as_fraction),
-    lit("(a) transparency (of)") + (percent | number >> as_fraction) >> (lambda x: 1 - x),
-    lit("(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|reappear")
+    _article + percent + keyword("opaque|visible|opacity"),
+    fraction + keyword("opaque|visible|opacity"),
+    keyword("(an|a) opacity (of)") + (percent | number >> as_fraction),
+    keyword("(a) transparency (of)") + (percent | number >> as_fraction) >> (lambda x: 1 - x),
+    keyword("(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|reappear")
     >> (lambda: making.SHOWN),
-    optional(amount) + lit("more") + _see_through >> (lambda how: 1 - _share_of(how)),
-    optional(amount) + lit("less") + _see_through >> (lambda how: 1 + 2 * _share_of(how)),
-    lit(
+    optional(amount) + keyword("more") + _see_through >> (lambda how: 1 - _share_of(how)),
+    optional(amount) + keyword("less") + _see_through >> (lambda how: 1 + 2 * _share_of(how)),
+    keyword(
         "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|disappeared"
     )
     >> (lambda: 0.0),
 )
-opacity_value = ~lit("at|to|with") + _transparency >> making.opacity
-upside_down = lit("upside down|head over heels") | literal(
+opacity_value = ~keyword("at|to|with") + _transparency >> making.opacity
+upside_down = keyword("upside down|head over heels") | literal(
     "[on|onto] (to) (the|its|his|her|their) [head|roof|back]|belly up"
 )
 on_its_side = literal("[on|onto] (to) (the|its|his|her|their) side")
@@ -199,7 +203,7 @@ _look_adjective = table(
     reserve=False,
 )
 any_look = look_name | _look_adjective
-effect = lit(
+effect = keyword(
     "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment"
 ) | literal("statue|sculpture|figurine|atmosphere|version|theme|aesthetic|paint|coat")
 scene_look = table(
@@ -240,37 +244,45 @@ hint = (
     )
 )
 _strongly = optional(_small, 1.0)
-_seem = ~lit("look|looking|looks|appear|seem|feel")
+_seem = ~keyword("look|looking|looks|appear|seem|feel")
 _new_thing = literal("a|an|some")
 a_look = either(
     _seem
     + _strongly
-    + lit("like|as if it were|as if they were|as though it were|similar to")
-    + ~lit("(it is|they are) made (out) (of)|made (out) of")
-    + ~lit("a|an|pure|solid|real")
+    + keyword("like|as if it were|as if they were|as though it were|similar to")
+    + ~keyword("(it is|they are) made (out) (of)|made (out) of")
+    + ~keyword("a|an|pure|solid|real")
     + look_name,
     constant(1.0)
-    + lit("(made|built|carved|cast) (out) of|in the style of|into|in")
-    + ~lit("a|an|pure|solid")
+    + keyword("(made|built|carved|cast) (out) of|in the style of|into|in")
+    + ~keyword("a|an|pure|solid")
     + look_name
     + ~effect,
-    constant(1.0) + lit("in|into|with") + ~lit("a|an|the|some") + any_look + effect,
+    constant(1.0) + keyword("in|into|with") + ~keyword("a|an|the|some") + any_look + effect,
     _seem + _strongly + _look_adjective,
 ) >> (lambda strength, look: making.styled(look, strength))
 bare_look = (
     table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled
 )
-given_look = _article + any_look + ~lit("like|colored") + effect >> making.styled
+given_look = _article + any_look + ~keyword("like|colored") + effect >> making.styled
 source = (
-    unless(_new_thing) + ~lit("that of|those of|the colors of|the color of") + known_thing + ~lit("'s (color|colors)")
+    unless(_new_thing)
+    + ~keyword("that of|those of|the colors of|the color of")
+    + known_thing
+    + ~keyword("'s (color|colors)")
 )
 same_as = (
-    lit("the (exact) same") + (silent(colour) | ~lit("color|colors|coloring|look")) + lit("as|like|to") + source
-    | lit("(a|the) similar color") + lit("as|like|to") + source
+    keyword("the (exact) same")
+    + (silent(colour) | ~keyword("color|colors|coloring|look"))
+    + keyword("as|like|to")
+    + source
+    | keyword("(a|the) similar color") + keyword("as|like|to") + source
 ) >> making.matched
-colour_of = _article + lit("color|colors|coloring|palette|look|appearance") + lit("of|from") + source >> making.matched
+colour_of = (
+    _article + keyword("color|colors|coloring|palette|look|appearance") + keyword("of|from") + source >> making.matched
+)
 same_colour = same_as | colour_of
-alike = _seem + lit("like|similar to|the same as") + source >> making.matched
+alike = _seem + keyword("like|similar to|the same as") + source >> making.matched
 made = either(
     colour_value,
     without_colour,
@@ -329,8 +341,8 @@ _degree = ~literal(
     "far|way|much|a bit|a little|a little bit|rather|really|still|just|slightly|quite|somewhat|a tad|a touch"
 )
 too_much = either(
-    _degree + lit("too") + _degree + table({words: too for words, (too, _) in _TOO.items()}, reserve=False),
-    lit("not") + table({words: more for words, (_, more) in _TOO.items()}, reserve=False) + lit("enough"),
+    _degree + keyword("too") + _degree + table({words: too for words, (too, _) in _TOO.items()}, reserve=False),
+    keyword("not") + table({words: more for words, (_, more) in _TOO.items()}, reserve=False) + keyword("enough"),
 )
 """What is done about too much or too little of a quality: a value."""
 simply = table(

@@ -13,8 +13,8 @@ from .grammar import (
     Rule,
     either,
     generated,
+    keyword,
     listed,
-    lit,
     literal,
     optional,
     table,
@@ -55,10 +55,10 @@ def number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
 
 
 number = generated(number_at)
-signed = (lit("-|minus") + number >> (lambda x: -x)) | number
+signed = (keyword("-|minus") + number >> (lambda x: -x)) | number
 VOCABULARY.update(ONES, TENS, FRACTIONS)
 
-_percent_sign = lit("%|percent|per cent|pct")
+_percent_sign = keyword("%|percent|per cent|pct")
 percent = number + _percent_sign >> (lambda x: x / 100)
 fraction = table(
     {
@@ -72,7 +72,7 @@ fraction = table(
     }
 )
 multiple = either(
-    number + lit("times|x|fold"),
+    number + keyword("times|x|fold"),
     table({"twice|double|doubly|two times|two fold": 2.0, "thrice|triple": 3.0, "quadruple": 4.0}),
     fraction,
 )
@@ -99,14 +99,16 @@ degree = literal("[just|only] a hint|a [hint|notch|shade|trifle|whisker|step] (o
         "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit": Amount("large"),
     }
 )
-_by_factor = lit("by") + ~lit("a") + lit("factor") + ~lit("of")
-_hedge = ~lit(",") + ~literal("about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly")
+_by_factor = keyword("by") + ~keyword("a") + keyword("factor") + ~keyword("of")
+_hedge = ~keyword(",") + ~literal(
+    "about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly"
+)
 amount = either(
     degree,
     _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
-    ~lit("by") + _hedge + percent >> (lambda x: Amount("fraction", x)),
-    ~lit("by") + _hedge + fraction >> (lambda x: Amount("fraction", x)),
-    ~lit("by") + _hedge + multiple >> (lambda x: Amount("times", x)),
+    ~keyword("by") + _hedge + percent >> (lambda x: Amount("fraction", x)),
+    ~keyword("by") + _hedge + fraction >> (lambda x: Amount("fraction", x)),
+    ~keyword("by") + _hedge + multiple >> (lambda x: Amount("times", x)),
 )
 SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
 """Factors up and down: a bit, much, and without a degree."""
@@ -130,14 +132,14 @@ def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -
     """A factor from "bigger", "a bit smaller", "three times bigger", "twice as big", "20 % smaller", "less big"."""
     compared = table({comparatives: True, lesser: False})
     plain = table({positives: True, opposites: False})
-    more = either(compared, lit("more") + plain, lit("less") + plain >> (lambda upward: not upward))
+    more = either(compared, keyword("more") + plain, keyword("less") + plain >> (lambda upward: not upward))
     so = (
-        ~lit("just|about")
-        + lit("as")
+        ~keyword("just|about")
+        + keyword("as")
         + plain
-        + ~(lit("as") + ~lit("it|they|he|she|that|this") + lit("is|are|was|were|before|now"))
+        + ~(keyword("as") + ~keyword("it|they|he|she|that|this") + keyword("is|are|was|were|before|now"))
     )
-    more = more + ~lit("than [before|now|it is|it was|they are]")
+    more = more + ~keyword("than [before|now|it is|it was|they are]")
     return either(
         optional(amount) + more >> factor,
         more + amount >> (lambda upward, how: factor(how, upward)),
@@ -160,7 +162,7 @@ ITS = (
 
 def fraction_of(quality: str) -> Rule:
     """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
-    noun = ~lit("of") + ~lit(ITS) + lit(quality)
+    noun = ~keyword("of") + ~keyword(ITS) + keyword(quality)
     return either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0})) + noun
 
 
@@ -169,7 +171,7 @@ def fraction_of(quality: str) -> Rule:
 VIEWER = "camera|the camera|the viewer|the lens|me|us|here"
 _OF_IT = "picture|image|frame|screen|scene|shot|view"
 _SIDE = "side|hand side|direction|edge|hand edge|half"
-_WITHIN = ~lit(f"of [the|this] [{_OF_IT}]|in [the|this] [{_OF_IT}]")
+_WITHIN = ~keyword(f"of [the|this] [{_OF_IT}]|in [the|this] [{_OF_IT}]")
 direction = (
     table(
         {
@@ -222,33 +224,35 @@ class Distance(NamedTuple):
 
 Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...]
 """(distance before, direction, distance behind) of each step of a way."""
-_body = lit(
+_body = keyword(
     "size|sizes|width|widths|height|heights|length|lengths|body [width|widths|length|lengths|height|heights|size|sizes]"
 )
 _any_word = Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
 distance = either(
     degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
-    lit("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
-    ~lit("by|for") + multiple + ~lit("of") + lit(ITS) + _body >> Distance,
-    ~lit("by|for") + (percent + ~lit("of") + lit(ITS) + _body) >> Distance,
-    ~lit("by|for") + number + _any_word + lit("width|widths|height|heights|length|lengths") >> Distance,
-    ~lit("by|for") + number + ~lit("a|of a|of|of its|of its own|its|its own|full|times its") + _body >> Distance,
-    ~lit("by|for") + fraction + lit("a|of a|of its|of its own|its|its own|the") + _body >> Distance,
-    ~lit("by|for") + percent + ~lit("of") + ~lit(ITS) + _body >> Distance,
-    ~lit("by|for") + (lit("a couple of") >> (lambda: 2.0)) + _body >> Distance,
-    ~lit("by|for") + lit("a|its|its own|their|their own|the|his|her|one full") + _body >> (lambda *_: Distance(1.0)),
-    ~lit("by|for") + number + lit("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
-    ~lit("by|for") + lit("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),
-    lit("by") + percent >> Distance,
-    lit("by") + number >> (lambda x: Distance(x, "world")),
+    keyword("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
+    ~keyword("by|for") + multiple + ~keyword("of") + keyword(ITS) + _body >> Distance,
+    ~keyword("by|for") + (percent + ~keyword("of") + keyword(ITS) + _body) >> Distance,
+    ~keyword("by|for") + number + _any_word + keyword("width|widths|height|heights|length|lengths") >> Distance,
+    ~keyword("by|for") + number + ~keyword("a|of a|of|of its|of its own|its|its own|full|times its") + _body
+    >> Distance,
+    ~keyword("by|for") + fraction + keyword("a|of a|of its|of its own|its|its own|the") + _body >> Distance,
+    ~keyword("by|for") + percent + ~keyword("of") + ~keyword(ITS) + _body >> Distance,
+    ~keyword("by|for") + (keyword("a couple of") >> (lambda: 2.0)) + _body >> Distance,
+    ~keyword("by|for") + keyword("a|its|its own|their|their own|the|his|her|one full") + _body
+    >> (lambda *_: Distance(1.0)),
+    ~keyword("by|for") + number + keyword("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
+    ~keyword("by|for") + keyword("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),
+    keyword("by") + percent >> Distance,
+    keyword("by") + number >> (lambda x: Distance(x, "world")),
 )
 _step = optional(distance) + direction + optional(distance)
 
 
 steps = either(
-    listed(_step, lit("and|,|, and|and then|and also")),
+    listed(_step, keyword("and|,|, and|and then|and also")),
     beside >> (lambda way: ((None, way, None),)),
-    distance + listed(_step, lit("and")) >> (lambda far, ways: (*ways[:-1], (*ways[-1][:2], far))),
+    distance + listed(_step, keyword("and")) >> (lambda far, ways: (*ways[:-1], (*ways[-1][:2], far))),
 )
 """`Steps` of "a bit to the left and up by 2 widths"."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from .colour_names import COLOURS, SHADES, Colour, from_hex, shaded
-from .grammar import Reading, either, generated, lit, table
+from .grammar import Reading, either, generated, keyword, table
 from .lexicon import word_set
 
 _MAX_COLOUR_WORDS = 3
@@ -34,8 +34,8 @@ _REDDISH |= {"reddish": "red", "bluish|blueish": "blue", "whitish": "white", "pu
 colourish = table({word: COLOURS[name] for word, name in _REDDISH.items()})
 more_colour = either(
     table({word: COLOURS[name] for word, name in _REDDER.items()}) >> (lambda rgb: (rgb, 1)),
-    lit("more") + colour >> (lambda rgb: (rgb, 1)),
-    lit("less") + colour >> (lambda rgb: (rgb, -1)),
+    keyword("more") + colour >> (lambda rgb: (rgb, 1)),
+    keyword("less") + colour >> (lambda rgb: (rgb, -1)),
 )
 PURE_COLOURS = word_set(
     "red green blue yellow black white gray brown purple pink cyan magenta turquoise beige crimson maroon navy teal violet "

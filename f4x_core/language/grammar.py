@@ -222,8 +222,8 @@ def table(entries: Mapping[str, Any], *, reserve: bool = True, words_of: set[str
     return Rule(match)
 
 
-def lit(spec: str) -> Rule:
-    """One of the phrases, without a value."""
+def keyword(spec: str) -> Rule:
+    """One of the phrases, without a value; its words name nothing elsewhere."""
     return table({spec: None})
 
 
@@ -233,7 +233,7 @@ def literal(spec: str) -> Rule:
 
 
 def sign(text: str) -> Rule:
-    """A sign that would be a bracket in `lit`."""
+    """A sign that would be a bracket in `keyword`."""
     return Rule(lambda reading, at: {at + 1: ()} if reading.word(at) == text else {})
 
 

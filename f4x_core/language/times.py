@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from .amounts import PLACES, fraction, number, percent
-from .grammar import either, lit, optional, table
+from .grammar import either, keyword, optional, table
 
 
 @dataclass
@@ -71,13 +71,13 @@ def _times(x: float, unit: TimeExpression) -> TimeExpression:
     return TimeExpression().plus(unit, x)
 
 
-_and_a_half = _unit + lit("and a half") >> (lambda unit: _times(1.5, unit))
+_and_a_half = _unit + keyword("and a half") >> (lambda unit: _times(1.5, unit))
 duration = either(
     number + _unit >> _times,
     table({"half (a)|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
     >> _times,
-    lit("a|one") + _and_a_half,
-    fraction + lit("of a|of an|of one") + _unit >> _times,
+    keyword("a|one") + _and_a_half,
+    fraction + keyword("of a|of an|of one") + _unit >> _times,
 )
 _whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
 _edge = table(
@@ -88,33 +88,37 @@ _edge = table(
     }
 )
 _clock = either(
-    number + lit(":") + number + lit(":") + number + lit(":") + number
+    number + keyword(":") + number + keyword(":") + number + keyword(":") + number
     >> (lambda h, m, s, f: TimeExpression(frames=f, seconds=3600 * h + 60 * m + s)),
-    number + lit(":") + number + lit(":") + number >> (lambda h, m, s: TimeExpression(seconds=3600 * h + 60 * m + s)),
-    number + lit(":") + number + ~lit("minutes") >> (lambda m, s: TimeExpression(seconds=60 * m + s)),
+    number + keyword(":") + number + keyword(":") + number
+    >> (lambda h, m, s: TimeExpression(seconds=3600 * h + 60 * m + s)),
+    number + keyword(":") + number + ~keyword("minutes") >> (lambda m, s: TimeExpression(seconds=60 * m + s)),
 )
-_through = lit("(of the way) [through|in|into|along]|of the way") + ~lit(f"the (whole) [{_whole}]|it")
-_of_it = lit(f"of the [{_whole}]|of it")
+_through = keyword("(of the way) [through|in|into|along]|of the way") + ~keyword(f"the (whole) [{_whole}]|it")
+_of_it = keyword(f"of the [{_whole}]|of it")
 _part_way = either(
-    lit("halfway|half way|midway|mid way") + ~(_through | lit("point") + ~lit(f"of the [{_whole}]"))
+    keyword("halfway|half way|midway|mid way") + ~(_through | keyword("point") + ~keyword(f"of the [{_whole}]"))
     >> (lambda: HALF_WAY),
-    lit(
+    keyword(
         f"the (very) middle of the [{_whole}]|the [halfway|half way|half] [point|mark] (of the [{_whole}])|mid clip|"
         "the half|half time|"
         f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
     )
     >> (lambda: HALF_WAY),
-    fraction + (_through | _of_it | lit("of the time|through the time|in")) >> (lambda x: TimeExpression(clip=x)),
-    percent + (_through | lit(f"of the [{_whole}]")) >> (lambda x: TimeExpression(clip=x)),
+    fraction + (_through | _of_it | keyword("of the time|through the time|in")) >> (lambda x: TimeExpression(clip=x)),
+    percent + (_through | keyword(f"of the [{_whole}]")) >> (lambda x: TimeExpression(clip=x)),
 )
 """Moments that are told by how much of the clip is over."""
-_counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
-_frame_number = lit("frame") + ~lit("number|no|#") + number >> (lambda x: TimeExpression(frames=x))
+_counted = ~keyword("the") + _unit + ~keyword("number|no|#") + number >> (lambda unit, x: _times(x, unit))
+_frame_number = keyword("frame") + ~keyword("number|no|#") + number >> (lambda x: TimeExpression(frames=x))
 _inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
-_measured = either(number + _unit + ~lit(f"{_inside}|mark"), lit("the") + number + _unit + lit("mark|point")) >> _times
+_measured = (
+    either(number + _unit + ~keyword(f"{_inside}|mark"), keyword("the") + number + _unit + keyword("mark|point"))
+    >> _times
+)
 _fraction_moment = table({"half a": 0.5, "one|a": 1.0}) + _unit >> _times
 _nth = either(
-    number + lit("th|st|nd|rd|the"),  # "the" is what "th" is spelt as
+    number + keyword("th|st|nd|rd|the"),  # "the" is what "th" is spelt as
     table(
         {
             word: float(n)
@@ -124,59 +128,74 @@ _nth = either(
         }
     ),
 )
-_numbered = ~lit("the") + number + either(lit("th|st|nd|rd"), lit("th|st|nd|rd|the") + lit("frame")) >> (
-    lambda x: TimeExpression(frames=x)
-)
-_before_end = duration + lit(f"before (the) end (of the [{_whole}])|from the end (of the [{_whole}])") >> (
+_numbered = ~keyword("the") + number + either(
+    keyword("th|st|nd|rd"), keyword("th|st|nd|rd|the") + keyword("frame")
+) >> (lambda x: TimeExpression(frames=x))
+_before_end = duration + keyword(f"before (the) end (of the [{_whole}])|from the end (of the [{_whole}])") >> (
     lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
 )
-_second_over = lit("the") + _nth + lit("second") + ~lit("is over|has passed") >> (lambda n: TimeExpression(seconds=n))
+_second_over = keyword("the") + _nth + keyword("second") + ~keyword("is over|has passed") >> (
+    lambda n: TimeExpression(seconds=n)
+)
 """What is after the second second is after two seconds."""
 moment = either(
-    _edge, ~lit("a|one") + _and_a_half, _numbered, _counted, _before_end, _measured, _fraction_moment, _clock, _part_way
+    _edge,
+    ~keyword("a|one") + _and_a_half,
+    _numbered,
+    _counted,
+    _before_end,
+    _measured,
+    _fraction_moment,
+    _clock,
+    _part_way,
 )
-_to = lit("to|-|until|up to|through|and|thru|up until|till|up till")
+_to = keyword("to|-|until|up to|through|and|thru|up until|till|up till")
 _pair = either(
     moment + _to + moment >> (lambda a, b: (a, b)),
-    ~lit("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
+    ~keyword("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
     number + _to + number + _unit >> (lambda a, b, unit: (_times(a, unit), _times(b, unit))),
     (percent | fraction) + ~(_of_it | _through) + _to + (percent | fraction) + (_of_it | _through)
     >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b))),
-    (percent | fraction) + lit("in") + _to + (percent | fraction)
+    (percent | fraction) + keyword("in") + _to + (percent | fraction)
     >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b))),
-    lit("the (very) middle|halfway|half way") + _to + lit("the (very) end") + ~_of_it >> (lambda: (HALF_WAY, END)),
-    lit("the (very) [start|beginning]") + _to + lit("the (very) middle|halfway|half way") + ~_of_it
+    keyword("the (very) middle|halfway|half way") + _to + keyword("the (very) end") + ~_of_it
+    >> (lambda: (HALF_WAY, END)),
+    keyword("the (very) [start|beginning]") + _to + keyword("the (very) middle|halfway|half way") + ~_of_it
     >> (lambda: (START, HALF_WAY)),
 )
-_pair_between = lit("between") + _pair
-_pair_from = ~lit("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
+_pair_between = keyword("between") + _pair
+_pair_from = ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
 _length = either(duration, optional(number, 1.0) + _unit >> _times)
-_first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") + _length
-_last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
-_onward = ~lit(
+_first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the first") + _length
+_last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final]") + _length
+_onward = ~keyword(
     "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) end|till the end|"
     "for good|for the rest (of the clip|of it)|and stay so"
 )
-_since = lit(
+_since = keyword(
     "from|after|since|as of|once|not before|beginning|from (about) after|"
     "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
 )
-_middle_point = lit(f"the middle (of the [{_whole}])") >> (lambda: HALF_WAY)
+_middle_point = keyword(f"the middle (of the [{_whole}])") >> (lambda: HALF_WAY)
 _reaches = "[we|it] [reach|reaches]|the [clip|video|film|scene] [reaches|is at|gets to]"
-_at = lit("at|@|in|on|around|exactly at|right at|when|as soon as") | lit("once|when|as soon as") + lit(_reaches)
-_bare = either((duration | number + _unit >> _times) + lit(_inside), _part_way, _before_end, _frame_number)
+_at = keyword("at|@|in|on|around|exactly at|right at|when|as soon as") | keyword("once|when|as soon as") + keyword(
+    _reaches
+)
+_bare = either((duration | number + _unit >> _times) + keyword(_inside), _part_way, _before_end, _frame_number)
 """Moments that need no word before them: "two seconds in"."""
 _has_passed = (
-    lit("once|after|when|as soon as") + duration + lit("[has|have] [passed|gone by|elapsed]|[is|are] [over|up|through]")
+    keyword("once|after|when|as soon as")
+    + duration
+    + keyword("[has|have] [passed|gone by|elapsed]|[is|are] [over|up|through]")
 )
 _since_then = either(
     _since + (moment | _middle_point) + _onward,
-    lit("(right) after|past|once|when") + _second_over + _onward,
+    keyword("(right) after|past|once|when") + _second_over + _onward,
     _has_passed,
 )
-_just_then = (_at + ~lit("about|around|roughly|exactly|precisely") + moment | _bare) + _onward
+_just_then = (_at + ~keyword("about|around|roughly|exactly|precisely") + moment | _bare) + _onward
 _begin = _since_then | _just_then
-_for = lit("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
+_for = keyword("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
 _part = table(
     {
         "half": 1 / 2,
@@ -187,53 +206,60 @@ _part = table(
         "two thirds": 2 / 3,
         "three quarters": 0.75,
     }
-) + ~lit(f"of the [{_whole}]")
-_within = ~lit("for|in|during|over|within|throughout") + lit("the")
-_leading = _within + lit("first") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
-_closing = _within + lit("last|final") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
-_central = _within + lit("middle|central") + either(_part >> (lambda x: TimeExpression(clip=x)), _length) >> (
+) + ~keyword(f"of the [{_whole}]")
+_within = ~keyword("for|in|during|over|within|throughout") + keyword("the")
+_leading = _within + keyword("first") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
+_closing = _within + keyword("last|final") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
+_central = _within + keyword("middle|central") + either(_part >> (lambda x: TimeExpression(clip=x)), _length) >> (
     lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))
 )
-_nth_second = _within + _nth + lit("second") >> (
+_nth_second = _within + _nth + keyword("second") >> (
     lambda n: Span(TimeExpression(seconds=n - 1), TimeExpression(seconds=n))
 )
-_loosely = lit("[toward|near|close to|just before|shortly before|right before] the (very) end|near (the) end")
-_second_half = _within + lit("second half") + ~lit(f"of the [{_whole}]") >> (lambda: Span(HALF_WAY, None))
+_loosely = keyword("[toward|near|close to|just before|shortly before|right before] the (very) end|near (the) end")
+_second_half = _within + keyword("second half") + ~keyword(f"of the [{_whole}]") >> (lambda: Span(HALF_WAY, None))
 
 
 def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
     return Span(start, start.plus(length))
 
 
-_comma = ~lit(",")
+_comma = ~keyword(",")
 span = either(
     (_pair_from | _pair_between) >> (lambda pair: Span(*pair)),
-    _for + _comma + ~lit("starting|beginning") + _begin >> (lambda length, start: _lasting(start, length)),
+    _for + _comma + ~keyword("starting|beginning") + _begin >> (lambda length, start: _lasting(start, length)),
     _begin + _comma + _for >> _lasting,
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
-    ~lit("from (the) [start|beginning]") + lit("until|before|up to|up until|not after") + (moment | _middle_point)
+    ~keyword("from (the) [start|beginning]")
+    + keyword("until|before|up to|up until|not after")
+    + (moment | _middle_point)
     >> (lambda end: Span(START, end)),
-    lit("by") + (_numbered | _counted | lit(f"the (very) end (of the [{_whole}])") >> (lambda: END))
+    keyword("by") + (_numbered | _counted | keyword(f"the (very) end (of the [{_whole}])") >> (lambda: END))
     >> (lambda end: Span(START, end, "by")),
-    lit("before|until") + lit("the") + _nth + lit("second") >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
-    ~lit("only|just") + _just_then + lit("only|alone") >> (lambda start: Span(start, start)),
-    lit("only|just") + _just_then >> (lambda start: Span(start, start)),
+    keyword("before|until") + keyword("the") + _nth + keyword("second")
+    >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
+    ~keyword("only|just") + _just_then + keyword("only|alone") >> (lambda start: Span(start, start)),
+    keyword("only|just") + _just_then >> (lambda start: Span(start, start)),
     _leading,
     _closing,
     _second_half,
     _central,
     _nth_second,
     _loosely >> (lambda: Span(END, None, "moment")),
-    lit("for|during") + lit("a|one") + _unit + ~lit("or so|or two") + lit("at the (very) [start|beginning]")
+    keyword("for|during")
+    + keyword("a|one")
+    + _unit
+    + ~keyword("or so|or two")
+    + keyword("at the (very) [start|beginning]")
     >> (lambda unit: Span(START, unit)),
-    lit("for") + duration + ~lit("or so") + lit("at the (very) [start|beginning]")
+    keyword("for") + duration + ~keyword("or so") + keyword("at the (very) [start|beginning]")
     >> (lambda length: Span(START, length)),
-    lit("for") + duration + ~lit("or so") + lit("at the (very) end")
+    keyword("for") + duration + ~keyword("or so") + keyword("at the (very) end")
     >> (lambda length: Span(END.plus(length, -1.0), None)),
-    lit("from|since") + lit("the") + _nth + lit("second") + _onward
+    keyword("from|since") + keyword("the") + _nth + keyword("second") + _onward
     >> (lambda n: Span(TimeExpression(seconds=n - 1), None, "from")),
-    lit("in|within") + duration >> (lambda length: Span(NOW, NOW.plus(length), "in")),
+    keyword("in|within") + duration >> (lambda length: Span(NOW, NOW.plus(length), "in")),
     _since_then >> (lambda start: Span(start, None, "from")),
     _just_then >> (lambda start: Span(start, None, "moment")),
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
