@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from labelled_scene import labelled_scene
 from PIL import Image
 
@@ -39,6 +40,7 @@ import feature4x.addon.sequence as sequence
 from feature4x.addon.evaluated import stage
 folder, clip = Path(sys.argv[2]), int(sys.argv[3])
 scene, found, told = bpy.context.scene, {}, {}
+radiance = "vector" if bpy.app.version >= (5, 2, 0) else "color"
 
 def fresh():
     for item in list(bpy.data.objects):
@@ -63,10 +65,13 @@ def values(item, name, key, width):
     data.attributes[name].data.foreach_get(key, flat)
     return flat.reshape(-1, width)
 
-for name in ("frame.ply", "frame.splat", "renamed.dat"):
+for name in ("frame.ply", "frame.splat", "frame.spz", "frame.glb", "renamed.dat"):
     root = load(name)
     cloud = next(item for item in root.children if item.type == "POINTCLOUD")
     found[name] = values(cloud, "position", "vector", 3)
+    found[name + " in the world"] = found[name] @ np.array(cloud.matrix_world)[:3, :3].T
+    found[name + " scale"] = values(cloud, "scale", "vector", 3)
+    found[name + " radiance"] = values(cloud, "radiance:base", radiance, 4)
     told[name] = [root["f4x_source"], scene.camera.name, "f4x_path" in root]
 
 for label, options in (("all", {}), ("step", {"step": 2}), ("alone", {"sequence": False})):
@@ -78,7 +83,7 @@ for label, options in (("all", {}), ("step", {"step": 2}), ("alone", {"sequence"
         seen = [i.object.name for i in bpy.context.evaluated_depsgraph_get().object_instances if i.object.type == "POINTCLOUD"]
         told[f"seen {label} {frame}"] = [seen, sum(len(c.means) for c in stage(bpy.context.evaluated_depsgraph_get())[0])]
 told["broken frame"] = load("torn_0001.ply")
-for name in ("mesh.ply", "absent.f4x", "film.mp4", "pictures"):
+for name in ("mesh.ply", "mesh.glb", "absent.f4x", "film.mp4", "pictures"):
     told[name] = load(name)
 
 sequence.MAX_BYTES = 3000
@@ -88,8 +93,7 @@ root = load("edited.f4x")
 parts = [item for item in root.children if item.type == "POINTCLOUD"]
 for frame in range(clip):
     scene.frame_set(frame)
-    for name, key, width in (("gid", "value", 1), ("position", "vector", 3), ("radiance:base", "color", 4)):
-        key = "vector" if name == "radiance:base" and bpy.app.version >= (5, 2, 0) else key
+    for name, key, width in (("gid", "value", 1), ("position", "vector", 3), ("radiance:base", radiance, 4)):
         found[f"edited/{frame}/{name}"] = np.concatenate([values(item, name, key, width) for item in parts])
 
 def background():
@@ -175,7 +179,9 @@ def imported(tmp_path_factory):
     write_scene(labelled_scene(), folder / "other.f4x")
     export(scene, folder / "frame.ply", [2.0])
     (folder / "renamed.dat").write_bytes((folder / "frame.ply").read_bytes())
-    export(scene, folder / "frame.splat", [2.0], "splat")
+    for kind, ending in (("splat", "splat"), ("spz", "spz"), ("gltf", "glb")):
+        export(scene, folder / f"frame.{ending}", [2.0], kind)
+    trimesh.creation.box().export(folder / "mesh.glb")
     for number in (1, 2, 3):
         for name in ("walk", "torn"):
             export(scene, folder / f"{name}_{number:04d}.ply", [float(number)])
@@ -210,12 +216,21 @@ def imported(tmp_path_factory):
     return folder, dict(np.load(folder / "found.npz")), json.loads((folder / "told.json").read_text())
 
 
-@pytest.mark.parametrize("name", ["frame.ply", "frame.splat", "renamed.dat"])
+@pytest.mark.parametrize("name", ["frame.ply", "frame.splat", "frame.spz", "frame.glb", "renamed.dat"])
 def test_splats_of_other_programs(imported, name):
     folder, found, told = imported
     np.testing.assert_allclose(found[name], open_any(folder / name).static.means, atol=1e-6)
     source, camera, is_scene = told[name]
     assert source.endswith(name) and camera.startswith(Path(name).stem) and not is_scene
+
+
+@pytest.mark.parametrize(("name", "place", "size", "light"), [("spz", 2**-19, 0.032, 0.014), ("glb", 1e-6, 1e-6, 1e-6)])
+def test_files_whose_y_is_up_are_the_same_gaussians_as_the_ply(imported, name, place, size, light):
+    _, found, _ = imported
+    for kind in ("", " in the world"):
+        np.testing.assert_allclose(found[f"frame.{name}{kind}"], found[f"frame.ply{kind}"], rtol=0, atol=place)
+    np.testing.assert_allclose(found[f"frame.{name} scale"], found["frame.ply scale"], rtol=size)
+    np.testing.assert_allclose(found[f"frame.{name} radiance"], found["frame.ply radiance"], rtol=0, atol=light)
 
 
 def test_a_sequence_plays(imported):
@@ -236,7 +251,8 @@ def test_a_sequence_in_steps_and_one_file_of_it(imported):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("too large", "Step"), ("broken frame", "torn_0002.ply"), ("mesh.ply", "mesh.ply"), ("absent.f4x", "no such file"),
+    [("too large", "Step"), ("broken frame", "torn_0002.ply"), ("mesh.ply", "mesh.ply"),
+     ("mesh.glb", "without splats"), ("absent.f4x", "no such file"),
      ("film.mp4", "a video"), ("pictures", "a folder of pictures"), ("bad clip", "neither a film nor")],
 )  # fmt: skip
 def test_what_cannot_be_imported_is_one_sentence_and_leaves_nothing(imported, name, words):
