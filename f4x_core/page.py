@@ -12,6 +12,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -146,7 +147,9 @@ def legend(axis: Axes) -> None:
 def svg(figure: Figure) -> str:
     """The figure as inline SVG whose text follows the page's colour."""
     buffer = io.StringIO()
+    figure.patch.set_alpha(0)
     with matplotlib.rc_context({"svg.fonttype": "none", "font.family": "sans-serif"}):
-        figure.savefig(buffer, format="svg", transparent=True, dpi=110, metadata={"Date": None})
+        # `Figure.savefig` would draw everything once more before this, only to place it.
+        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :].replace(TEXT_COLOUR, "currentColor")

@@ -149,7 +149,7 @@ def ordered(watched):
     means[:, 2] = 2, 5, 0.1, 3, 5
     order = np.empty(5, np.float32)
     arrays = {"means": means, "opacities": np.float32([0.5, 0.5, 0.5, 0, 0.5]), "order": order}
-    arrays |= {"starts": np.array([0, 3, 5]), "rows": np.float32([[0, 0, 1, 0]] * 2)}
+    arrays |= {"starts": np.int64([0, 3, 5]), "rows": np.float32([[0, 0, 1, 0]] * 2)}
     sizes = {"count": 5, "clouds": 2, "threads": 2, "coarse": 0, "near": 0.2, "far": 100.0, "alpha_min": 0.01}
     found = F4X_DEPTH_ORDER(DEPTH_ORDER(**sizes, **arrays), library=watched)
     return order[:found].tolist()
