@@ -12,13 +12,12 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 from scipy.stats import t as student_t
-from torch import Tensor
 
 from f4x_core.features.heads import Head, head_widths
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.fit.config import FitConfig
 from f4x_core.fit.losses import rgb_loss
-from f4x_core.fit.model import SceneModel
+from f4x_core.fit.model import Moved, SceneModel
 from f4x_core.fit.pipeline import finish_fit, start_fit
 from f4x_core.fit.trainer import Trainer
 from f4x_core.gaussians import appearance
@@ -159,7 +158,7 @@ def linear_blend(turn: Array, shift: Array, weights: Array, x: Array, q: Array) 
 class LinearModel(SceneModel):
     """A scene under optimisation whose Gaussians are carried by linear blends; torch alone."""
 
-    def dynamic_at(self, *times: float) -> list[tuple[Tensor, Tensor]]:
+    def dynamic_at(self, *times: float) -> list[Moved]:
         """Pose the dynamic Gaussians, with the interface of the dual-quaternion model."""
         assert self.dynamic is not None and self.nodes is not None
         xyz, quat = self.nodes.parameters["node_xyz"], self.nodes.quat
@@ -170,7 +169,7 @@ class LinearModel(SceneModel):
         posed = []
         for moment in times:
             turn, shift = dual_quaternion.to_pose(deformer.relative_motions(xyz, quat, moment))
-            posed.append(linear_blend(turn[index], shift[index], weights, x, q))
+            posed.append(Moved(*linear_blend(turn[index], shift[index], weights, x, q), moment))
         return posed
 
 

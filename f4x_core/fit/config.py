@@ -146,6 +146,8 @@ class RateConfig:
     """Dynamic Gaussians: their appearance is learnt to the end, as their motion is."""
     dw: float = 5e-3
     """Skinning offsets of Eq. 1."""
+    lifetimes: float = 0.02
+    """Logarithms of the times that moving Gaussians are there; 0: all are there always, as in the papers."""
     node_xyz: Rate = (2.5e-4, 5e-6)
     """Node positions."""
     node_quat: Rate = (5e-4, 1e-5)
@@ -161,7 +163,11 @@ class RateConfig:
     def of(self, kind: str, tensor: str) -> Rate | float:
         """The rate of a parameter `tensor` of the Gaussians that are `kind`, `static` or `dynamic`."""
         own: GaussianRates = getattr(self, kind)
-        return self.dw if tensor == "dw" else getattr(own, tensor.removeprefix("local_"))
+        if tensor == "dw":
+            return self.dw
+        if tensor == "log_lifetimes":
+            return self.lifetimes
+        return getattr(own, tensor.removeprefix("local_"))
 
 
 @dataclass(frozen=True)
@@ -305,7 +311,7 @@ def _quick() -> FitConfig:
         scaffold=ScaffoldConfig(max_nodes=150, geometry_steps=150),
         # Fewer steps have to go as far; three times faster tears nodes off the surface (dog, train: -1.1 to -1.5 dB of what
         # moves), three times slower leaves errors of their tracks (dog: -1.2).
-        rates=RateConfig(node_xyz=(5e-4, 1e-5), node_quat=(1e-3, 2e-5)),
+        rates=RateConfig(lifetimes=0.05, node_xyz=(5e-4, 1e-5), node_quat=(1e-3, 2e-5)),
         spawn_static=SpawnConfig(spacing=1.8, max_count=160_000),
         spawn_dynamic=SpawnConfig(spacing=1.8, max_count=40_000),
         density_static=DensityConfig(max_count=200_000, every=200),
@@ -318,6 +324,7 @@ def _quick() -> FitConfig:
 def _nvidia() -> FitConfig:
     return FitConfig(
         name="nvidia",
+        rates=RateConfig(lifetimes=0),
         steps=8000,
         max_sh_degree=3,
         shifts=(2, 4),
@@ -330,6 +337,7 @@ def _nvidia() -> FitConfig:
 def _dycheck() -> FitConfig:
     return FitConfig(
         name="dycheck",
+        rates=RateConfig(lifetimes=0),
         steps=8000,
         max_sh_degree=3,
         shifts=(1, 3, 6),
@@ -341,6 +349,7 @@ def _dycheck() -> FitConfig:
 def _f4x_davis() -> FitConfig:
     return FitConfig(
         name="f4x_davis",
+        rates=RateConfig(lifetimes=0),
         steps=5000,
         shifts=(2, 4),
         shift_weights=(0.6, 0.4),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -149,6 +150,17 @@ class Attachment:
     """The deformer of the compiled library, where that is used."""
 
 
+class Moved(NamedTuple):
+    """The dynamic Gaussians at one time."""
+
+    means: Tensor
+    """(N,3)"""
+    quats: Tensor
+    """(N,4)"""
+    time: float
+    """Clip time."""
+
+
 class SceneModel:
     """The scene under optimisation."""
 
@@ -216,8 +228,14 @@ class SceneModel:
         # Points far from every node follow their nearest ones instead of fading to rest: the spawn mask says they move.
         return weights, torch.ones_like(strength)
 
-    def dynamic_at(self, *times: float) -> list[tuple[Tensor, Tensor]]:
-        """Positions (N,3) and orientations (N,4) of the dynamic Gaussians at each of `times` (clip frame indices)."""
+    @property
+    def born(self) -> Tensor:
+        """(N,) float32 clip time at which each dynamic Gaussian has its reference."""
+        assert self.dynamic is not None
+        return torch.from_numpy(np.asarray(self.times, np.float32))[self.dynamic.labels["reference"]]
+
+    def dynamic_at(self, *times: float) -> list[Moved]:
+        """The dynamic Gaussians at each of `times` (clip frame indices), whether they are there then or not."""
         assert self.dynamic is not None
         assert self.nodes is not None
         xyz = self.nodes.parameters["node_xyz"]
@@ -226,21 +244,22 @@ class SceneModel:
             own = self.dynamic.parameters
             dw = own["dw"] if self.dynamic.use_dw else None
             poses = xyz, self.nodes.parameters["node_quat"], self.nodes.radius
-            return attachment.native(own["local_means"], own["local_quats"], dw, *poses, times)
+            moved = attachment.native(own["local_means"], own["local_quats"], dw, *poses, times)
+            return [Moved(*each, time) for each, time in zip(moved, times, strict=True)]
         quat = self.nodes.quat
         x, q = self.dynamic.at_reference(xyz, quat)
         weights, strength = self.skinning(x)
         posed = []
         for time in times:
             turn, shift = attachment.deformer(xyz, quat, weights, strength, time)
-            posed.append((quaternion.rotate(turn, x) + shift, quaternion.multiply(turn, q)))
+            posed.append(Moved(quaternion.rotate(turn, x) + shift, quaternion.multiply(turn, q), time))
         return posed
 
-    def posed(self, moved: tuple[Tensor, Tensor] | None) -> Splats:
+    def posed(self, moved: Moved | None) -> Splats:
         """All Gaussians, static first, the frozen ones last; `moved` is one entry of `dynamic_at`, None where nothing moves."""
         parts = [self.static.splats(self.static.parameters["means"], self.static.parameters["quats"])]
         if moved is not None and self.dynamic is not None:
-            parts.append(self.dynamic.splats(*moved))
+            parts.append(self.dynamic.splats_there(moved.means, moved.quats, moved.time - self.born))
         if self.frozen is not None:
             parts.append(self.frozen)
         if len(parts) == 1:

@@ -47,8 +47,8 @@ def add_nodes(
     worst = gradient.topk(min(room * CANDIDATES_PER_NODE, len(gradient))).indices
     with torch.no_grad():
         posed = [model.dynamic_at(float(time))[0] for time in model.times]
-        xyz = torch.stack([x[worst] for x, _ in posed]).numpy()
-        quat = torch.stack([q[worst] for _, q in posed]).numpy()
+        xyz = torch.stack([moved.means[worst] for moved in posed]).numpy()
+        quat = torch.stack([moved.quats[worst] for moved in posed]).numpy()
     before = nodes.snapshot()
     radius = float(initial_radius(1, before.unit, RadiusConfig())[0])
     densified, taken = densify_nodes(before, xyz, quat, radius, next_node_id)

@@ -298,7 +298,18 @@ def _dynamic_set(model: SceneModel) -> DynamicSet:
         node=_numpy(nodes.neighbours[own.labels["attach"]]).astype(np.int32),
         weight=_numpy(weights).astype(np.float32),
         strength=_numpy(strength).astype(np.float32),
+        span=_span(model),
     )
+
+
+def _span(model: SceneModel) -> np.ndarray | None:
+    """(N,4) float32 when the dynamic Gaussians are there; what is whole at an end of the clip stays beyond it, None: all stay."""
+    assert model.dynamic is not None
+    with torch.no_grad():
+        span = _numpy(model.dynamic.spans(model.born)).astype(np.float32)
+    span[span[:, 1] <= model.times[0], :2] = -np.inf
+    span[span[:, 2] >= model.times[-1], 2:] = np.inf
+    return span if np.isfinite(span).any() else None
 
 
 def _numpy(tensor: torch.Tensor) -> np.ndarray:

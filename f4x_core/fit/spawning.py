@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from scipy.ndimage import binary_dilation
+from torch import Tensor
 
 from ..clip import Clip
 from ..gaussians import DynamicGaussians, SpawnConfig, Spawned, StaticGaussians, spawn_dynamic, spawn_static
+from ..gaussians.parameters import WHOLE
 from ..gaussians.spawn import coarse_to_fine, cover, spawn_that_fits
 from ..geometry.arrays import evenly_spaced
 from ..priors import Priors
@@ -22,6 +24,11 @@ MASK_MARGIN = 2
 """Static Gaussians are not spawned this close (pixels) to the moving mask, whose edge is uncertain."""
 SURE_DEPTH, LOOSEST_DEPTH = 0.14, 0.5
 """Relative error of depth whose confidence is one half, and the largest difference in depth at which a Gaussian still covers."""
+CARRIED = 0.5
+"""Fraction of its nodes that must be seen in a frame for a moving Gaussian to cover it there: where tracks have ended, its place is
+a guess. Without this, breakdance (`quick`, 84 frames) has 14.2 dB on the dancer and lifetimes alone bring 1.2; with it, .4 more."""
+BEYOND, SHORTEST = 1.25, 2.0
+"""Lifetimes at the start of Gaussians that are carried to the clip's end as multiples of the time to it; the shortest in frames."""
 Explained = Mapping[int, np.ndarray]
 """(H,W) bool by supervised frame: pixels that are shown rightly already."""
 
@@ -30,6 +37,24 @@ def spawn_frames(priors: Priors, config: FitConfig) -> np.ndarray:
     """Indices into F of the frames from which the static set is spawned."""
     count = min(config.spawn_static.frames, len(priors.frames))
     return evenly_spaced(len(priors.frames), count)
+
+
+def first_lifetimes(times: np.ndarray, reference: np.ndarray, carried: np.ndarray) -> Tensor:
+    """(N,2) logarithms of lifetimes, to be learnt: whole while `carried (F,N)` bool lasts around the `reference (N,)` frame.
+
+    Where that is to the clip's end, they end beyond it and begin to fade in it: only ramps have gradients. `times (F,)`: those
+    of the frames.
+    """
+    frames, row = np.arange(len(times))[:, None], np.arange(len(reference))
+    lost = ~carried
+    lost[reference, row] = False
+    born, sides = times[reference], []
+    for end, beyond in ((0, frames < reference), (len(times) - 1, frames > reference)):
+        apart = np.where(lost & beyond, np.abs(times[:, None] - born), np.inf).min(
+            0
+        )  # (N,) to the first frame that is lost
+        sides.append(np.where(np.isfinite(apart), apart / WHOLE, BEYOND * np.abs(times[end] - born)))
+    return torch.from_numpy(np.log(np.maximum(np.stack(sides, 1), SHORTEST)).astype(np.float32)).requires_grad_(True)
 
 
 @dataclass(frozen=True)
@@ -90,6 +115,10 @@ class Spawner:
             return dynamic
 
         dynamic, _ = spawn_that_fits(cover_all, self.config.start_of("dynamic"))
+        if self.config.rates.lifetimes:
+            carried = np.stack([self._carried_at(model, dynamic, frame) for frame in range(len(model.times))])
+            first = first_lifetimes(model.times, dynamic.labels["reference"].numpy(), carried)
+            dynamic.parameters["log_lifetimes"] = first
         self.progress("spawn", len(chosen), len(chosen), "dynamic")
         return dynamic
 
@@ -128,4 +157,12 @@ class Spawner:
             return np.zeros((0, 3), np.float32)
         with torch.no_grad():
             whole = SceneModel(model.static, dynamic, model.nodes, model.rig, model.kernel, model.kernels)
-            return whole.dynamic_at(float(model.times[frame]))[0][0].numpy()
+            places = whole.dynamic_at(float(model.times[frame]))[0].means.numpy()
+        if not self.config.rates.lifetimes:
+            return places
+        return places[self._carried_at(model, dynamic, frame)]
+
+    def _carried_at(self, model: SceneModel, dynamic: DynamicGaussians, frame: int) -> np.ndarray:
+        """(N,) bool: the nodes of a Gaussian are seen in the supervised frame `frame`."""
+        assert model.nodes is not None
+        return model.nodes.scaffold.certain[frame][model.nodes.neighbours[dynamic.labels["attach"]]].mean(1) >= CARRIED

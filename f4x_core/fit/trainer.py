@@ -207,7 +207,7 @@ class Trainer:
                 partner = self.tracks.random_partner(frame, self.generator)
             times = [float(model.times[index]) for index in (frame, partner) if index is not None]
             moved, *others = model.dynamic_at(*times)
-            there = others[0][0] if others else None
+            there = others[0].means if others else None
         splats = model.posed(moved)
         if model.dynamic is not None:
             extra = self._extra_channels(splats.means, there)

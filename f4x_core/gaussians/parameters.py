@@ -14,6 +14,8 @@ from ..geometry.splats import Splats
 from ..native.kernels import TORCH, Kernels
 from .appearance_native import COEFFICIENTS, NativeAppearance
 
+# A Gaussian is wholly there for this fraction of its lifetime, and fades over the rest.
+WHOLE = 0.5
 # Opacities are kept this far from 0 and 1 before taking the logit, so that its gradient stays finite.
 OPACITY_MARGIN = 1e-4
 
@@ -65,10 +67,28 @@ class DynamicGaussians(GaussianSet):
 
     Placement `local_means` (N,3), `local_quats` (N,4) is in the frame of the attach node at the reference frame, so that moving a
     node moves its Gaussians at their own reference time too. `dw` (N,K) is the learnable offset of Eq. 1. Labels: `attach`
-    (N,) node index, `reference` (N,) index into the scaffold's times.
+    (N,) node index, `reference` (N,) index into the scaffold's times. `log_lifetimes` (N,2) are the logarithms of the times in
+    clip frames, before and after its reference time, in which a Gaussian is gone: where nodes do not carry it rightly, it had
+    better not be there (a trapezoid in place of the Gaussian over time of Li et al., Spacetime Gaussian Feature Splatting,
+    CVPR 2024, Eq. 7).
     """
 
     use_dw: bool = field(default=False)
+
+    def presence(self, away: Tensor) -> Tensor:
+        """(N,) in [0, 1]: how much of each Gaussian is there `away` (N,) clip frames after its reference time."""
+        before, after = self.parameters["log_lifetimes"].exp().unbind(1)
+        return ((1 - away.abs() / torch.where(away < 0, before, after)) / (1 - WHOLE)).clamp(0, 1)
+
+    def spans(self, born: Tensor) -> Tensor:
+        """(N,4) clip times between which each Gaussian comes, and goes, as scenes have them; `born` (N,): its reference time."""
+        before, after = self.parameters["log_lifetimes"].exp().unbind(1)
+        return born[:, None] + torch.stack([-before, -WHOLE * before, WHOLE * after, after], 1)
+
+    def splats_there(self, means: Tensor, quats: Tensor, away: Tensor) -> Splats:
+        """The Gaussians as `splats` has them, faded as scenes fade them: optical depth, not opacity."""
+        depth = -torch.log1p(-self.opacities.clamp(max=1 - OPACITY_MARGIN))
+        return Splats(means, quats, self.scales, -torch.expm1(-self.presence(away) * depth), self.sh)
 
     def at_reference(self, node_xyz: Tensor, node_quat: Tensor) -> tuple[Tensor, Tensor]:
         """Positions (N,3) and orientations (N,4) in the world at each Gaussian's own reference time.

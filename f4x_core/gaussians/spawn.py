@@ -29,7 +29,8 @@ COVERING_NEIGHBOURS = 4
 MAX_LEVEL, FLAT_GREY, FLAT_DEPTH = 2, 3.0, 0.02
 # Spacings that are tried until all Gaussians fit, and how much larger than needed the next one is: counts jump a little.
 FITTING_ROUNDS, FITTING_MARGIN = 6, 1.03
-
+# The lifetime, in clip frames, of a Gaussian that is always there.
+ALWAYS = 1e6
 
 Made = TypeVar("Made", bound=Sized)
 
@@ -281,6 +282,7 @@ def spawn_dynamic(
     parameters = {"local_means": local_x, "local_quats": local_q}
     parameters |= _parameters(spawned, degree, config.opacity)
     parameters["dw"] = torch.zeros(count, neighbours)
+    parameters["log_lifetimes"] = torch.full((count, 2), ALWAYS).log()
     labels = {"ids": torch.arange(first_id, first_id + count), "attach": attach, "reference": frame}
     labels["reach"] = torch.from_numpy(spawned.depth)
     return DynamicGaussians(_trainable(parameters), labels)

@@ -136,7 +136,9 @@ class _Moving:
         if scene.scaffold is not None:
             self.scaffolds.append(replace(scene.scaffold, times=scene.scaffold.times + self.times[start]))
             self.numbers.append(number)
-            self.last = replace(scene, static=StaticSet.empty())
+            own = scene.dynamic.span
+            moved = replace(scene.dynamic, span=None if own is None else own + np.float32(self.times[start]))
+            self.last = replace(scene, static=StaticSet.empty(), dynamic=moved)
 
     def _rest(self, following: Scene | None) -> None:
         """Take over the set of the last window with nodes, now that the one after it is known."""
@@ -169,7 +171,7 @@ class _Moving:
             )
             for part, own, row in zip(self.parts, self.scaffolds, rows, strict=True)
         ]
-        return _concatenated(parts, [np.tile(s, (len(p), 1)) for s, p in zip(spans, parts, strict=True)]), scaffold
+        return _concatenated(parts, [_within(part, span) for part, span in zip(parts, spans, strict=True)]), scaffold
 
 
 @dataclass
@@ -215,6 +217,14 @@ def _concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Ga
     span = np.concatenate(spans).astype(np.float32)
     arrays = {name: np.concatenate(values) for name, values in whole.items()}
     return type(parts[0])(**arrays, span=None if (span == ALWAYS).all() else span)
+
+
+def _within(part: StaticSet, span: np.ndarray) -> np.ndarray:
+    """(N,4) spans of what is there in its own and in a window's `span (4,)`: it comes with the later and goes with the earlier."""
+    if part.span is None:
+        return np.tile(span, (len(part), 1))
+    both = np.concatenate([np.maximum(part.span[:, :2], span[:2]), np.minimum(part.span[:, 2:], span[2:])], 1)
+    return np.maximum.accumulate(both, axis=1)  # what goes before it comes is never there
 
 
 def _rested(scene: Scene, alone: np.ndarray, shared: np.ndarray) -> DynamicSet:

@@ -320,16 +320,10 @@ class Scene:
         )
 
     def _carried(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Centres and rotations of the dynamic set at `time`; Gaussians absent then stay at their reference."""
+        """Centres and rotations of the dynamic set at `time`, also of Gaussians that are absent then."""
         dynamic, index, table = self.dynamic, self._pairs.index, self._motions(time)
         weight, strength, means, quats = dynamic.weight, dynamic.strength, dynamic.means, dynamic.quats
-        if dynamic.span is None:
-            return move_gaussians(table, index, weight, strength, means, quats)
-        rows = np.flatnonzero(dynamic.presence(time))
-        moved = move_gaussians(table, index[rows], weight[rows], strength[rows], means[rows], quats[rows])
-        means, quats = means.copy(), quats.copy()
-        means[rows], quats[rows] = moved
-        return means, quats
+        return move_gaussians(table, index, weight, strength, means, quats)
 
     def fitted_focal(self, time: float) -> float | None:
         """Focal length in pixels of the images that were fitted, at clip time `time` (`RasterConfig.as_fitted`).

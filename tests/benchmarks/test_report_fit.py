@@ -211,7 +211,7 @@ def test_linear_model_and_linear_scene_are_one(arm):
     stage = Trainer(linear, arm.clip, stage.priors, config, stage.next_id)
     stage.run()
     with torch.no_grad():
-        means, _ = stage.model.dynamic_at(3.0)[0]
+        means = stage.model.dynamic_at(3.0)[0].means
     moved = scene.posed(3.0).means[len(scene.static) :]
     assert np.abs(moved - means.numpy()).max() < 1e-5
     assert not np.allclose(moved, fitted.scene.posed(3.0).means[len(scene.static) :], atol=1e-6)

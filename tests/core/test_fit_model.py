@@ -6,7 +6,9 @@ import torch
 from carried_scene import GRAPH, HEIGHT, WIDTH, camera_path, carried_scene, row_of_nodes, spawned_at
 
 from f4x_core.fit.model import CameraRig, NodeSet, SceneModel
+from f4x_core.fit.pipeline import _span
 from f4x_core.gaussians import SpawnConfig, spawn_static
+from f4x_core.geometry.interpolation import presence
 from f4x_core.geometry.splats import Splats
 from f4x_core.native.kernels import TORCH, Kernels
 
@@ -130,9 +132,53 @@ def model(request):
 
 def test_gaussians_are_where_they_were_seen_at_their_own_time(model):
     for i, frame in enumerate(REFERENCE):
-        places, turns = model.dynamic_at(float(frame))[0]
+        places, turns, _ = model.dynamic_at(float(frame))[0]
         np.testing.assert_allclose(places[i].detach(), PLACES[i], atol=2e-5)
         np.testing.assert_allclose(abs(turns[i, 0].detach()), 1, atol=1e-5)
+
+
+def test_a_gaussian_comes_and_goes_as_its_lifetimes_say(model):
+    """Wholly there for the nearer half of them, gone at their end, and optical depth fades."""
+    dynamic = model.dynamic
+    with torch.no_grad():
+        dynamic.parameters["log_lifetimes"][:] = torch.tensor([2.0, 4.0]).log()
+    for time in (-1.0, 0.0, 0.5, 1.25, 2.0, 3.0, 5.0):
+        splats = model.posed(model.dynamic_at(time)[0])
+        for i, frame in enumerate(REFERENCE):
+            away = time - frame
+            there = min(max(2 * (1 - abs(away) / (4.0 if away > 0 else 2.0)), 0), 1)
+            solid = float(dynamic.opacities[i].detach())
+            row = len(model.static) + i
+            assert float(splats.opacities[row].detach()) == pytest.approx(1 - (1 - solid) ** there, abs=1e-5)
+
+
+def test_the_scene_shows_gaussians_when_the_fit_showed_them(model):
+    rng = np.random.default_rng(0)
+    with torch.no_grad():
+        model.dynamic.parameters["log_lifetimes"][:] = torch.from_numpy(rng.uniform(-1, 2, (len(REFERENCE), 2)))
+    span = _span(model)
+    assert np.isfinite(span).any()
+    for time in np.linspace(model.times[0], model.times[-1], 9):
+        away = float(time) - model.born
+        np.testing.assert_allclose(presence(span, time), model.dynamic.presence(away).detach(), atol=1e-5)
+    with torch.no_grad():
+        model.dynamic.parameters["log_lifetimes"][:] = 9
+    assert _span(model) is None  # all are there always: nothing needs to be stored
+
+
+def test_the_gradient_of_lifetimes_is_the_slope():
+    dynamic = carried_scene(PLACES, REFERENCE).dynamic
+    for name, value in dynamic.parameters.items():
+        dynamic.parameters[name] = value.detach().double().requires_grad_(True)
+    away = torch.tensor([-1.4, 2.3, 0.2, 9.0] * len(REFERENCE), dtype=torch.float64)[: len(REFERENCE)]
+    quats = torch.tensor([1.0, 0, 0, 0], dtype=torch.float64).repeat(len(away), 1)
+
+    def opacity(lifetimes, logits):
+        dynamic.parameters |= {"log_lifetimes": lifetimes, "opacity_logits": logits}
+        return dynamic.splats_there(torch.zeros(len(away), 3), quats, away).opacities
+
+    start = torch.tensor([2.0, 3.1], dtype=torch.float64).log().repeat(len(away), 1).requires_grad_(True)
+    assert torch.autograd.gradcheck(opacity, (start, dynamic.parameters["opacity_logits"]))
 
 
 def test_all_nodes_together_carry_even_what_is_far_from_them(model):

@@ -10,7 +10,7 @@ from toy import HEIGHT, WIDTH, clip_and_priors
 from f4x_core.fit import spawning
 from f4x_core.fit.config import profile
 from f4x_core.fit.model import CameraRig, NodeSet, SceneModel
-from f4x_core.fit.spawning import Spawner, spawn_frames
+from f4x_core.fit.spawning import Spawner, first_lifetimes, spawn_frames
 from f4x_core.fit.start import start_scaffold
 from f4x_core.gaussians.spawn import cover
 from f4x_core.progress import silent
@@ -154,6 +154,40 @@ def test_dynamic_gaussians_fill_what_those_of_other_frames_leave_open_once_moved
     assert dynamic.labels["ids"].tolist() == list(range(500, 500 + len(dynamic)))
     assert dynamic.parameters["dw"].shape[1] == nodes.neighbours.shape[1]
     assert covered[0]["state"] == np.random.default_rng(3).bit_generator.state
+
+
+def test_a_moving_gaussian_covers_only_frames_in_which_its_nodes_are_seen(case, covered):
+    clip, priors, config = case
+    scaffold = start_scaffold(priors, config, silent).scaffold
+    scaffold.certain[4:, : len(scaffold) // 2] = False  # tracks of one half end after frame 3
+    nodes, rig = NodeSet(scaffold, config.scaffold.graph), CameraRig(priors.cameras)
+    parts = {"nodes": nodes, "rig": rig, "kernel": config.scaffold.kernel, "kernels": config.kernels}
+    for rate in (config.rates.lifetimes, 0.0):
+        rates = dataclasses.replace(config.rates, lifetimes=rate)
+        spawner = Spawner(clip, priors, dataclasses.replace(config, rates=rates), 0, silent)
+        static = spawner.static(True, None, 0)
+        covered.clear()
+        dynamic = spawner.dynamic(SceneModel(static, None, **parts), 0)
+        model = SceneModel(static, dynamic, **parts)
+        order = [int(np.abs(priors.cameras.centers - call["camera"].center).sum(1).argmin()) for call in covered]
+        late = order.index(6)
+        before = sum(len(call["found"]) for call in covered[:late])
+        near = nodes.neighbours[dynamic.labels["attach"][:before]].numpy()
+        seen = np.array([2 * sum(scaffold.certain[6, n] for n in slots) >= len(slots) for slots in near])
+        with torch.no_grad():
+            places = model.dynamic_at(float(model.times[6]))[0].means.numpy()[:before]
+        assert 0 < seen.sum() < len(seen)
+        np.testing.assert_allclose(covered[late]["existing"], places[seen] if rate else places, atol=1e-5)
+
+
+def test_lifetimes_begin_whole_while_nodes_are_seen():
+    times, reference = np.array([0.0, 1, 2, 4, 5, 8]), np.array([2, 2, 5, 0])
+    carried = np.ones((6, 4), bool)
+    carried[[0, 4], 0] = False  # seen in frames 1 to 3 around frame 2: lost two frames before, three after
+    carried[2, 1] = False  # not even in its own frame, which it was made in
+    before, after = first_lifetimes(times, reference, carried).detach().exp().T
+    np.testing.assert_allclose(before, [4, 2.5, 10, 2], rtol=1e-6)
+    np.testing.assert_allclose(after, [6, 7.5, 2, 10], rtol=1e-6)
 
 
 @pytest.mark.parametrize(("own", "limit", "room"), [(500, 10_000, 500), (500, 100, 80), (3, 1, 1)])

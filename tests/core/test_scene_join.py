@@ -232,6 +232,22 @@ def test_file_of_what_comes_and_goes(joined, tmp_path):
             assert np.array_equal(array, shown[name])
 
 
+def test_lifetimes_end_where_a_window_or_they_themselves_do():
+    scenes = list(windows())
+    own = np.float32([[-np.inf, -np.inf, 1, 2], [1, 2, np.inf, np.inf]])
+    spans = [own[np.arange(len(scene.dynamic)) % 2] for scene in scenes]
+    short = [
+        replace(scene, dynamic=replace(scene.dynamic, span=span)) for scene, span in zip(scenes, spans, strict=True)
+    ]
+    alone, joined = join_scenes(scenes, WINDOWS), join_scenes(short, WINDOWS)
+    starts = np.repeat([start for start, _ in WINDOWS], [len(scene.dynamic) for scene in scenes])
+    both = np.concatenate(spans) + starts[:, None]
+    for time in np.linspace(0, 16, 33):
+        there = np.minimum(alone.dynamic.presence(time), presence(both, time))
+        np.testing.assert_allclose(joined.dynamic.presence(time) > 0, there > 0)
+    np.testing.assert_array_equal(joined.posed(9.0).means, alone.posed(9.0).means)  # carried where they are absent, too
+
+
 @pytest.mark.parametrize("span", [[[3, 2, 5, 6]], [[np.nan, 2, 5, 6]], [[1, 2, 3]]])
 def test_wrong_spans_are_refused(span):
     with pytest.raises(F4xError, match="span"):
