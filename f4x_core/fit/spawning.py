@@ -100,17 +100,16 @@ class Spawner:
         chosen = with_motion[evenly_spaced(len(with_motion), count)]
 
         def cover_all(spawn: SpawnConfig) -> DynamicGaussians:
-            rng, parts = np.random.default_rng(self.config.seed), []
-            references: list[np.ndarray] = []
+            rng = np.random.default_rng(self.config.seed)
             dynamic: DynamicGaussians | None = None
             for done, which in enumerate(coarse_to_fine(len(chosen))):
                 self.progress("spawn", done, len(chosen), "dynamic")
                 frame = int(chosen[which])
                 existing = self._moved(model, dynamic, frame)
                 valid = self._valid(frame) & self.priors.mask[frame]  # type: ignore[index]
-                parts.append(self._cover(frame, valid, existing, spawn, rng))
-                references.append(np.full(len(parts[-1]), frame))
-                dynamic = self._carried(model, Spawned.joined(parts), np.concatenate(references), spawn, first_id)
+                found = self._cover(frame, valid, existing, spawn, rng)
+                more = self._carried(model, found, frame, spawn, first_id + (0 if dynamic is None else len(dynamic)))
+                dynamic = more if dynamic is None else dynamic.followed_by(more)
             assert dynamic is not None
             return dynamic
 
@@ -143,12 +142,12 @@ class Spawner:
         return cover(image, priors.depth[frame], valid, priors.cameras[frame], existing, spawn, rng, tolerance)
 
     def _carried(
-        self, model: SceneModel, spawned: Spawned, reference: np.ndarray, spawn: SpawnConfig, first_id: int
+        self, model: SceneModel, spawned: Spawned, frame: int, spawn: SpawnConfig, first_id: int
     ) -> DynamicGaussians:
-        """Spawned Gaussians attached to the model's nodes, each at its `reference` frame."""
+        """Gaussians that were spawned in supervised frame `frame`, attached to the model's nodes."""
         assert model.nodes is not None
         xyz, quat = model.nodes.parameters["node_xyz"].detach(), model.nodes.quat.detach()
-        neighbours = model.nodes.neighbours.shape[1]
+        reference, neighbours = np.full(len(spawned), frame), model.nodes.neighbours.shape[1]
         return spawn_dynamic(spawned, reference, xyz, quat, neighbours, self.degree, spawn, first_id)
 
     def _moved(self, model: SceneModel, dynamic: DynamicGaussians | None, frame: int) -> np.ndarray:

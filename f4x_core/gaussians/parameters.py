@@ -4,6 +4,8 @@ Values are stored unactivated (`log_scales`, `opacity_logits`). Colours are sphe
 the Gaussian's own frame, so that appearance turns with the surface (MoSca).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 import torch
@@ -74,6 +76,13 @@ class DynamicGaussians(GaussianSet):
     """
 
     use_dw: bool = field(default=False)
+
+    def followed_by(self, others: DynamicGaussians) -> DynamicGaussians:
+        """These Gaussians, then `others`, as at the start of a fit."""
+        with torch.no_grad():
+            parameters = {n: torch.cat([p, others.parameters[n]]) for n, p in self.parameters.items()}
+        labels = {n: torch.cat([label, others.labels[n]]) for n, label in self.labels.items()}
+        return DynamicGaussians({n: p.requires_grad_(True) for n, p in parameters.items()}, labels)
 
     def presence(self, away: Tensor) -> Tensor:
         """(N,) in [0, 1]: how much of each Gaussian is there `away` (N,) clip frames after its reference time."""

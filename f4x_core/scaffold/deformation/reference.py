@@ -37,8 +37,10 @@ def pairs_of(neighbours: np.ndarray, reference: np.ndarray) -> Pairs:
     """Return the pairs of Gaussians with node indices `neighbours (N, K)` and reference indices `reference (N,)`."""
     stride = int(neighbours.max(initial=0)) + 1
     keys = reference[:, None].astype(np.int64) * stride + neighbours
-    used, index = np.unique(keys, return_inverse=True)
-    return Pairs(used % stride, used // stride, index.reshape(neighbours.shape).astype(np.int32))
+    present = np.zeros((int(reference.max(initial=0)) + 1) * stride, bool)
+    present[keys] = True  # sorting the keys would take twenty times as long
+    used = np.flatnonzero(present)
+    return Pairs(used % stride, used // stride, np.cumsum(present, dtype=np.int32)[keys] - np.int32(1))
 
 
 def interpolation_stencil(times: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
