@@ -147,7 +147,7 @@ class RateConfig:
     """Dynamic Gaussians: their appearance is learnt to the end, as their motion is."""
     dw: float = 5e-3
     """Skinning offsets of Eq. 1."""
-    lifetimes: float = 0.02
+    lifetimes: float = 5e-3
     """Logarithms of the times that moving Gaussians are there; 0: all are there always, as in the papers."""
     node_xyz: Rate = (2.5e-4, 5e-6)
     """Node positions."""
@@ -312,7 +312,7 @@ def _quick() -> FitConfig:
         scaffold=ScaffoldConfig(geometry_steps=150),
         # Fewer steps have to go as far; three times faster tears nodes off the surface (dog, train: -1.1 to -1.5 dB of what
         # moves), three times slower leaves errors of their tracks (dog: -1.2).
-        rates=RateConfig(lifetimes=0.05, node_xyz=(5e-4, 1e-5), node_quat=(1e-3, 2e-5)),
+        rates=RateConfig(lifetimes=0.015, node_xyz=(5e-4, 1e-5), node_quat=(1e-3, 2e-5)),
         spawn_static=SpawnConfig(spacing=1.8, max_count=160_000),
         spawn_dynamic=SpawnConfig(spacing=1.8, max_count=40_000, frames=200),
         density_static=DensityConfig(max_count=200_000, every=200),
