@@ -229,7 +229,7 @@ class FitConfig:
     """Node control during the photometric stage."""
     spawn_static: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.6, max_count=240_000))
     """Start of the static set."""
-    spawn_dynamic: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.5, max_count=60_000, frames=200))
+    spawn_dynamic: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.5, max_count=60_000))
     """Start of the dynamic set."""
     density_static: DensityConfig = field(default_factory=lambda: DensityConfig(max_count=300_000))
     """Growth of the static set."""
@@ -314,7 +314,7 @@ def _quick() -> FitConfig:
         # moves), three times slower leaves errors of their tracks (dog: -1.2).
         rates=RateConfig(lifetimes=0.015, node_xyz=(5e-4, 1e-5), node_quat=(1e-3, 2e-5)),
         spawn_static=SpawnConfig(spacing=1.8, max_count=160_000),
-        spawn_dynamic=SpawnConfig(spacing=1.8, max_count=40_000, frames=200),
+        spawn_dynamic=SpawnConfig(spacing=1.8, max_count=40_000),
         density_static=DensityConfig(max_count=200_000, every=200),
         density_dynamic=DensityConfig(max_count=50_000, every=200, gradient=1e-4),
         checkpoint_every=150,

@@ -50,7 +50,7 @@ class SpawnConfig:
     max_count: int = 120_000
     """Room in memory and time: where a clip asks for more Gaussians than this, all of it is covered more thinly."""
     frames: int = 24
-    """At most this many frames, evenly spread, are visited."""
+    """At most this many frames, evenly spread, are visited; of moving objects also those that these leave open."""
 
 
 @dataclass
