@@ -12,7 +12,8 @@ from ..raster import RasterOutput
 from ..scaffold.losses import arap_losses, smoothness_losses
 from .config import FitConfig
 from .frame_data import FrameData, MovingTracks
-from .losses import depth_loss, depth_roughness, rgb_loss
+from .frame_native import FrameMaps
+from .losses import FrameFactors, depth_loss, depth_roughness, frame_losses, rgb_loss
 from .model import SceneModel
 
 TRACK_CLAMP = 20.0
@@ -34,6 +35,8 @@ class Rendered:
     """Channels: rgb; where something moves the alpha of what is dynamic; with a partner, positions (3) at the partner's time."""
     partner: int | None = None
     """The supervised frame whose tracks it is compared with, if any."""
+    step: int = 0
+    """The step for which it was drawn."""
 
     @property
     def rgb(self) -> Tensor:
@@ -85,11 +88,17 @@ def loss_terms(model: SceneModel, tracks: MovingTracks, config: FitConfig) -> tu
     """The terms of a fit, those without weight left out."""
     weights = config.losses
     losses = _Losses(model, tracks, config)
-    terms = [LossTerm("rgb", 1.0, losses.rgb), LossTerm("depth", weights.depth, losses.depth)]
-    terms.append(LossTerm("roughness", config.rough_every * weights.roughness, losses.roughness, config.rough_every))
+    if model.kernels.native:
+        terms = [LossTerm("pixels", 1.0, losses.pixels)]
+    else:
+        terms = [
+            LossTerm("rgb", 1.0, losses.rgb),
+            LossTerm("depth", weights.depth, losses.depth),
+            LossTerm("roughness", config.rough_every * weights.roughness, losses.roughness, config.rough_every),
+            LossTerm("mask", weights.mask if model.dynamic is not None else 0.0, losses.mask),
+        ]
     if model.dynamic is not None:
         terms += [
-            LossTerm("mask", weights.mask, losses.mask),
             LossTerm("track", weights.track, losses.track, config.track_every),
             LossTerm("motion", config.motion_every, losses.motion, config.motion_every),
         ]
@@ -102,6 +111,18 @@ class _Losses:
     model: SceneModel
     tracks: MovingTracks
     config: FitConfig
+
+    def pixels(self, rendered: Rendered) -> Tensor:
+        """The weighted sum of the losses rgb, depth, roughness and mask, by the compiled library."""
+        config, data, frame = self.config, rendered.data, rendered.frame
+        weights, output = config.losses, rendered.output
+        rough = config.rough_every * weights.roughness if rendered.step % config.rough_every == 0 else 0.0
+        return frame_losses(
+            (output.channels, output.depth, output.alpha),
+            FrameMaps(data.rgb[frame], data.depth[frame], data.confidence[frame], data.motion[frame]),
+            FrameFactors(weights.ssim, weights.moving, weights.depth, rough, weights.mask),
+            self.model.kernels.threads,
+        )
 
     def rgb(self, rendered: Rendered) -> Tensor:
         """L1 and SSIM against the frame; moving pixels weigh more, because what moves is small but looked at."""

@@ -2,16 +2,20 @@
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..native.kernels import TORCH, Kernels
+from .frame_native import FrameMaps, FrameWeights, NativeFrameLosses
 from .picture_native import Comparison, NativePictureLoss
 
 # SSIM's stabilising constants for images in [0, 1] (Wang et al. 2004).
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
 SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
+# Composited depth is not divided by less than this.
+MIN_DEPTH = 1e-3
 # Below this many pixels (or this much weight) a masked mean says nothing.
 MIN_WEIGHT = 1e-6
 
@@ -69,6 +73,37 @@ def rgb_loss(image: Tensor, target: Tensor, weight: Tensor, ssim_weight: float, 
     return loss
 
 
+class FrameFactors(NamedTuple):
+    """Weights of the losses of a frame's pixels, as in `LossConfig`."""
+
+    ssim: float
+    moving: float
+    depth: float
+    roughness: float
+    mask: float
+
+
+def frame_losses(
+    rendered: tuple[Tensor, Tensor, Tensor], maps: FrameMaps, factors: FrameFactors, threads: int
+) -> Tensor:
+    """Weighted sum of the losses that compare channels (H,W,C), depth and alpha (H,W) with a frame, by the compiled library.
+
+    Channels are rgb and, with a weight of the mask, the alpha of what moves; others send no gradient. What is compared, and the plain
+    form of each loss, is in `loss_terms`.
+    """
+    step = roughness_step(*maps.prior.shape) if factors.roughness else 0
+    weights = FrameWeights(
+        factors.moving, factors.depth, factors.roughness, factors.mask, step, plain=PLAIN, min_depth=MIN_DEPTH
+    )
+    comparison = Comparison(_window(torch.float32), SSIM_C1, SSIM_C2, factors.ssim, threads)
+    return NativeFrameLosses.apply(*rendered, maps, weights, comparison, MIN_WEIGHT)
+
+
+def roughness_step(height: int, width: int) -> int:
+    """Pixels between two that a bend of the depth compares."""
+    return max(round(min(height, width) / ROUGHNESS_STEPS), 1)
+
+
 def depth_loss(depth: Tensor, alpha: Tensor, prior: Tensor, confidence: Tensor) -> Tensor:
     """Confidence-weighted L1 between inverse depths, in units of the scene's median inverse depth (= 1).
 
@@ -81,7 +116,7 @@ def depth_loss(depth: Tensor, alpha: Tensor, prior: Tensor, confidence: Tensor) 
     weight = torch.where(known, confidence, torch.zeros_like(confidence))
     expected = torch.where(known, prior, torch.ones_like(prior)).reciprocal()
     # a/(sum z a T) is the inverse of the alpha-normalised depth; the floor keeps empty pixels finite.
-    inverse = alpha / depth.clamp_min(1e-3)
+    inverse = alpha / depth.clamp_min(MIN_DEPTH)
     return ((inverse - expected).abs() * weight).sum() / weight.sum().clamp_min(1.0)
 
 
@@ -96,7 +131,7 @@ def depth_roughness(depth: Tensor, alpha: Tensor, image: Tensor, unsure: Tensor)
         unsure: (H,W) in [0,1], how little is known of the depth of a pixel of the background; 0 on what moves, at whose
             outlines surfaces end.
     """
-    inverse, step = alpha / depth.clamp_min(1e-3), max(round(min(image.shape[:2]) / ROUGHNESS_STEPS), 1)
+    inverse, step = alpha / depth.clamp_min(MIN_DEPTH), roughness_step(*image.shape[:2])
     grey, total = image.mean(-1), inverse.new_zeros(())
     for axis in (0, 1):
         texture = _second_difference(*_three(grey, axis, step)).abs()

@@ -52,6 +52,8 @@ class NativePictureLoss(torch.autograd.Function):
             image=image,
             target=target.contiguous(),
             weight=weight.contiguous(),
+            factor=1.0,
+            gradient_stride=channels,
             gradient=gradient,
             **comparison._asdict(),
         )

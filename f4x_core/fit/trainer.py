@@ -220,7 +220,7 @@ class Trainer:
             config=self.raster,
             backend=config.backend,
         )
-        return Rendered(frame, data, output, partner)
+        return Rendered(frame, data, output, partner, self.step)
 
     def _extra_channels(self, means: Tensor, there: Tensor | None) -> Tensor:
         """(N,1) which Gaussians are dynamic; with their positions `there` at another time (N,4), static ones staying put."""

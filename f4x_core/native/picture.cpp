@@ -17,7 +17,9 @@ struct Picture {
     const float* window;            // (11,)
     float c1, c2;
     float structure;                // weight of 1 - SSIM (mean over channels) beside the L1
-    float* gradient;                // (H, W, C); may be null
+    float factor;                   // of the gradient
+    int64_t gradient_stride;        // floats between two pixels of the gradient
+    float* gradient;                // (H, W, gradient_stride) of which the first C are written; may be null
 };
 
 using namespace f4x;
@@ -182,13 +184,13 @@ F4X_TARGET void gradient_row(Plan& plan, int row, float* scratch) {
     }
     const float* image = p.image + int64_t(y) * p.width * p.stride + channel;
     const float* target = p.target + int64_t(y) * p.width * p.channels + channel;
-    float* out = p.gradient + int64_t(y) * p.width * p.channels + channel;
+    float* out = p.gradient + int64_t(y) * p.width * p.gradient_stride + channel;
     const float* weight = p.weight + int64_t(y) * p.width;
-    const float share = p.structure / p.channels;
+    const float share = p.structure / p.channels, factor = p.factor;
     for (int x = 0; x < p.width; ++x) {
         const float a = image[x * p.stride], b = target[x * p.channels];
-        out[x * p.channels] = weight[x] * float((a > b) - (a < b)) +
-                              share * (scratch[x] + 2 * a * scratch[pitch + x] + b * scratch[2 * pitch + x]);
+        out[x * p.gradient_stride] = factor * (weight[x] * float((a > b) - (a < b)) +
+                                               share * (scratch[x] + 2 * a * scratch[pitch + x] + b * scratch[2 * pitch + x]));
     }
 }
 

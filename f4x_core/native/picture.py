@@ -15,7 +15,11 @@ PICTURE = Struct(
         "c1": FLOAT,
         "c2": FLOAT,
         "structure": FLOAT,
-        "gradient": Array("float32", _PIXELS, optional=True, output=True),
+        "factor": FLOAT,
+        "gradient_stride": INT64,
+        "gradient": Array(
+            "float32", _PIXELS, strides=("width*gradient_stride", "gradient_stride", 1), optional=True, output=True
+        ),
     },
 )
 """`struct Picture` of picture.cpp."""
