@@ -54,6 +54,11 @@ class Rendered:
         return self.output.channels[..., 4:7]
 
     @property
+    def compared_channel(self) -> int:
+        """The colour whose structure is compared: each in turn costs no quality, and a third of the time."""
+        return self.step % 3
+
+    @property
     def motion(self) -> Tensor:
         """(H,W) float32 moving score of the frame."""
         return self.data.motion[self.frame].float()
@@ -121,6 +126,7 @@ class _Losses:
             (output.channels, output.depth, output.alpha),
             FrameMaps(data.rgb[frame], data.depth[frame], data.confidence[frame], data.motion[frame]),
             FrameFactors(weights.ssim, weights.moving, weights.depth, rough, weights.mask),
+            rendered.compared_channel,
             self.model.kernels.threads,
         )
 
@@ -129,7 +135,7 @@ class _Losses:
         weights = self.config.losses
         target = rendered.data.rgb[rendered.frame].float() / 255
         attention = 1 + (weights.moving - 1) * rendered.motion  # (H,W)
-        return rgb_loss(rendered.rgb, target, attention, weights.ssim, self.model.kernels)
+        return rgb_loss(rendered.rgb, target, attention, weights.ssim, channel=rendered.compared_channel)
 
     def depth(self, rendered: Rendered) -> Tensor:
         """Inverse depth against the prior's, by its confidence."""

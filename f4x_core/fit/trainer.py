@@ -85,7 +85,7 @@ class Trainer:
 
     def _start_optimisers(self) -> None:
         config, model = self.config, self.model
-        self.optimisers = {name: SetOptimiser(own, self._rates(name)) for name, own in model.sets()}
+        self.optimisers = {name: SetOptimiser(own, self._rates(name), model.kernels) for name, own in model.sets()}
         densities = {"static": config.density_static, "dynamic": config.density_dynamic}
         self.controls = {
             name: DensityControl(optimiser, densities[name], config.steps)

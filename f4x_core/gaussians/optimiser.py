@@ -1,11 +1,14 @@
 """Adam over a Gaussian set, whose moments stay aligned when Gaussians are added or removed."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from ..native.adam import ADAM, F4X_ADAM
+from ..native.kernels import TORCH, Kernels
 from .parameters import GaussianSet
 
 # 3DGS uses this instead of Adam's 1e-8: many gradients are far smaller than that.
@@ -15,9 +18,9 @@ ADAM_EPSILON = 1e-15
 class SetOptimiser:
     """`torch.optim.Adam` with one group per named tensor, and the only place where rows are added or removed."""
 
-    def __init__(self, gaussians: GaussianSet, rates: dict[str, float]):
-        """Optimise `gaussians.parameters`; `rates` names the learning rate of each tensor."""
-        self.gaussians = gaussians
+    def __init__(self, gaussians: GaussianSet, rates: dict[str, float], kernels: Kernels = TORCH):
+        """Optimise `gaussians.parameters`; `rates` names the learning rate of each tensor, `kernels` what computes a step."""
+        self.gaussians, self.kernels = gaussians, kernels
         groups = [
             {"params": [tensor], "lr": rates[name], "name": name} for name, tensor in gaussians.parameters.items()
         ]
@@ -34,12 +37,46 @@ class SetOptimiser:
         Rates of places are those at depth 1: a Gaussian is moved by its `reach` times as much, so that all move equally far in
         the picture. In world units what is near would shake by pixels while what is far stands still.
         """
+        if self.kernels.native:
+            self._native_step()
+            return
         place = self.gaussians.parameters[self.place]
         before = place.detach().clone()
         self.adam.step()
         with torch.no_grad():
             place.copy_(torch.lerp(before, place, self.gaussians.labels["reach"][:, None]))
         self.adam.zero_grad(set_to_none=True)
+
+    def _native_step(self) -> None:
+        """The same by the compiled library, which leaves its state in `adam`."""
+        reach = self.gaussians.labels["reach"]
+        for group in self.adam.param_groups:
+            value = group["params"][0]
+            if value.grad is None:
+                continue
+            state = self.adam.state[value]
+            if not state:
+                state["step"] = torch.zeros(())
+                state["exp_avg"], state["exp_avg_sq"] = (torch.zeros_like(value) for _ in range(2))
+            state["step"] += 1
+            step, (first, second) = int(state["step"]), group["betas"]
+            rows, arrays = len(value), (value.detach(), value.grad, state["exp_avg"], state["exp_avg_sq"])
+            if value.numel():
+                flat = dict(zip(("value", "gradient", "mean", "square"), (a.view(rows, -1) for a in arrays), strict=True))
+                problem = ADAM(
+                    rows=rows,
+                    width=value.numel() // rows,
+                    threads=self.kernels.threads,
+                    rate=group["lr"] / (1 - first**step),
+                    root_correction=math.sqrt(1 - second**step),
+                    keep_mean=first,
+                    keep_square=second,
+                    epsilon=group["eps"],
+                    reach=reach if group["name"] == self.place else None,
+                    **flat,
+                )
+                F4X_ADAM(problem)
+            value.grad = None
 
     @property
     def place(self) -> str:
