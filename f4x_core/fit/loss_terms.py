@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from ..raster import RasterOutput
-from ..scaffold.losses import arap_losses, smoothness_losses
+from ..scaffold.losses import motion_loss
+from ..scaffold.motion_native import MotionWeights
 from .config import FitConfig
 from .frame_data import FrameData, MovingTracks
 from .frame_native import FrameMaps
@@ -180,13 +181,12 @@ class _Losses:
         nodes, frame, reach = model.nodes, rendered.frame, max(config.shifts)
         assert nodes is not None
         window = slice(max(0, frame - reach), frame + reach + 1)
-        xyz, quat = nodes.parameters["node_xyz"][window], nodes.quat[window]
-        coordinate, length = arap_losses(xyz, quat, nodes.edges, config.shifts, config.shift_weights, model.kernels)
-        smooth = smoothness_losses(xyz, quat, torch.from_numpy(model.times[window]))
-        loss = w.arap_coordinate * coordinate + w.arap_length * length
-        loss = loss + w.velocity * smooth.velocity + w.acceleration * smooth.acceleration
-        loss = loss + w.rotation_velocity * smooth.angular_velocity
-        loss = loss + w.rotation_acceleration * smooth.angular_acceleration
+        weights = MotionWeights(
+            w.arap_coordinate, w.arap_length, w.velocity, w.acceleration, w.rotation_velocity, w.rotation_acceleration
+        )
+        poses = (nodes.parameters[name][window] for name in ("node_xyz", "node_quat"))
+        times, shifts = torch.from_numpy(model.times[window]), dict(zip(config.shifts, config.shift_weights, strict=True))
+        loss = motion_loss(*poses, times, nodes.edges, shifts, weights, model.kernels)
         if model.dynamic is not None and model.dynamic.use_dw:
             loss = loss + w.dw * model.dynamic.parameters["dw"].abs().mean()
         return loss

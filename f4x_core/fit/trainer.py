@@ -17,6 +17,7 @@ from torch import Tensor
 from ..clip import Clip
 from ..errors import Cancelled
 from ..gaussians import DensityControl, SetOptimiser
+from ..gaussians.optimiser import native_step
 from ..geometry.arrays import evenly_spaced
 from ..geometry.spherical_harmonics import degree_of
 from ..priors import Priors
@@ -165,8 +166,11 @@ class Trainer:
         self._record_gradients(offset, rendered)
         for optimiser in self.optimisers.values():
             optimiser.step()
-        self.shared.step()
-        self.shared.zero_grad(set_to_none=True)
+        if self.model.kernels.native:
+            native_step(self.shared, self.model.kernels.threads)
+        else:
+            self.shared.step()
+            self.shared.zero_grad(set_to_none=True)
         self.loss = float(loss.detach())
         self._act(Moment.OPTIMISED)
         self.step += 1

@@ -1,7 +1,7 @@
 """Adam over a Gaussian set, whose moments stay aligned when Gaussians are added or removed."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
@@ -38,7 +38,7 @@ class SetOptimiser:
         the picture. In world units what is near would shake by pixels while what is far stands still.
         """
         if self.kernels.native:
-            self._native_step()
+            native_step(self.adam, self.kernels.threads, {self.place: self.gaussians.labels["reach"]})
             return
         place = self.gaussians.parameters[self.place]
         before = place.detach().clone()
@@ -46,37 +46,6 @@ class SetOptimiser:
         with torch.no_grad():
             place.copy_(torch.lerp(before, place, self.gaussians.labels["reach"][:, None]))
         self.adam.zero_grad(set_to_none=True)
-
-    def _native_step(self) -> None:
-        """The same by the compiled library, which leaves its state in `adam`."""
-        reach = self.gaussians.labels["reach"]
-        for group in self.adam.param_groups:
-            value = group["params"][0]
-            if value.grad is None:
-                continue
-            state = self.adam.state[value]
-            if not state:
-                state["step"] = torch.zeros(())
-                state["exp_avg"], state["exp_avg_sq"] = (torch.zeros_like(value) for _ in range(2))
-            state["step"] += 1
-            step, (first, second) = int(state["step"]), group["betas"]
-            rows, arrays = len(value), (value.detach(), value.grad, state["exp_avg"], state["exp_avg_sq"])
-            if value.numel():
-                flat = dict(zip(("value", "gradient", "mean", "square"), (a.view(rows, -1) for a in arrays), strict=True))
-                problem = ADAM(
-                    rows=rows,
-                    width=value.numel() // rows,
-                    threads=self.kernels.threads,
-                    rate=group["lr"] / (1 - first**step),
-                    root_correction=math.sqrt(1 - second**step),
-                    keep_mean=first,
-                    keep_square=second,
-                    epsilon=group["eps"],
-                    reach=reach if group["name"] == self.place else None,
-                    **flat,
-                )
-                F4X_ADAM(problem)
-            value.grad = None
 
     @property
     def place(self) -> str:
@@ -130,6 +99,41 @@ class SetOptimiser:
             if added is not None:
                 values = torch.cat([values, added[name].detach()])
             self.gaussians.parameters[name] = replace_parameter(self.adam, group, values, change_moment)
+
+
+def native_step(adam: torch.optim.Adam, threads: int, reach: Mapping[str, Tensor] | None = None) -> None:
+    """`adam.step()` by the compiled library, then forget the gradients; float32 on the CPU, groups of one named tensor.
+
+    `reach`: by the name of a tensor, (N,) factors by which its rows move.
+    """
+    for group in adam.param_groups:
+        value = group["params"][0]
+        gradient, value.grad = value.grad, None
+        if gradient is None:
+            continue
+        state = adam.state[value]
+        if not state:
+            state["step"] = torch.zeros(())
+            state["exp_avg"], state["exp_avg_sq"] = (torch.zeros_like(value) for _ in range(2))
+        state["step"] += 1
+        if not value.numel():
+            continue
+        step, (first, second), rows = int(state["step"]), group["betas"], len(value)
+        arrays = value.detach(), gradient.contiguous(), state["exp_avg"], state["exp_avg_sq"]
+        flat = zip(("value", "gradient", "mean", "square"), (each.view(rows, -1) for each in arrays), strict=True)
+        problem = ADAM(
+            rows=rows,
+            width=value.numel() // rows,
+            threads=threads,
+            rate=group["lr"] / (1 - first**step),
+            root_correction=math.sqrt(1 - second**step),
+            keep_mean=first,
+            keep_square=second,
+            epsilon=group["eps"],
+            reach=reach.get(group["name"]) if reach else None,
+            **dict(flat),
+        )
+        F4X_ADAM(problem)
 
 
 def replace_parameter(

@@ -137,23 +137,25 @@ F4X_TARGET Sums prepare_row(const Plan& plan, int row) {
     float *inverse = plan.row(plan.inverse, row), *known = plan.row(plan.known, row), *terms = plan.row(plan.terms, row);
     float *attention = p.attention + first, *target = p.target + 3 * first;
     for (int x = 0; x < 3 * p.width; ++x) target[x] = frame[x] / 255.0f;
-    for (int x = 0; x < p.width; ++x) attention[x] = 1 + (p.moving - 1) * number(motion[x]);
+    float* score = plan.row(plan.across, row);  // until the bends are worked out
+    for (int x = 0; x < p.width; ++x) score[x] = number(motion[x]);
+    for (int x = 0; x < p.width; ++x) attention[x] = 1 + (p.moving - 1) * score[x];
     for (int x = 0; x < p.width; ++x) inverse[x] = alpha[x] / maximum(depth[x], p.min_depth);
     for (int x = 0; x < p.width; ++x) known[x] = (prior[x] > 0) & (prior[x] <= FLT_MAX) ? number(confidence[x]) : 0.0f;
     if (p.step) {
         float *grey = plan.row(plan.grey, row), *unsure = plan.row(plan.unsure, row);
         for (int x = 0; x < p.width; ++x) grey[x] = (target[3 * x] + target[3 * x + 1] + target[3 * x + 2]) / 3;
-        for (int x = 0; x < p.width; ++x) unsure[x] = (1 - number(confidence[x])) * (1 - number(motion[x]));
+        for (int x = 0; x < p.width; ++x) unsure[x] = (1 - number(confidence[x])) * (1 - score[x]);
     }
     const float factor = p.alpha_factor / (float(p.height) * float(p.width));
     float* d_image = p.d_image + first * p.channels;
     const float* image = p.image + first * p.channels;
-    for (int x = 0; x < p.width; ++x)
-        for (int c = 3; c < p.channels; ++c) d_image[x * p.channels + c] = 0;
     const bool parted = p.channels > 3 && factor != 0;
+    for (int c = parted ? 4 : 3; c < p.channels; ++c)
+        for (int x = 0; x < p.width; ++x) d_image[x * p.channels + c] = 0;
     for (int x = 0; parted && x < p.width; ++x) {
-        const float score = number(motion[x]), error = image[x * p.channels + 3] - float(score > 0.5f);
-        const float weight = factor * std::abs(2 * score - 1);
+        const float error = image[x * p.channels + 3] - float(score[x] > 0.5f);
+        const float weight = factor * std::abs(2 * score[x] - 1);
         terms[x] = weight * std::abs(error);
         d_image[x * p.channels + 3] = weight * sign(error);
     }

@@ -120,23 +120,32 @@ F4X_HOT void blur_down(const float* window, const float* maps, int pitch, int ch
     }
 }
 
-// Weighted L1 over channels of a row of pixels; writes its gradient.
-F4X_TARGET double apart_row(Plan& plan, int y, float* scratch) {
-    const Picture& p = plan.p;
+// Weighted L1 over channels of a row of pixels; writes its gradient. CHANNELS = 0 for any number.
+template <int CHANNELS>
+F4X_HOT void apart(const Picture& p, int y, float* terms) {
+    const int channels = CHANNELS ? CHANNELS : p.channels;
     const float* image = p.image + int64_t(y) * p.width * p.stride;
     const float* target = p.target + int64_t(y) * p.width * p.channels;
     const float* weight = p.weight + int64_t(y) * p.width;
     float* out = p.gradient ? p.gradient + int64_t(y) * p.width * p.gradient_stride : nullptr;
-    for (int x = 0; x < p.width; ++x) {
+    const int64_t stride = p.stride, out_stride = p.gradient_stride;
+    const int width = p.width;
+    const float factor = p.factor;
+    for (int x = 0; x < width; ++x) {
+        const float by = factor * weight[x];
         float sum = 0;
-        for (int c = 0; c < p.channels; ++c) sum += std::abs(image[x * p.stride + c] - target[x * p.channels + c]);
-        scratch[x] = weight[x] * sum;
-    }
-    for (int x = 0; out && x < p.width; ++x)
-        for (int c = 0; c < p.channels; ++c) {
-            const float a = image[x * p.stride + c], b = target[x * p.channels + c];
-            out[x * p.gradient_stride + c] = p.factor * weight[x] * float((a > b) - (a < b));
+        for (int c = 0; c < channels; ++c) {
+            const float difference = image[x * stride + c] - target[x * channels + c];
+            sum += std::abs(difference);
+            if (out) out[x * out_stride + c] = by * float((difference > 0) - (difference < 0));  // without a branch
         }
+        terms[x] = weight[x] * sum;
+    }
+}
+
+F4X_TARGET double apart_row(Plan& plan, int y, float* scratch) {
+    const Picture& p = plan.p;
+    p.channels == 3 ? apart<3>(p, y, scratch) : apart<0>(p, y, scratch);
     std::fill(scratch + p.width, scratch + (p.width + 7) / 8 * 8, 0.0f);
     f8 total = broadcast(0.0f);
     for (int x = 0; x < p.width; x += 8) total += load(scratch + x);
