@@ -55,11 +55,6 @@ class Rendered:
         return self.output.channels[..., 4:7]
 
     @property
-    def compared_channel(self) -> int:
-        """The colour whose structure is compared: each in turn costs no quality, and a third of the time."""
-        return self.step % 3
-
-    @property
     def motion(self) -> Tensor:
         """(H,W) float32 moving score of the frame."""
         return self.data.motion[self.frame].float()
@@ -127,7 +122,7 @@ class _Losses:
             (output.channels, output.depth, output.alpha),
             FrameMaps(data.rgb[frame], data.depth[frame], data.confidence[frame], data.motion[frame]),
             FrameFactors(weights.ssim, weights.moving, weights.depth, rough, weights.mask),
-            rendered.compared_channel,
+            self._compared_channel(rendered),
             self.model.kernels.threads,
         )
 
@@ -136,7 +131,11 @@ class _Losses:
         weights = self.config.losses
         target = rendered.data.rgb[rendered.frame].float() / 255
         attention = 1 + (weights.moving - 1) * rendered.motion  # (H,W)
-        return rgb_loss(rendered.rgb, target, attention, weights.ssim, channel=rendered.compared_channel)
+        return rgb_loss(rendered.rgb, target, attention, weights.ssim, channel=self._compared_channel(rendered))
+
+    def _compared_channel(self, rendered: Rendered) -> int | None:
+        """The colour whose structure is compared, None for all."""
+        return rendered.step % 3 if self.config.structure_in_turn else None
 
     def depth(self, rendered: Rendered) -> Tensor:
         """Inverse depth against the prior's, by its confidence."""
@@ -184,9 +183,12 @@ class _Losses:
         weights = MotionWeights(
             w.arap_coordinate, w.arap_length, w.velocity, w.acceleration, w.rotation_velocity, w.rotation_acceleration
         )
-        poses = (nodes.parameters[name][window] for name in ("node_xyz", "node_quat"))
-        times, shifts = torch.from_numpy(model.times[window]), dict(zip(config.shifts, config.shift_weights, strict=True))
-        loss = motion_loss(*poses, times, nodes.edges, shifts, weights, model.kernels)
+        xyz, quat = (nodes.parameters[name][window] for name in ("node_xyz", "node_quat"))
+        times, shifts = (
+            torch.from_numpy(model.times[window]),
+            dict(zip(config.shifts, config.shift_weights, strict=True)),
+        )
+        loss = motion_loss(xyz, quat, times, nodes.edges, shifts, weights, model.kernels)
         if model.dynamic is not None and model.dynamic.use_dw:
             loss = loss + w.dw * model.dynamic.parameters["dw"].abs().mean()
         return loss

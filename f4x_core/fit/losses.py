@@ -94,18 +94,20 @@ class FrameFactors(NamedTuple):
 
 
 def frame_losses(
-    rendered: tuple[Tensor, Tensor, Tensor], maps: FrameMaps, factors: FrameFactors, channel: int, threads: int
+    rendered: tuple[Tensor, Tensor, Tensor], maps: FrameMaps, factors: FrameFactors, channel: int | None, threads: int
 ) -> Tensor:
     """Weighted sum of the losses that compare channels (H,W,C), depth and alpha (H,W) with a frame, by the compiled library.
 
-    Channels are rgb and, with a weight of the mask, the alpha of what moves; others send no gradient. What is compared, and the plain
-    form of each loss, is in `loss_terms`.
+    Channels are rgb and, with a weight of the mask, the alpha of what moves; others send no gradient. SSIM is that of one
+    `channel`, or its mean. What is compared, and the plain form of each loss, is in `loss_terms`.
     """
     step = roughness_step(*maps.prior.shape) if factors.roughness else 0
     weights = FrameWeights(
         factors.moving, factors.depth, factors.roughness, factors.mask, step, plain=PLAIN, min_depth=MIN_DEPTH
     )
-    comparison = Comparison(_window(torch.float32), SSIM_C1, SSIM_C2, factors.ssim, threads, channel)
+    comparison = Comparison(
+        _window(torch.float32), SSIM_C1, SSIM_C2, factors.ssim, threads, -1 if channel is None else channel
+    )
     return NativeFrameLosses.apply(*rendered, maps, weights, comparison, MIN_WEIGHT)
 
 

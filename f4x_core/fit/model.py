@@ -27,12 +27,11 @@ from ..scaffold.losses import ArapEdges
 from ..scaffold.radius import RadiusConfig, radius_from_logit, radius_to_logit
 from ..scaffold.skinning import Kernel
 
-
 SMALL_ANGLE = 1e-2
 """Radians below which a series replaces the quotients of a rotation's derivative."""
 
 
-class _Corrected(torch.autograd.Function):
+class CorrectedView(torch.autograd.Function):
     """A world_to_camera matrix (4,4) turned by a rotation vector (3,) and moved by a position (3,), both in the camera frame.
 
     In numpy: two dozen operators of torch on a few numbers each, and their gradients, are several per cent of a step.
@@ -88,7 +87,7 @@ class CameraRig:
     def view(self, frame: int) -> Tensor:
         """(4,4) world_to_camera of supervised frame `frame`, float32, differentiable."""
         own = (self.parameters[name][frame] for name in ("camera_rotation", "camera_position"))
-        return _Corrected.apply(*own, self.base[frame])
+        return CorrectedView.apply(*own, self.base[frame])
 
     def intrinsics(self, frame: int, width: int, height: int) -> Tensor:
         """(3,3) intrinsics in pixels of the frame resampled to width x height."""

@@ -31,8 +31,8 @@ class Comparison(NamedTuple):
 class NativePictureLoss(torch.autograd.Function):
     """Sum over pixels of `weight` (H,W) times the L1 over channels and `structure` (1 - SSIM) of two images (H,W,C).
 
-    SSIM is its mean over channels, or that of one. The gradient to the image is made on the way, because the result is a scalar; there is
-    none to the target.
+    SSIM is its mean over channels, or that of one. The gradient to the image is made on the way, because the result is a
+    scalar; there is none to the target.
     """
 
     @staticmethod

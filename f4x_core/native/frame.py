@@ -23,4 +23,6 @@ FRAME = Struct(
     },
 )
 """`struct Frame` of frame.cpp."""
-F4X_FRAME_LOSSES = Function("f4x_frame_losses", {"problem": FRAME, "losses": Array("float64", (2,), output=True)}, INT32)
+F4X_FRAME_LOSSES = Function(
+    "f4x_frame_losses", {"problem": FRAME, "losses": Array("float64", (2,), output=True)}, INT32
+)

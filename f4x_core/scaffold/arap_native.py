@@ -12,9 +12,8 @@ from torch.autograd.function import once_differentiable
 from ..errors import F4xError
 from ..native.arap import ARAP, F4X_ARAP
 
-
 Edges = tuple[Tensor, Tensor, Tensor, int]
-"""Node, neighbour and weight of each edge, and how many of them come before those that send no gradient to the neighbour's position."""
+"""Node, neighbour and weight of each edge, and how many come before those that send no gradient to the neighbour's position."""
 Pairs = Sequence[tuple[int, float]]
 """Frame distances and their factors."""
 
@@ -49,7 +48,9 @@ def arap(xyz: Tensor, axes: Tensor, edges: Edges, pairs: Pairs) -> tuple[Tensor,
         **gradients,
     )
     if F4X_ARAP(problem):
-        raise F4xError(f"The scaffold ran out of memory at {xyz.shape[1]} nodes: give fewer by --set scaffold.max_nodes.")
+        raise F4xError(
+            f"The scaffold ran out of memory at {xyz.shape[1]} nodes: give fewer by --set scaffold.max_nodes."
+        )
     return losses, gradients
 
 
