@@ -162,16 +162,21 @@ def exercise_with_torch() -> None:
     """Call the colours, the picture loss and the losses of the scaffold, forward and backward."""
     import torch
 
-    from f4x_core.fit.losses import rgb_loss
+    from f4x_core.fit.frame_native import FrameMaps
+    from f4x_core.fit.losses import FrameFactors, frame_losses, rgb_loss
     from f4x_core.gaussians import appearance
+    from f4x_core.gaussians.optimiser import native_step
     from f4x_core.native.kernels import Kernels
-    from f4x_core.scaffold.losses import ArapEdges, arap_losses
+    from f4x_core.scaffold.losses import ArapEdges, arap_losses, motion_loss
+    from f4x_core.scaffold.motion_native import MotionWeights
 
     for frames in (2, 7, 8, 9, 40):
         edges = ArapEdges.build(np.arange(12).reshape(4, 3) % 4, np.ones((4, 3), bool))
         xyz, quat = (torch.randn(frames, 4, axes, requires_grad=True) for axes in (3, 4))
         coordinate, length = arap_losses(xyz, quat, edges, (1, 5, 8), (0.3, 0.3, 0.4), Kernels(True))
         (coordinate + length).backward()
+        weights, times = MotionWeights(1, 1, 1, 1, 1, 1), torch.arange(frames)
+        motion_loss(xyz, quat, times, edges, {1: 0.3, 5: 0.3, 8: 0.4}, weights, Kernels(True)).backward()
     for threads in (1, 4):
         for coefficients in (1, 4, 9, 16):
             for count in (1, 9, 3000):
@@ -182,6 +187,15 @@ def exercise_with_torch() -> None:
             image = torch.rand(height, width, 4, requires_grad=True)
             target, weight = torch.rand(height, width, 3), torch.rand(height, width)
             rgb_loss(image[..., :3], target, weight, 0.3, Kernels(True, threads)).backward()
+            depth, alpha = (torch.rand(height, width, requires_grad=True) for _ in range(2))
+            scores = torch.rand(2, height, width).half()
+            maps = FrameMaps((255 * target).byte(), torch.rand(height, width), *scores)
+            frame_losses((image, depth, alpha), maps, FrameFactors(0.3, 3, 1, 1, 1), 2, threads).backward()
+        for shape in ((1,), (9, 3), (3000, 1, 3), (700, 15, 3)):
+            value = torch.randn(shape, requires_grad=True)
+            adam = torch.optim.Adam([{"params": [value], "name": "means"}])
+            value.square().sum().backward()
+            native_step(adam, threads, {"means": torch.rand(len(value))} if len(shape) == 2 else None)
 
 
 def _view(rng: np.random.Generator, count: int, channels: int, size: tuple[int, int], threads: int) -> RasterInput:

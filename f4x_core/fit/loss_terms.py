@@ -9,10 +9,12 @@ import torch
 from torch import Tensor
 
 from ..raster import RasterOutput
-from ..scaffold.losses import arap_losses, smoothness_losses
+from ..scaffold.losses import motion_loss
+from ..scaffold.motion_native import MotionWeights
 from .config import FitConfig
 from .frame_data import FrameData, MovingTracks
-from .losses import depth_loss, depth_roughness, rgb_loss
+from .frame_native import FrameMaps
+from .losses import FrameFactors, depth_loss, depth_roughness, frame_losses, rgb_loss
 from .model import SceneModel
 
 TRACK_CLAMP = 20.0
@@ -34,6 +36,8 @@ class Rendered:
     """Channels: rgb; where something moves the alpha of what is dynamic; with a partner, positions (3) at the partner's time."""
     partner: int | None = None
     """The supervised frame whose tracks it is compared with, if any."""
+    step: int = 0
+    """The step for which it was drawn."""
 
     @property
     def rgb(self) -> Tensor:
@@ -85,11 +89,17 @@ def loss_terms(model: SceneModel, tracks: MovingTracks, config: FitConfig) -> tu
     """The terms of a fit, those without weight left out."""
     weights = config.losses
     losses = _Losses(model, tracks, config)
-    terms = [LossTerm("rgb", 1.0, losses.rgb), LossTerm("depth", weights.depth, losses.depth)]
-    terms.append(LossTerm("roughness", config.rough_every * weights.roughness, losses.roughness, config.rough_every))
+    if model.kernels.native:
+        terms = [LossTerm("pixels", 1.0, losses.pixels)]
+    else:
+        terms = [
+            LossTerm("rgb", 1.0, losses.rgb),
+            LossTerm("depth", weights.depth, losses.depth),
+            LossTerm("roughness", config.rough_every * weights.roughness, losses.roughness, config.rough_every),
+            LossTerm("mask", weights.mask if model.dynamic is not None else 0.0, losses.mask),
+        ]
     if model.dynamic is not None:
         terms += [
-            LossTerm("mask", weights.mask, losses.mask),
             LossTerm("track", weights.track, losses.track, config.track_every),
             LossTerm("motion", config.motion_every, losses.motion, config.motion_every),
         ]
@@ -103,12 +113,29 @@ class _Losses:
     tracks: MovingTracks
     config: FitConfig
 
+    def pixels(self, rendered: Rendered) -> Tensor:
+        """The weighted sum of the losses rgb, depth, roughness and mask, by the compiled library."""
+        config, data, frame = self.config, rendered.data, rendered.frame
+        weights, output = config.losses, rendered.output
+        rough = config.rough_every * weights.roughness if rendered.step % config.rough_every == 0 else 0.0
+        return frame_losses(
+            (output.channels, output.depth, output.alpha),
+            FrameMaps(data.rgb[frame], data.depth[frame], data.confidence[frame], data.motion[frame]),
+            FrameFactors(weights.ssim, weights.moving, weights.depth, rough, weights.mask),
+            self._compared_channel(rendered),
+            self.model.kernels.threads,
+        )
+
     def rgb(self, rendered: Rendered) -> Tensor:
         """L1 and SSIM against the frame; moving pixels weigh more, because what moves is small but looked at."""
         weights = self.config.losses
         target = rendered.data.rgb[rendered.frame].float() / 255
         attention = 1 + (weights.moving - 1) * rendered.motion  # (H,W)
-        return rgb_loss(rendered.rgb, target, attention, weights.ssim, self.model.kernels)
+        return rgb_loss(rendered.rgb, target, attention, weights.ssim, channel=self._compared_channel(rendered))
+
+    def _compared_channel(self, rendered: Rendered) -> int | None:
+        """The colour whose structure is compared, None for all."""
+        return rendered.step % 3 if self.config.structure_in_turn else None
 
     def depth(self, rendered: Rendered) -> Tensor:
         """Inverse depth against the prior's, by its confidence."""
@@ -153,13 +180,15 @@ class _Losses:
         nodes, frame, reach = model.nodes, rendered.frame, max(config.shifts)
         assert nodes is not None
         window = slice(max(0, frame - reach), frame + reach + 1)
-        xyz, quat = nodes.parameters["node_xyz"][window], nodes.quat[window]
-        coordinate, length = arap_losses(xyz, quat, nodes.edges, config.shifts, config.shift_weights, model.kernels)
-        smooth = smoothness_losses(xyz, quat, torch.from_numpy(model.times[window]))
-        loss = w.arap_coordinate * coordinate + w.arap_length * length
-        loss = loss + w.velocity * smooth.velocity + w.acceleration * smooth.acceleration
-        loss = loss + w.rotation_velocity * smooth.angular_velocity
-        loss = loss + w.rotation_acceleration * smooth.angular_acceleration
+        weights = MotionWeights(
+            w.arap_coordinate, w.arap_length, w.velocity, w.acceleration, w.rotation_velocity, w.rotation_acceleration
+        )
+        xyz, quat = (nodes.parameters[name][window] for name in ("node_xyz", "node_quat"))
+        times, shifts = (
+            torch.from_numpy(model.times[window]),
+            dict(zip(config.shifts, config.shift_weights, strict=True)),
+        )
+        loss = motion_loss(xyz, quat, times, nodes.edges, shifts, weights, model.kernels)
         if model.dynamic is not None and model.dynamic.use_dw:
             loss = loss + w.dw * model.dynamic.parameters["dw"].abs().mean()
         return loss

@@ -2,16 +2,20 @@
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..native.kernels import TORCH, Kernels
+from .frame_native import FrameMaps, FrameWeights, NativeFrameLosses
 from .picture_native import Comparison, NativePictureLoss
 
 # SSIM's stabilising constants for images in [0, 1] (Wang et al. 2004).
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
 SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
+# Composited depth is not divided by less than this.
+MIN_DEPTH = 1e-3
 # Below this many pixels (or this much weight) a masked mean says nothing.
 MIN_WEIGHT = 1e-6
 
@@ -53,20 +57,63 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
     return luminance * (2 * covariance + SSIM_C2) / (squares - mean_squares + SSIM_C2)
 
 
-def rgb_loss(image: Tensor, target: Tensor, weight: Tensor, ssim_weight: float, kernels: Kernels = TORCH) -> Tensor:
+def rgb_loss(
+    image: Tensor,
+    target: Tensor,
+    weight: Tensor,
+    ssim_weight: float,
+    kernels: Kernels = TORCH,
+    channel: int | None = None,
+) -> Tensor:
     """L1 (summed over channels) + `ssim_weight` * (1 - SSIM), both averaged over pixels with `weight` (H,W).
 
-    Images (H,W,3) in [0,1]. The compiled library compares them where `kernels` say so (float32 on the CPU).
+    Images (H,W,3) in [0,1]. SSIM is its mean over channels, or that of one `channel`. The compiled library compares them where
+    `kernels` say so (float32 on the CPU).
     """
     if kernels.native and ssim_weight:
-        comparison = Comparison(_window(image.dtype), SSIM_C1, SSIM_C2, ssim_weight, kernels.threads)
+        compared = -1 if channel is None else channel
+        comparison = Comparison(_window(image.dtype), SSIM_C1, SSIM_C2, ssim_weight, kernels.threads, compared)
         total = NativePictureLoss.apply(image, target, weight, comparison)
         return total / weight.sum().clamp_min(MIN_WEIGHT)
     loss = masked_l1(image, target, weight)
     if ssim_weight:
-        unlike = ((1 - ssim_map(image, target).mean(0)) * weight).sum()
+        channels = slice(None) if channel is None else slice(channel, channel + 1)
+        unlike = ((1 - ssim_map(image[..., channels], target[..., channels]).mean(0)) * weight).sum()
         loss = loss + ssim_weight * unlike / weight.sum().clamp_min(MIN_WEIGHT)
     return loss
+
+
+class FrameFactors(NamedTuple):
+    """Weights of the losses of a frame's pixels, as in `LossConfig`."""
+
+    ssim: float
+    moving: float
+    depth: float
+    roughness: float
+    mask: float
+
+
+def frame_losses(
+    rendered: tuple[Tensor, Tensor, Tensor], maps: FrameMaps, factors: FrameFactors, channel: int | None, threads: int
+) -> Tensor:
+    """Weighted sum of the losses that compare channels (H,W,C), depth and alpha (H,W) with a frame, by the compiled library.
+
+    Channels are rgb and, with a weight of the mask, the alpha of what moves; others send no gradient. SSIM is that of one
+    `channel`, or its mean. What is compared, and the plain form of each loss, is in `loss_terms`.
+    """
+    step = roughness_step(*maps.prior.shape) if factors.roughness else 0
+    weights = FrameWeights(
+        factors.moving, factors.depth, factors.roughness, factors.mask, step, plain=PLAIN, min_depth=MIN_DEPTH
+    )
+    comparison = Comparison(
+        _window(torch.float32), SSIM_C1, SSIM_C2, factors.ssim, threads, -1 if channel is None else channel
+    )
+    return NativeFrameLosses.apply(*rendered, maps, weights, comparison, MIN_WEIGHT)
+
+
+def roughness_step(height: int, width: int) -> int:
+    """Pixels between two that a bend of the depth compares."""
+    return max(round(min(height, width) / ROUGHNESS_STEPS), 1)
 
 
 def depth_loss(depth: Tensor, alpha: Tensor, prior: Tensor, confidence: Tensor) -> Tensor:
@@ -81,7 +128,7 @@ def depth_loss(depth: Tensor, alpha: Tensor, prior: Tensor, confidence: Tensor) 
     weight = torch.where(known, confidence, torch.zeros_like(confidence))
     expected = torch.where(known, prior, torch.ones_like(prior)).reciprocal()
     # a/(sum z a T) is the inverse of the alpha-normalised depth; the floor keeps empty pixels finite.
-    inverse = alpha / depth.clamp_min(1e-3)
+    inverse = alpha / depth.clamp_min(MIN_DEPTH)
     return ((inverse - expected).abs() * weight).sum() / weight.sum().clamp_min(1.0)
 
 
@@ -96,7 +143,7 @@ def depth_roughness(depth: Tensor, alpha: Tensor, image: Tensor, unsure: Tensor)
         unsure: (H,W) in [0,1], how little is known of the depth of a pixel of the background; 0 on what moves, at whose
             outlines surfaces end.
     """
-    inverse, step = alpha / depth.clamp_min(1e-3), max(round(min(image.shape[:2]) / ROUGHNESS_STEPS), 1)
+    inverse, step = alpha / depth.clamp_min(MIN_DEPTH), roughness_step(*image.shape[:2])
     grey, total = image.mean(-1), inverse.new_zeros(())
     for axis in (0, 1):
         texture = _second_difference(*_three(grey, axis, step)).abs()

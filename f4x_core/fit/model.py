@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from ..gaussians import DynamicGaussians, StaticGaussians, appearance
 from ..geometry import quaternion
@@ -25,6 +26,44 @@ from ..scaffold.graph import GraphConfig, multilevel_edges
 from ..scaffold.losses import ArapEdges
 from ..scaffold.radius import RadiusConfig, radius_from_logit, radius_to_logit
 from ..scaffold.skinning import Kernel
+
+SMALL_ANGLE = 1e-2
+"""Radians below which a series replaces the quotients of a rotation's derivative."""
+
+
+class CorrectedView(torch.autograd.Function):
+    """A world_to_camera matrix (4,4) turned by a rotation vector (3,) and moved by a position (3,), both in the camera frame.
+
+    In numpy: two dozen operators of torch on a few numbers each, and their gradients, are several per cent of a step.
+    """
+
+    @staticmethod
+    def forward(ctx, rotation: Tensor, position: Tensor, base: Tensor) -> Tensor:
+        """The corrected matrix, in the precision of `base`, which has no gradient."""
+        vector, before = rotation.detach().numpy().astype(float), base.numpy()[:3].astype(float)  # (3,), (3,4)
+        turn = quaternion.to_matrix(quaternion.from_rotation_vector(vector))
+        after = base.numpy().copy()
+        after[:3] = turn @ before
+        after[:3, 3] += position.detach().numpy()
+        ctx.vector, ctx.turned = vector, turn @ before
+        return torch.from_numpy(after)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, sent: Tensor) -> Any:
+        """Gradients of the rotation vector and the position."""
+        slope = sent.numpy()[:3].astype(float)
+        a = slope @ ctx.turned.T  # a small rotation w after the present one changes the loss by sum a * [w]
+        about = np.array([a[2, 1] - a[1, 2], a[0, 2] - a[2, 0], a[1, 0] - a[0, 1]])
+        v, angle = ctx.vector, float(np.linalg.norm(ctx.vector))
+        # The transposed left Jacobian of SO(3): how far the rotation goes for a change of its vector.
+        small = angle < SMALL_ANGLE
+        first = 0.5 - angle**2 / 24 if small else (1 - np.cos(angle)) / angle**2
+        second = 1 / 6 - angle**2 / 120 if small else (angle - np.sin(angle)) / angle**3
+        across = np.cross(v, about)
+        gradient = about - first * across + second * np.cross(v, across)
+        to = sent.new_tensor
+        return to(gradient), to(slope[:, 3]), None
 
 
 class CameraRig:
@@ -47,10 +86,8 @@ class CameraRig:
 
     def view(self, frame: int) -> Tensor:
         """(4,4) world_to_camera of supervised frame `frame`, float32, differentiable."""
-        turn = quaternion.to_matrix(quaternion.from_rotation_vector(self.parameters["camera_rotation"][frame]))
-        moved = turn @ self.base[frame, :3, :3]
-        shift = turn @ self.base[frame, :3, 3] + self.parameters["camera_position"][frame]
-        return torch.cat([torch.cat([moved, shift[:, None]], 1), self.base.new_tensor([[0.0, 0.0, 0.0, 1.0]])])
+        own = (self.parameters[name][frame] for name in ("camera_rotation", "camera_position"))
+        return CorrectedView.apply(*own, self.base[frame])
 
     def intrinsics(self, frame: int, width: int, height: int) -> Tensor:
         """(3,3) intrinsics in pixels of the frame resampled to width x height."""

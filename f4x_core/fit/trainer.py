@@ -17,6 +17,7 @@ from torch import Tensor
 from ..clip import Clip
 from ..errors import Cancelled
 from ..gaussians import DensityControl, SetOptimiser
+from ..gaussians.optimiser import native_step
 from ..geometry.arrays import evenly_spaced
 from ..geometry.spherical_harmonics import degree_of
 from ..priors import Priors
@@ -85,7 +86,7 @@ class Trainer:
 
     def _start_optimisers(self) -> None:
         config, model = self.config, self.model
-        self.optimisers = {name: SetOptimiser(own, self._rates(name)) for name, own in model.sets()}
+        self.optimisers = {name: SetOptimiser(own, self._rates(name), model.kernels) for name, own in model.sets()}
         densities = {"static": config.density_static, "dynamic": config.density_dynamic}
         self.controls = {
             name: DensityControl(optimiser, densities[name], config.steps)
@@ -165,8 +166,11 @@ class Trainer:
         self._record_gradients(offset, rendered)
         for optimiser in self.optimisers.values():
             optimiser.step()
-        self.shared.step()
-        self.shared.zero_grad(set_to_none=True)
+        if self.model.kernels.native:
+            native_step(self.shared, self.model.kernels.threads)
+        else:
+            self.shared.step()
+            self.shared.zero_grad(set_to_none=True)
         self.loss = float(loss.detach())
         self._act(Moment.OPTIMISED)
         self.step += 1
@@ -220,7 +224,7 @@ class Trainer:
             config=self.raster,
             backend=config.backend,
         )
-        return Rendered(frame, data, output, partner)
+        return Rendered(frame, data, output, partner, self.step)
 
     def _extra_channels(self, means: Tensor, there: Tensor | None) -> Tensor:
         """(N,1) which Gaussians are dynamic; with their positions `there` at another time (N,4), static ones staying put."""

@@ -49,6 +49,7 @@ class DensityControl:
     def __init__(self, optimiser: SetOptimiser, config: DensityConfig, total_steps: int):
         """Watch the set of `optimiser` during `total_steps` steps."""
         self.optimiser, self.config, self.total = optimiser, config, total_steps
+        self._caps: tuple[Tensor, Tensor] | None = None
         self.limit = min(config.max_count, round(config.max_growth * len(optimiser.gaussians)))
         """The set never grows beyond this."""
         self.clear()
@@ -60,8 +61,8 @@ class DensityControl:
 
     def record(self, mean2d_gradient: Tensor, visible: Tensor, width: int, height: int) -> None:
         """Add one step's screen-space gradient (N,2), in loss per pixel, of the Gaussians that were visible (N,)."""
-        ndc = mean2d_gradient * torch.tensor([0.5 * width, 0.5 * height])
-        self.gradient_sum += ndc.norm(dim=1)
+        across, down = mean2d_gradient[:, 0] * (0.5 * width), mean2d_gradient[:, 1] * (0.5 * height)
+        self.gradient_sum += across.square_().addcmul_(down, down).sqrt_()  # NDC; `norm` takes several times as long
         self.seen += visible
 
     @property
@@ -73,10 +74,12 @@ class DensityControl:
 
     def cap_sizes(self) -> None:
         """Shrink Gaussians that have become larger than their reach allows."""
+        reach = self.optimiser.gaussians.labels["reach"]
+        if self._caps is None or self._caps[0] is not reach:  # rows were added or removed
+            self._caps = reach, (self.config.max_scale * reach).log()[:, None]
         with torch.no_grad():
-            largest = (self.config.max_scale * self.optimiser.gaussians.labels["reach"]).log()
             log_scales = self.optimiser.gaussians.parameters["log_scales"]
-            log_scales.copy_(torch.minimum(log_scales, largest[:, None]))
+            torch.minimum(log_scales, self._caps[1], out=log_scales)
 
     def densify_and_prune(self, next_id: int, generator: torch.Generator) -> int:
         """Clone or split where the gradients were largest, remove what is faint; returns the next unused id."""

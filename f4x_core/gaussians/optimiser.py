@@ -1,11 +1,14 @@
 """Adam over a Gaussian set, whose moments stay aligned when Gaussians are added or removed."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from ..native.adam import ADAM, F4X_ADAM
+from ..native.kernels import TORCH, Kernels
 from .parameters import GaussianSet
 
 # 3DGS uses this instead of Adam's 1e-8: many gradients are far smaller than that.
@@ -15,9 +18,9 @@ ADAM_EPSILON = 1e-15
 class SetOptimiser:
     """`torch.optim.Adam` with one group per named tensor, and the only place where rows are added or removed."""
 
-    def __init__(self, gaussians: GaussianSet, rates: dict[str, float]):
-        """Optimise `gaussians.parameters`; `rates` names the learning rate of each tensor."""
-        self.gaussians = gaussians
+    def __init__(self, gaussians: GaussianSet, rates: dict[str, float], kernels: Kernels = TORCH):
+        """Optimise `gaussians.parameters`; `rates` names the learning rate of each tensor, `kernels` what computes a step."""
+        self.gaussians, self.kernels = gaussians, kernels
         groups = [
             {"params": [tensor], "lr": rates[name], "name": name} for name, tensor in gaussians.parameters.items()
         ]
@@ -34,6 +37,9 @@ class SetOptimiser:
         Rates of places are those at depth 1: a Gaussian is moved by its `reach` times as much, so that all move equally far in
         the picture. In world units what is near would shake by pixels while what is far stands still.
         """
+        if self.kernels.native:
+            native_step(self.adam, self.kernels.threads, {self.place: self.gaussians.labels["reach"]})
+            return
         place = self.gaussians.parameters[self.place]
         before = place.detach().clone()
         self.adam.step()
@@ -93,6 +99,41 @@ class SetOptimiser:
             if added is not None:
                 values = torch.cat([values, added[name].detach()])
             self.gaussians.parameters[name] = replace_parameter(self.adam, group, values, change_moment)
+
+
+def native_step(adam: torch.optim.Adam, threads: int, reach: Mapping[str, Tensor] | None = None) -> None:
+    """`adam.step()` by the compiled library, then forget the gradients; float32 on the CPU, groups of one named tensor.
+
+    `reach`: by the name of a tensor, (N,) factors by which its rows move.
+    """
+    for group in adam.param_groups:
+        value = group["params"][0]
+        gradient, value.grad = value.grad, None
+        if gradient is None:
+            continue
+        state = adam.state[value]
+        if not state:
+            state["step"] = torch.zeros(())
+            state["exp_avg"], state["exp_avg_sq"] = (torch.zeros_like(value) for _ in range(2))
+        state["step"] += 1
+        if not value.numel():
+            continue
+        step, (first, second), rows = int(state["step"]), group["betas"], len(value)
+        arrays = value.detach(), gradient.contiguous(), state["exp_avg"], state["exp_avg_sq"]
+        flat = zip(("value", "gradient", "mean", "square"), (each.view(rows, -1) for each in arrays), strict=True)
+        problem = ADAM(
+            rows=rows,
+            width=value.numel() // rows,
+            threads=threads,
+            rate=group["lr"] / (1 - first**step),
+            root_correction=math.sqrt(1 - second**step),
+            keep_mean=first,
+            keep_square=second,
+            epsilon=group["eps"],
+            reach=reach.get(group["name"]) if reach else None,
+            **dict(flat),
+        )
+        F4X_ADAM(problem)
 
 
 def replace_parameter(

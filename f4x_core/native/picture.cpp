@@ -11,13 +11,16 @@
 // Mirrored field by field in picture.py.
 struct Picture {
     int32_t width, height, channels, threads;
+    int32_t compared;               // channel whose structure is compared; -1 for all
     int64_t stride;                 // floats between two pixels of the picture
     const float *image, *target;    // (H, W, stride) of which the first C are read, (H, W, C)
     const float* weight;            // (H, W)
     const float* window;            // (11,)
     float c1, c2;
-    float structure;                // weight of 1 - SSIM (mean over channels) beside the L1
-    float* gradient;                // (H, W, C); may be null
+    float structure;                // weight of 1 - SSIM (mean over compared channels) beside the L1
+    float factor;                   // of the gradient
+    int64_t gradient_stride;        // floats between two pixels of the gradient
+    float* gradient;                // (H, W, gradient_stride) of which the first C are written; may be null
 };
 
 using namespace f4x;
@@ -30,12 +33,14 @@ constexpr int HALF = 5, MAPS = 4, SLOPES = 3;
 struct Plan {
     const Picture& p;
     int pitch;       // floats of a row
+    int first, compared;  // channels whose structure is compared
     float* across;   // rows of MAPS maps blurred across
     float* slopes;   // rows of SLOPES derivatives, also blurred across
 };
 
 struct PictureKernels {
-    double (*blur_row)(Plan&, int row, float* scratch);
+    double (*apart_row)(Plan&, int y, float* scratch);
+    void (*blur_row)(Plan&, int row, float* scratch);
     double (*compare_row)(Plan&, int row, float* scratch);
     void (*gradient_row)(Plan&, int row, float* scratch);
 };
@@ -47,8 +52,7 @@ struct PictureKernels {
 
 namespace {
 template <class Work>
-void each_row(const Plan& plan, const Work& work) {
-    const int rows = plan.p.height * plan.p.channels;
+void each_row(const Plan& plan, int rows, const Work& work) {
     parallel(plan.p.threads, rows, [&](std::atomic<int64_t>& cursor) {
         Buffer<float> scratch;
         scratch.resize(size_t(MAPS) * plan.pitch);
@@ -62,17 +66,22 @@ F4X_API int32_t f4x_picture_loss(const Picture* problem, double* total) {
     try {
         // Kept by the calling thread, so that a training loop does not fault in fresh pages at every step.
         static thread_local Buffer<float> across, slopes;
-        const int rows = problem->height * problem->channels, pitch = (problem->width + 7) / 8 * 8 + 16;
+        const int height = problem->height, first = std::max(problem->compared, 0);
+        const int compared = problem->compared < 0 ? problem->channels : 1;
+        const int rows = height * compared, pitch = (problem->width + 7) / 8 * 8 + 16;
         across.resize(size_t(rows) * MAPS * pitch);
         if (problem->gradient) slopes.resize(size_t(rows) * SLOPES * pitch);
-        Plan plan{*problem, pitch, across, slopes};
-        std::vector<double> apart(rows), unlike(rows);  // summed in a fixed order: the same for every number of threads
-        each_row(plan, [&](int row, float* scratch) { apart[row] = kernels().blur_row(plan, row, scratch); });
-        each_row(plan, [&](int row, float* scratch) { unlike[row] = kernels().compare_row(plan, row, scratch); });
-        if (plan.p.gradient) each_row(plan, [&](int row, float* scratch) { kernels().gradient_row(plan, row, scratch); });
-        const double share = double(problem->structure) / problem->channels;
+        Plan plan{*problem, pitch, first, compared, across, slopes};
+        std::vector<double> apart(height), unlike(rows);  // summed in a fixed order: the same for every number of threads
+        each_row(plan, height, [&](int y, float* scratch) { apart[y] = kernels().apart_row(plan, y, scratch); });
+        each_row(plan, rows, [&](int row, float* scratch) { kernels().blur_row(plan, row, scratch); });
+        each_row(plan, rows, [&](int row, float* scratch) { unlike[row] = kernels().compare_row(plan, row, scratch); });
+        if (plan.p.gradient)
+            each_row(plan, rows, [&](int row, float* scratch) { kernels().gradient_row(plan, row, scratch); });
         *total = 0;
-        for (int row = 0; row < rows; ++row) *total += apart[row] + share * unlike[row];
+        for (const double each : unlike) *total += each;
+        *total *= double(problem->structure) / compared;
+        for (const double each : apart) *total += each;
         return 0;
     } catch (const std::exception&) {
         return 1;
@@ -111,16 +120,48 @@ F4X_HOT void blur_down(const float* window, const float* maps, int pitch, int ch
     }
 }
 
-// Blurs the row's maps across; returns its weighted L1.
-F4X_TARGET double blur_row(Plan& plan, int row, float* scratch) {
+// Weighted L1 over channels of a row of pixels; writes its gradient. CHANNELS = 0 for any number.
+template <int CHANNELS>
+F4X_HOT void apart(const Picture& p, int y, float* terms) {
+    const int channels = CHANNELS ? CHANNELS : p.channels;
+    const float* image = p.image + int64_t(y) * p.width * p.stride;
+    const float* target = p.target + int64_t(y) * p.width * p.channels;
+    const float* weight = p.weight + int64_t(y) * p.width;
+    float* out = p.gradient ? p.gradient + int64_t(y) * p.width * p.gradient_stride : nullptr;
+    const int64_t stride = p.stride, out_stride = p.gradient_stride;
+    const int width = p.width;
+    const float factor = p.factor;
+    for (int x = 0; x < width; ++x) {
+        const float by = factor * weight[x];
+        float sum = 0;
+        for (int c = 0; c < channels; ++c) {
+            const float difference = image[x * stride + c] - target[x * channels + c];
+            sum += std::abs(difference);
+            if (out) out[x * out_stride + c] = by * float((difference > 0) - (difference < 0));  // without a branch
+        }
+        terms[x] = weight[x] * sum;
+    }
+}
+
+F4X_TARGET double apart_row(Plan& plan, int y, float* scratch) {
     const Picture& p = plan.p;
-    const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
+    p.channels == 3 ? apart<3>(p, y, scratch) : apart<0>(p, y, scratch);
+    std::fill(scratch + p.width, scratch + (p.width + 7) / 8 * 8, 0.0f);
+    f8 total = broadcast(0.0f);
+    for (int x = 0; x < p.width; x += 8) total += load(scratch + x);
+    double sum = 0;
+    for (int lane = 0; lane < 8; ++lane) sum += total[lane];
+    return sum;
+}
+
+// Blurs the row's maps across.
+F4X_TARGET void blur_row(Plan& plan, int row, float* scratch) {
+    const Picture& p = plan.p;
+    const int channel = plan.first + row / p.height, y = row % p.height, pitch = plan.pitch;
     std::memset(scratch, 0, sizeof(float) * MAPS * pitch);
     const float* image = p.image + int64_t(y) * p.width * p.stride + channel;
     const float* target = p.target + int64_t(y) * p.width * p.channels + channel;
     float *a = scratch + HALF, *b = a + pitch, *squares = b + pitch, *product = squares + pitch;
-    const float* weight = p.weight + int64_t(y) * p.width;
-    float apart = 0;
     for (int x = 0; x < p.width; ++x) {
         a[x] = image[x * p.stride];
         b[x] = target[x * p.channels];
@@ -129,10 +170,8 @@ F4X_TARGET double blur_row(Plan& plan, int row, float* scratch) {
         squares[x] = a[x] * a[x] + b[x] * b[x];
         product[x] = a[x] * b[x];
     }
-    for (int x = 0; x < p.width; ++x) apart += weight[x] * std::abs(a[x] - b[x]);
     float* out = plan.across + size_t(row) * MAPS * pitch;
     for (int map = 0; map < MAPS; ++map) blur_across(p.window, scratch + map * pitch, out + map * pitch, p.width);
-    return apart;
 }
 
 // Compares the row's blurred maps and blurs the slopes across; returns its weighted 1 - SSIM.
@@ -172,6 +211,7 @@ F4X_TARGET double compare_row(Plan& plan, int row, float* scratch) {
     return sum;
 }
 
+// Adds the gradient of 1 - SSIM to that of the L1.
 F4X_TARGET void gradient_row(Plan& plan, int row, float* scratch) {
     const Picture& p = plan.p;
     const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
@@ -180,19 +220,17 @@ F4X_TARGET void gradient_row(Plan& plan, int row, float* scratch) {
         blur_down<SLOPES>(p.window, plan.slopes, pitch, channel, y, p.height, x, slope);
         for (int m = 0; m < SLOPES; ++m) store(scratch + m * pitch + x, slope[m]);
     }
-    const float* image = p.image + int64_t(y) * p.width * p.stride + channel;
-    const float* target = p.target + int64_t(y) * p.width * p.channels + channel;
-    float* out = p.gradient + int64_t(y) * p.width * p.channels + channel;
-    const float* weight = p.weight + int64_t(y) * p.width;
-    const float share = p.structure / p.channels;
+    const float* image = p.image + int64_t(y) * p.width * p.stride + plan.first + channel;
+    const float* target = p.target + int64_t(y) * p.width * p.channels + plan.first + channel;
+    float* out = p.gradient + int64_t(y) * p.width * p.gradient_stride + plan.first + channel;
+    const float share = p.factor * p.structure / plan.compared;
     for (int x = 0; x < p.width; ++x) {
         const float a = image[x * p.stride], b = target[x * p.channels];
-        out[x * p.channels] = weight[x] * float((a > b) - (a < b)) +
-                              share * (scratch[x] + 2 * a * scratch[pitch + x] + b * scratch[2 * pitch + x]);
+        out[x * p.gradient_stride] += share * (scratch[x] + 2 * a * scratch[pitch + x] + b * scratch[2 * pitch + x]);
     }
 }
 
-const PictureKernels kernels = {blur_row, compare_row, gradient_row};
+const PictureKernels kernels = {apart_row, blur_row, compare_row, gradient_row};
 
 #undef F4X_HOT
 

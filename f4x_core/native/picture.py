@@ -6,7 +6,7 @@ _PIXELS = ("height", "width", "channels")
 PICTURE = Struct(
     "Picture",
     {
-        **dict.fromkeys(("width", "height", "channels", "threads"), INT32),
+        **dict.fromkeys(("width", "height", "channels", "threads", "compared"), INT32),
         "stride": INT64,
         "image": Array("float32", _PIXELS, strides=("width*stride", "stride", 1)),
         "target": Array("float32", _PIXELS),
@@ -15,7 +15,11 @@ PICTURE = Struct(
         "c1": FLOAT,
         "c2": FLOAT,
         "structure": FLOAT,
-        "gradient": Array("float32", _PIXELS, optional=True, output=True),
+        "factor": FLOAT,
+        "gradient_stride": INT64,
+        "gradient": Array(
+            "float32", _PIXELS, strides=("width*gradient_stride", "gradient_stride", 1), optional=True, output=True
+        ),
     },
 )
 """`struct Picture` of picture.cpp."""

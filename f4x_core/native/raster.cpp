@@ -639,6 +639,12 @@ F4X_HOT f8 first_running(const Problem& p, int x, int y) {
     return keep_where((dx < broadcast(float(p.width))) & in_rows, broadcast(1.0f));
 }
 
+// A few floats: a call of memcpy takes longer.
+F4X_HOT void copy_floats(float* to, const float* from, int count) {
+    for (; count >= 4; count -= 4, to += 4, from += 4) std::memcpy(to, from, 4 * sizeof(float));
+    for (int c = 0; c < count; ++c) to[c] = from[c];
+}
+
 // Blocks of the tile whose pixels may lie inside the splat's ellipse, one bit each; all 8 strips of the tile at once.
 F4X_HOT uint32_t blocks_met(const Tile& t, const Splat& splat) {
     f8 lo = t.strip - broadcast(splat.y + SLACK), left, right;
@@ -690,7 +696,7 @@ F4X_HOT void stage(const Problem& p, const State& s, const Tile& t, int64_t begi
         float* row = w.feature + size_t(k) * w.stride;
         const float* color = p.colors + int64_t(i) * p.channels;
         row[0] = splat.depth;
-        for (int c = 0; c < p.channels; ++c) row[1 + c] = color[c];
+        copy_floats(row + 1, color, p.channels);
         if (FIND) s.blocks[begin + k] = blocks_met(t, splat);
         const uint32_t met = s.blocks[begin + k] & live;
         for (int column = 0; column < COLUMNS; ++column) w.met[column][k] = uint8_t(met >> (column * STRIPS));
@@ -798,8 +804,20 @@ F4X_TARGET void blend(const Scratch& w, int block, int n, int columns, float* im
     const uint8_t* list = w.list[block];
     int c = 0;
     for (; c + 12 <= columns; c += 12) blend_group<12>(w.feature + c, w.stride, list, n, w.weight, image + 8 * c);
-    for (; c + 4 <= columns; c += 4) blend_group<4>(w.feature + c, w.stride, list, n, w.weight, image + 8 * c);
-    for (; c < columns; ++c) blend_group<1>(w.feature + c, w.stride, list, n, w.weight, image + 8 * c);
+    const auto rest = [&](auto group) { group(w.feature + c, w.stride, list, n, w.weight, image + 8 * c); };
+    switch (columns - c) {  // a list is walked once for all of them
+        case 1: return rest(blend_group<1>);
+        case 2: return rest(blend_group<2>);
+        case 3: return rest(blend_group<3>);
+        case 4: return rest(blend_group<4>);
+        case 5: return rest(blend_group<5>);
+        case 6: return rest(blend_group<6>);
+        case 7: return rest(blend_group<7>);
+        case 8: return rest(blend_group<8>);
+        case 9: return rest(blend_group<9>);
+        case 10: return rest(blend_group<10>);
+        case 11: return rest(blend_group<11>);
+    }
 }
 
 F4X_TARGET void forward_tile(const Problem& p, State& s, Scratch& w, int tile, bool keep, float* channels, float* depth,
@@ -862,7 +880,7 @@ F4X_HOT f8 load_gradient(const Problem& p, const Gradients& g, int x0, int y0, S
         const int64_t pixel = pixel_of(p, x, y);
         float* row = w.pixels + size_t(lane) * w.stride;
         if (g.depth) row[0] = g.depth[pixel];
-        if (g.channels) std::memcpy(row + 1, g.channels + pixel * p.channels, p.channels * sizeof(float));
+        if (g.channels) copy_floats(row + 1, g.channels + pixel * p.channels, p.channels);
         float sum = g.alpha ? -g.alpha[pixel] : 0.0f;
         if (p.background)
             for (int c = 0; c < p.attached; ++c) sum += row[1 + c] * p.background[c];
@@ -1129,6 +1147,12 @@ F4X_HOT void unproject_eight(const Problem& p, int64_t i, int64_t end, const f8*
     store_rows<4>(g.quats, i, end, q);
 }
 
+// No gradient to the parameters of Gaussians `begin` to `end`, which contributed to no pixel.
+F4X_HOT void clear_rows(int64_t begin, int64_t end, const Gradients& g) {
+    const std::pair<float*, int> widths[] = {{g.means, 3}, {g.quats, 4}, {g.scales, 3}, {g.opacities, 1}, {g.offset, 2}};
+    for (const auto& [rows, width] : widths) std::fill(rows + begin * width, rows + end * width, 0.0f);
+}
+
 // Sums the rows of every Gaussian and carries them on to its parameters; adds to camera[12].
 F4X_TARGET void gather(const Problem& p, State& s, int64_t begin, int64_t end, const Gradients& g, double* camera) {
     const int vectors = row_vectors(p);
@@ -1147,7 +1171,11 @@ F4X_TARGET void gather(const Problem& p, State& s, int64_t begin, int64_t end, c
                 for (int v = 0; v < vectors; ++v) sum[v] += row[v];
             }
             const float* colors = reinterpret_cast<const float*>(sum + 1) + 1;
-            std::memcpy(g.colors + (i + lane) * p.channels, colors, p.channels * sizeof(float));
+            copy_floats(g.colors + (i + lane) * p.channels, colors, p.channels);
+        }
+        if (!mask_bits(any)) {
+            clear_rows(i, std::min(i + 8, end), g);
+            continue;
         }
         f8 moments[8], depth = broadcast(0.0f);
         for (int lane = 0; lane < 8; ++lane) {

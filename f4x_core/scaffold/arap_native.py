@@ -12,45 +12,55 @@ from torch.autograd.function import once_differentiable
 from ..errors import F4xError
 from ..native.arap import ARAP, F4X_ARAP
 
+Edges = tuple[Tensor, Tensor, Tensor, int]
+"""Node, neighbour and weight of each edge, and how many come before those that send no gradient to the neighbour's position."""
+Pairs = Sequence[tuple[int, float]]
+"""Frame distances and their factors."""
+
+
+def arap(xyz: Tensor, axes: Tensor, edges: Edges, pairs: Pairs) -> tuple[Tensor, dict[str, Tensor]]:
+    """The losses `(2,)` float64 of coordinates and lengths, and their gradients, by name.
+
+    Args:
+        xyz: (F,M,3) positions. axes: (F,M,3,3) the nodes' axes as columns.
+
+    Raises:
+        F4xError: memory ran out.
+    """
+    node, neighbour, weight, leading = edges
+    gradients = {"d_coordinate": torch.empty_like(xyz), "d_length": torch.empty_like(xyz)}
+    gradients["d_axes"] = torch.empty_like(axes)
+    losses = torch.empty(2, dtype=torch.float64)
+    problem = ARAP(
+        edges=len(node),
+        leading=leading,
+        frames=len(xyz),
+        nodes=xyz.shape[1],
+        shifts=len(pairs),
+        xyz=xyz,
+        axes=axes,
+        node=node,
+        neighbour=neighbour,
+        weight=weight,
+        shift=torch.tensor([shift for shift, _ in pairs], dtype=torch.int32),
+        factor=torch.tensor([factor / (len(xyz) - shift) for shift, factor in pairs]),
+        losses=losses,
+        **gradients,
+    )
+    if F4X_ARAP(problem):
+        raise F4xError(
+            f"The scaffold ran out of memory at {xyz.shape[1]} nodes: give fewer by --set scaffold.max_nodes."
+        )
+    return losses, gradients
+
 
 class NativeArap(torch.autograd.Function):
-    """The losses `(2,)` of coordinates and lengths of positions (F,M,3) and axes (F,M,3,3), the axes as columns.
-
-    `edges` are the node, the neighbour and the weight of each edge, and how many of them come before those that send no
-    gradient to the neighbour's position; `pairs` the frame distances and their factors. Gradients are made on the way, as
-    the losses are scalars; there are none to the weights.
-    """
+    """The losses `(2,)` of `arap`. Gradients are made on the way, as the losses are scalars; there are none to the weights."""
 
     @staticmethod
-    def forward(
-        ctx, xyz: Tensor, axes: Tensor, edges: tuple[Tensor, Tensor, Tensor, int], pairs: Sequence[tuple[int, float]]
-    ) -> Tensor:
+    def forward(ctx, xyz: Tensor, axes: Tensor, edges: Edges, pairs: Pairs) -> Tensor:
         """Both losses; raises F4xError where memory runs out."""
-        node, neighbour, weight, leading = edges
-        xyz, axes = xyz.contiguous(), axes.contiguous()
-        gradients = {"d_coordinate": torch.empty_like(xyz), "d_length": torch.empty_like(xyz)}
-        gradients["d_axes"] = torch.empty_like(axes)
-        losses = torch.empty(2, dtype=torch.float64)
-        problem = ARAP(
-            edges=len(node),
-            leading=leading,
-            frames=len(xyz),
-            nodes=xyz.shape[1],
-            shifts=len(pairs),
-            xyz=xyz,
-            axes=axes,
-            node=node,
-            neighbour=neighbour,
-            weight=weight,
-            shift=torch.tensor([shift for shift, _ in pairs], dtype=torch.int32),
-            factor=torch.tensor([factor / (len(xyz) - shift) for shift, factor in pairs]),
-            losses=losses,
-            **gradients,
-        )
-        if F4X_ARAP(problem):
-            raise F4xError(
-                f"The scaffold ran out of memory at {xyz.shape[1]} nodes: give fewer by --set scaffold.max_nodes."
-            )
+        losses, gradients = arap(xyz.contiguous(), axes.contiguous(), edges, pairs)
         ctx.save_for_backward(*gradients.values())
         return losses.to(xyz.dtype)
 

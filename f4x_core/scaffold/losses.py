@@ -4,6 +4,7 @@ All losses are means over time and nodes, so their weights keep their meaning wh
 of nodes. Norms are plain L2; where a norm is 0 its gradient is taken as 0.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from ..geometry import quaternion
 from ..native.kernels import TORCH, Kernels
 from .arap_native import NativeArap
 from .graph import EdgeLevel
+from .motion_native import MotionWeights, NativeMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +30,11 @@ class ArapEdges:
     """(E,) level weight / number of the node's edges in that level / M: each level sums to a mean over nodes."""
     detached_from: int
     """Edges from here on (the coarse ones) send no gradient to the neighbour's position: the coarse set leads."""
+
+    @property
+    def listed(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, int]:
+        """The fields, for the compiled library."""
+        return self.node, self.neighbour, self.weight, self.detached_from
 
     @classmethod
     def build(
@@ -63,6 +70,27 @@ class Smoothness(NamedTuple):
     angular_acceleration: torch.Tensor
 
 
+def motion_loss(
+    xyz: torch.Tensor,
+    quat: torch.Tensor,
+    times: torch.Tensor,
+    edges: ArapEdges,
+    shifts: Mapping[int, float],
+    weights: MotionWeights,
+    kernels: Kernels = TORCH,
+) -> torch.Tensor:
+    """Weighted sum of `arap_losses` and `smoothness_losses` of `xyz (F, M, 3)`, `quat (F, M, 4)` of any length at `times (F,)`.
+
+    `shifts`: frame distances and their weights. The compiled library computes it where `kernels` say so (float32 on the CPU).
+    """
+    if kernels.native:
+        pairs = [pair for pair in shifts.items() if pair[0] < len(xyz)]
+        return NativeMotion.apply(xyz, quat, times.double(), edges.listed, pairs, weights)
+    unit = quaternion.normalize(quat)
+    losses = *arap_losses(xyz, unit, edges, tuple(shifts), tuple(shifts.values())), *smoothness_losses(xyz, unit, times)
+    return sum((w * loss for w, loss in zip(weights, losses, strict=True)), xyz.new_zeros(()))
+
+
 def arap_losses(
     xyz: torch.Tensor,
     quat: torch.Tensor,
@@ -78,8 +106,7 @@ def arap_losses(
     """
     pairs = [(shift, weight) for shift, weight in zip(shifts, shift_weights, strict=True) if shift < len(xyz)]
     if kernels.native and pairs:
-        listed = edges.node, edges.neighbour, edges.weight, edges.detached_from
-        coordinate, length = NativeArap.apply(xyz, quaternion.to_matrix(quat), listed, pairs)
+        coordinate, length = NativeArap.apply(xyz, quaternion.to_matrix(quat), edges.listed, pairs)
         return coordinate, length
     origin = torch.cat(
         [

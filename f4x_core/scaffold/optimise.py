@@ -12,7 +12,8 @@ from ..progress import Progress, silent
 from .deformation import align_signs
 from .distance import curve_distance
 from .graph import GraphConfig, build_graph, multilevel_edges
-from .losses import ArapEdges, arap_losses, smoothness_losses
+from .losses import ArapEdges, motion_loss
+from .motion_native import MotionWeights
 from .structure import Scaffold
 
 
@@ -92,6 +93,9 @@ def optimise_geometry(
     neighbours, edge_mask = build_graph(distance, config.graph.neighbours, config.graph.reach * scaffold.unit)
     # Losses are divided by the number of poses, so gradients are small: Adam's eps must be far below them.
     optimiser = torch.optim.Adam([xyz, quat], lr=config.learning_rate, eps=1e-15)
+    shifts = dict(zip(config.shifts, config.shift_weights, strict=True))
+    smooth = config.velocity, config.acceleration, config.angular_velocity, config.angular_acceleration
+    weights = MotionWeights(config.coordinate, config.length, *smooth)
     generator = np.random.default_rng(config.seed)
     for step in range(config.steps):
         if step % config.redraw == 0:
@@ -102,17 +106,7 @@ def optimise_geometry(
         first = int(generator.integers(0, max(frames - config.window, 0) + 1))
         window = slice(first, first + config.window)
         x = torch.where(certain, start, xyz) if config.certain == "hard" else xyz
-        x, q = x[window], quaternion.normalize(quat[window])
-        coordinate, length = arap_losses(x, q, edges, config.shifts, config.shift_weights, kernels)
-        smooth = smoothness_losses(x, q, times[window])
-        loss = (
-            config.coordinate * coordinate
-            + config.length * length
-            + config.velocity * smooth.velocity
-            + config.acceleration * smooth.acceleration
-            + config.angular_velocity * smooth.angular_velocity
-            + config.angular_acceleration * smooth.angular_acceleration
-        )
+        loss = motion_loss(x[window], quat[window], times[window], edges, shifts, weights, kernels)
         if config.certain == "soft":
             loss = loss + config.certain_weight * spring.energy(xyz - start) / held
         optimiser.zero_grad(set_to_none=True)

@@ -5,9 +5,10 @@ import pytest
 import torch
 from carried_scene import GRAPH, HEIGHT, WIDTH, camera_path, carried_scene, row_of_nodes, spawned_at
 
-from f4x_core.fit.model import CameraRig, NodeSet, SceneModel
+from f4x_core.fit.model import CameraRig, CorrectedView, NodeSet, SceneModel
 from f4x_core.fit.pipeline import _span
 from f4x_core.gaussians import SpawnConfig, spawn_static
+from f4x_core.geometry import quaternion
 from f4x_core.geometry.interpolation import presence
 from f4x_core.geometry.splats import Splats
 from f4x_core.native.kernels import TORCH, Kernels
@@ -46,6 +47,25 @@ def test_corrections_are_made_in_the_frame_of_the_camera(rig):
         expected = turn @ (base[:3, :3] @ point + base[:3, 3]) + shift
         np.testing.assert_allclose(view[:3, :3] @ point + view[:3, 3], expected, atol=1e-5)
         np.testing.assert_array_equal(view[3], [0, 0, 0, 1])
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 5e-3, 0.02, 0.5, 2.5])
+def test_the_gradients_of_corrections_are_those_of_the_formula(angle):
+    rng = torch.Generator().manual_seed(1)
+    rotation, position, base, sent = (
+        torch.randn(*shape, generator=rng, dtype=torch.float64) for shape in ((3,), (3,), (4, 4), (4, 4))
+    )
+    rotation, base[3] = angle * rotation / rotation.norm(), torch.tensor([0.0, 0, 0, 1])
+    fast, plain = ([each.clone().requires_grad_() for each in (rotation, position)] for _ in range(2))
+    turn = quaternion.to_matrix(quaternion.from_rotation_vector(plain[0]))
+    moved = torch.cat([turn @ base[:3, :3], (turn @ base[:3, 3] + plain[1])[:, None]], 1)
+    expected = torch.cat([moved, base[3:]])
+    found = CorrectedView.apply(*fast, base)
+    torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
+    for got, wanted in zip(
+        *(torch.autograd.grad(m, x, sent) for m, x in ((found, fast), (expected, plain))), strict=True
+    ):
+        torch.testing.assert_close(got, wanted, rtol=1e-9, atol=1e-9)
 
 
 def test_the_intrinsics_follow_the_size(rig):

@@ -3,7 +3,16 @@
 import pytest
 import torch
 
-from f4x_core.fit.losses import masked_l1, rgb_loss, ssim_map
+from f4x_core.fit.frame_native import FrameMaps
+from f4x_core.fit.losses import (
+    FrameFactors,
+    depth_loss,
+    depth_roughness,
+    frame_losses,
+    masked_l1,
+    rgb_loss,
+    ssim_map,
+)
 from f4x_core.gaussians import appearance
 from f4x_core.native.kernels import Kernels
 
@@ -68,6 +77,66 @@ def test_the_picture_loss_is_that_of_the_formula(height, width, threads):
     expected = rgb_loss(plain[..., :3], target.double(), weight.double(), 0.3)
     assert float(loss.detach()) == pytest.approx(float(expected.detach()), rel=2e-6)
     assert relative(torch.autograd.grad(loss, fast)[0], torch.autograd.grad(expected, plain)[0]) < 1e-5
+
+
+@pytest.mark.parametrize("channel", [0, 2])
+def test_the_structure_of_one_channel_is_that_of_the_formula(channel):
+    generator = torch.Generator().manual_seed(7)
+    image, target = torch.rand(2, 21, 34, 3, generator=generator)
+    weight = torch.rand(21, 34, generator=generator)
+    fast, plain = image.clone().requires_grad_(), image.double().requires_grad_()
+    loss = rgb_loss(fast, target, weight, 0.5, Kernels(True, 2), channel)
+    expected = rgb_loss(plain, target.double(), weight.double(), 0.5, channel=channel)
+    assert float(loss.detach()) == pytest.approx(float(expected.detach()), rel=2e-6)
+    assert float(loss.detach()) != pytest.approx(float(rgb_loss(image, target, weight, 0.5)), rel=1e-4)
+    assert relative(torch.autograd.grad(loss, fast)[0], torch.autograd.grad(expected, plain)[0]) < 1e-5
+
+
+def losses_written_out(channels, depth, alpha, maps, factors, channel):
+    """The sum that `frame_losses` makes, by the plain form of each loss."""
+    target, motion, confidence = maps.frame.to(channels) / 255, maps.motion.to(channels), maps.confidence.to(channels)
+    attention, unsure = 1 + (factors.moving - 1) * motion, (1 - confidence) * (1 - motion)
+    loss = rgb_loss(channels[..., :3], target, attention, factors.ssim, channel=channel)
+    loss = loss + factors.depth * depth_loss(depth, alpha, maps.prior.to(channels), confidence)
+    if factors.roughness:
+        loss = loss + factors.roughness * depth_roughness(depth, alpha, target, unsure)
+    if channels.shape[-1] > 3:
+        error = (channels[..., 3] - (motion > 0.5).to(channels)).abs()
+        loss = loss + factors.mask * (error * (2 * motion - 1).abs()).mean()
+    return loss
+
+
+def rendered_frame(height, width, count):
+    """(channels, depth, alpha) and what supervises them: unknown depths, empty pixels, plain colours."""
+    generator = torch.Generator().manual_seed(height)
+    channels, alpha = (
+        torch.rand(height, width, count, generator=generator),
+        torch.rand(height, width, generator=generator),
+    )
+    depth = alpha * (0.5 + torch.rand(height, width, generator=generator))
+    depth[0, :3] = 1e-5
+    prior = 0.5 + torch.rand(height, width, generator=generator)
+    prior[-1, :4] = torch.tensor([torch.nan, torch.inf, 0, -1])
+    frame = (120 + 4 * torch.randn(height, width, 3, generator=generator)).byte()
+    confidence, motion = torch.rand(2, height, width, generator=generator).half()
+    return (channels, depth, alpha), FrameMaps(frame, prior, confidence, motion)
+
+
+@pytest.mark.parametrize(("height", "width", "count"), [(40, 61, 4), (33, 140, 7), (9, 8, 3), (5, 7, 4), (137, 141, 4)])
+@pytest.mark.parametrize("rough", [0.0, 2.0])
+def test_the_losses_of_a_frame_in_one_go_are_those_of_their_formulas(height, width, count, rough):
+    """137 x 141 pixels compare every second one; more than four channels belong to other losses."""
+    rendered, maps = rendered_frame(height, width, count)
+    factors = FrameFactors(ssim=0.3, moving=3.0, depth=0.4, roughness=rough, mask=0.2)
+    fast, plain = ([each.to(dtype).requires_grad_() for each in rendered] for dtype in (torch.float32, torch.float64))
+    fast = [each.clone().detach().requires_grad_() for each in fast]
+    loss, expected = frame_losses(tuple(fast), maps, factors, 1, 3), losses_written_out(*plain, maps, factors, 1)
+    assert float(loss.detach()) == pytest.approx(float(expected.detach()), rel=2e-6)
+    got, wanted = torch.autograd.grad(3 * loss, fast), torch.autograd.grad(3 * expected, plain)
+    for g, w in zip(got, wanted, strict=True):
+        assert relative(g, w) < 5e-6
+    again = [torch.autograd.grad(3 * frame_losses(tuple(fast), maps, factors, 1, n), fast) for n in (1, 2)]
+    assert all(torch.equal(a, b) for other in again for a, b in zip(got, other, strict=True))
 
 
 def test_structure_alone_is_compared_closely():

@@ -20,6 +20,7 @@ from f4x_core.gaussians.parameters import localise, opacity_logit
 from f4x_core.gaussians.spawn import coarse_to_fine, cover, spawn_that_fits
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera
+from f4x_core.native.kernels import TORCH, Kernels
 
 
 def some_static(count: int = 40, degree: int = 1):
@@ -56,6 +57,23 @@ def test_kept_rows_go_on_as_if_nothing_had_happened():
     assert torch.equal(cut.labels["ids"], whole.labels["ids"][keep])
 
 
+@pytest.mark.parametrize(("first", "second"), [(False, True), (True, False)])
+def test_adams_state_is_the_same_whatever_computes_a_step(first, second, native_library):
+    """What one has left, the other continues, a tensor without elements included."""
+    one, other = some_static(degree=0), some_static(degree=0)
+    left, right = SetOptimiser(one, rates(one)), SetOptimiser(other, rates(other), Kernels(native=first))
+    descend(left, 3), descend(right, 3)
+    saved = right.adam.state_dict()
+    right = SetOptimiser(other, rates(other), Kernels(native=second))
+    right.adam.load_state_dict(saved)
+    descend(left, 3), descend(right, 3)
+    for name, tensor in one.parameters.items():
+        torch.testing.assert_close(other.parameters[name], tensor, rtol=1e-6, atol=1e-6)
+        state, same = left.adam.state[tensor], right.adam.state[other.parameters[name]]
+        assert float(state["step"]) == float(same["step"]) == 6
+        torch.testing.assert_close(same["exp_avg_sq"], state["exp_avg_sq"], rtol=1e-4, atol=1e-12)
+
+
 def test_appended_rows_start_with_zero_moments_and_leave_others_alone():
     whole, grown = some_static(), some_static()
     first, second = SetOptimiser(whole, rates(whole)), SetOptimiser(grown, rates(grown))
@@ -80,12 +98,13 @@ def adam_written_out(value, gradients, rate):
     return value
 
 
-def test_each_tensor_takes_adams_steps_at_its_own_rate_and_places_in_units_of_reach():
+@pytest.mark.parametrize("kernels", [TORCH, Kernels(native=True, threads=2)])
+def test_each_tensor_takes_adams_steps_at_its_own_rate_and_places_in_units_of_reach(kernels, native_library):
     gaussians = some_static(12)
     reach = np.linspace(0.3, 4, 12)
     gaussians.labels["reach"] = torch.from_numpy(reach).float()
     own = {name: 1e-3 * (i + 1) for i, name in enumerate(gaussians.parameters)}
-    optimiser = SetOptimiser(gaussians, dict.fromkeys(own, 1.0))
+    optimiser = SetOptimiser(gaussians, dict.fromkeys(own, 1.0), kernels)
     optimiser.set_rates(own)
     rng = np.random.default_rng(5)
     before = {name: tensor.detach().double().numpy().copy() for name, tensor in gaussians.parameters.items()}

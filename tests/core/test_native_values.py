@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 
 from f4x_core.native import binder, instruction_set, measure_peak
+from f4x_core.native.adam import ADAM, F4X_ADAM
 from f4x_core.native.appearance import APPEARANCE, F4X_APPEARANCE, F4X_APPEARANCE_BACKWARD
 from f4x_core.native.arap import ARAP, F4X_ARAP
 from f4x_core.native.binder import DOUBLE
 from f4x_core.native.bundle import F4X_BUNDLE_COSTS, F4X_BUNDLE_EQUATIONS, SIGHTINGS
+from f4x_core.native.frame import F4X_FRAME_LOSSES, FRAME
 from f4x_core.native.library import SOURCES
 from f4x_core.native.maps import F4X_SAMPLE_MAP, F4X_SMOOTH_MAP, SAMPLES, SMOOTHING
+from f4x_core.native.motion import F4X_NODE_AXES, F4X_NODE_MOTION, MOTION
 from f4x_core.native.picture import F4X_PICTURE_LOSS, PICTURE
 from f4x_core.raster.native import library as raster
 from f4x_core.scaffold.deformation.native import library as deformation
@@ -25,6 +28,10 @@ STORED = Path(__file__).with_name("native_values.npz")
 ERROR = 2e-5
 """Relative L2 error that float32 may have, as in the tests of gradients."""
 STRUCTURE = 0.3
+FRAME_CONSTANTS = {"step": 2, "moving": 3.0, "depth_factor": 0.3, "bend_factor": 2.0, "alpha_factor": 0.05}
+FRAME_CONSTANTS |= {"plain": 0.04, "min_depth": 1e-3}
+ADAM_CONSTANTS = {"rate": 0.02, "root_correction": 0.1, "keep_mean": 0.9, "keep_square": 0.999, "epsilon": 1e-15}
+SMOOTH, SMOOTH_WEIGHTS = ("velocity", "acceleration", "spin", "spin_change"), (0.5, 0.25, 2.0, 0.125)
 LEAVES = ("xyz", "quat", "dw", "node_xyz", "node_quat", "radius", "now_xyz", "now_quat")
 EXPORT = re.compile(r"^F4X_API [^(]*?(f4x_\w+)\(", re.MULTILINE)
 
@@ -74,15 +81,51 @@ def picture_loss(given):
         height=height,
         channels=channels,
         threads=2,
+        compared=-1,
         stride=channels,
         **{name: given[name] for name in ("image", "target", "weight", "window")},
         c1=c1,
         c2=c2,
         structure=structure,
+        factor=1.0,
+        gradient_stride=channels,
         gradient=gradient,
     )
     assert F4X_PICTURE_LOSS(problem, total) == 0
     return {"total": np.array(total.value), "gradient": gradient}
+
+
+def frame_losses(given):
+    """The losses of a frame's pixels and their gradients, and what the picture loss needs."""
+    height, width, channels = given["image"].shape
+    got = {"d_" + name: np.empty_like(given[name]) for name in ("image", "depth", "alpha")}
+    got["target"], got["attention"] = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
+    problem = FRAME(width=width, height=height, channels=channels, threads=2, **FRAME_CONSTANTS, **given, **got)
+    losses = np.empty(2)
+    assert F4X_FRAME_LOSSES(problem, losses) == 0
+    got["d_image"] = got["d_image"][..., 3:]  # the others are not written
+    return got | {"losses": losses}
+
+
+def adam(given):
+    """A tensor and its moments after a step."""
+    got = {name: given[name].copy() for name in ("mean", "square", "value")}
+    rows, width = got["value"].shape
+    given = {name: given[name] for name in ("gradient", "reach")}
+    F4X_ADAM(ADAM(rows=rows, width=width, threads=2, **ADAM_CONSTANTS, **given, **got))
+    return got
+
+
+def nodes_moved(given):
+    """The axes of nodes, the losses of their motion, and the gradients."""
+    frames, nodes, _ = given["xyz"].shape
+    got = {"axes": np.empty((frames, nodes, 3, 3), np.float32)}
+    sizes = {"frames": frames, "nodes": nodes, **dict(zip(SMOOTH, SMOOTH_WEIGHTS, strict=True))}
+    poses = {name: given[name] for name in ("xyz", "quat", "times")}
+    F4X_NODE_AXES(MOTION(**sizes, **poses, **got))
+    found = {"loss": np.empty(1)} | {"d_" + name: np.empty_like(given[name]) for name in ("xyz", "quat")}
+    assert F4X_NODE_MOTION(MOTION(**sizes, **poses, d_axes=given["d_axes"], **found)) == 0
+    return got | found
 
 
 def moved(given):
@@ -163,6 +206,9 @@ def test_every_exported_function_gives_the_stored_values(native_library, monkeyp
     kinds = {
         "colours": colours,
         "picture": picture_loss,
+        "frame": frame_losses,
+        "adam": adam,
+        "nodes": nodes_moved,
         "moved": moved,
         "arap": as_rigid_as_possible,
         "bundle": adjusted,
@@ -178,7 +224,7 @@ def test_every_exported_function_gives_the_stored_values(native_library, monkeyp
     assert instruction_set(watched) in ("avx512", "avx2", "plain")
     assert 1e6 < measure_peak(watched, 0.01) < 1e13
     exported = {name for source in SOURCES for name in EXPORT.findall(source.read_text(encoding="utf-8"))}
-    assert watched.asked == exported and len(exported) == 19
+    assert watched.asked == exported and len(exported) == 23
 
 
 SQUARE_PAIRS = 9
@@ -207,6 +253,7 @@ def test_the_stored_values_are_those_of_the_formulas():
 def make_values():
     """Content of native_values.npz; `python tests/core/test_native_values.py` writes it."""
     groups = {"colours": values_of_colours(), "picture": values_of_pictures(), "moved": values_of_motion()}
+    groups |= {"frame": values_of_frames(), "adam": values_of_adam(), "nodes": values_of_nodes()}
     groups |= {"arap": values_of_arap(), "bundle": values_of_bundle(), "maps": values_of_maps()}
     return {
         f"{kind}_{way}_{name}": value
@@ -253,6 +300,77 @@ def values_of_pictures():
     total = losses.rgb_loss(image, target, weight, STRUCTURE) * weight.sum()
     total.backward()
     return given, {"total": total.detach().numpy(), "gradient": image.grad.numpy()}
+
+
+def values_of_frames():
+    """A frame of 21 x 33 pixels, some without a known depth, four without anything drawn."""
+    import torch
+
+    from f4x_core.fit import losses
+
+    rng = np.random.default_rng(8)
+    image, alpha = rng.uniform(size=(21, 33, 5)).astype(np.float32), rng.uniform(0.2, 1, (21, 33)).astype(np.float32)
+    depth = (alpha * rng.uniform(0.5, 2, alpha.shape)).astype(np.float32)
+    depth[3, :4] = 1e-5
+    prior = rng.uniform(0.5, 2, alpha.shape).astype(np.float32)
+    prior[:4, 1] = np.nan, np.inf, 0, -1
+    frame = rng.normal(120, 4, (21, 33, 3)).round().clip(0, 255).astype(np.uint8)
+    scores = {name: rng.uniform(size=alpha.shape).astype(np.float16) for name in ("confidence", "motion")}
+    given = {"image": image, "depth": depth, "alpha": alpha, "frame": frame, "prior": prior} | scores
+    leaves = {name: leaf(given[name]) for name in ("image", "depth", "alpha")}
+    confidence, motion, target = (
+        torch.tensor(given[n], dtype=torch.float64) for n in ("confidence", "motion", "frame")
+    )
+    target, unsure, c = target / 255, (1 - confidence) * (1 - motion), FRAME_CONSTANTS
+    z, a = leaves["depth"], leaves["alpha"]
+    total = c["depth_factor"] * losses.depth_loss(z, a, torch.tensor(prior, dtype=torch.float64), confidence)
+    error = (leaves["image"][..., 3] - (motion > 0.5).double()).abs() * (2 * motion - 1).abs()
+    inverse, grey, step = a / z.clamp_min(c["min_depth"]), target.mean(-1), c["step"]
+    total = total + c["alpha_factor"] * error.mean()
+    for axis in (0, 1):
+        bend, texture, least = (losses._three(each, axis, step) for each in (inverse, grey, unsure))
+        bend, texture = (losses._second_difference(*three).abs() for three in (bend, texture))
+        weight = torch.exp(-texture / c["plain"]) * torch.stack(least).amin(0)
+        total = total + c["bend_factor"] * (bend * weight).mean()
+    total.backward()
+    attention = 1 + (c["moving"] - 1) * motion
+    found = {"d_" + name: value.grad.numpy() for name, value in leaves.items()}
+    found["d_image"] = found["d_image"][..., 3:]
+    found |= {"target": target.numpy(), "attention": attention.numpy()}
+    return given, found | {"losses": np.array([total.item(), attention.sum().item()])}
+
+
+def values_of_adam():
+    """A step written out in numpy."""
+    rng = np.random.default_rng(9)
+    given = {name: rng.normal(size=(70, 3)).astype(np.float32) for name in ("gradient", "mean", "value")}
+    given["square"] = rng.uniform(0.1, 1, (70, 3)).astype(np.float32)
+    given["reach"] = rng.uniform(0.5, 2, 70).astype(np.float32)
+    wide, c = {name: value.astype(np.float64) for name, value in given.items()}, ADAM_CONSTANTS
+    mean = c["keep_mean"] * wide["mean"] + (1 - c["keep_mean"]) * wide["gradient"]
+    square = c["keep_square"] * wide["square"] + (1 - c["keep_square"]) * wide["gradient"] ** 2
+    step = c["rate"] * mean / (np.sqrt(square) / c["root_correction"] + c["epsilon"])
+    return given, {"mean": mean, "square": square, "value": wide["value"] - wide["reach"][:, None] * step}
+
+
+def values_of_nodes():
+    """7 frames at uneven times, 5 nodes."""
+    import torch
+
+    from f4x_core.geometry import quaternion
+    from f4x_core.scaffold.losses import smoothness_losses
+
+    rng = np.random.default_rng(10)
+    given = {name: rng.normal(size=(7, 5, axes)).astype(np.float32) for name, axes in (("xyz", 3), ("quat", 4))}
+    given |= {"times": np.cumsum(rng.uniform(0.5, 2, 7)), "d_axes": rng.normal(size=(7, 5, 3, 3)).astype(np.float32)}
+    xyz, quat = leaf(given["xyz"]), leaf(given["quat"])
+    unit = quaternion.normalize(quat)
+    axes = quaternion.to_matrix(unit)
+    smooth = smoothness_losses(xyz, unit, torch.tensor(given["times"]))
+    loss = sum(weight * each for weight, each in zip(SMOOTH_WEIGHTS, smooth, strict=True))
+    (loss + (axes * torch.tensor(given["d_axes"], dtype=torch.float64)).sum()).backward()
+    found = {"axes": axes.detach().numpy(), "loss": np.array([loss.item()])}
+    return given, found | {"d_xyz": xyz.grad.numpy(), "d_quat": quat.grad.numpy()}
 
 
 def values_of_motion():

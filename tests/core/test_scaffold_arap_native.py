@@ -7,7 +7,8 @@ import torch
 from f4x_core.geometry import quaternion
 from f4x_core.native.kernels import TORCH, Kernels
 from f4x_core.scaffold.graph import EdgeLevel
-from f4x_core.scaffold.losses import ArapEdges, arap_losses
+from f4x_core.scaffold.losses import ArapEdges, arap_losses, motion_loss
+from f4x_core.scaffold.motion_native import MotionWeights
 
 pytestmark = pytest.mark.usefixtures("native_library")
 
@@ -72,3 +73,36 @@ def test_poses_of_any_layout_are_read():
     assert arap_losses(*turned, edges, kernels=Kernels(native=True)) == expected
     none = arap_losses(parts[0][:1], parts[1][:1], edges, kernels=Kernels(native=True))
     assert none == (0, 0)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 9, 17])
+def test_the_losses_of_motion_in_one_go_are_those_of_torch(frames):
+    """Uneven times, a node whose quaternion is zero, one that neither moves nor turns."""
+    rng = np.random.default_rng(frames)
+    xyz, quat = rng.normal(size=(frames, 9, 3)), rng.normal(size=(frames, 9, 4))
+    xyz[:, 4], quat[:, 4], quat[0, 5] = xyz[0, 4], (1, 0, 0, 0), 0
+    neighbours, mask = rng.integers(0, 9, (9, 4)), np.ones((9, 4), bool)
+    times, weights = torch.tensor(np.cumsum(rng.uniform(0.5, 2, frames))), MotionWeights(0.3, 0.4, 0.2, 0.3, 0.5, 0.1)
+    results = []
+    for kernels, dtype in ((TORCH, torch.float64), (Kernels(native=True), torch.float32)):
+        x, q = (torch.tensor(array, dtype=dtype, requires_grad=True) for array in (xyz, quat))
+        edges = ArapEdges.build(neighbours, mask, dtype=dtype)
+        loss = motion_loss(x, q, times, edges, dict(zip(SHIFTS, WEIGHTS, strict=True)), weights, kernels)
+        if frames > 1:
+            (2 * loss).backward()
+            results.append([loss.detach().double(), x.grad.double(), q.grad.double()])
+        else:
+            assert float(loss.detach()) == 0
+    for one, other in zip(*results, strict=True) if results else ():
+        torch.testing.assert_close(other, one, rtol=1e-5, atol=2e-6 * float(one.abs().max()))
+
+
+def test_nodes_that_turn_no_further_than_rounding_have_no_gradient():
+    quat = torch.randn(1, 6, 4, generator=torch.Generator().manual_seed(0)).repeat(8, 1, 1).requires_grad_()
+    xyz = torch.zeros(8, 6, 3, requires_grad=True)
+    edges = ArapEdges.build(np.arange(6)[:, None], np.ones((6, 1), bool))
+    loss = motion_loss(
+        xyz, quat, torch.arange(8), edges, {1: 1.0}, MotionWeights(1, 1, 1, 1, 1, 1), Kernels(native=True)
+    )
+    loss.backward()
+    assert not quat.grad.any() and not xyz.grad.any()
