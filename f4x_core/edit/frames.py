@@ -69,6 +69,7 @@ from .phrases import (
     there_already,
     thing,
     two_of_them,
+    two_of_them_behind,
     whose,
 )
 from .selects import All, Current
@@ -88,7 +89,7 @@ ADDS_NOTHING = either(
         "somehow|quickly|for now|right away|for me|for us|if possible|if you [can|could|would|like|will]|"
         "when you can|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
         "lovely|kind of|sort of|you know|after all|i think|i guess|"
-        "i feel like|i believe|this time|from there|in one go|of course|though|yeah|yes|asap|my friend|sir|both|"
+        "i feel like|i believe|this time|from there|in one go|of course|though|yeah|yes|asap|my friend|sir|"
         "overall|in total|all in all|would you mind|do you mind|shall we|feel free to|first of all|firstly|secondly|thirdly|"
         "finally|at last|completely|entirely|fully|totally"
     ),
@@ -114,6 +115,7 @@ ADDS_NOTHING = either(
     ),
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("instead") + unless(literal("of")),
+    literal("both") + unless(silent(two_of_them_behind)),
 )
 """Requests, wishes, interjections."""
 
@@ -200,6 +202,7 @@ _size_of = (
         + (fraction | percent)
         + literal("of [its|the|their|his|her] (original|normal|current) [size|height]"),
         literal("to the size of") + multiple,
+        ~literal("at|to") + (percent | multiple) + literal("of what it [is|was] (now|before)|of [it|itself]|as it [is|was] (now)"),
     )
     >> making.scaled
 )
@@ -238,7 +241,7 @@ _frame(
     "the dog, in red",
     as_given,
     "values",
-    who=either(_whom, _about + whose("color|colors|coloring|look|appearance")),
+    who=either(_whom, _about + whose("color|colors|coloring|look|appearance|paint|paintwork|paint job|hue|shade|tint")),
     verb=_becoming,
     more=literal("still|even|even more|a step|one more time"),
     rest=literal("instead of|rather than|not") + ~literal("a|an|the|that") + silent(colour) + literal("one|ones"),
@@ -322,6 +325,7 @@ _to_value = (
     + either(percent, multiple, number)
     + ~literal("of [its|the|their] (original|current|normal|present) (value|size|speed|brightness|level)")
 )
+"""What a quality comes to."""
 
 
 def _changed(
@@ -332,7 +336,12 @@ def _changed(
     too: bool | None = None,
     times: float | None = None,
     particle: bool | None = None,
+    value: float | None = None,
 ) -> Value:
+    if value is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
+        if (how, to, too, times) != (None, None, None, None):
+            raise Mismatch
+        to, how = (value, None) if way is None else (None, Amount("fraction", value))
     if particle is not None and particle is not way:
         raise Mismatch
     if times is None and how is not None and how.kind == "times" and way is too is to is None:
@@ -366,6 +375,7 @@ _frame(
     + table(_QUALITIES, reserve=False)
     + ~literal("level|value|slider|amount|setting"),
     way=_way,
+    value=percent,
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | literal("way") >> (lambda: Amount("large")),
     to=_to_value,
     particle=table({"up": True, "down": False}, reserve=False),
@@ -494,7 +504,7 @@ _frame(
     "the dog has to be hidden",
     always(making.opacity(0.0)),
     "verb",
-    who=_whom,
+    who=_whom | _about + whose("visibility|display"),
     verb=literal(
         any_form("hide") + "|away|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"
     ),
@@ -751,17 +761,22 @@ _frame(
     + ~literal("of|behind|after|for")
     + thing,
     trail=~literal("a|an|some|the")
+    + ~literal("fading|ghostly|faint|transparent|soft|see through")
     + literal(
         "trail|trails|motion trail|ghost trail|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|"
         "onion skinning|" + any_form("follow") + "|echo effect"
     ),
     copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
     + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
-    single=~literal("a|one|another|the") + literal("copy|clone|ghost|duplicate|second one|twin") >> (lambda: True),
+    single=either(
+        ~literal("a|one|another|the|an identical|a second") + literal("copy|clone|ghost|duplicate|second one|twin"),
+        literal("a second|another|an identical|one more|an extra|the same") + unless(literal("copy|ghost|clone|one")),
+    )
+    >> (lambda: True),
     times=~literal("of|with") + _times,
     verb=literal(any_form("leave")),
     behind=literal(
-        "behind it|behind him|behind her|after it|behind itself|behind|it|him|her|the original|the first one|"
+        "behind it|behind him|behind her|after it|behind itself|behind|it|him|her|the original|the first (one)|"
         "the real one"
     ),
     shift=SHIFT

@@ -201,7 +201,9 @@ def _in_any_order(frame: Command) -> Rule:
     return bag(slots, needed, ADDS_NOTHING) >> clause
 
 
-_number_of_item = number + either(sign(")"), keyword(".|:"))
+_number_of_item = ~literal("step|part|item|task|edit|point|number|no|#") + (
+    number + either(sign(")"), keyword(".|:"))
+) | literal("step|part|item|task|edit|point") + number + ~keyword(",")
 _framed = either(*map(_in_any_order, FRAMES))
 _loose_clause = either(
     _clause, _framed, span + ~keyword(",|:") + _framed >> (lambda front, clause: clause._replace(front=front))
@@ -673,7 +675,10 @@ _UNDOING = keyword(
     "one]|"
     "cancel (that|this|the last)|[forget|revoke] [that|the last] [change|edit|step|one]"
 )
-_ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
+_ELSEWHERE = {
+    **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
+    **dict.fromkeys(("redo", "undid", "undone"), "redo"),
+}
 """Word -> verb of `f4x` that does it."""
 _either = either(keyword("either"), silent(familiar) + keyword("or") + ~keyword("the|a|an") + silent(familiar))
 _last = Rule(lambda reading, at: {at: ()} if at >= len(reading.tokens) or not reading.tokens[at].is_word else {})
@@ -734,10 +739,6 @@ _UNKNOWN_WAYS = (
     (
         keyword("[half|part|parts|most|some|a third|a quarter] of"),
         "Things are changed as a whole, so '{words}' means nobody.",
-    ),
-    (
-        keyword("[darker|lighter|brighter|deeper]") + silent(colour),
-        "'{words}' is no color; give its name, for example 'dark red'.",
     ),
     (
         keyword(

@@ -30,7 +30,8 @@ shade_of = ~keyword(
     "warm|cool|soft|rich|strong|plain"
 ) + ~literal(
     "vivid|fluorescent|shiny|glossy|matte|metallic|intense|gorgeous|fresh|proper|real|true|good old|super|bold|juicy|loud|"
-    "screaming|striking|deep and rich|electric|luminous|total|totally|all"
+    "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire engine|blood|cherry|ice|icy|baby|"
+    "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|crimson|cute"
 )
 _shade_of = shade_of + ~(keyword("from") + silent(colour) + ~keyword("to|into"))
 _fully = ~keyword("all|completely|fully|entirely|totally|wholly")

@@ -76,7 +76,7 @@ duration = either(
     number + _unit >> _times,
     table({"half (a)|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
     >> _times,
-    keyword("a|one") + _and_a_half,
+    ~keyword("a|one") + _and_a_half,
     fraction + keyword("of a|of an|of one") + _unit >> _times,
 )
 _whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
@@ -100,7 +100,7 @@ _part_way = either(
     keyword("halfway|half way|midway|mid way") + ~(_through | keyword("point") + ~keyword(f"of the [{_whole}]"))
     >> (lambda: HALF_WAY),
     keyword(
-        f"the (very) middle of the [{_whole}]|the [halfway|half way|half] [point|mark] (of the [{_whole}])|mid clip|"
+        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the [halfway|half way|half] [point|mark] (of the [{_whole}])|mid clip|"
         "the half|half time|"
         f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
     )
@@ -166,8 +166,8 @@ _pair = either(
 _pair_between = keyword("between") + _pair
 _pair_from = ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
 _length = either(duration, optional(number, 1.0) + _unit >> _times)
-_first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the first") + _length
-_last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final]") + _length
+_first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [first|opening]") + _length
+_last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final|closing]") + _length
 _onward = ~keyword(
     "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) end|till the end|"
     "for good|for the rest (of the clip|of it)|and stay so"
@@ -208,8 +208,8 @@ _part = table(
     }
 ) + ~keyword(f"of the [{_whole}]")
 _within = ~keyword("for|in|during|over|within|throughout") + keyword("the")
-_leading = _within + keyword("first") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
-_closing = _within + keyword("last|final") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
+_leading = _within + keyword("first|opening") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
+_closing = _within + keyword("last|final|closing") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
 _central = _within + keyword("middle|central") + either(_part >> (lambda x: TimeExpression(clip=x)), _length) >> (
     lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))
 )

@@ -30,7 +30,7 @@ VERBS: dict[str, str] = {
     "shrink": "shrink, scale down, shrink down, downscale, downsize, minimize, size down, contract, miniaturize, reduce, "
     "compress, get smaller, dwindle, squash down, deflate, cut down",
     "quicken": "speed up, accelerate, quicken, hasten, hurry, hurry up, rush, hustle",
-    "slow": "slow down, slow, decelerate, brake",
+    "slow": "slow down, slow, decelerate, brake, calm, calm down",
     "saturate": "saturate, enrich, liven up, enliven, perk up, spice up, vivify",
     "desaturate": "desaturate, decolor, decolorize, gray out, bleach out",
     "mute": "mute, dull, dull down, wash out",
@@ -45,7 +45,7 @@ VERBS: dict[str, str] = {
     "zap, nuke, yank, axe, bin, chuck, destroy, dispose of, dispense with, do without, exclude, omit, weed out, airbrush out, "
     "photoshop out, wipe, strike, toss, toss out, expel, shoo away",
     "hide": "hide, conceal, mask, mask out, make invisible, vanish, disappear, stop showing, not show, blank out, switch off, "
-    "turn off, cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, turn invisible",
+    "turn off, cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, turn invisible, toggle off, disable, deactivate",
     "show": "show, reveal, unhide, reshow, bring back, restore, uncover, unmask, unveil, reappear",
     "appear": "fade in, appear, emerge, materialize, come into view, show up, pop up, turn up, dissolve in, come in, pop in, "
     "arise",
