@@ -1,4 +1,5 @@
-"""What somebody takes back while speaking: "delete the pillow, no wait, the lamp"."""
+"""What somebody says before the command: takes back ("delete the pillow, no wait, the lamp"), or remarks ("the pole is in the
+way, get rid of it")."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from ..language.colours import colour
 from ..language.grammar import Reading, either, keyword, tokenise
 from ..language.lexicon import word_set
 from ..language.times import duration, moment, span
-from .phrases import known_thing
+from .phrases import familiar, known_thing
 from .qualities import made
 
 _TAKEN_BACK = (
@@ -61,3 +62,40 @@ def corrected(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[s
             yield f"{first[: before.tokens[at].start]}{last}{tail}"
     if not _SPOKEN_OF & {token.text for token in behind.tokens}:  # of whom "it" speaks is in what came before
         yield last
+
+
+_STATES = (
+    r"(?:is|are|was|isn't|aren't|is not|are not|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|has|have|hasn't|doesn't|does not|"
+    r"don't|do not|keeps?|gets?|bothers?|distracts?|annoys?|spoils?|ruins?|blocks?|moves?|drives?|runs?|goes|walks?)"
+)
+_REMARKED = re.compile(
+    rf"^(?P<remark>(?:(?:the|that|this|these|those|my|our|its?) )?(?:[\w'-]+ ){{0,4}}?{_STATES}\b.*?|"
+    r"(?:i|we|people|nobody|no one|you) (?:really |just |also )?(?:do not|don't|dont|never|can't|cannot|can not|can hardly|hate|"
+    r"dislike|needs? (?:that|this)|wants? (?:that|this)|likes?|loves?|have|has|see|notice|think|am|are|is)\b.*?|"
+    r"there(?: is| are|'s) .*?)(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so (?:please )?)"
+    r"(?P<command>[^\s].*)$",
+    re.IGNORECASE,
+)
+"""What says how it is, and the command behind it."""
+_WISH = re.compile(
+    r"\b(?:should|must|shall|would|could|can|want|wish|please|make|let|to be|needs? to|has to|have to|except|but|only|until|"
+    r"after|before|second|seconds|frame|frames)\b|\d|%",
+    re.IGNORECASE,
+)
+"""What may be part of the command itself."""
+
+
+def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
+    """The command behind a remark, with the thing of the remark in front: "the pole: get rid of it"."""
+    match = _REMARKED.match(sentence.strip())
+    if match is None or _WISH.search(match["remark"]):
+        return
+    remark, command = (Reading.of(text, tokenise(text), known) for text in (match["remark"], match["command"]))
+    if not _SPOKEN_OF & {token.text for token in command.tokens}:
+        yield match["command"]
+        return
+    for at in range(len(remark.tokens)):
+        if ends := familiar.at(remark, at):
+            thing = remark.text_of(at, max(ends))
+            yield f"the {thing}: {match['command']}"
+            return

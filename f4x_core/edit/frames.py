@@ -113,6 +113,18 @@ ADDS_NOTHING = either(
         every_form("make|let|have|get|do|keep")
         + "|start|begin|every frame|each frame|going|in the [scene|picture|video|clip]|for good|permanently"
     ),
+    literal(
+        "[would|might|could|will|should] (really|surely|definitely|also|probably|certainly) [be|look|seem|feel|do|work] (so|much|way|"
+        "a lot|even|just|really|very|far|pretty) [nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|"
+        "sweet|pretty|prettier|amazing|funny|cooler|the trick|well] (to [see|have]|if|there|here)|[would|will|should|might] do "
+        "(nicely|well|fine)|[is|are|was|were] (so|much|way|a lot) [nicer|better|cooler|prettier]|"
+        "[i|we] [was|am|were|are|had been|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|"
+        "whether|maybe|perhaps)|[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|"
+        "say] (that)|(i|we) [am|are] after|what [i|we] (really|would) [want|need|like] is|[my|the] [suggestion|request|thought|vision|"
+        "dream|goal|task|job] [is|would be] (that|to)|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|"
+        "any chance (of|that|you [can|could])|[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|imagine (that)|"
+        "in [my|our] opinion"
+    ),
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("instead") + unless(literal("of")),
     literal("both") + unless(silent(two_of_them_behind)),

@@ -46,7 +46,7 @@ from ..language.times import HALF_WAY, Span, TimeExpression, span
 from ..language.verbs import VERBS, any_form
 from . import qualities
 from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command, as_given
-from .corrections import corrected
+from .corrections import corrected, remarked
 from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_picture
@@ -328,7 +328,8 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
     own = dict.fromkeys((*corrected(sentence, known), *in_order(sentence), sentence, plain))
     first: Read | Refusal | None = None
     reason = ""
-    for ways in (own, dict.fromkeys(way for way in paraphrases(plain) if way not in own)):
+    others = (*remarked(plain, known), *paraphrases(plain))
+    for ways in (own, dict.fromkeys(way for way in others if way not in own)):
         readings: list[Reading] = []
         for way in ways:
             try:

@@ -176,7 +176,7 @@ def _span_fits(span: dict[str, Any] | None, op: dict[str, Any], which: str = "sp
     elif "seconds_before_end" in span:
         lo, hi = FRAMES - span["seconds_before_end"] * FPS, None
     else:
-        lo, hi = (_timecode(code) for code in span["timecode"])
+        lo, hi = (None if code is None else _timecode(code) for code in span["timecode"])
     if which == "at":
         return abs(a - lo) <= 1
     if "loose" in span:
