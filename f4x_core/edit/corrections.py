@@ -77,6 +77,10 @@ _REMARKED = re.compile(
     re.IGNORECASE,
 )
 """What says how it is, and the command behind it."""
+_IN_OTHER_WORDS = re.compile(
+    r"^(?P<remark>.+?)(?:[,;(-]\s*|\s)(?:i\.? ?e\b\.?|that is to say|that is,|in other words|meaning|namely),?:?\s+(?P<command>.+?)\)?$",
+    re.IGNORECASE,
+)
 _WISH = re.compile(
     r"\b(?:should|must|shall|would|could|can|want|wish|please|make|let|to be|needs? to|has to|have to|except|but|only|until|"
     r"after|before|second|seconds|frame|frames)\b|\d|%",
@@ -87,8 +91,8 @@ _WISH = re.compile(
 
 def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
     """The command behind a remark, with the thing of the remark in front: "the pole: get rid of it"."""
-    match = _REMARKED.match(sentence.strip())
-    if match is None or _WISH.search(match["remark"]):
+    match = _IN_OTHER_WORDS.match(sentence) or _REMARKED.match(sentence.strip())
+    if match is None or (match.re is _REMARKED and _WISH.search(match["remark"])):
         return
     remark, command = (Reading.of(text, tokenise(text), known) for text in (match["remark"], match["command"]))
     if not _SPOKEN_OF & {token.text for token in command.tokens}:

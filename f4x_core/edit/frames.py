@@ -63,6 +63,7 @@ from .making import Value
 from .phrases import (
     colors,
     everything_else,
+    familiar,
     known_noun,
     known_thing,
     place,
@@ -85,7 +86,7 @@ def _frame(example: str, make: Any, needed: str, *, who: Rule = thing, use: Use 
 ADDS_NOTHING = either(
     literal(
         "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|look|listen|"
-        "um|uh|er|hmm|oh|well|so|now|then|next|also|too|as well|just|simply|actually|really|maybe|perhaps|probably|"
+        "um|uh|er|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|"
         "somehow|quickly|for now|right away|for me|for us|if possible|if you [can|could|would|like|will]|"
         "when you can|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
         "lovely|kind of|sort of|you know|after all|i think|i guess|"
@@ -127,6 +128,7 @@ ADDS_NOTHING = either(
     ),
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("instead") + unless(literal("of")),
+    literal("too") + Rule(lambda reading, at: {} if reading.word(at).isalpha() and reading.word(at) not in ("and", "but") else {at: ()}),
     literal("both") + unless(silent(two_of_them_behind)),
 )
 """Requests, wishes, interjections."""
@@ -135,7 +137,7 @@ _joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
 _led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "with") else {})
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
-    "in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|solid|"
+    "(look|looks) like (an|some) old [movie|film|photo|photograph|picture|postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|solid|"
     "some|for|but|but in|be of|from"
 )
 _a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
@@ -287,6 +289,15 @@ _frame(
     faintly=qualities.hint,
 )
 
+_frame(
+    "the dog is gold from second 1 on",
+    as_given,
+    "values state when",
+    who=thing,
+    state=literal("is|are|was|being"),
+    values=listed(_quality, _joined),
+)
+
 # More and less of a quality
 
 
@@ -298,9 +309,9 @@ def _transparent(by: float) -> Value:
 _QUALITIES = {
     "size|scale|dimensions": making.scaled,
     "speed|pace|tempo|playback speed|playback rate|velocity": making.retimed,
-    "brightness|light|luminance|exposure|lightness|luminosity|glare": making.brightened,
+    "brightness|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain": making.brightened,
     "contrast": making.contrasted,
-    "saturation|color saturation|color intensity|vibrance|vividness|colorfulness|chroma": making.saturated,
+    "saturation|color saturation|color intensity|vibrance|vividness|colorfulness|chroma|color|colors": making.saturated,
     "opacity|visibility|alpha": making.opacity,
     "transparency|translucency": _transparent,
     "warmth|color temperature|temperature": lambda by: making.warmed(Amount("fraction", abs(by - 1)), by > 1),
@@ -465,7 +476,7 @@ _frame(
         "of [its|the|their|his|her] (original|normal|present|current) [size|speed|brightness|pace]|"
         "[size|speed|the size|the speed|its size|opacity]"
     ),
-    particle=literal("up|down|off|in size|in tempo"),
+    particle=literal("up|down|off|in size|in tempo|more|even more|further"),
     fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
 _frame(
@@ -743,6 +754,15 @@ _frame(
     >> (lambda: True),
 )
 _frame(
+    "the dog twice",
+    lambda times, verb=None: making.copied(times=times - 1),
+    "verb times",
+    use=NAMED,
+    who=known_thing,
+    verb=literal(every_form("have|see|want|need|appear|exist") + "|be there|there should be|like (to have)"),
+    times=table({"twice|two times|double": 2.0, "thrice|three times|triple": 3.0, "four times": 4.0, "five times": 5.0}),
+)
+_frame(
     "the dog where the cat is, the cat where the dog is",
     making.swapped,
     "other",
@@ -753,10 +773,10 @@ _frame(
     + known_thing
     + literal("is|are|stands|was")
     + _joined
-    + silent(~literal(any_form("move")) + known_thing)
-    + literal("where")
-    + silent(known_thing)
-    + literal("is|are|stands|was"),
+    + either(
+        silent(~literal(any_form("move")) + known_thing) + literal("where") + silent(known_thing) + literal("is|are|stands|was"),
+        literal("vice versa|the other way (around|round)|the reverse"),
+    ),
 )
 
 
@@ -782,7 +802,8 @@ _frame(
     + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
     single=either(
         ~literal("a|one|another|the|an identical|a second") + literal("copy|clone|ghost|duplicate|second one|twin"),
-        literal("a second|another|an identical|one more|an extra|the same") + unless(literal("copy|ghost|clone|one")),
+        literal("a second|another|an identical|one more|an extra|the same") + unless(literal("copy|ghost|clone|one"))
+        + ~silent(familiar),
     )
     >> (lambda: True),
     times=~literal("of|with") + _times,
@@ -837,6 +858,14 @@ _frame(
     motion=literal("motion of|the motion of|the movement of|the part|part|of|the bit"),
 )
 _frame(
+    "slow motion, please",
+    as_given,
+    "values",
+    who=_about + thing,
+    use=WHOLE,
+    values=either(_pace_of, qualities.pace, qualities.backward) >> (lambda value: ((value,),)),
+)
+_frame(
     "the clip should be twice as long",
     as_given,
     "values",
@@ -870,6 +899,15 @@ _bit_of = ~literal("some|a|an|a bit of|a little|a touch of|the") + optional(
     )
 )
 _doing = literal(any_form("apply"))
+
+
+def _haloed(light: tuple[Amount | None, Any], rgb: Any = None) -> Value:
+    how, own = light
+    if own is not None and rgb is not None:
+        raise Mismatch
+    return making.glowing(how, own or rgb)
+
+
 _frame(
     "a slight blur on the dog",
     making.blurred,
@@ -890,16 +928,18 @@ _frame(
 )
 _frame(
     "a soft blue glow around the dog",
-    as_given,
-    "values",
+    _haloed,
+    "light",
     who=_whom,
     verb=_doing,
-    values=_bit_of
+    light=~literal("with")
+    + _bit_of
     + qualities.shade_of
     + optional(colour)
     + literal("(neon|light) [glow|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance] (of light)")
     + ~literal("effect")
-    >> making.glowing,
+    >> (lambda how, rgb: (how, rgb)),
+    rgb=~literal("in|in a|with") + colour + ~literal("light|color"),
 )
 _frame(
     "the dog should glow",
@@ -942,6 +982,11 @@ _frame(
         reserve=False,
     ),
     by=literal("to") + (percent | fraction),
+    gone=literal(
+        "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|vanishes]|"
+        "until nothing is left|into thin air|more and more"
+    )
+    >> (lambda: True),
 )
 _frame(
     "the dog appears over the first second",

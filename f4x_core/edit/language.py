@@ -49,7 +49,7 @@ from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command, as_given
 from .corrections import corrected, remarked
 from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
-from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_picture
+from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_clip, is_of_a_picture
 from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together, whose
 from .qualities import any_look, effect
@@ -59,6 +59,8 @@ from .styles import STYLES
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
+MAX_BARRED = 3
+"""Frames that fit a sentence and cannot be carried out, before it is given up."""
 
 
 class Clause(NamedTuple):
@@ -198,13 +200,15 @@ def _in_any_order(frame: Command) -> Rule:
             raise Mismatch from refusal
         return Clause(frame, (filled,))
 
-    return bag(slots, needed, ADDS_NOTHING) >> clause
+    rule = bag(slots, needed, ADDS_NOTHING) >> clause
+    return Rule(lambda reading, at: {} if id(frame) in reading.barred else rule.at(reading, at))
 
 
 _number_of_item = ~literal("step|part|item|task|edit|point|number|no|#") + (
     number + either(sign(")"), keyword(".|:"))
 ) | literal("step|part|item|task|edit|point") + number + ~keyword(",")
 _framed = either(*map(_in_any_order, FRAMES))
+_FRAMED = frozenset(map(id, FRAMES))
 _loose_clause = either(
     _clause, _framed, span + ~keyword(",|:") + _framed >> (lambda front, clause: clause._replace(front=front))
 )
@@ -344,14 +348,18 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
             first = first or read
         for reading in sorted(readings, key=lambda reading: reading.sentence != plain):
             # what was matched before holds, and the word that is to blame is the one of the first time
-            read = _matched(replace(reading, farthest=0), _loose_sentence)
-            if read.clauses:
+            reading = replace(reading, farthest=0)
+            while (read := _matched(reading, _loose_sentence)).clauses:
                 try:
                     return read if settled is None else replace(read, operations=settled(read))
                 except Refusal as refusal:
                     reason = reason or refusal.reason
                 except F4xError:
-                    continue
+                    break
+                framed = {id(clause.command) for *_, clause in read.clauses} & _FRAMED
+                if not framed or len(reading.barred) >= MAX_BARRED:
+                    break
+                reading = replace(reading, barred=reading.barred | framed, memo={})  # another frame may do
     if isinstance(first, Refusal):
         raise first
     assert first is not None
@@ -551,6 +559,8 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             if "who" not in piece and (clause.command.use.whole or nobody):
                 context.last = All()
             context.overall = context.overall or clause.command.use.whole or clause.command.use.timed
+            if "who" in piece and context.last is None and not context.selected:
+                context.overall = context.overall or _of_a_clip(clause.command, piece)
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
             assumed = who is None
             if who is None:
@@ -588,6 +598,18 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
                     operation, topics[-1] = context.copied(operation)
                 yield operation
         context.they = together(topics) if topics else None
+
+
+def _of_a_clip(command: Command, piece: Mapping[str, Any]) -> bool:
+    """Whether a command may be for everything where it is for "it" and nothing was named."""
+    if command.make in (REMARK, AGAIN):
+        return False
+    made = command.make(**_arguments(piece))
+    with suppress(F4xError):  # it is told when the command is carried out
+        return all(
+            is_of_a_clip(value(All(), When(), SentenceContext(1.0, 1))) for (value,) in (made if isinstance(made, tuple) else ((made,),))
+        )
+    return False
 
 
 _SPARING = frozenset({"remark", "untouched", "spared"})
@@ -674,7 +696,7 @@ _UNDOING = keyword(
     "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
     "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|"
     "one]|"
-    "cancel (that|this|the last)|[forget|revoke] [that|the last] [change|edit|step|one]"
+    "cancel (that|this|the last)|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
 )
 _ELSEWHERE = {
     **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
@@ -734,7 +756,8 @@ _a_new = either(
     keyword("add|insert|create|draw|write") + ~keyword("a|an|some"),
     keyword("put|place|stick|hang|give it|give me") + keyword("a|an|some"),
 )
-_NEW_THING = _a_new + (_strange_word + ~_strange_word | silent(familiar))
+_replacing = keyword("replace|substitute|swap out|exchange|trade") + silent(thing) + keyword("with|by|for") + ~keyword("a|an|some|the")
+_NEW_THING = (_a_new | _replacing) + (_strange_word + ~_strange_word | silent(familiar))
 _UNKNOWN_WAYS = (
     (keyword("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
     (

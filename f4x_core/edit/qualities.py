@@ -262,7 +262,9 @@ a_look = either(
     constant(1.0) + keyword("in|into|with") + ~keyword("a|an|the|some") + any_look + effect,
     _seem + _strongly + _look_adjective,
 ) >> (lambda strength, look: making.styled(look, strength))
-bare_look = (
+bare_look = ~literal(
+    "(take|taking|takes) place at|(happen|happens|happening|set|shot|filmed|recorded) [at|during|in]|at|during|in the (middle of the)|by"
+) + (
     table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled
 )
 given_look = _article + any_look + ~keyword("like|colored") + effect >> making.styled

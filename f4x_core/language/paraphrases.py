@@ -9,10 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+from .colour_names import COLOURS
+
 _X = r"(?P<x>(?:the |my |that |this |all |both )?[\w' -]+?)"
 """A thing."""
 _REST = r"(?P<rest>.+)"
 _OR = r"(?:{})".format
+_COLOUR = "|".join(sorted(COLOURS))
 _BE = _OR("is|are|was|were|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be")
 _GONE = _OR("gone|away|out|off|hidden|invisible")
 _TIMED = _OR("after|before|from|until|till|between|during|at|in|for|over|once|when")
@@ -72,6 +75,11 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     (
         rf"^(?:change|set|make|adjust) {_X}'s colou?rs? to (?:match|fit|be like) (?:that of |those of )?{_REST}$",
         r"match \g<x> to \g<rest>",
+    ),
+    (
+        rf"^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{_COLOUR}) (?:colou?r )?(?:of|on|in) "
+        rf"{_X} (?:for|with|by|to|into) (?:a |an |the |some )?{_REST}$",
+        r"make \g<x> \g<rest>",
     ),
     (
         rf"^put (?:the colou?r of {_X}|{_X.replace('<x>', '<y>')}'s colou?r) (?:to|on|into) {_REST}$",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from .amounts import PLACES, fraction, number, percent
-from .grammar import either, keyword, optional, table
+from .grammar import either, keyword, optional, table, unless
 
 
 @dataclass
@@ -163,8 +163,9 @@ _pair = either(
     keyword("the (very) [start|beginning]") + _to + keyword("the (very) middle|halfway|half way") + ~_of_it
     >> (lambda: (START, HALF_WAY)),
 )
-_pair_between = keyword("between") + _pair
-_pair_from = ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
+_portion = ~keyword("(in|for|during) the [part|bit|section|segment|stretch|piece|portion|interval|time|second|seconds|frames|passage]")
+_pair_between = _portion + keyword("between") + _pair
+_pair_from = _portion + ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
 _length = either(duration, optional(number, 1.0) + _unit >> _times)
 _first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [first|opening]") + _length
 _last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final|closing]") + _length
@@ -193,7 +194,7 @@ _since_then = either(
     keyword("(right) after|past|once|when") + _second_over + _onward,
     _has_passed,
 )
-_just_then = (_at + ~keyword("about|around|roughly|exactly|precisely") + moment | _bare) + _onward
+_just_then = (unless(keyword("in here")) + _at + ~keyword("about|around|roughly|exactly|precisely") + moment | _bare) + _onward
 _begin = _since_then | _just_then
 _for = keyword("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
 _part = table(

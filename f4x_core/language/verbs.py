@@ -50,7 +50,8 @@ VERBS: dict[str, str] = {
     "appear": "fade in, appear, emerge, materialize, come into view, show up, pop up, turn up, dissolve in, come in, pop in, "
     "arise",
     "vanish": "fade out, fade away, dissolve, fade, vanish slowly, disappear slowly, slowly vanish, slowly disappear, melt away, "
-    "evaporate, peter out, fizzle out, dwindle away, fade off",
+    "evaporate, peter out, fizzle out, dwindle away, fade off, get fainter and fainter, become fainter and fainter, grow fainter, "
+    "get fainter, get more and more transparent, become more and more transparent",
     "keep": "keep, show, show me, leave, retain, have, display, see, preserve, let me see, save, hold on to, spare",
     "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, lift out, rotoscope, roto, pick out, cut "
     "out",
@@ -77,7 +78,7 @@ VERBS: dict[str, str] = {
     "make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy",
     "add": "make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, need, stand, be, appear, "
     "duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
-    "follow": "follow, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come behind, follow "
+    "follow": "follow, come after, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come behind, follow "
     "behind, drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue",
     "leave": "leave, have, make, add, put, give, create, draw, show, let, get, drag, apply, throw in, use, need",
     # time
