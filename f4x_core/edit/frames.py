@@ -50,6 +50,7 @@ from .commands import (
     SENSE,
     SHIFT,
     TRAIL_COPIES,
+    TIMED,
     TRAIL_LAG,
     USUAL,
     WHOLE,
@@ -91,7 +92,7 @@ ADDS_NOTHING = either(
         "when you can|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
         "lovely|kind of|sort of|you know|after all|i think|i guess|"
         "i feel like|i believe|this time|from there|in one go|of course|though|yeah|yes|asap|my friend|sir|"
-        "overall|in total|all in all|would you mind|do you mind|shall we|feel free to|first of all|firstly|secondly|thirdly|"
+        "rather|preferably|by preference|overall|in total|all in all|would you mind|do you mind|shall we|feel free to|first of all|firstly|secondly|thirdly|"
         "finally|at last|completely|entirely|fully|totally"
     ),
     literal(
@@ -106,7 +107,7 @@ ADDS_NOTHING = either(
         "your task is to|time to|see|to see|have|to have|to get|want|would like"
     ),
     literal(
-        "[should|must|could|can|may|will|would|shall|has to|have to|needs to|need to|ought to|is to|are to|must to|"
+        "[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|must to|"
         "to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|have])|"
         "[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
     ),
@@ -137,7 +138,7 @@ _joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
 _led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "with") else {})
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
-    "(look|looks) like (an|some) old [movie|film|photo|photograph|picture|postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|solid|"
+    "something like|something in|something|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|picture|postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|solid|"
     "some|for|but|but in|be of|from"
 )
 _a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
@@ -373,6 +374,8 @@ def _changed(
         if (way, too, to) != (None, None, None):
             raise Mismatch
         return quality(times)
+    if to is not None and quality in (making.opacity, _transparent) and to > making.SHOWN:
+        to /= 100
     if to is not None:
         if (way is not None and how is not None) or to > making.SHOWN:
             raise Mismatch
@@ -387,6 +390,16 @@ def _changed(
 
 
 _set = literal(any_form("set"))
+_frame(
+    "increase the dog by 10 percent",
+    lambda way, how: making.scaled(factor(how, way)),
+    "way how",
+    use=NAMED,
+    who=~literal("the|my|that|this") + known_noun,
+    way=table({every_form("increase|extend|augment"): True, every_form("reduce|decrease|lessen|diminish"): False}, reserve=False),
+    how=amount,
+    size=literal("in size"),
+)
 _frame(
     "the brightness of the dog, up by 20 %",
     _changed,
@@ -453,7 +466,8 @@ _frame(
     "the dog should be brightened a bit",
     _more,
     "verb",
-    who=_whom,
+    use=TIMED,
+    who=_whom | literal("things|the action|the pace|the playback|all of it") >> (lambda: lambda context: All()),
     verb=either(
         *(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items()),
         *(
@@ -990,7 +1004,7 @@ _frame(
 )
 _frame(
     "the dog appears over the first second",
-    always(making.faded(0.0, inward=True)),
+    always(making.appearing),
     "verb",
     who=_whom,
     use=NAMED,
@@ -1010,7 +1024,7 @@ _frame(
 _untouched = literal(
     "alone|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|"
     "where they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|"
-    "in its [original|normal] [colors|color|state]"
+    "in its [original|normal] [colors|color|state]|sharp|in focus|crisp"
 )
 _frame(
     "but leave the dog as it is",

@@ -89,7 +89,7 @@ _afterward = keyword(
     "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, after that"
 )
 _modal = keyword(
-    "should|must|shall|ought to|has to|have to|needs to|need to|is to|are to|will|is supposed to|are supposed to|had better"
+    "should|must|shall|ought to|has got to|have got to|should rather|has to|have to|needs to|need to|is to|are to|will|is supposed to|are supposed to|had better"
 )
 _want = keyword("i|we") + keyword(
     "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love to see"
@@ -179,12 +179,14 @@ _ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
 _polite = keyword("please|could|can") | _request
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
+_about_whom = literal("as for|about|regarding|concerning|focus on|concentrate on|take|look at|with|for|now") 
 _topic = thing + keyword(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
 _PRONOUNS = word_set("it him her them its his their")
 _pronoun_follows = Rule(lambda reading, at: {at: ()} if any(t.text in _PRONOUNS for t in reading.tokens[at:]) else {})
 _loose_topic = _topic | thing + literal(",|-|->|=>|=") + _pronoun_follows >> (
     lambda who: Clause(TOPIC, ({"who": who},))
 )
+_loose_topic = _loose_topic | _about_whom + thing + keyword(",|:|and|-") >> (lambda who: Clause(TOPIC, ({"who": who},)))
 
 
 def _in_any_order(frame: Command) -> Rule:
@@ -334,6 +336,8 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
     reason = ""
     others = (*remarked(plain, known), *paraphrases(plain))
     for ways in (own, dict.fromkeys(way for way in others if way not in own)):
+        if reason:  # its own words fit, and what they ask for cannot be
+            break
         readings: list[Reading] = []
         for way in ways:
             try:
@@ -696,7 +700,7 @@ _UNDOING = keyword(
     "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
     "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|"
     "one]|"
-    "cancel (that|this|the last)|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
+    "cancel (that|this|the last)|put everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
 )
 _ELSEWHERE = {
     **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),

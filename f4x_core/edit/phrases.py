@@ -651,7 +651,7 @@ _cast = (
 """What a thing casts, told by where it lies."""
 _other_one = keyword("[the|that] other (one)|the other [ones|two|three]") >> (lambda: _the_other)
 everything_else = keyword(
-    "[everything|all|anything] else|all the rest|the rest of the [picture|scene|image|video|clip]"
+    "[everything|all|anything] else|all the rest|the rest|the rest of the [picture|scene|image|video|clip]"
     "|the remainder|all others|the (whole) rest (of it|of them|of the scene|of the picture)|the"
     " others|"
     "all (the) other [things|objects|stuff]|the other [things|objects]"

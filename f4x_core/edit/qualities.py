@@ -15,14 +15,30 @@ from ..language.amounts import (
     percent,
 )
 from ..language.colours import colour, colourish, more_colour
-from ..language.grammar import Mismatch, constant, either, generated, keyword, literal, optional, silent, table, unless
-from ..language.lexicon import FUNCTION_WORDS
+from ..language.colour_names import COLOURS
+from ..language.grammar import (
+    NAMES_TOO,
+    VOCABULARY,
+    Mismatch,
+    Rule,
+    constant,
+    either,
+    generated,
+    keyword,
+    literal,
+    optional,
+    silent,
+    table,
+    unless,
+)
+from ..language.lexicon import FUNCTION_WORDS, singular, word_set
 from . import making
 from .phrases import (
     known_thing,
 )
 from .styles import STYLES
 
+_BEFORE_SHADES = word_set("in to a an into nice lovely some with")
 _small = degree >> (lambda how: making.A_BIT if how.kind == "small" else 1.0)
 _article = ~keyword("a|an|the|some")
 shade_of = ~keyword(
@@ -33,6 +49,19 @@ shade_of = ~keyword(
     "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire engine|blood|cherry|ice|icy|baby|"
     "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|crimson|cute"
 )
+_named_shade = Rule(
+    lambda reading, at: (
+        {at + 1: ()}
+        if reading.word(at - 1) in _BEFORE_SHADES
+        and reading.word(at).isalpha()
+        and not {reading.word(at), singular(reading.word(at))}
+        & (VOCABULARY | NAMES_TOO | FUNCTION_WORDS | COLOURS.keys() | {word for words in reading.known for word in words})
+        and colour.at(reading, at + 1)
+        else {}
+    )
+)
+"""A word that says which shade of a colour: "in a nice chestnut brown"."""
+shade_of = shade_of + ~_named_shade
 _shade_of = shade_of + ~(keyword("from") + silent(colour) + ~keyword("to|into"))
 _fully = ~keyword("all|completely|fully|entirely|totally|wholly")
 colored = ~keyword("(in) color|colored|tone|tint")
@@ -190,7 +219,7 @@ _look_adjective = table(
         "silvery": "silver",
         "coppery": "copper",
         "icy|frozen over": "ice",
-        "fiery|flaming|burning": "fire",
+        "fiery|flaming|burning|on fire|ablaze|in flames": "fire",
         "molten": "lava",
         "nighttime|night time": "night",
         "autumnal|autumn like|in autumn colors|autumn colored": "autumn",
@@ -343,8 +372,11 @@ _TOO = {
 _degree = ~literal(
     "far|way|much|a bit|a little|a little bit|rather|really|still|just|slightly|quite|somewhat|a tad|a touch"
 )
+_too = table({words: too for words, (too, _) in _TOO.items()}, reserve=False)
 too_much = either(
-    _degree + keyword("too") + _degree + table({words: too for words, (too, _) in _TOO.items()}, reserve=False),
+    _degree + keyword("too") + _degree + _too,
+    _degree + keyword("too") + _degree + colour >> (lambda rgb: making.added(1.0, (rgb, -1))),
+    table({"underexposed": making.brightened(_MORE), "overexposed|blown out": making.brightened(_LESS)}, reserve=False),
     keyword("not") + table({words: more for words, (_, more) in _TOO.items()}, reserve=False) + keyword("enough"),
 )
 """What is done about too much or too little of a quality: a value."""

@@ -64,7 +64,7 @@ _PLAIN = {
     "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|the (?:viewer|viewers|audience)) [^.;!?,]*|"
     r"(?:,\s*)?\bin order to [^.;!?,]*",
     "for": r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic effect|"
-    r"clarity|emphasis)\b",
+    r"clarity|emphasis|my taste|my liking|my eyes|starters|example|instance)\b",
 }
 """Class -> what is dropped, on the words of a sentence with blanks between."""
 _LIKE = (

@@ -27,6 +27,7 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"|what about|how about|suppose) {_X} {_BE} {_REST}$",
         r"make \g<x> \g<rest>",
     ),
+    (rf"^(?:what|how) would {_X} look (?:like )?{_REST}$", r"make \g<x> \g<rest>"),
     (
         rf"^{_X} (?:would|might|could) look (?:better|nicer|good|great|cool)(?: in| as| with)? {_REST}$",
         r"make \g<x> \g<rest>",
@@ -39,7 +40,7 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     (rf"^(?:do not|don't) let {_X} move(?P<rest> .+)?$", r"freeze \g<x>\g<rest>"),
     # What stays as it is
     (
-        rf"^{_REST}[,;]? but (?:keep|leave) {_X}(?: there| alone| as it is| untouched| in place| visible)?$",
+        rf"^{_REST}(?:[,;]|,? but|,? and) (?:just )?(?:keep|leave) {_X}(?: there| alone| as it is| untouched| in place| visible)?$",
         r"leave \g<x> alone and \g<rest>",
     ),
     (rf"^{_REST}[,;]? but not {_X}$", r"\g<rest> except \g<x>"),

@@ -7,7 +7,7 @@ from .lexicon import every_form, forms, word_set
 
 VERBS: dict[str, str] = {
     # appearance
-    "become": "make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, dye, spray, respray, spray "
+    "become": "try, try out, test, make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, dye, spray, respray, spray "
     "paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, display, look, feel, become, have, "
     "go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, slap, splash, splatter, throw, smear, "
     "brush, lacquer, style, restyle, redo, colorize, tone, transition, morph, draw, pick, choose, select, add, sprinkle, lay, "

@@ -75,7 +75,7 @@ when: when (exactly)|from when ([to|until|till] when)|until when|since when|how 
 where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the)
     [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of the
     {pictures})
-move: {plainly}|{+head}|{manner}
+move: {plainly}|{+head}|{manner} (around|about)
 takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
 nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
@@ -101,7 +101,7 @@ way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directi
 compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at)
     [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
-    there|available|exist|exists|[appear|appears] {inside}|there (still)|here|around|{inside}]|{looking}|(do|does|can|is)
+    there|available|exist|exists|[appear|appears] [{inside}|in it|in this|here|anywhere]|there (still)|here|around|{inside}]|{looking}|(do|does|can|is)
     {picture-shows}|any sign of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
 visible: ({now}) [visible|(be) seen|shown|present|{in-view}|to be seen|around|there|here|show|showing|shows]|{looking}|{inside}
 always: [stay|stays|remain|remains|staying|remaining] [visible|in
@@ -181,7 +181,8 @@ rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|c
     ground
 go-up: {+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
-which-color: (of|in) [what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main)
+comes: come|comes|came
+which-color: (of|in) [what|which] (main|kind of|sort of) [color|colors|colour|colours|shade|hue|shades] (is|has|have|of)|(the) (main)
     [color|colors|colour|colours]|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|count (all) (of) (the)|what number of
@@ -274,7 +275,7 @@ way-of: (the) [direction|heading] (of)
 order-by = from left to right: (from) left to right
 order-by = from right to left: (from) right to left
 order-by = from near to far: [closest|nearest] (one|ones|{noun}) first|(from) near to far|from (the) [nearest|closest] to (the)
-    [farthest|furthest]
+    [farthest|furthest|most distant]
 order-by = from far to near: [farthest|furthest] (one|ones|{noun}) first|(from) far to near|from (the) [farthest|furthest] to
     (the) [nearest|closest]
 order-by = from front to back: (from) front to back
@@ -339,7 +340,7 @@ what_is: what-is-it
 frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: sort? order? contents? everything? thing? by-what? us? order-by stands? | order thing? everything? start? move? | order
+order: sort? order? contents? everything? thing? by-what? us? order-by stands? comes? | order-by who comes | order thing? everything? start? move? | order
     thing? everything? set-off | who first start? move thing? | who first set-off
 nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other? |
     when near-to thing | when thing passes-by | when passes thing
@@ -377,11 +378,11 @@ most_moving: who move more thing? | who move most thing? | who crosses most | wh
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
 compare_speed: who move? speediest thing? | who speediest thing? but?
-colour: which-color thing stands?
+colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing seen? side? stands? remain? | several thing seen? side? stands? remain?
+count: how-many thing owner | how-many thing seen? side? stands? remain? | several thing seen? side? stands? remain?
 still: everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? | who stands
     always? | how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
