@@ -50,7 +50,6 @@ from .commands import (
     SENSE,
     SHIFT,
     TRAIL_COPIES,
-    TIMED,
     TRAIL_LAG,
     USUAL,
     WHOLE,
@@ -87,7 +86,7 @@ def _frame(example: str, make: Any, needed: str, *, who: Rule = thing, use: Use 
 ADDS_NOTHING = either(
     literal(
         "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|look|listen|"
-        "um|uh|er|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|"
+        "um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|"
         "somehow|quickly|for now|right away|for me|for us|if possible|if you [can|could|would|like|will]|"
         "when you can|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
         "lovely|kind of|sort of|you know|after all|i think|i guess|"
@@ -98,8 +97,8 @@ ADDS_NOTHING = either(
     literal(
         "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
         "[i|we] [want|wanted|need|wish|prefer|fancy]|"
-        "[i|we] would [like|love|prefer]|[i|we] would rather have|(i want|i would like|i need) you|"
-        "you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|make sure (that)|so that|"
+        "(i|we) would [like|love|prefer] (to [see|have|get])|[i|we] would rather have|(i want|i would like|i need) you|"
+        "you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|"
         "in such a way that|how [do|can|would|could] [i|you|we]|how to|what if|what about|how about|"
         "is there [a|any] way to|is it possible to|would it be possible to|it would be [nice|great|cool] (if)|"
         "give me|get me|show me|i am looking for|i am trying to|we are going to|i am going to|[my|the] [wish|idea|plan] is (that|"
@@ -116,7 +115,7 @@ ADDS_NOTHING = either(
         + "|start|begin|every frame|each frame|going|in the [scene|picture|video|clip]|for good|permanently"
     ),
     literal(
-        "[would|might|could|will|should] (really|surely|definitely|also|probably|certainly) [be|look|seem|feel|do|work] (so|much|way|"
+        "(that|it|this|which|and that) [would|might|could|will|should] (really|surely|definitely|also|probably|certainly) [be|look|seem|feel|do|work] (so|much|way|"
         "a lot|even|just|really|very|far|pretty) [nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|"
         "sweet|pretty|prettier|amazing|funny|cooler|the trick|well] (to [see|have]|if|there|here)|[would|will|should|might] do "
         "(nicely|well|fine)|[is|are|was|were] (so|much|way|a lot) [nicer|better|cooler|prettier]|"
@@ -146,7 +145,7 @@ _slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|tou
 _hue = qualities.shade_of + (colour | colourish)
 _noun_of_colour = either(
     _a + _slight + _hue + ~literal("tint|tinge|touch|shimmer|cast|wash|hue|note|tone") >> making.faintly,
-    _a + _hue + literal("tint|tinge|touch|shimmer|cast|wash|hint|note") >> making.faintly,
+    _a + _hue + literal("tint|tinge|touch|shimmer|cast|wash|hint|note|filter|overlay|glaze|veil") >> making.faintly,
     _a
     + ~literal("nice|fresh|new|good|coat of|layer of|lick of|splash of|shade of|tone of")
     + qualities.shade_of
@@ -249,7 +248,7 @@ _quality = either(
     + ~literal("tone|tones|mood|look|light|color|colors"),
     _toward + qualities.bare_look,
 )
-_becoming = literal(any_form("become"))
+_becoming = literal(any_form("become", "match"))
 _about = ~literal("of|for|on|to|in|with|around|about|onto|over|at|from|upon|into|through|across|all over")
 _whom = ~literal("but|and") + ~literal("only|just|only for|just for|only with") + _about + thing
 _frame(
@@ -466,7 +465,6 @@ _frame(
     "the dog should be brightened a bit",
     _more,
     "verb",
-    use=TIMED,
     who=_whom | literal("things|the action|the pace|the playback|all of it") >> (lambda: lambda context: All()),
     verb=either(
         *(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items()),
@@ -504,8 +502,9 @@ _frame(
         ~literal("the|all the") + colors,
         thing,
     ),
-    complaint=~literal(
-        "is|are|looks|look|seems|seem|feels|appears|appear|was|it is|has|have|(is|are) ["
+    complaint=literal("is|are|'s|looks|look|seems|seem|feels") + qualities.rather
+    | ~literal(
+        "is|are|'s|looks|look|seems|seem|feels|appears|appear|was|it is|has|have|(is|are) ["
         + every_form("walk|run|move|go|play|drive|stand|sit|ride|swim|fly|dance|hang|lie|jump|turn|spin|hover|float")
         + "]"
     )
@@ -633,6 +632,14 @@ _frame(
     >> (lambda value: ((value,),)),
 )
 _frame(
+    "the dog, tipped over",
+    lambda: making.tilted(90.0),
+    "verb",
+    who=_whom,
+    verb=literal(any_form("topple")),
+    over=literal("over"),
+)
+_frame(
     "the dog, turned to the left",
     _turned,
     "verb sense",
@@ -698,7 +705,7 @@ _frame(
     "place",
     who=_for_it + there_already,
     verb=_moving,
-    place=~literal("over|right|directly|straight|to|somewhere") + place,
+    place=~literal("over|right|back|directly|straight|to|somewhere") + place,
 )
 _frame(
     "the dog, raised by half its height",
@@ -751,7 +758,8 @@ _frame(
     verb=literal(any_form("add") + "|there is|there are|be there"),
     times=either(
         number + literal("more|other|extra|additional|further"),
-        literal("another|one more|a second|an extra|an additional|a further|the same|same") >> (lambda: 1.0),
+        literal("another|one more|a second|an extra|an additional|a further") >> (lambda: 1.0),
+        literal("the same|same") + unless(unless(silent(familiar))) >> (lambda: 1.0),
     ),
     **_copy_place,
 )
@@ -806,7 +814,7 @@ _frame(
     who=unless(literal("a|an|the|another|one") + literal("ghost|echo|copy|clone|duplicate|twin|trail"))
     + ~literal("of|behind|after|for")
     + thing,
-    trail=~literal("a|an|some|the")
+    trail=~literal("a|an|some|the|that|which|who")
     + ~literal("fading|ghostly|faint|transparent|soft|see through")
     + literal(
         "trail|trails|motion trail|ghost trail|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|"
@@ -1051,7 +1059,8 @@ _frame(
     REMARK,
     "nothing",
     nothing=literal(
-        "nothing else|nobody else|no one else|nothing more|that is all|that is it|only that|nothing other than that|"
+        "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|colors|size|"
+        "shape|position|place|speed|look|brightness]|nothing else|nobody else|no one else|nothing more|that is all|that is it|only that|nothing other than that|"
         "keep the rest|keep everything else|leave the rest|leave everything else|the rest stays (as it is)|"
         "(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|"
         "as before)|"

@@ -50,7 +50,7 @@ from .corrections import corrected, remarked
 from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_clip, is_of_a_picture
-from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Transform
+from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together, whose
 from .qualities import any_look, effect
 from .request import Request
@@ -559,14 +559,15 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             elif own and clause.front:
                 raise Refusal("Two times are said for one command; leave one out.")
             use = clause.command.use
-            nobody = context.last is None and "when" in piece and use.timed
+            unnamed = context.last is None and not context.selected and not context.overall
+            of_clip = unnamed and _of_a_clip(clause.command, piece)
+            nobody = context.last is None and "when" in piece and (use.timed or of_clip)
             if "who" not in piece and (clause.command.use.whole or nobody):
                 context.last = All()
-            context.overall = context.overall or clause.command.use.whole or clause.command.use.timed
-            if "who" in piece and context.last is None and not context.selected:
-                context.overall = context.overall or _of_a_clip(clause.command, piece)
+            context.overall = context.overall or use.whole or use.timed or of_clip
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
             assumed = who is None
+            context.last = context.last or who
             if who is None:
                 who = Current() if context.selected and use.bare else All()
             if "besides" in piece:
@@ -672,6 +673,16 @@ def _placed(operations: list[Operation]) -> list[Operation]:
         )
         if opposite:
             raise Refusal("Two of the directions are on one line; say one of them.")
+        if (
+            isinstance(made, Recolour)
+            and isinstance(one, Recolour)
+            and (made.select, made.mode) == (one.select, one.mode)
+            and one.frames is None
+            and made.frames is not None
+            and made.frames[0] == 0
+            and made.frames[1] is not None
+        ):
+            one = replace(one, frames=(made.frames[1], None))  # "red until second 1, then blue"
         if one != made and not said_again:
             placed.append(one)
     return placed
@@ -700,7 +711,7 @@ _UNDOING = keyword(
     "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
     "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|"
     "one]|"
-    "cancel (that|this|the last)|put everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
+    "[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
 )
 _ELSEWHERE = {
     **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),

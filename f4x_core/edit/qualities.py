@@ -64,7 +64,7 @@ _named_shade = Rule(
 shade_of = shade_of + ~_named_shade
 _shade_of = shade_of + ~(keyword("from") + silent(colour) + ~keyword("to|into"))
 _fully = ~keyword("all|completely|fully|entirely|totally|wholly")
-colored = ~keyword("(in) color|colored|tone|tint")
+colored = ~keyword("(in) color|colored|tone") + unless(keyword("tint|filter"))
 colored_noun = literal("color|paint|tint|tinge|touch|shade|hue|tone|glow|light|halo|shimmer|cast|wash|coat|aura|shine")
 _flat = keyword("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
 colour_value = either(
@@ -86,7 +86,7 @@ without_colour = keyword(
 ) >> (lambda: making.GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
 _SIZE = (
-    "bigger|larger|huger",
+    "bigger|larger|huger|taller|wider|broader",
     "smaller|tinier",
     "big|large|huge|tall|high|wide",
     "small|tiny|little|short",
@@ -279,7 +279,7 @@ _new_thing = literal("a|an|some")
 a_look = either(
     _seem
     + _strongly
-    + keyword("like|as if it were|as if they were|as though it were|similar to")
+    + keyword("like (it is|it was|it were|at)|as if [it|they] [were|is|was|are]|as though [it|they] [were|is|was|are]|similar to")
     + ~keyword("(it is|they are) made (out) (of)|made (out) of")
     + ~keyword("a|an|pure|solid|real")
     + look_name,
@@ -380,6 +380,8 @@ too_much = either(
     keyword("not") + table({words: more for words, (_, more) in _TOO.items()}, reserve=False) + keyword("enough"),
 )
 """What is done about too much or too little of a quality: a value."""
+rather = literal("a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite") + _too
+"""What is done about "it is a bit dark"."""
 simply = table(
     {
         "bright|light|well lit": making.brightened(_MORE),

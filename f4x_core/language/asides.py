@@ -71,6 +71,11 @@ _LIKE = (
     r"(?:,\s*)?\b(?:just |exactly |a bit |kind of )?(?:like|as) (?:in |on |at )?"
     r"(?:a|an|the|some|those|that|these|my|your|our|they|you|we|when|fresh|ripe|in|on)\b[^,.;!?]*"
 )
+_REPORTED = (
+    r"^\s*(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:wants?|wanted|asked|asks|would like|needs?|prefers?|"
+    r"says|said|thinks|thought|requested|requests|insists|insisted|suggested|suggests|likes)\b(?: me| us| you)?(?: for| on| that| to (?:see|have|get))?"
+)
+"""A wish of somebody else: "my boss wants"."""
 _COMPARED = r"(?:,\s*)?\b(?:just |exactly )?(?:like|as) (?:in|on|from) [^,.;!?]*"
 _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |the )*([a-z]+)")
 _NUMBERS = re.compile(r"\d")
@@ -119,6 +124,9 @@ def without_asides(
     for found in re.finditer(_COMPARED, text):
         if not things & set(found.group().split()) and not _NUMBERS.search(found.group()):
             leave_out("like", found.start(), found.end())
+    reported = re.match(_REPORTED, text)
+    if reported and not {reported["who"], singular(reported["who"])} & (things | VOCABULARY):
+        leave_out("name", 0, reported.end())
     for i in range(_addressed(tokens, things)):
         gone[i] = "name"
     if not gone:

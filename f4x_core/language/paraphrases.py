@@ -59,6 +59,10 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"only \g<x> keeps its color",
     ),
     (
+        rf"^(?:only|just|nothing but) {_X} (?:in|with|has|should have|should be in|is in|gets|stays in) (?:its |full )?colou?r$",
+        r"only \g<x> keeps its color",
+    ),
+    (
         rf"^(?:the )?(?:only|one) thing (?:in colou?r|coloured|colored) (?:should be|is|stays) {_X}$",
         r"only \g<x> keeps its color",
     ),
@@ -98,6 +102,11 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     ),
 )
 _ORDERS: tuple[tuple[str, str], ...] = (
+    (
+        rf"^(?:please )?(?:make sure|ensure|see to it|be sure|i want|i need|i wish|i'd like|take care) (?:that )?{_X} "
+        rf"(?:is|are|looks?|becomes?|gets?) {_REST}$",
+        r"make \g<x> \g<rest>",
+    ),
     (
         r"^(?:do not|don't|dont|never) [a-z]+ (?P<x>(?:the |my |that |this )?[\w' ]+?)[,;.]? "
         r"(?:but |just |only |instead |rather )+(?P<a>[a-z]+ .+)$",

@@ -59,20 +59,21 @@ VERBS: dict[str, str] = {
     "move": "move, shift, push, put, slide, bring, pull, drag, place, shove, carry, send, scoot, nudge, translate, position, "
     "drive, displace, set, get, drop, throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, "
     "go, jump, drift, come, glide, wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, "
-    "lower, rise, sink, appear, land, turn up, offset, reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, "
-    "hoist, heave, lay, stick, park, plant, tuck, squeeze, pop, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, "
+    "lower, rise, sink, land, offset, reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, "
+    "hoist, heave, lay, stick, park, plant, tuck, squeeze, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, "
     "sail, toss, fling, kick, yank, plop, set down, put down, pick up, scroll, pan, rest, belong, climb, crawl, creep",
     "raise": "raise, lift, elevate, hoist, rise, levitate, lift up, raise up, pick up, ascend, take off, soar, float up, hover",
     "lower": "lower, sink, descend, let down, bring down, drop down, set down, put down, duck, dip down",
     "rotate": "rotate, spin, revolve, pivot, swivel, twirl, whirl, pirouette, twist",
     "turn": "turn, flip, swing round, swing around, wheel around",
     "tilt": "tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, cant, list",
+    "topple": "tip over, knock over, topple, topple over, keel over, tip, knock",
     "face": "face, look, point, head, turn, show, aim",
     "swap": "swap, exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap "
     "positions, swap around, swap over, switch around, exchange places, exchange positions, change positions, switch positions, "
     "flip flop, transpose",
-    "match": "match, adapt, color match, take on, take over, pick up, borrow, copy, take, inherit, have, adopt, get, look, make, "
-    "be, be colored, share, give, wear, steal, adjust, color, paint, harmonize, sync, blend, coordinate",
+    "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, sync, blend, "
+    "coordinate",
     # copies
     "copy": "copy, duplicate, clone, replicate, multiply, double up, dup, dupe, copy and paste, copy paste, duplicate and paste, "
     "make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy",
@@ -129,6 +130,6 @@ VOCABULARY.update(
     word_set(
         "apply bathe colorize drench dye recolor repaint respray spray exposure contrast warmth saturation visibility vividness "
         "moved shifted pushed pulled placed dragged slid turned flipped faded painted made set put taken kept shown brought "
-        "vibrance endlessly repeatedly halve double triple treble quadruple radiate sheen halo aura"
+        "extra additional identical vibrance endlessly repeatedly halve double triple treble quadruple radiate sheen halo aura"
     )
 )
