@@ -90,7 +90,7 @@ ADDS_NOTHING = either(
         "somehow|quickly|for now|right away|for me|for us|if possible|if you [can|could|would|like|will]|"
         "when you can|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
         "lovely|kind of|sort of|you know|after all|i think|i guess|"
-        "i feel like|i believe|this time|from there|in one go|of course|though|yeah|yes|asap|my friend|sir|"
+        "i feel like|i believe|[i|we] find|i would say|let me [think|see]|this time|from there|in one go|of course|though|yeah|yes|asap|my friend|sir|"
         "rather|preferably|by preference|overall|in total|all in all|would you mind|do you mind|shall we|feel free to|first of all|firstly|secondly|thirdly|"
         "finally|at last|completely|entirely|fully|totally"
     ),
@@ -495,7 +495,7 @@ _frame(
     "the dog is too dark",
     REMARK,
     "complaint",
-    use=NAMED,
+    opinion=literal("to me|for me|if you ask me|in my [opinion|eyes]"),
     who=either(
         literal("it|this|that|its")
         >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
@@ -743,7 +743,8 @@ _frame(
     who=~literal("of|for") + thing,
     copy=either(
         literal(any_form("copy")),
-        ~literal("more|extra|other|identical|additional|new") + (_copy_noun | literal("one of|ones of")),
+        ~literal("more|extra|other|identical|additional|new") + _copy_noun,
+        literal("[more|another|extra|second] [one of|ones of]|one more of|more of"),
     ),
     verb=literal(any_form("add")),
     times=_times,

@@ -576,6 +576,8 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             if "stated" in piece and not (own or front):
                 raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
             if clause.command.make is REMARK:
+                if assumed and not _of_a_clip(clause.command, piece):
+                    raise Refusal("It is not said who is so; name a thing, or say 'it' for what is selected.")
                 _remarked(who, piece, context)
                 continue
             command = clause.command
@@ -607,9 +609,9 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
 
 def _of_a_clip(command: Command, piece: Mapping[str, Any]) -> bool:
     """Whether a command may be for everything where it is for "it" and nothing was named."""
-    if command.make in (REMARK, AGAIN):
+    made = piece.get("complaint") if command.make is REMARK else command.make is not AGAIN and command.make(**_arguments(piece))
+    if not made:
         return False
-    made = command.make(**_arguments(piece))
     with suppress(F4xError):  # it is told when the command is carried out
         return all(
             is_of_a_clip(value(All(), When(), SentenceContext(1.0, 1))) for (value,) in (made if isinstance(made, tuple) else ((made,),))

@@ -440,7 +440,7 @@ _doing = ~_article + _things(_relative_at)
 _wearing = ~_article + _things(_wearing_at)
 _moving = either(
     keyword(
-        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones] [that|which]"
+        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
     )
     + keyword("moves|move|is moving|are moving|is in motion|does move"),
     ~_article + keyword("moving") + _objects,
@@ -450,7 +450,7 @@ _moving = either(
 ) >> _always(Moving())
 _static = either(
     keyword(
-        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones] [that|which]"
+        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
     )
     + keyword(
         "stands still|stand still|stays still|stay still|is still|are still|is static|are static|does not move|do not move|"

@@ -376,7 +376,15 @@ _too = table({words: too for words, (too, _) in _TOO.items()}, reserve=False)
 too_much = either(
     _degree + keyword("too") + _degree + _too,
     _degree + keyword("too") + _degree + colour >> (lambda rgb: making.added(1.0, (rgb, -1))),
-    table({"underexposed": making.brightened(_MORE), "overexposed|blown out": making.brightened(_LESS)}, reserve=False),
+    table(
+        {
+            "underexposed|murky|gloomy|dim": making.brightened(_MORE),
+            "overexposed|blown out|glaring": making.brightened(_LESS),
+            "washed out|faded|lifeless|bland|dull|drab": making.saturated(_MORE),
+            "oversaturated|garish|gaudy": making.saturated(_LESS),
+        },
+        reserve=False,
+    ),
     keyword("not") + table({words: more for words, (_, more) in _TOO.items()}, reserve=False) + keyword("enough"),
 )
 """What is done about too much or too little of a quality: a value."""

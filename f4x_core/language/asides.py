@@ -23,6 +23,10 @@ _NICE = (
     r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|super|enough|"
     r"neat)"
 )
+_OPENING = (
+    r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|excellent|lovely|"
+    r"brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much better|i see|right)"
+)
 _PRONOUN = r"(?:i|we|you|it|he|she|they|this|that|there|my|our|nobody|everybody|everyone|people|nothing|its|your)"
 _PLAIN = {
     # politeness
@@ -59,7 +63,11 @@ _PLAIN = {
     ),
     "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of (?:color|"
     r"colors|size|speed|look|style)\b",
+    "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
+    r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
+    "pause": r",\s*(?:like|well|you know|i mean|let me think|say)\s*(?=,)",
     # reasons
+    "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
     "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) [^.;!?]*",
     "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|the (?:viewer|viewers|audience)) [^.;!?,]*|"
     r"(?:,\s*)?\bin order to [^.;!?,]*",

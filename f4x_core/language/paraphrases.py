@@ -36,6 +36,24 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"^{_X} (?:would|might|could) be (?:better|nicer|good|great|cool)(?: in| as| if it (?:was|were))? {_REST}$",
         r"make \g<x> \g<rest>",
     ),
+    (
+        rf"^(?:change|edit|alter|adjust|modify|fix|make|do|set) {_X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| looks?| becomes?) "
+        rf"{_REST}$",
+        r"make \g<x> \g<rest>",
+    ),
+    (
+        r"^(?:change|turn|make|transform|convert) (?:the |my |that |this )?(?P<x>[\w ]+?) (?:in)?to an? (?P<rest>[\w ]+?) (?P=x)$",
+        r"make the \g<x> \g<rest>",
+    ),
+    (rf"^instead of (?:being )?(?:{_COLOUR}),? {_REST}$", r"\g<rest>"),
+    (
+        rf"^{_X} (?:should not|shouldn't|must not|mustn't|needn't) be (?:{_COLOUR}),? but (?:rather |instead )?{_REST}$",
+        r"make \g<x> \g<rest>",
+    ),
+    (
+        rf"^(?:swap|replace|exchange|change|switch|trade|turn) {_X}'s (?:{_COLOUR}) (?:for|with|by|to|into) (?:a |an |the |some )?{_REST}$",
+        r"make \g<x> \g<rest>",
+    ),
     # What is not wanted
     (rf"^(?:do not|don't) let {_X} move(?P<rest> .+)?$", r"freeze \g<x>\g<rest>"),
     # What stays as it is

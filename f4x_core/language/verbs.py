@@ -83,7 +83,7 @@ VERBS: dict[str, str] = {
     "behind, drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue",
     "leave": "leave, have, make, add, put, give, create, draw, show, let, get, drag, apply, throw in, use, need",
     # time
-    "freeze": "freeze, pause, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep "
+    "freeze": "freeze, pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep "
     "still, stay put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its tracks, hold, "
     "petrify, arrest, come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, stop",
     "reverse": "reverse, rewind, play backward, run backward, go backward, move backward, walk backward, invert in time, play "
