@@ -21,6 +21,7 @@ from ..language.amounts import (
     percent,
     steps,
 )
+from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
 from ..language.colours import colour, colourish
 from ..language.grammar import (
     Mismatch,
@@ -83,55 +84,27 @@ def _frame(example: str, make: Any, needed: str, *, who: Rule = thing, use: Use 
     FRAMES.append(Command(example, "", make, slots, frozenset(needed.split()), who, use=use))
 
 
+_goes_on = unless(literal("and|but")) + Rule(lambda reading, at: {at: ()} if reading.word(at).isalpha() else {})
 ADDS_NOTHING = either(
+    CALLS,
+    ASKS,
+    WISHES,
+    COMMENTS,
     literal(
-        "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|look|listen|"
-        "um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|"
-        "somehow|quickly|for now|right away|for me|for us|if possible|if you [can|could|would|like|will]|"
-        "when you can|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
-        "lovely|kind of|sort of|you know|after all|i think|i guess|"
-        "i feel like|i believe|[i|we] find|i would say|let me [think|see]|this time|from there|in one go|of course|though|yeah|yes|asap|my friend|sir|"
-        "rather|preferably|by preference|overall|in total|all in all|would you mind|do you mind|shall we|feel free to|first of all|firstly|secondly|thirdly|"
-        "finally|at last|completely|entirely|fully|totally"
-    ),
-    literal(
-        "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
-        "[i|we] [want|wanted|need|wish|prefer|fancy]|"
-        "(i|we) would [like|love|prefer] (to [see|have|get])|[i|we] would rather have|(i want|i would like|i need) you|"
-        "you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|"
-        "in such a way that|how [do|can|would|could] [i|you|we]|how to|what if|what about|how about|"
-        "is there [a|any] way to|is it possible to|would it be possible to|it would be [nice|great|cool] (if)|"
-        "give me|get me|show me|i am looking for|i am trying to|we are going to|i am going to|[my|the] [wish|idea|plan] is (that|"
-        "to)|"
-        "your task is to|time to|see|to see|have|to have|to get|want|would like"
-    ),
-    literal(
-        "[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|must to|"
-        "to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|have])|"
+        "[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|"
+        "must to|to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|have])|"
         "[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
     ),
     literal(
         every_form("make|let|have|get|do|keep")
         + "|start|begin|every frame|each frame|going|in the [scene|picture|video|clip]|for good|permanently"
     ),
-    literal(
-        "(that|it|this|which|and that) [would|might|could|will|should] (really|surely|definitely|also|probably|certainly) [be|look|seem|feel|do|work] (so|much|way|"
-        "a lot|even|just|really|very|far|pretty) [nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|"
-        "sweet|pretty|prettier|amazing|funny|cooler|the trick|well] (to [see|have]|if|there|here)|[would|will|should|might] do "
-        "(nicely|well|fine)|[is|are|was|were] (so|much|way|a lot) [nicer|better|cooler|prettier]|"
-        "[i|we] [was|am|were|are|had been|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|"
-        "whether|maybe|perhaps)|[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|"
-        "say] (that)|(i|we) [am|are] after|what [i|we] (really|would) [want|need|like] is|[my|the] [suggestion|request|thought|vision|"
-        "dream|goal|task|job] [is|would be] (that|to)|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|"
-        "any chance (of|that|you [can|could])|[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|imagine (that)|"
-        "in [my|our] opinion"
-    ),
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("instead") + unless(literal("of")),
-    literal("too") + Rule(lambda reading, at: {} if reading.word(at).isalpha() and reading.word(at) not in ("and", "but") else {at: ()}),
+    literal("too") + unless(_goes_on),
     literal("both") + unless(silent(two_of_them_behind)),
 )
-"""Requests, wishes, interjections."""
+"""Courtesies, and verbs that say no more than that something is done."""
 
 _joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
 _led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "with") else {})

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from ..errors import F4xError
 from ..language.amounts import number
-from ..language.asides import PURPOSES, cut, without_asides
+from ..language.asides import ASKS, PURPOSES, cut, without_asides
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
 from ..language.grammar import (
@@ -153,10 +153,6 @@ def _of(command: Command) -> Rule:
     return either(*ways) >> (lambda pieces: Clause(command, pieces))
 
 
-_request = keyword(
-    "could you|can you|would you|will you|would you mind|do you mind|could we|can we|shall we|may we|how about|what about|"
-    "would it be possible to|is it possible to|i wonder if you could|i was wondering if you could|why not"
-)
 _filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
 _tail = silent(~ADDS_NOTHING)
 _core = either(*(_of(command) for command in COMMANDS))
@@ -176,7 +172,7 @@ _SOFT, _HARD = (
 )
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
 _ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
-_polite = keyword("please|could|can") | _request
+_polite = keyword("please|could|can") | ASKS
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
 _about_whom = literal("as for|about|regarding|concerning|focus on|concentrate on|take|look at|with|for|now") 

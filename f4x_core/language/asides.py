@@ -9,9 +9,57 @@ import re
 from collections.abc import Callable, Mapping
 
 from .colours import colour, colourish
-from .grammar import VOCABULARY, Reading, Token, either, tokenise
+from .grammar import VOCABULARY, Reading, Token, either, literal, tokenise
 from .lexicon import FUNCTION_WORDS, singular, word_set
 
+CALLS = literal(
+    "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|look|listen|"
+    "um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|rather|"
+    "somehow|quickly|for now|right away|asap|for me|for us|if possible|if you [can|could|would|like|will]|when you can|again|there|"
+    "here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|lovely|kind of|sort of|you know|after all|i think|"
+    "i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|this time|from there|in one go|of course|though|yeah|"
+    "yes|preferably|by preference|overall|in total|all in all|first of all|firstly|secondly|thirdly|finally|at last|"
+    "completely|entirely|fully|totally"
+)
+"""Calls, interjections and hedges: they add nothing to an edit or a question."""
+ASKS = literal(
+    "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
+    "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could] [i|you|we]|"
+    "is there [a|any] way to|[is it|would it be] [possible|okay|fine|all right|cool|nice|great] (to|if [you|we|i])|"
+    "i [wonder|was wondering] if you could|any chance (of|that|you [can|could])"
+)
+"""Wishes that are put as questions."""
+WISHES = either(
+    literal(
+        "[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) would [like|love|prefer] (to [see|have|get])|"
+        "[i|we] would rather have|(i want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead and|try to|"
+        "help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|"
+        "it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|"
+        "your task is to|time to|see|to see|have|to have|to get|want|would like|what [i|we] (really|would) [want|need|like] is|"
+        "it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
+    ),
+    literal(
+        "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|whether)|"
+        "[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|(i|we) [am|are] after|"
+        "[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would be] (that|to)|"
+        "[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|in [my|our] opinion"
+    ),
+)
+"""Requests and wishes."""
+COMMENTS = either(
+    ~literal("that|it|this|which|and that")
+    + literal("would|might|could|will|should")
+    + ~literal("really|surely|definitely|also|probably|certainly")
+    + literal("be|look|seem|feel|do|work")
+    + ~literal("so much|much|way|a lot|even|just|really|very|far|pretty")
+    + literal(
+        "nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|sweet|pretty|prettier|amazing|funny|cooler|"
+        "the trick|nicely|well"
+    )
+    + ~literal("to [see|have]|if|there|here"),
+    literal("[is|are|was|were] (much|way|a lot) [nicer|better|cooler|prettier]"),
+)
+"""What somebody thinks of the wish."""
 _UNTIL = r"(?=\s*(?:[.;!?,:]|$| and | then ))"
 _POLITE_WORDS = (
     r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|please|so|kind|"
@@ -142,6 +190,13 @@ def without_asides(
     return cut(sentence, [(token.start, token.end) for i, token in enumerate(tokens) if i in gone]), frozenset(
         gone.values()
     )
+
+
+def without_courtesy(question: str) -> str:
+    """The question without courtesies that stand apart: "if you don't mind, where is the dog?"."""
+    for kind in ("opening", "if", "thanks", "interjection", "pause"):
+        question = re.sub(_PLAIN[kind], " ", question)
+    return " ".join(question.split()).strip(" ,")
 
 
 def cut(sentence: str, spans: list[tuple[int, int]]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+from ..language.asides import CALLS
 from ..language.grammar import NOTHING, Rule, alternatives, either, silent, split, table
 from ..language.lexicon import forms, word_set
 
@@ -146,10 +147,8 @@ bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
 filler: {inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
     {people}|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check|identify|report|{its}
     {pictures}|look|looks|seem|seems|appear|appears|[is|was] [it|this|that] [a|an|just|only]|would you
-    [say|call|describe]|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
-    total|altogether|overall|at all|ever|also|then|now|just|about|anywhere|somewhere|by the way|right
-    now|hey|hi|hello|ok|well|so|and|here|there|currently|maybe|perhaps|really|kindly|if|if so|whether|that|quick
-    question|know|you know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give|point
+    [say|call|describe]|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|approximately|roughly|at all|ever|about|anywhere|somewhere|right
+    now|and|currently|if|if so|whether|that|quick question|know|i mean|over time|{courtesy}|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give|point
     out) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
     [like|love] to know|do you know|any idea|do you have any idea|i am curious|question|do you happen to know|find out|work
     out|i ask myself|what i want to know is|do you think|would you say|according to you|describe|explain|in seconds|in
@@ -316,6 +315,7 @@ def _read(text: str) -> dict[str, Rule]:
     shades = [f"{shade} {name}".strip() for name in sorted(COLOURS) for shade in ("", "light", "dark", "bright")]
     colour = table({name: name for name in shades}, words_of=WORDS)
     named = {
+        "courtesy": CALLS,
         "manner": table(verbs, words_of=WORDS),
         "color": either(
             colour + cue(",") + colour + cue("or|, or") + colour >> (lambda *shades: " or ".join(shades)),

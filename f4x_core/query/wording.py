@@ -14,6 +14,7 @@ from operator import itemgetter
 from typing import Any
 
 from ..errors import F4xError
+from ..language.asides import without_courtesy
 from ..language.grammar import NOTHING, Doubt, Reading, Rule, either, generated, table, tokenise
 from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, spellings, word_set
 from ..language.times import END, START, Clip, Span, span
@@ -327,7 +328,7 @@ def read_question(
 
     Raises F4xError: a time beyond the clip; `Unanswerable`: what is not understood whole; `Doubt`: what may be misspelt.
     """
-    text = " ".join(question.lower().replace("’", "'").split())
+    text = without_courtesy(" ".join(question.lower().replace("’", "'").split()))
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
     text = re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
