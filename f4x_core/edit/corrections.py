@@ -70,7 +70,8 @@ _STATES = (
 )
 _REMARKED = re.compile(
     rf"^(?P<remark>(?:(?:the|that|this|these|those|my|our|its?) )?(?:[\w'-]+ ){{0,4}}?{_STATES}\b.*?|"
-    r"(?:i|we|people|nobody|no one|you)(?:'m|'re)? (?:really |just |also )?(?:not|do not|don't|dont|never|can't|cannot|can not|can hardly|hate|"
+    r"(?:i|we|people|nobody|no one|you)(?:'m|'re)? (?:really |just |also )?(?:not|do not|don't|dont|never|can't|cannot|can "
+    r"not|can hardly|hate|"
     r"dislike|needs? (?:that|this)|wants? (?:that|this)|likes?|loves?|have|has|see|notice|think|am|are|is)\b.*?|"
     r"there(?: is| are|'s) .*?)(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so (?:please )?)"
     r"(?P<command>[^\s].*)$",
@@ -78,7 +79,8 @@ _REMARKED = re.compile(
 )
 """What says how it is, and the command behind it."""
 _IN_OTHER_WORDS = re.compile(
-    r"^(?P<remark>.+?)(?:[,;(-]\s*|\s)(?:i\.? ?e\b\.?|that is to say|that is,|in other words|meaning|namely),?:?\s+(?P<command>.+?)\)?$",
+    r"^(?P<remark>.+?)(?:[,;(-]\s*|\s)(?:i\.? ?e\b\.?|that is to say|that is,|in other words|meaning|"
+    r"namely),?:?\s+(?P<command>.+?)\)?$",
     re.IGNORECASE,
 )
 _WISH = re.compile(

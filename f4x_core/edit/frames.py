@@ -110,7 +110,9 @@ _joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
 _led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "with") else {})
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
-    "something like|something in|something|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|picture|postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|solid|"
+    "something like|something in|something|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|"
+    "picture|postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|"
+    "classic|nice|solid|"
     "some|for|but|but in|be of|from"
 )
 _a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
@@ -189,7 +191,9 @@ _size_of = (
         + (fraction | percent)
         + literal("of [its|the|their|his|her] (original|normal|current) [size|height]"),
         literal("to the size of") + multiple,
-        ~literal("at|to") + (percent | multiple) + literal("of what it [is|was] (now|before)|of [it|itself]|as it [is|was] (now)"),
+        ~literal("at|to")
+        + (percent | multiple)
+        + literal("of what it [is|was] (now|before)|of [it|itself]|as it [is|was] (now)"),
     )
     >> making.scaled
 )
@@ -368,7 +372,10 @@ _frame(
     "way how",
     use=NAMED,
     who=~literal("the|my|that|this") + known_noun,
-    way=table({every_form("increase|extend|augment"): True, every_form("reduce|decrease|lessen|diminish"): False}, reserve=False),
+    way=table(
+        {every_form("increase|extend|augment"): True, every_form("reduce|decrease|lessen|diminish"): False},
+        reserve=False,
+    ),
     how=amount,
     size=literal("in size"),
 )
@@ -756,7 +763,9 @@ _frame(
     use=NAMED,
     who=known_thing,
     verb=literal(every_form("have|see|want|need|appear|exist") + "|be there|there should be|like (to have)"),
-    times=table({"twice|two times|double": 2.0, "thrice|three times|triple": 3.0, "four times": 4.0, "five times": 5.0}),
+    times=table(
+        {"twice|two times|double": 2.0, "thrice|three times|triple": 3.0, "four times": 4.0, "five times": 5.0}
+    ),
 )
 _frame(
     "the dog where the cat is, the cat where the dog is",
@@ -770,7 +779,10 @@ _frame(
     + literal("is|are|stands|was")
     + _joined
     + either(
-        silent(~literal(any_form("move")) + known_thing) + literal("where") + silent(known_thing) + literal("is|are|stands|was"),
+        silent(~literal(any_form("move")) + known_thing)
+        + literal("where")
+        + silent(known_thing)
+        + literal("is|are|stands|was"),
         literal("vice versa|the other way (around|round)|the reverse"),
     ),
 )
@@ -798,7 +810,8 @@ _frame(
     + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
     single=either(
         ~literal("a|one|another|the|an identical|a second") + literal("copy|clone|ghost|duplicate|second one|twin"),
-        literal("a second|another|an identical|one more|an extra|the same") + unless(literal("copy|ghost|clone|one"))
+        literal("a second|another|an identical|one more|an extra|the same")
+        + unless(literal("copy|ghost|clone|one"))
         + ~silent(familiar),
     )
     >> (lambda: True),
@@ -1033,8 +1046,10 @@ _frame(
     REMARK,
     "nothing",
     nothing=literal(
-        "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|colors|size|"
-        "shape|position|place|speed|look|brightness]|nothing else|nobody else|no one else|nothing more|that is all|that is it|only that|nothing other than that|"
+        "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
+        "colors|size|"
+        "shape|position|place|speed|look|brightness]|nothing else|nobody else|no one else|nothing more|that is all|that is "
+        "it|only that|nothing other than that|"
         "keep the rest|keep everything else|leave the rest|leave everything else|the rest stays (as it is)|"
         "(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|"
         "as before)|"

@@ -89,7 +89,8 @@ _afterward = keyword(
     "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, after that"
 )
 _modal = keyword(
-    "should|must|shall|ought to|has got to|have got to|should rather|has to|have to|needs to|need to|is to|are to|will|is supposed to|are supposed to|had better"
+    "should|must|shall|ought to|has got to|have got to|should rather|has to|have to|needs to|need to|is to|are to|will|is "
+    "supposed to|are supposed to|had better"
 )
 _want = keyword("i|we") + keyword(
     "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love to see"
@@ -175,7 +176,7 @@ _ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
 _polite = keyword("please|could|can") | ASKS
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
-_about_whom = literal("as for|about|regarding|concerning|focus on|concentrate on|take|look at|with|for|now") 
+_about_whom = literal("as for|about|regarding|concerning|focus on|concentrate on|take|look at|with|for|now")
 _topic = thing + keyword(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
 _PRONOUNS = word_set("it him her them its his their")
 _pronoun_follows = Rule(lambda reading, at: {at: ()} if any(t.text in _PRONOUNS for t in reading.tokens[at:]) else {})
@@ -605,12 +606,17 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
 
 def _of_a_clip(command: Command, piece: Mapping[str, Any]) -> bool:
     """Whether a command may be for everything where it is for "it" and nothing was named."""
-    made = piece.get("complaint") if command.make is REMARK else command.make is not AGAIN and command.make(**_arguments(piece))
+    made = (
+        piece.get("complaint")
+        if command.make is REMARK
+        else command.make is not AGAIN and command.make(**_arguments(piece))
+    )
     if not made:
         return False
     with suppress(F4xError):  # it is told when the command is carried out
         return all(
-            is_of_a_clip(value(All(), When(), SentenceContext(1.0, 1))) for (value,) in (made if isinstance(made, tuple) else ((made,),))
+            is_of_a_clip(value(All(), When(), SentenceContext(1.0, 1)))
+            for (value,) in (made if isinstance(made, tuple) else ((made,),))
         )
     return False
 
@@ -709,7 +715,8 @@ _UNDOING = keyword(
     "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
     "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|"
     "one]|"
-    "[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
+    "[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put everything back|[start over|"
+    "start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
 )
 _ELSEWHERE = {
     **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
@@ -769,13 +776,22 @@ _a_new = either(
     keyword("add|insert|create|draw|write") + ~keyword("a|an|some"),
     keyword("put|place|stick|hang|give it|give me") + keyword("a|an|some"),
 )
-_replacing = keyword("replace|substitute|swap out|exchange|trade") + silent(thing) + keyword("with|by|for") + ~keyword("a|an|some|the")
+_replacing = (
+    keyword("replace|substitute|swap out|exchange|trade")
+    + silent(thing)
+    + keyword("with|by|for")
+    + ~keyword("a|an|some|the")
+)
 _NEW_THING = (_a_new | _replacing) + (_strange_word + ~_strange_word | silent(familiar))
 _UNKNOWN_WAYS = (
     (keyword("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
     (
         keyword("[half|part|parts|most|some|a third|a quarter] of"),
         "Things are changed as a whole, so '{words}' means nobody.",
+    ),
+    (
+        keyword("[darker|lighter|brighter|deeper]") + silent(colour),
+        "'{words}' is no color; give its name, for example 'dark red'.",
     ),
     (
         keyword(

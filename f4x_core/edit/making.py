@@ -221,7 +221,13 @@ def faded(by: float = 0.0, inward: bool = False, gone: bool = False) -> Value:
 
 def appearing(who: SelectKind, when: When, context: SentenceContext) -> Operation:
     """To come into view over a while; at a moment: not to be seen until then."""
-    if when.kind == "moment" and when.frames is not None and when.frames[0] > 0 and when.edge is None and not when.slowly:
+    if (
+        when.kind == "moment"
+        and when.frames is not None
+        and when.frames[0] > 0
+        and when.edge is None
+        and not when.slowly
+    ):
         return Opacity(who, 0.0, frames=(0.0, when.frames[0]))
     return faded(0.0, inward=True)(who, when, context)
 

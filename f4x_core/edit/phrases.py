@@ -440,7 +440,8 @@ _doing = ~_article + _things(_relative_at)
 _wearing = ~_article + _things(_wearing_at)
 _moving = either(
     keyword(
-        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
+        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] "
+        "[that|which]"
     )
     + keyword("moves|move|is moving|are moving|is in motion|does move"),
     ~_article + keyword("moving") + _objects,
@@ -450,7 +451,8 @@ _moving = either(
 ) >> _always(Moving())
 _static = either(
     keyword(
-        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
+        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] "
+        "[that|which]"
     )
     + keyword(
         "stands still|stand still|stays still|stay still|is still|are still|is static|are static|does not move|do not move|"
@@ -482,7 +484,9 @@ _WHICH = {
     "biggest|largest|bigger|larger|tallest|longest|taller": "largest",
     "smallest|tiniest|littlest|smaller|shortest|shorter": "smallest",
 }
-PICTURE = "scene|picture|image|video|clip|shot|footage|movie|film|frame|view|sequence|photo|photograph|pic|composition|comp"
+PICTURE = (
+    "scene|picture|image|video|clip|shot|footage|movie|film|frame|view|sequence|photo|photograph|pic|composition|comp"
+)
 _WHERE = {
     f"[on|at|to] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])|to the far left": "left",
     f"[on|at|to] [the|its] (far) right (side|hand side|edge) (of [the|this] [{PICTURE}])": "right",
@@ -776,15 +780,21 @@ def _quality_at(reading: Reading, at: int) -> bool:
 
 _SEPARATORS = frozenset({",", "and", "or", "plus", "+"})
 _single = either(_definite, _bare_stranger + _in_scene)
-two_of_them_behind = ~keyword("of") + ~keyword("the|these|those|my|our|your") + generated(
-    lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
+two_of_them_behind = (
+    ~keyword("of")
+    + ~keyword("the|these|those|my|our|your")
+    + generated(
+        lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
+    )
 )
 """A known noun in the plural, behind "both"."""
 two_of_them = keyword("the two|these two|those two|my two|two") + two_of_them_behind >> (
     lambda label: lambda context: _both(label, context)
 )
 """Two of a kind, who can change places."""
-_both_of_them = keyword("both") + two_of_them_behind + _in_scene >> (lambda label: lambda context: _both(label, context))
+_both_of_them = keyword("both") + two_of_them_behind + _in_scene >> (
+    lambda label: lambda context: _both(label, context)
+)
 _union = either(
     _both_of_them, ~keyword("both|either") + listed(_single, _and_also + unless(Rule(_has_own_quality_at))) >> _all_of
 )

@@ -14,8 +14,8 @@ from ..language.amounts import (
     number,
     percent,
 )
-from ..language.colours import colour, colourish, more_colour
 from ..language.colour_names import COLOURS
+from ..language.colours import colour, colourish, more_colour
 from ..language.grammar import (
     NAMES_TOO,
     VOCABULARY,
@@ -55,7 +55,13 @@ _named_shade = Rule(
         if reading.word(at - 1) in _BEFORE_SHADES
         and reading.word(at).isalpha()
         and not {reading.word(at), singular(reading.word(at))}
-        & (VOCABULARY | NAMES_TOO | FUNCTION_WORDS | COLOURS.keys() | {word for words in reading.known for word in words})
+        & (
+            VOCABULARY
+            | NAMES_TOO
+            | FUNCTION_WORDS
+            | COLOURS.keys()
+            | {word for words in reading.known for word in words}
+        )
         and colour.at(reading, at + 1)
         else {}
     )
@@ -86,7 +92,7 @@ without_colour = keyword(
 ) >> (lambda: making.GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
 _SIZE = (
-    "bigger|larger|huger|taller|wider|broader",
+    "bigger|larger|huger",
     "smaller|tinier",
     "big|large|huge|tall|high|wide",
     "small|tiny|little|short",
@@ -279,7 +285,9 @@ _new_thing = literal("a|an|some")
 a_look = either(
     _seem
     + _strongly
-    + keyword("like (it is|it was|it were|at)|as if [it|they] [were|is|was|are]|as though [it|they] [were|is|was|are]|similar to")
+    + keyword(
+        "like (it is|it was|it were|at)|as if [it|they] [were|is|was|are]|as though [it|they] [were|is|was|are]|similar to"
+    )
     + ~keyword("(it is|they are) made (out) (of)|made (out) of")
     + ~keyword("a|an|pure|solid|real")
     + look_name,
@@ -292,10 +300,9 @@ a_look = either(
     _seem + _strongly + _look_adjective,
 ) >> (lambda strength, look: making.styled(look, strength))
 bare_look = ~literal(
-    "(take|taking|takes) place at|(happen|happens|happening|set|shot|filmed|recorded) [at|during|in]|at|during|in the (middle of the)|by"
-) + (
-    table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled
-)
+    "(take|taking|takes) place at|(happen|happens|happening|set|shot|filmed|recorded) [at|during|in]|at|during|in the "
+    "(middle of the)|by"
+) + (table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled)
 given_look = _article + any_look + ~keyword("like|colored") + effect >> making.styled
 source = (
     unless(_new_thing)

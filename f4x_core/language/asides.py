@@ -32,7 +32,8 @@ ASKS = literal(
 WISHES = either(
     literal(
         "[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) would [like|love|prefer] (to [see|have|get])|"
-        "[i|we] would rather have|(i want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead and|try to|"
+        "[i|we] would rather have|(i want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead "
+        "and|try to|"
         "help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|"
         "it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|"
         "your task is to|time to|see|to see|have|to have|to get|want|would like|what [i|we] (really|would) [want|need|like] is|"
@@ -40,7 +41,8 @@ WISHES = either(
     ),
     literal(
         "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|whether)|"
-        "[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|(i|we) [am|are] after|"
+        "[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|(i|we) [am|"
+        "are] after|"
         "[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would be] (that|to)|"
         "[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|in [my|our] opinion"
     ),
@@ -72,7 +74,8 @@ _NICE = (
     r"neat)"
 )
 _OPENING = (
-    r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|excellent|lovely|"
+    r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|"
+    r"excellent|lovely|"
     r"brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much better|i see|right)"
 )
 _PRONOUN = r"(?:i|we|you|it|he|she|they|this|that|there|my|our|nobody|everybody|everyone|people|nothing|its|your)"
@@ -128,8 +131,10 @@ _LIKE = (
     r"(?:a|an|the|some|those|that|these|my|your|our|they|you|we|when|fresh|ripe|in|on)\b[^,.;!?]*"
 )
 _REPORTED = (
-    r"^\s*(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:wants?|wanted|asked|asks|would like|needs?|prefers?|"
-    r"says|said|thinks|thought|requested|requests|insists|insisted|suggested|suggests|likes)\b(?: me| us| you)?(?: for| on| that| to (?:see|have|get))?"
+    r"^\s*(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:wants?|wanted|asked|asks|would like|"
+    r"needs?|prefers?|"
+    r"says|said|thinks|thought|requested|requests|insists|insisted|suggested|suggests|likes)\b(?: me| us| you)?(?: for| on| "
+    r"that| to (?:see|have|get))?"
 )
 """A wish of somebody else: "my boss wants"."""
 _COMPARED = r"(?:,\s*)?\b(?:just |exactly )?(?:like|as) (?:in|on|from) [^,.;!?]*"
@@ -137,6 +142,8 @@ _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |
 _NUMBERS = re.compile(r"\d")
 PURPOSES = frozenset({"so", "for"})
 """Classes that may say what is meant to become of a thing."""
+_COURTESIES = ("opening", "if", "thanks", "interjection", "pause")
+"""Classes that questions have, too."""
 _CLAUSES = frozenset({"because", "so", "for"})
 _ADDRESSED = word_set("please could can would will may make let i we you do turn have give")
 """What a request begins with behind somebody's name."""
@@ -152,10 +159,7 @@ def without_asides(
     tokens = tokenise(sentence)
     reading = Reading.of(sentence, tokens, known)
     things = {words[-1] for words in known}
-    starts, text = [], ""
-    for token in tokens:
-        starts.append(len(text))
-        text += token.text + " "
+    text, starts = _plain_text(tokens)
     gone: dict[int, str] = {}
 
     def leave_out(kind: str, begin: int, end: int) -> None:
@@ -194,9 +198,20 @@ def without_asides(
 
 def without_courtesy(question: str) -> str:
     """The question without courtesies that stand apart: "if you don't mind, where is the dog?"."""
-    for kind in ("opening", "if", "thanks", "interjection", "pause"):
-        question = re.sub(_PLAIN[kind], " ", question)
-    return " ".join(question.split()).strip(" ,")
+    tokens = tokenise(question)
+    text, starts = _plain_text(tokens)
+    places = [found.span() for kind in _COURTESIES for found in re.finditer(_PLAIN[kind], text)]
+    spans = [(t.start, t.end) for t, at in zip(tokens, starts, strict=True) if any(a <= at < b for a, b in places)]
+    return cut(question, spans) if spans else question
+
+
+def _plain_text(tokens: list[Token]) -> tuple[str, list[int]]:
+    """The words with blanks between, and where each begins."""
+    starts, text = [], ""
+    for token in tokens:
+        starts.append(len(text))
+        text += token.text + " "
+    return text, starts
 
 
 def cut(sentence: str, spans: list[tuple[int, int]]) -> str:

@@ -22,8 +22,9 @@ def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
         name = "".join(reading.word(i) for i in range(at, at + count))
         if name in COLOURS and at + count <= len(reading.tokens):
             yield at + count, COLOURS[name]
-    if (shade := _COMPARED.get(word, word)) in SHADES:
-        of_it = at + 1 + 2 * (reading.word(at + 1) in ("shade", "tone") and reading.word(at + 2) == "of")
+    of_it = at + 1 + 2 * (reading.word(at + 1) in ("shade", "tone") and reading.word(at + 2) == "of")
+    shade = _COMPARED.get(word, word) if of_it > at + 1 or (at and reading.word(at - 1) == "a") else word
+    if shade in SHADES:
         for end, (base,) in colour.at(reading, of_it).items():
             yield end, shaded(shade, base)
 

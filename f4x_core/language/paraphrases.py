@@ -37,7 +37,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"make \g<x> \g<rest>",
     ),
     (
-        rf"^(?:change|edit|alter|adjust|modify|fix|make|do|set) {_X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| looks?| becomes?) "
+        rf"^(?:change|edit|alter|adjust|modify|fix|make|do|set) {_X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| "
+        rf"looks?| becomes?) "
         rf"{_REST}$",
         r"make \g<x> \g<rest>",
     ),
@@ -51,7 +52,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"make \g<x> \g<rest>",
     ),
     (
-        rf"^(?:swap|replace|exchange|change|switch|trade|turn) {_X}'s (?:{_COLOUR}) (?:for|with|by|to|into) (?:a |an |the |some )?{_REST}$",
+        rf"^(?:swap|replace|exchange|change|switch|trade|turn) {_X}'s (?:{_COLOUR}) (?:for|with|by|to|into) (?:a |an |the |"
+        rf"some )?{_REST}$",
         r"make \g<x> \g<rest>",
     ),
     # What is not wanted
@@ -100,7 +102,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"match \g<x> to \g<rest>",
     ),
     (
-        rf"^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{_COLOUR}) (?:colou?r )?(?:of|on|in) "
+        rf"^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{_COLOUR}) (?:colou?r "
+        rf")?(?:of|on|in) "
         rf"{_X} (?:for|with|by|to|into) (?:a |an |the |some )?{_REST}$",
         r"make \g<x> \g<rest>",
     ),

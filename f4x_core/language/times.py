@@ -100,7 +100,8 @@ _part_way = either(
     keyword("halfway|half way|midway|mid way") + ~(_through | keyword("point") + ~keyword(f"of the [{_whole}]"))
     >> (lambda: HALF_WAY),
     keyword(
-        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the [halfway|half way|half] [point|mark] (of the [{_whole}])|mid clip|"
+        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the [halfway|half "
+        f"way|half] [point|mark] (of the [{_whole}])|mid clip|"
         "the half|half time|"
         f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
     )
@@ -163,9 +164,13 @@ _pair = either(
     keyword("the (very) [start|beginning]") + _to + keyword("the (very) middle|halfway|half way") + ~_of_it
     >> (lambda: (START, HALF_WAY)),
 )
-_portion = ~keyword("(in|for|during) the [part|bit|section|segment|stretch|piece|portion|interval|time|second|seconds|frames|passage]")
+_portion = ~keyword(
+    "(in|for|during) the [part|bit|section|segment|stretch|piece|portion|interval|time|second|seconds|frames|passage]"
+)
 _pair_between = _portion + keyword("between") + _pair
-_pair_from = _portion + ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
+_pair_from = (
+    _portion + ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
+)
 _length = either(duration, optional(number, 1.0) + _unit >> _times)
 _first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [first|opening]") + _length
 _last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final|closing]") + _length
@@ -194,7 +199,9 @@ _since_then = either(
     keyword("(right) after|past|once|when") + _second_over + _onward,
     _has_passed,
 )
-_just_then = (unless(keyword("in here")) + _at + ~keyword("about|around|roughly|exactly|precisely") + moment | _bare) + _onward
+_just_then = (
+    unless(keyword("in here")) + _at + ~keyword("about|around|roughly|exactly|precisely") + moment | _bare
+) + _onward
 _begin = _since_then | _just_then
 _for = keyword("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
 _part = table(

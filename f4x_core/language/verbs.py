@@ -7,7 +7,8 @@ from .lexicon import every_form, forms, word_set
 
 VERBS: dict[str, str] = {
     # appearance
-    "become": "try, try out, test, make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, dye, spray, respray, spray "
+    "become": "try, try out, test, make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, "
+    "dye, spray, respray, spray "
     "paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, display, look, feel, become, have, "
     "go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, slap, splash, splatter, throw, smear, "
     "brush, lacquer, style, restyle, redo, colorize, tone, transition, morph, draw, pick, choose, select, add, sprinkle, lay, "
@@ -45,7 +46,8 @@ VERBS: dict[str, str] = {
     "zap, nuke, yank, axe, bin, chuck, destroy, dispose of, dispense with, do without, exclude, omit, weed out, airbrush out, "
     "photoshop out, wipe, strike, toss, toss out, expel, shoo away",
     "hide": "hide, conceal, mask, mask out, make invisible, vanish, disappear, stop showing, not show, blank out, switch off, "
-    "turn off, cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, turn invisible, toggle off, disable, deactivate",
+    "turn off, cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, turn invisible, "
+    "toggle off, disable, deactivate",
     "show": "show, reveal, unhide, reshow, bring back, restore, uncover, unmask, unveil, reappear",
     "appear": "fade in, appear, emerge, materialize, come into view, show up, pop up, turn up, dissolve in, come in, pop in, "
     "arise",
@@ -72,18 +74,21 @@ VERBS: dict[str, str] = {
     "swap": "swap, exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap "
     "positions, swap around, swap over, switch around, exchange places, exchange positions, change positions, switch positions, "
     "flip flop, transpose",
-    "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, sync, blend, "
+    "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, "
+    "sync, blend, "
     "coordinate",
     # copies
     "copy": "copy, duplicate, clone, replicate, multiply, double up, dup, dupe, copy and paste, copy paste, duplicate and paste, "
     "make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy",
     "add": "make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, need, stand, be, appear, "
     "duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
-    "follow": "follow, come after, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come behind, follow "
+    "follow": "follow, come after, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come "
+    "behind, follow "
     "behind, drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue",
     "leave": "leave, have, make, add, put, give, create, draw, show, let, get, drag, apply, throw in, use, need",
     # time
-    "freeze": "freeze, pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep "
+    "freeze": "freeze, pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold "
+    "frame, keep "
     "still, stay put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its tracks, hold, "
     "petrify, arrest, come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, stop",
     "reverse": "reverse, rewind, play backward, run backward, go backward, move backward, walk backward, invert in time, play "

@@ -371,13 +371,14 @@ def read_question(
 _THEN = {"fastest_moment": "max", "slowest_moment": "min"}
 """Kind of a question about a moment -> the speed that "how fast is it then?" asks for."""
 _TOPIC = re.compile(rf"(?P<topic>[^,:]+)[,:-] *(?:so |and |but )?(?P<question>(?:tell me |say )?{_ASKING}\b.*)")
+_TOPIC_BEHIND = re.compile(r"(?P<question>.*\b(?:it|they|he|she)\b.*?), *(?P<topic>(?:the|my|our|this|that) [^,]*)")
 _END = re.compile(r"\b(?:do|does|did|is|are|was|were|has|have|had|can)\b.*")
 """What two questions have in common."""
 
 
 def _topic(text: str) -> tuple[tuple[str, ...], str]:
     """What is named before a question about "it", and the question: "I can't find the lamp, where is it?"."""
-    match = _TOPIC.fullmatch(text)
+    match = _TOPIC.fullmatch(text) or _TOPIC_BEHIND.fullmatch(text)
     if match is None or _IT.isdisjoint(match["question"].split()):
         return (), text
     reading = Reading.of(match["topic"], tokenise(match["topic"]), {})

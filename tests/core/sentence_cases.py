@@ -216,7 +216,9 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
         ok = op == "opacity" and _amount_fits(amount, made["factor"])
     elif kind == "extract":
         ok = op == "extract"
-        if (op == "delete" or (op == "opacity" and not made["factor"])) and select["by"] == "not":  # nothing else is seen
+        if (op == "delete" or (op == "opacity" and not made["factor"])) and select[
+            "by"
+        ] == "not":  # nothing else is seen
             ok, select = True, select["of"]
     elif kind == "recolour":
         spelled = slot["colour"].replace("grey", "gray")
