@@ -65,7 +65,7 @@ def corrected(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[s
 
 
 _STATES = (
-    r"(?:is|are|was|isn't|aren't|is not|are not|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|has|have|hasn't|doesn't|does not|"
+    r"(?:is|are|was|isn't|aren't|is not|are not|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|hasn't|doesn't|does not|"
     r"don't|do not|keeps?|gets?|bothers?|distracts?|annoys?|spoils?|ruins?|blocks?|moves?|drives?|runs?|goes|walks?)"
 )
 _REMARKED = re.compile(
@@ -100,8 +100,10 @@ def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[st
     if not _SPOKEN_OF & {token.text for token in command.tokens}:
         yield match["command"]
         return
-    for at in range(len(remark.tokens)):
-        if ends := familiar.at(remark, at):
-            thing = remark.text_of(at, max(ends))
-            yield f"the {thing}: {match['command']}"
-            return
+    named, at = [], 0
+    while at < len(remark.tokens):
+        end = max(familiar.at(remark, at), default=at)
+        named += [remark.text_of(at, end)] if end > at else []
+        at = max(end, at + 1)
+    if len(named) == 1:  # of two, "it" may be either
+        yield f"the {named[0]}: {match['command']}"

@@ -92,7 +92,7 @@ ADDS_NOTHING = either(
     COMMENTS,
     literal(
         "[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|"
-        "must to|to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|have])|"
+        "must to|to|wants to|want to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|have])|"
         "[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
     ),
     literal(
@@ -336,12 +336,12 @@ def _changed(
     too: bool | None = None,
     times: float | None = None,
     particle: bool | None = None,
-    value: float | None = None,
+    level: float | None = None,
 ) -> Value:
-    if value is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
+    if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
         if (how, to, too, times) != (None, None, None, None):
             raise Mismatch
-        to, how = (value, None) if way is None else (None, Amount("fraction", value))
+        to, how = (level, None) if way is None else (None, Amount("fraction", level))
     if particle is not None and particle is not way:
         raise Mismatch
     if times is None and how is not None and how.kind == "times" and way is too is to is None:
@@ -390,7 +390,7 @@ _frame(
     + table(_QUALITIES, reserve=False)
     + ~literal("level|value|slider|amount|setting"),
     way=_way,
-    value=percent,
+    level=percent,
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | literal("way") >> (lambda: Amount("large")),
     to=_to_value,
     particle=table({"up": True, "down": False}, reserve=False),
@@ -969,7 +969,7 @@ _frame(
     who=~literal("(the) [places|positions|spots|locations|place|position] [of|between]|between|of")
     + (two_of_them | thing),
     verb=literal(any_form("swap") + "|swap of"),
-    other=literal("with|for|and") + thing,
+    other=literal("with|for|and") + there_already,
     places=literal(
         "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|"
         "around|over"

@@ -148,7 +148,7 @@ bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
 filler: {inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
     {people}|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check|identify|report|{its}
     {pictures}|look|looks|seem|seems|appear|appears|[is|was] [it|this|that] [a|an|just|only]|would you
-    [say|call|describe]|will|is|are|was|were|be|been|at
+    [say|call|describe]|is|are|was|were|be|been|at
     all|being|does|do|did|has|have|had|having|,|-|:|'s|please|approximately|roughly|ever|about|anywhere|somewhere|right
     now|and|currently|if|if so|whether|that|quick question|know|i mean|over time|{courtesy}|any|[can|could|would|will] you
     (please|kindly) (tell|show|say|find|give|point
