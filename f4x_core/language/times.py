@@ -167,7 +167,16 @@ _pair = either(
 _portion = ~keyword(
     "(in|for|during) the [part|bit|section|segment|stretch|piece|portion|interval|time|second|seconds|frames|passage]"
 )
-_pair_between = _portion + keyword("between") + _pair
+_pair_between = either(
+    _portion + keyword("between") + _pair,
+    ~keyword("in|for|during")
+    + keyword("the [second|seconds|part|time] [between|from]")
+    + number
+    + _to
+    + number
+    + ~keyword("seconds|s")
+    >> (lambda a, b: (TimeExpression(seconds=a), TimeExpression(seconds=b))),
+)
 _pair_from = (
     _portion + ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
 )
