@@ -519,7 +519,8 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     if things == other and kind not in ("nearest", "farthest"):
         other = ()
     several = len(things) > 1
-    if several and not other and kind in (*_TWO, "nearest", "farthest", "distance"):
+    apart = kind in ("nearest_moment", "farthest_moment") and "it" in named and "other" not in found  # "they"
+    if several and not other and (apart or kind in (*_TWO, "nearest", "farthest", "distance")):
         other = things[-1:]
     if not several and (kind in _TWO or (polar and kind in ("nearest", "farthest"))) and manner not in _MOST:
         return None
