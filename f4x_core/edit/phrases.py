@@ -74,7 +74,7 @@ class SentenceContext(Clip):
         if self.last is None and not self.selected and word in HIM_OR_HER:
             meant = next((label for label in HIM_OR_HER[word] if label in self.labels), None)
             self.last = None if meant is None else Text((meant,))
-        if self.last is None and not self.selected and self.overall:
+        if self.last is None and not self.selected and self.overall and word in ("'it'", "'its'"):
             return All()
         if self.last is None and not self.selected:
             raise Refusal(f"Nothing is named or selected that {word} could be; name a thing or select one.")

@@ -121,6 +121,9 @@ def test_where_a_frame_fits_and_cannot_be_carried_out_the_next_is_asked(sentence
         "swap the bird for a car",
         "make it bigger",
         "shrink it by 20%",
+        "make everything else brighter",
+        "make the left one brighter",
+        "make them brighter",
     ],
 )
 def test_of_whom_is_spoken_is_not_guessed(sentence):
