@@ -613,7 +613,7 @@ def _of_a_clip(command: Command, piece: Mapping[str, Any]) -> bool:
     )
     if not made:
         return False
-    with suppress(F4xError):  # it is told when the command is carried out
+    with suppress(F4xError):  # it is refused when the command is carried out
         return all(
             is_of_a_clip(value(All(), When(), SentenceContext(1.0, 1)))
             for (value,) in (made if isinstance(made, tuple) else ((made,),))

@@ -205,7 +205,7 @@ def shown(again: bool = False) -> Value:
 
 
 def faded(by: float = 0.0, inward: bool = False, gone: bool = False) -> Value:
-    """To become so many times as opaque little by little, or to come from it (`inward`); `gone`: it is said to end so."""
+    """To become so many times as opaque little by little, or to come from it (`inward`); `gone`: it ends so."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         when = replace(when, slowly=when.slowly or gone)

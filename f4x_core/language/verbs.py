@@ -135,6 +135,7 @@ VOCABULARY.update(
     word_set(
         "apply bathe colorize drench dye recolor repaint respray spray exposure contrast warmth saturation visibility vividness "
         "moved shifted pushed pulled placed dragged slid turned flipped faded painted made set put taken kept shown brought "
-        "fewer wants wanted needs extra additional identical vibrance endlessly repeatedly halve double triple treble quadruple radiate sheen halo aura"
+        "fewer wants wanted needs extra additional identical vibrance endlessly repeatedly halve double triple treble "
+        "quadruple radiate sheen halo aura"
     )
 )

@@ -101,15 +101,15 @@ def test_any_verb_goes_with_any_slot(sentence, told):
 
 
 @pytest.mark.parametrize(
-    ("sentence", "told"),
+    ("sentence", "expected"),
     [
         ("slow motion, please", ["play everything at half speed"]),  # the frame before asks whom it is for
         ("slow down the last second", ["play everything at 67 % speed from frame 47 on"]),
         ("make it brighter", ["make everything brighter"]),
     ],
 )
-def test_where_a_frame_fits_and_cannot_be_carried_out_the_next_is_asked(sentence, told):
-    assert [describe(one) for one in parse(Request(sentence, ("bird", "car"), fps=24.0, frames=72))] == told
+def test_where_a_frame_fits_and_cannot_be_carried_out_the_next_is_asked(sentence, expected):
+    assert [describe(one) for one in parse(Request(sentence, ("bird", "car"), fps=24.0, frames=72))] == expected
 
 
 @pytest.mark.parametrize(
