@@ -15,7 +15,7 @@ from .lexicon import FUNCTION_WORDS, singular, word_set
 CALLS = literal(
     "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|look|listen|"
     "um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|rather|"
-    "somehow|quickly|for now|right away|asap|for me|for us|if possible|if you [can|could|would|like|will]|when you can|"
+    "somehow|for now|right away|asap|for me|for us|if possible|if you [can|could|would|like|will]|when you can|"
     "again|there|in [here|there]|around here|"
     "here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|lovely|kind of|sort of|you know|after all|i think|"
     "i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|this time|from there|in one go|of course|though|yeah|"
@@ -32,7 +32,7 @@ ASKS = literal(
 """Wishes that are put as questions."""
 WISHES = either(
     literal(
-        "[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) would [like|love|prefer] (to [see|have|get])|"
+        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) would [like|love|prefer] (to [see|have|get])|"
         "[i|we] would rather have|(i want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead "
         "and|try to|"
         "help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|"
@@ -97,7 +97,7 @@ _PLAIN = {
         r"jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty please|"
         r"to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|basically|"
         r"literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|"
-        r"absolutely|essentially|preferably|magically|quickly|all of them|every one of them|each of them|both of them)\b,?"
+        r"absolutely|essentially|preferably|magically|all of them|every one of them|each of them|both of them)\b,?"
     ),
     "comment": (
         rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|"
