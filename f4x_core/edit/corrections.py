@@ -1,4 +1,5 @@
-"""What somebody takes back while speaking: "delete the pillow, no wait, the lamp"."""
+"""What somebody says before the command: takes back ("delete the pillow, no wait, the lamp"), or remarks ("the pole is in the
+way, get rid of it")."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from ..language.colours import colour
 from ..language.grammar import Reading, either, keyword, tokenise
 from ..language.lexicon import word_set
 from ..language.times import duration, moment, span
-from .phrases import known_thing
+from .phrases import familiar, known_thing
 from .qualities import made
 
 _TAKEN_BACK = (
@@ -61,3 +62,48 @@ def corrected(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[s
             yield f"{first[: before.tokens[at].start]}{last}{tail}"
     if not _SPOKEN_OF & {token.text for token in behind.tokens}:  # of whom "it" speaks is in what came before
         yield last
+
+
+_STATES = (
+    r"(?:is|are|was|isn't|aren't|is not|are not|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|hasn't|doesn't|does not|"
+    r"don't|do not|keeps?|gets?|bothers?|distracts?|annoys?|spoils?|ruins?|blocks?|moves?|drives?|runs?|goes|walks?)"
+)
+_REMARKED = re.compile(
+    rf"^(?P<remark>(?:(?:the|that|this|these|those|my|our|its?) )?(?:[\w'-]+ ){{0,4}}?{_STATES}\b.*?|"
+    r"(?:i|we|people|nobody|no one|you)(?:'m|'re)? (?:really |just |also )?(?:not|do not|don't|dont|never|can't|cannot|can "
+    r"not|can hardly|hate|"
+    r"dislike|needs? (?:that|this)|wants? (?:that|this)|likes?|loves?|have|has|see|notice|think|am|are|is)\b.*?|"
+    r"there(?: is| are|'s) .*?)(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so (?:please )?)"
+    r"(?P<command>[^\s].*)$",
+    re.IGNORECASE,
+)
+"""What says how it is, and the command behind it."""
+_IN_OTHER_WORDS = re.compile(
+    r"^(?P<remark>.+?)(?:[,;(-]\s*|\s)(?:i\.? ?e\b\.?|that is to say|that is,|in other words|meaning|"
+    r"namely),?:?\s+(?P<command>.+?)\)?$",
+    re.IGNORECASE,
+)
+_WISH = re.compile(
+    r"\b(?:should|must|shall|would|could|can|want|wish|please|make|let|to be|needs? to|has to|have to|except|but|only|until|"
+    r"after|before|second|seconds|frame|frames)\b|\d|%",
+    re.IGNORECASE,
+)
+"""What may be part of the command itself."""
+
+
+def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
+    """The command behind a remark, with the thing of the remark in front: "the pole: get rid of it"."""
+    match = _IN_OTHER_WORDS.match(sentence) or _REMARKED.match(sentence.strip())
+    if match is None or (match.re is _REMARKED and _WISH.search(match["remark"])):
+        return
+    remark, command = (Reading.of(text, tokenise(text), known) for text in (match["remark"], match["command"]))
+    if not _SPOKEN_OF & {token.text for token in command.tokens}:
+        yield match["command"]
+        return
+    named, at = [], 0
+    while at < len(remark.tokens):
+        end = max(familiar.at(remark, at), default=at)
+        named += [remark.text_of(at, end)] if end > at else []
+        at = max(end, at + 1)
+    if len(named) == 1:  # of two, "it" may be either
+        yield f"the {named[0]}: {match['command']}"

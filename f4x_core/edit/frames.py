@@ -21,6 +21,7 @@ from ..language.amounts import (
     percent,
     steps,
 )
+from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
 from ..language.colours import colour, colourish
 from ..language.grammar import (
     Mismatch,
@@ -63,12 +64,14 @@ from .making import Value
 from .phrases import (
     colors,
     everything_else,
+    familiar,
     known_noun,
     known_thing,
     place,
     there_already,
     thing,
     two_of_them,
+    two_of_them_behind,
     whose,
 )
 from .selects import All, Current
@@ -81,31 +84,15 @@ def _frame(example: str, make: Any, needed: str, *, who: Rule = thing, use: Use 
     FRAMES.append(Command(example, "", make, slots, frozenset(needed.split()), who, use=use))
 
 
+_goes_on = unless(literal("and|but")) + Rule(lambda reading, at: {at: ()} if reading.word(at).isalpha() else {})
 ADDS_NOTHING = either(
+    CALLS,
+    ASKS,
+    WISHES,
+    COMMENTS,
     literal(
-        "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|look|listen|"
-        "um|uh|er|hmm|oh|well|so|now|then|next|also|too|as well|just|simply|actually|really|maybe|perhaps|probably|"
-        "somehow|quickly|for now|right away|for me|for us|if possible|if you [can|could|would|like|will]|"
-        "when you can|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
-        "lovely|kind of|sort of|you know|after all|i think|i guess|"
-        "i feel like|i believe|this time|from there|in one go|of course|though|yeah|yes|asap|my friend|sir|both|"
-        "overall|in total|all in all|would you mind|do you mind|shall we|feel free to|first of all|firstly|secondly|thirdly|"
-        "finally|at last|completely|entirely|fully|totally"
-    ),
-    literal(
-        "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
-        "[i|we] [want|wanted|need|wish|prefer|fancy]|"
-        "[i|we] would [like|love|prefer]|[i|we] would rather have|(i want|i would like|i need) you|"
-        "you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|make sure (that)|so that|"
-        "in such a way that|how [do|can|would|could] [i|you|we]|how to|what if|what about|how about|"
-        "is there [a|any] way to|is it possible to|would it be possible to|it would be [nice|great|cool] (if)|"
-        "give me|get me|show me|i am looking for|i am trying to|we are going to|i am going to|[my|the] [wish|idea|plan] is (that|"
-        "to)|"
-        "your task is to|time to|see|to see|have|to have|to get|want|would like"
-    ),
-    literal(
-        "[should|must|could|can|may|will|would|shall|has to|have to|needs to|need to|ought to|is to|are to|must to|"
-        "to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|have])|"
+        "[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|"
+        "must to|to|wants to|want to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|have])|"
         "[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
     ),
     literal(
@@ -114,14 +101,18 @@ ADDS_NOTHING = either(
     ),
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("instead") + unless(literal("of")),
+    literal("too") + unless(_goes_on),
+    literal("both") + unless(silent(two_of_them_behind)),
 )
-"""Requests, wishes, interjections."""
+"""Courtesies, and verbs that say no more than that something is done."""
 
 _joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
 _led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "with") else {})
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
-    "in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|solid|"
+    "something like|something in|something|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|"
+    "picture|postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|"
+    "classic|nice|solid|"
     "some|for|but|but in|be of|from"
 )
 _a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
@@ -129,7 +120,7 @@ _slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|tou
 _hue = qualities.shade_of + (colour | colourish)
 _noun_of_colour = either(
     _a + _slight + _hue + ~literal("tint|tinge|touch|shimmer|cast|wash|hue|note|tone") >> making.faintly,
-    _a + _hue + literal("tint|tinge|touch|shimmer|cast|wash|hint|note") >> making.faintly,
+    _a + _hue + literal("tint|tinge|touch|shimmer|cast|wash|hint|note|filter|overlay|glaze|veil") >> making.faintly,
     _a
     + ~literal("nice|fresh|new|good|coat of|layer of|lick of|splash of|shade of|tone of")
     + qualities.shade_of
@@ -200,6 +191,9 @@ _size_of = (
         + (fraction | percent)
         + literal("of [its|the|their|his|her] (original|normal|current) [size|height]"),
         literal("to the size of") + multiple,
+        ~literal("at|to")
+        + (percent | multiple)
+        + literal("of what it [is|was] (now|before)|of [it|itself]|as it [is|was] (now)"),
     )
     >> making.scaled
 )
@@ -231,14 +225,14 @@ _quality = either(
     + ~literal("tone|tones|mood|look|light|color|colors"),
     _toward + qualities.bare_look,
 )
-_becoming = literal(any_form("become"))
+_becoming = literal(any_form("become", "match"))
 _about = ~literal("of|for|on|to|in|with|around|about|onto|over|at|from|upon|into|through|across|all over")
 _whom = ~literal("but|and") + ~literal("only|just|only for|just for|only with") + _about + thing
 _frame(
     "the dog, in red",
     as_given,
     "values",
-    who=either(_whom, _about + whose("color|colors|coloring|look|appearance")),
+    who=either(_whom, _about + whose("color|colors|coloring|look|appearance|paint|paintwork|paint job|hue|shade|tint")),
     verb=_becoming,
     more=literal("still|even|even more|a step|one more time"),
     rest=literal("instead of|rather than|not") + ~literal("a|an|the|that") + silent(colour) + literal("one|ones"),
@@ -272,6 +266,15 @@ _frame(
     faintly=qualities.hint,
 )
 
+_frame(
+    "the dog is gold from second 1 on",
+    as_given,
+    "values state when",
+    who=thing,
+    state=literal("is|are|was|being"),
+    values=listed(_quality, _joined),
+)
+
 # More and less of a quality
 
 
@@ -283,9 +286,9 @@ def _transparent(by: float) -> Value:
 _QUALITIES = {
     "size|scale|dimensions": making.scaled,
     "speed|pace|tempo|playback speed|playback rate|velocity": making.retimed,
-    "brightness|light|luminance|exposure|lightness|luminosity|glare": making.brightened,
+    "brightness|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain": making.brightened,
     "contrast": making.contrasted,
-    "saturation|color saturation|color intensity|vibrance|vividness|colorfulness|chroma": making.saturated,
+    "saturation|color saturation|color intensity|vibrance|vividness|colorfulness|chroma|color|colors": making.saturated,
     "opacity|visibility|alpha": making.opacity,
     "transparency|translucency": _transparent,
     "warmth|color temperature|temperature": lambda by: making.warmed(Amount("fraction", abs(by - 1)), by > 1),
@@ -322,6 +325,7 @@ _to_value = (
     + either(percent, multiple, number)
     + ~literal("of [its|the|their] (original|current|normal|present) (value|size|speed|brightness|level)")
 )
+"""What a quality comes to."""
 
 
 def _changed(
@@ -332,7 +336,12 @@ def _changed(
     too: bool | None = None,
     times: float | None = None,
     particle: bool | None = None,
+    level: float | None = None,
 ) -> Value:
+    if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
+        if (how, to, too, times) != (None, None, None, None):
+            raise Mismatch
+        to, how = (level, None) if way is None else (None, Amount("fraction", level))
     if particle is not None and particle is not way:
         raise Mismatch
     if times is None and how is not None and how.kind == "times" and way is too is to is None:
@@ -341,6 +350,8 @@ def _changed(
         if (way, too, to) != (None, None, None):
             raise Mismatch
         return quality(times)
+    if to is not None and quality in (making.opacity, _transparent) and to > making.SHOWN:
+        to /= 100
     if to is not None:
         if (way is not None and how is not None) or to > making.SHOWN:
             raise Mismatch
@@ -356,6 +367,19 @@ def _changed(
 
 _set = literal(any_form("set"))
 _frame(
+    "increase the dog by 10 percent",
+    lambda way, how: making.scaled(factor(how, way)),
+    "way how",
+    use=NAMED,
+    who=~literal("the|my|that|this") + known_noun,
+    way=table(
+        {every_form("increase|extend|augment"): True, every_form("reduce|decrease|lessen|diminish"): False},
+        reserve=False,
+    ),
+    how=amount,
+    size=literal("in size"),
+)
+_frame(
     "the brightness of the dog, up by 20 %",
     _changed,
     "quality",
@@ -366,6 +390,7 @@ _frame(
     + table(_QUALITIES, reserve=False)
     + ~literal("level|value|slider|amount|setting"),
     way=_way,
+    level=percent,
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | literal("way") >> (lambda: Amount("large")),
     to=_to_value,
     particle=table({"up": True, "down": False}, reserve=False),
@@ -420,7 +445,7 @@ _frame(
     "the dog should be brightened a bit",
     _more,
     "verb",
-    who=_whom,
+    who=_whom | literal("things|the action|the pace|the playback|all of it") >> (lambda: lambda context: All()),
     verb=either(
         *(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items()),
         *(
@@ -443,22 +468,23 @@ _frame(
         "of [its|the|their|his|her] (original|normal|present|current) [size|speed|brightness|pace]|"
         "[size|speed|the size|the speed|its size|opacity]"
     ),
-    particle=literal("up|down|off|in size|in tempo"),
+    particle=literal("up|down|off|in size|in tempo|more|even more|further"),
     fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
 _frame(
     "the dog is too dark",
     REMARK,
     "complaint",
-    use=NAMED,
+    opinion=literal("to me|for me|if you ask me|in my [opinion|eyes]"),
     who=either(
         literal("it|this|that|its")
         >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
         ~literal("the|all the") + colors,
         thing,
     ),
-    complaint=~literal(
-        "is|are|looks|look|seems|seem|feels|appears|appear|was|it is|has|have|(is|are) ["
+    complaint=literal("is|are|'s|looks|look|seems|seem|feels") + qualities.rather
+    | ~literal(
+        "is|are|'s|looks|look|seems|seem|feels|appears|appear|was|it is|has|have|(is|are) ["
         + every_form("walk|run|move|go|play|drive|stand|sit|ride|swim|fly|dance|hang|lie|jump|turn|spin|hover|float")
         + "]"
     )
@@ -494,7 +520,7 @@ _frame(
     "the dog has to be hidden",
     always(making.opacity(0.0)),
     "verb",
-    who=_whom,
+    who=_whom | _about + whose("visibility|display"),
     verb=literal(
         any_form("hide") + "|away|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"
     ),
@@ -586,6 +612,14 @@ _frame(
     >> (lambda value: ((value,),)),
 )
 _frame(
+    "the dog, tipped over",
+    lambda: making.tilted(90.0),
+    "verb",
+    who=_whom,
+    verb=literal(any_form("topple")),
+    over=literal("over"),
+)
+_frame(
     "the dog, turned to the left",
     _turned,
     "verb sense",
@@ -651,7 +685,7 @@ _frame(
     "place",
     who=_for_it + there_already,
     verb=_moving,
-    place=~literal("over|right|directly|straight|to|somewhere") + place,
+    place=~literal("over|right|back|directly|straight|to|somewhere") + place,
 )
 _frame(
     "the dog, raised by half its height",
@@ -689,7 +723,8 @@ _frame(
     who=~literal("of|for") + thing,
     copy=either(
         literal(any_form("copy")),
-        ~literal("more|extra|other|identical|additional|new") + (_copy_noun | literal("one of|ones of")),
+        ~literal("more|extra|other|identical|additional|new") + _copy_noun,
+        literal("[more|another|extra|second] [one of|ones of]|one more of|more of"),
     ),
     verb=literal(any_form("add")),
     times=_times,
@@ -704,7 +739,8 @@ _frame(
     verb=literal(any_form("add") + "|there is|there are|be there"),
     times=either(
         number + literal("more|other|extra|additional|further"),
-        literal("another|one more|a second|an extra|an additional|a further|the same|same") >> (lambda: 1.0),
+        literal("another|one more|a second|an extra|an additional|a further") >> (lambda: 1.0),
+        literal("the same|same") + unless(unless(silent(familiar))) >> (lambda: 1.0),
     ),
     **_copy_place,
 )
@@ -721,6 +757,17 @@ _frame(
     >> (lambda: True),
 )
 _frame(
+    "the dog twice",
+    lambda times, verb=None: making.copied(times=times - 1),
+    "verb times",
+    use=NAMED,
+    who=known_thing,
+    verb=literal(every_form("have|see|want|need|appear|exist") + "|be there|there should be|like (to have)"),
+    times=table(
+        {"twice|two times|double": 2.0, "thrice|three times|triple": 3.0, "four times": 4.0, "five times": 5.0}
+    ),
+)
+_frame(
     "the dog where the cat is, the cat where the dog is",
     making.swapped,
     "other",
@@ -731,10 +778,13 @@ _frame(
     + known_thing
     + literal("is|are|stands|was")
     + _joined
-    + silent(~literal(any_form("move")) + known_thing)
-    + literal("where")
-    + silent(known_thing)
-    + literal("is|are|stands|was"),
+    + either(
+        silent(~literal(any_form("move")) + known_thing)
+        + literal("where")
+        + silent(known_thing)
+        + literal("is|are|stands|was"),
+        literal("vice versa|the other way (around|round)|the reverse"),
+    ),
 )
 
 
@@ -750,18 +800,25 @@ _frame(
     who=unless(literal("a|an|the|another|one") + literal("ghost|echo|copy|clone|duplicate|twin|trail"))
     + ~literal("of|behind|after|for")
     + thing,
-    trail=~literal("a|an|some|the")
+    trail=~literal("a|an|some|the|that|which|who")
+    + ~literal("fading|ghostly|faint|transparent|soft|see through")
     + literal(
         "trail|trails|motion trail|ghost trail|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|"
         "onion skinning|" + any_form("follow") + "|echo effect"
     ),
     copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
     + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
-    single=~literal("a|one|another|the") + literal("copy|clone|ghost|duplicate|second one|twin") >> (lambda: True),
+    single=either(
+        ~literal("a|one|another|the|an identical|a second") + literal("copy|clone|ghost|duplicate|second one|twin"),
+        literal("a second|another|an identical|one more|an extra|the same")
+        + unless(literal("copy|ghost|clone|one"))
+        + ~silent(familiar),
+    )
+    >> (lambda: True),
     times=~literal("of|with") + _times,
     verb=literal(any_form("leave")),
     behind=literal(
-        "behind it|behind him|behind her|after it|behind itself|behind|it|him|her|the original|the first one|"
+        "behind it|behind him|behind her|after it|behind itself|behind|it|him|her|the original|the first (one)|"
         "the real one"
     ),
     shift=SHIFT
@@ -810,6 +867,14 @@ _frame(
     motion=literal("motion of|the motion of|the movement of|the part|part|of|the bit"),
 )
 _frame(
+    "slow motion, please",
+    as_given,
+    "values",
+    who=_about + thing,
+    use=WHOLE,
+    values=either(_pace_of, qualities.pace, qualities.backward) >> (lambda value: ((value,),)),
+)
+_frame(
     "the clip should be twice as long",
     as_given,
     "values",
@@ -843,6 +908,15 @@ _bit_of = ~literal("some|a|an|a bit of|a little|a touch of|the") + optional(
     )
 )
 _doing = literal(any_form("apply"))
+
+
+def _haloed(light: tuple[Amount | None, Any], rgb: Any = None) -> Value:
+    how, own = light
+    if own is not None and rgb is not None:
+        raise Mismatch
+    return making.glowing(how, own or rgb)
+
+
 _frame(
     "a slight blur on the dog",
     making.blurred,
@@ -863,16 +937,18 @@ _frame(
 )
 _frame(
     "a soft blue glow around the dog",
-    as_given,
-    "values",
+    _haloed,
+    "light",
     who=_whom,
     verb=_doing,
-    values=_bit_of
+    light=~literal("with")
+    + _bit_of
     + qualities.shade_of
     + optional(colour)
     + literal("(neon|light) [glow|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance] (of light)")
     + ~literal("effect")
-    >> making.glowing,
+    >> (lambda how, rgb: (how, rgb)),
+    rgb=~literal("in|in a|with") + colour + ~literal("light|color"),
 )
 _frame(
     "the dog should glow",
@@ -893,7 +969,7 @@ _frame(
     who=~literal("(the) [places|positions|spots|locations|place|position] [of|between]|between|of")
     + (two_of_them | thing),
     verb=literal(any_form("swap") + "|swap of"),
-    other=literal("with|for|and") + thing,
+    other=literal("with|for|and") + there_already,
     places=literal(
         "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|"
         "around|over"
@@ -915,10 +991,15 @@ _frame(
         reserve=False,
     ),
     by=literal("to") + (percent | fraction),
+    gone=literal(
+        "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|vanishes]|"
+        "until nothing is left|into thin air|more and more"
+    )
+    >> (lambda: True),
 )
 _frame(
     "the dog appears over the first second",
-    always(making.faded(0.0, inward=True)),
+    always(making.appearing),
     "verb",
     who=_whom,
     use=NAMED,
@@ -938,7 +1019,7 @@ _frame(
 _untouched = literal(
     "alone|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|"
     "where they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|"
-    "in its [original|normal] [colors|color|state]"
+    "in its [original|normal] [colors|color|state]|sharp|in focus|crisp"
 )
 _frame(
     "but leave the dog as it is",
@@ -965,7 +1046,10 @@ _frame(
     REMARK,
     "nothing",
     nothing=literal(
-        "nothing else|nobody else|no one else|nothing more|that is all|that is it|only that|nothing other than that|"
+        "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
+        "colors|size|"
+        "shape|position|place|speed|look|brightness]|nothing else|nobody else|no one else|nothing more|that is all|that is "
+        "it|only that|nothing other than that|"
         "keep the rest|keep everything else|leave the rest|leave everything else|the rest stays (as it is)|"
         "(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|"
         "as before)|"

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from ..errors import F4xError
 from ..language.amounts import number
-from ..language.asides import PURPOSES, cut, without_asides
+from ..language.asides import ASKS, PURPOSES, cut, without_asides
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
 from ..language.grammar import (
@@ -46,11 +46,11 @@ from ..language.times import HALF_WAY, Span, TimeExpression, span
 from ..language.verbs import VERBS, any_form
 from . import qualities
 from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command, as_given
-from .corrections import corrected
+from .corrections import corrected, remarked
 from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
-from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_picture
-from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Transform
+from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_clip, is_of_a_picture
+from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together, whose
 from .qualities import any_look, effect
 from .request import Request
@@ -59,6 +59,8 @@ from .styles import STYLES
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
+MAX_BARRED = 3
+"""Frames that fit a sentence and cannot be carried out, before it is given up."""
 
 
 class Clause(NamedTuple):
@@ -87,7 +89,8 @@ _afterward = keyword(
     "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, after that"
 )
 _modal = keyword(
-    "should|must|shall|ought to|has to|have to|needs to|need to|is to|are to|will|is supposed to|are supposed to|had better"
+    "should|must|shall|ought to|has got to|have got to|should rather|has to|have to|needs to|need to|is to|are to|will|is "
+    "supposed to|are supposed to|had better"
 )
 _want = keyword("i|we") + keyword(
     "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love to see"
@@ -151,10 +154,6 @@ def _of(command: Command) -> Rule:
     return either(*ways) >> (lambda pieces: Clause(command, pieces))
 
 
-_request = keyword(
-    "could you|can you|would you|will you|would you mind|do you mind|could we|can we|shall we|may we|how about|what about|"
-    "would it be possible to|is it possible to|i wonder if you could|i was wondering if you could|why not"
-)
 _filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
 _tail = silent(~ADDS_NOTHING)
 _core = either(*(_of(command) for command in COMMANDS))
@@ -174,15 +173,17 @@ _SOFT, _HARD = (
 )
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
 _ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
-_polite = keyword("please|could|can") | _request
+_polite = keyword("please|could|can") | ASKS
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
+_about_whom = literal("as for|about|regarding|concerning|focus on|concentrate on|take|look at|with|for|now")
 _topic = thing + keyword(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
 _PRONOUNS = word_set("it him her them its his their")
 _pronoun_follows = Rule(lambda reading, at: {at: ()} if any(t.text in _PRONOUNS for t in reading.tokens[at:]) else {})
 _loose_topic = _topic | thing + literal(",|-|->|=>|=") + _pronoun_follows >> (
     lambda who: Clause(TOPIC, ({"who": who},))
 )
+_loose_topic = _loose_topic | _about_whom + thing + keyword(",|:|and|-") >> (lambda who: Clause(TOPIC, ({"who": who},)))
 
 
 def _in_any_order(frame: Command) -> Rule:
@@ -198,11 +199,15 @@ def _in_any_order(frame: Command) -> Rule:
             raise Mismatch from refusal
         return Clause(frame, (filled,))
 
-    return bag(slots, needed, ADDS_NOTHING) >> clause
+    rule = bag(slots, needed, ADDS_NOTHING) >> clause
+    return Rule(lambda reading, at: {} if id(frame) in reading.barred else rule.at(reading, at))
 
 
-_number_of_item = number + either(sign(")"), keyword(".|:"))
+_number_of_item = ~literal("step|part|item|task|edit|point|number|no|#") + (
+    number + either(sign(")"), keyword(".|:"))
+) | literal("step|part|item|task|edit|point") + number + ~keyword(",")
 _framed = either(*map(_in_any_order, FRAMES))
+_FRAMED = frozenset(map(id, FRAMES))
 _loose_clause = either(
     _clause, _framed, span + ~keyword(",|:") + _framed >> (lambda front, clause: clause._replace(front=front))
 )
@@ -326,7 +331,10 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
     own = dict.fromkeys((*corrected(sentence, known), *in_order(sentence), sentence, plain))
     first: Read | Refusal | None = None
     reason = ""
-    for ways in (own, dict.fromkeys(way for way in paraphrases(plain) if way not in own)):
+    others = (*remarked(plain, known), *paraphrases(plain))
+    for ways in (own, dict.fromkeys(way for way in others if way not in own)):
+        if reason:  # its own words fit, and what they ask for cannot be
+            break
         readings: list[Reading] = []
         for way in ways:
             try:
@@ -341,14 +349,18 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
             first = first or read
         for reading in sorted(readings, key=lambda reading: reading.sentence != plain):
             # what was matched before holds, and the word that is to blame is the one of the first time
-            read = _matched(replace(reading, farthest=0), _loose_sentence)
-            if read.clauses:
+            reading = replace(reading, farthest=0)
+            while (read := _matched(reading, _loose_sentence)).clauses:
                 try:
                     return read if settled is None else replace(read, operations=settled(read))
                 except Refusal as refusal:
                     reason = reason or refusal.reason
                 except F4xError:
-                    continue
+                    break
+                framed = {id(clause.command) for *_, clause in read.clauses} & _FRAMED
+                if not framed or len(reading.barred) >= MAX_BARRED:
+                    break
+                reading = replace(reading, barred=reading.barred | framed, memo={})  # another frame may do
     if isinstance(first, Refusal):
         raise first
     assert first is not None
@@ -544,12 +556,15 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             elif own and clause.front:
                 raise Refusal("Two times are said for one command; leave one out.")
             use = clause.command.use
-            nobody = context.last is None and "when" in piece and use.timed
+            unnamed = context.last is None and not context.selected and not context.overall
+            of_clip = unnamed and _of_a_clip(clause.command, piece)
+            nobody = context.last is None and "when" in piece and (use.timed or of_clip)
             if "who" not in piece and (clause.command.use.whole or nobody):
                 context.last = All()
-            context.overall = context.overall or clause.command.use.whole or clause.command.use.timed
+            context.overall = context.overall or use.whole or use.timed or of_clip
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
             assumed = who is None
+            context.last = context.last or who
             if who is None:
                 who = Current() if context.selected and use.bare else All()
             if "besides" in piece:
@@ -558,6 +573,8 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             if "stated" in piece and not (own or front):
                 raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
             if clause.command.make is REMARK:
+                if assumed and not _of_a_clip(clause.command, piece):
+                    raise Refusal("It is not said who is so; name a thing, or say 'it' for what is selected.")
                 _remarked(who, piece, context)
                 continue
             command = clause.command
@@ -585,6 +602,23 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
                     operation, topics[-1] = context.copied(operation)
                 yield operation
         context.they = together(topics) if topics else None
+
+
+def _of_a_clip(command: Command, piece: Mapping[str, Any]) -> bool:
+    """Whether a command may be for everything where it is for "it" and nothing was named."""
+    made = (
+        piece.get("complaint")
+        if command.make is REMARK
+        else command.make is not AGAIN and command.make(**_arguments(piece))
+    )
+    if not made:
+        return False
+    with suppress(F4xError):  # it is refused when the command is carried out
+        return all(
+            is_of_a_clip(value(All(), When(), SentenceContext(1.0, 1)))
+            for (value,) in (made if isinstance(made, tuple) else ((made,),))
+        )
+    return False
 
 
 _SPARING = frozenset({"remark", "untouched", "spared"})
@@ -643,6 +677,16 @@ def _placed(operations: list[Operation]) -> list[Operation]:
         )
         if opposite:
             raise Refusal("Two of the directions are on one line; say one of them.")
+        if (
+            isinstance(made, Recolour)
+            and isinstance(one, Recolour)
+            and (made.select, made.mode) == (one.select, one.mode)
+            and one.frames is None
+            and made.frames is not None
+            and made.frames[0] == 0
+            and made.frames[1] is not None
+        ):
+            one = replace(one, frames=(made.frames[1], None))  # "red until second 1, then blue"
         if one != made and not said_again:
             placed.append(one)
     return placed
@@ -671,9 +715,13 @@ _UNDOING = keyword(
     "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
     "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|"
     "one]|"
-    "cancel (that|this|the last)|[forget|revoke] [that|the last] [change|edit|step|one]"
+    "[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put everything back|[start over|"
+    "start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
 )
-_ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
+_ELSEWHERE = {
+    **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
+    **dict.fromkeys(("redo", "undid", "undone"), "redo"),
+}
 """Word -> verb of `f4x` that does it."""
 _either = either(keyword("either"), silent(familiar) + keyword("or") + ~keyword("the|a|an") + silent(familiar))
 _last = Rule(lambda reading, at: {at: ()} if at >= len(reading.tokens) or not reading.tokens[at].is_word else {})
@@ -728,7 +776,13 @@ _a_new = either(
     keyword("add|insert|create|draw|write") + ~keyword("a|an|some"),
     keyword("put|place|stick|hang|give it|give me") + keyword("a|an|some"),
 )
-_NEW_THING = _a_new + (_strange_word + ~_strange_word | silent(familiar))
+_replacing = (
+    keyword("replace|substitute|swap out|exchange|trade")
+    + silent(thing)
+    + keyword("with|by|for")
+    + ~keyword("a|an|some|the")
+)
+_NEW_THING = (_a_new | _replacing) + (_strange_word + ~_strange_word | silent(familiar))
 _UNKNOWN_WAYS = (
     (keyword("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
     (

@@ -204,10 +204,11 @@ def shown(again: bool = False) -> Value:
     return value
 
 
-def faded(by: float = 0.0, inward: bool = False) -> Value:
-    """To become so many times as opaque little by little, or to come from it (`inward`)."""
+def faded(by: float = 0.0, inward: bool = False, gone: bool = False) -> Value:
+    """To become so many times as opaque little by little, or to come from it (`inward`); `gone`: it ends so."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        when = replace(when, slowly=when.slowly or gone)
         fading = when.fading(context, inward)
         if when.slowly and when.frames is None:
             fading = {"frames": (0.0, None), "ease": "linear"}
@@ -216,6 +217,19 @@ def faded(by: float = 0.0, inward: bool = False) -> Value:
         return Opacity(who, round(by, PLACES), **fading, inward=inward)
 
     return value
+
+
+def appearing(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+    """To come into view over a while; at a moment: not to be seen until then."""
+    if (
+        when.kind == "moment"
+        and when.frames is not None
+        and when.frames[0] > 0
+        and when.edge is None
+        and not when.slowly
+    ):
+        return Opacity(who, 0.0, frames=(0.0, when.frames[0]))
+    return faded(0.0, inward=True)(who, when, context)
 
 
 def deleted(who: SelectKind, when: When, _: SentenceContext) -> Operation:
@@ -362,6 +376,11 @@ def looped(who: SelectKind, when: When, _: SentenceContext) -> Operation:
 
 
 PICTURE_LOOKS = ("night", "sunset", "sepia", "autumn", "neon")
+
+
+def is_of_a_clip(operation: Operation) -> bool:
+    """Whether "it" may be everything in it where nothing is named or selected: "play it backward", "make it brighter"."""
+    return isinstance(operation, Retime | Reverse | Freeze) or is_of_a_picture(operation)
 
 
 def is_of_a_picture(operation: Operation) -> bool:

@@ -74,7 +74,7 @@ class SentenceContext(Clip):
         if self.last is None and not self.selected and word in HIM_OR_HER:
             meant = next((label for label in HIM_OR_HER[word] if label in self.labels), None)
             self.last = None if meant is None else Text((meant,))
-        if self.last is None and not self.selected and self.overall:
+        if self.last is None and not self.selected and self.overall and word in ("'it'", "'its'"):
             return All()
         if self.last is None and not self.selected:
             raise Refusal(f"Nothing is named or selected that {word} could be; name a thing or select one.")
@@ -440,7 +440,8 @@ _doing = ~_article + _things(_relative_at)
 _wearing = ~_article + _things(_wearing_at)
 _moving = either(
     keyword(
-        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones] [that|which]"
+        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] "
+        "[that|which]"
     )
     + keyword("moves|move|is moving|are moving|is in motion|does move"),
     ~_article + keyword("moving") + _objects,
@@ -450,7 +451,8 @@ _moving = either(
 ) >> _always(Moving())
 _static = either(
     keyword(
-        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones] [that|which]"
+        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] "
+        "[that|which]"
     )
     + keyword(
         "stands still|stand still|stays still|stay still|is still|are still|is static|are static|does not move|do not move|"
@@ -482,10 +484,14 @@ _WHICH = {
     "biggest|largest|bigger|larger|tallest|longest|taller": "largest",
     "smallest|tiniest|littlest|smaller|shortest|shorter": "smallest",
 }
-PICTURE = "scene|picture|image|video|clip|shot|footage|movie|film|frame|view|sequence"
+PICTURE = (
+    "scene|picture|image|video|clip|shot|footage|movie|film|frame|view|sequence|photo|photograph|pic|composition|comp"
+)
 _WHERE = {
     f"[on|at|to] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])|to the far left": "left",
     f"[on|at|to] [the|its] (far) right (side|hand side|edge) (of [the|this] [{PICTURE}])": "right",
+    "[farthest|furthest|closest|nearest|most] (to|on|at) (the) left": "left",
+    "[farthest|furthest|closest|nearest|most] (to|on|at) (the) right": "right",
     "at the (very) top|on (the) top|on the top side": "top",
     "at the (very) bottom|on the bottom": "bottom",
     "in the (very) [middle|center]|at the center": "middle",
@@ -649,7 +655,7 @@ _cast = (
 """What a thing casts, told by where it lies."""
 _other_one = keyword("[the|that] other (one)|the other [ones|two|three]") >> (lambda: _the_other)
 everything_else = keyword(
-    "[everything|all|anything] else|all the rest|the rest of the [picture|scene|image|video|clip]"
+    "[everything|all|anything] else|all the rest|the rest|the rest of the [picture|scene|image|video|clip]"
     "|the remainder|all others|the (whole) rest (of it|of them|of the scene|of the picture)|the"
     " others|"
     "all (the) other [things|objects|stuff]|the other [things|objects]"
@@ -774,17 +780,21 @@ def _quality_at(reading: Reading, at: int) -> bool:
 
 _SEPARATORS = frozenset({",", "and", "or", "plus", "+"})
 _single = either(_definite, _bare_stranger + _in_scene)
-_both_of_them = (
-    keyword("both|both (of) [the|these|those|my|our|your]")
+two_of_them_behind = (
+    ~keyword("of")
+    + ~keyword("the|these|those|my|our|your")
     + generated(
         lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
     )
-    + _in_scene
-) >> (lambda label: lambda context: _both(label, context))
-two_of_them = keyword("the two|these two|those two|my two|two") + generated(
-    lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
-) >> (lambda label: lambda context: _both(label, context))
+)
+"""A known noun in the plural, behind "both"."""
+two_of_them = keyword("the two|these two|those two|my two|two") + two_of_them_behind >> (
+    lambda label: lambda context: _both(label, context)
+)
 """Two of a kind, who can change places."""
+_both_of_them = keyword("both") + two_of_them_behind + _in_scene >> (
+    lambda label: lambda context: _both(label, context)
+)
 _union = either(
     _both_of_them, ~keyword("both|either") + listed(_single, _and_also + unless(Rule(_has_own_quality_at))) >> _all_of
 )
@@ -792,7 +802,7 @@ known_thing = ~keyword("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
 _EXCEPT = (
     "except (for)|apart from|aside from|other than|excluding|besides|with the exception of|but not|without|minus|"
-    "not including|but (for)|[that|which|who] [is|are] not|save (for)|bar|leaving out"
+    "not including|but (for)|[that|which|who] [is|are] not|save (for)|bar|leaving out|except of|beside from|outside of"
 )
 _the_biggest = keyword("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
 _besides = ~keyword(",") + keyword(_EXCEPT) + (_union | _the_biggest)

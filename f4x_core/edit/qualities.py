@@ -14,15 +14,31 @@ from ..language.amounts import (
     number,
     percent,
 )
+from ..language.colour_names import COLOURS
 from ..language.colours import colour, colourish, more_colour
-from ..language.grammar import Mismatch, constant, either, generated, keyword, literal, optional, silent, table, unless
-from ..language.lexicon import FUNCTION_WORDS
+from ..language.grammar import (
+    NAMES_TOO,
+    VOCABULARY,
+    Mismatch,
+    Rule,
+    constant,
+    either,
+    generated,
+    keyword,
+    literal,
+    optional,
+    silent,
+    table,
+    unless,
+)
+from ..language.lexicon import FUNCTION_WORDS, singular, word_set
 from . import making
 from .phrases import (
     known_thing,
 )
 from .styles import STYLES
 
+_BEFORE_SHADES = word_set("in to a an into nice lovely some with")
 _small = degree >> (lambda how: making.A_BIT if how.kind == "small" else 1.0)
 _article = ~keyword("a|an|the|some")
 shade_of = ~keyword(
@@ -30,11 +46,31 @@ shade_of = ~keyword(
     "warm|cool|soft|rich|strong|plain"
 ) + ~literal(
     "vivid|fluorescent|shiny|glossy|matte|metallic|intense|gorgeous|fresh|proper|real|true|good old|super|bold|juicy|loud|"
-    "screaming|striking|deep and rich|electric|luminous|total|totally|all"
+    "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire engine|blood|cherry|ice|icy|baby|"
+    "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|crimson|cute"
 )
+_named_shade = Rule(
+    lambda reading, at: (
+        {at + 1: ()}
+        if reading.word(at - 1) in _BEFORE_SHADES
+        and reading.word(at).isalpha()
+        and not {reading.word(at), singular(reading.word(at))}
+        & (
+            VOCABULARY
+            | NAMES_TOO
+            | FUNCTION_WORDS
+            | COLOURS.keys()
+            | {word for words in reading.known for word in words}
+        )
+        and colour.at(reading, at + 1)
+        else {}
+    )
+)
+"""A word that says which shade of a colour: "in a nice chestnut brown"."""
+shade_of = shade_of + ~_named_shade
 _shade_of = shade_of + ~(keyword("from") + silent(colour) + ~keyword("to|into"))
 _fully = ~keyword("all|completely|fully|entirely|totally|wholly")
-colored = ~keyword("(in) color|colored|tone|tint")
+colored = ~keyword("(in) color|colored|tone") + unless(keyword("tint|filter"))
 colored_noun = literal("color|paint|tint|tinge|touch|shade|hue|tone|glow|light|halo|shimmer|cast|wash|coat|aura|shine")
 _flat = keyword("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
 colour_value = either(
@@ -189,7 +225,7 @@ _look_adjective = table(
         "silvery": "silver",
         "coppery": "copper",
         "icy|frozen over": "ice",
-        "fiery|flaming|burning": "fire",
+        "fiery|flaming|burning|on fire|ablaze|in flames": "fire",
         "molten": "lava",
         "nighttime|night time": "night",
         "autumnal|autumn like|in autumn colors|autumn colored": "autumn",
@@ -249,7 +285,9 @@ _new_thing = literal("a|an|some")
 a_look = either(
     _seem
     + _strongly
-    + keyword("like|as if it were|as if they were|as though it were|similar to")
+    + keyword(
+        "like (it is|it was|it were|at)|as if [it|they] [were|is|was|are]|as though [it|they] [were|is|was|are]|similar to"
+    )
     + ~keyword("(it is|they are) made (out) (of)|made (out) of")
     + ~keyword("a|an|pure|solid|real")
     + look_name,
@@ -261,9 +299,10 @@ a_look = either(
     constant(1.0) + keyword("in|into|with") + ~keyword("a|an|the|some") + any_look + effect,
     _seem + _strongly + _look_adjective,
 ) >> (lambda strength, look: making.styled(look, strength))
-bare_look = (
-    table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled
-)
+bare_look = ~literal(
+    "(take|taking|takes) place at|(happen|happens|happening|set|shot|filmed|recorded) [at|during|in]|at|during|in the "
+    "(middle of the)|by"
+) + (table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled)
 given_look = _article + any_look + ~keyword("like|colored") + effect >> making.styled
 source = (
     unless(_new_thing)
@@ -340,11 +379,24 @@ _TOO = {
 _degree = ~literal(
     "far|way|much|a bit|a little|a little bit|rather|really|still|just|slightly|quite|somewhat|a tad|a touch"
 )
+_too = table({words: too for words, (too, _) in _TOO.items()}, reserve=False)
 too_much = either(
-    _degree + keyword("too") + _degree + table({words: too for words, (too, _) in _TOO.items()}, reserve=False),
+    _degree + keyword("too") + _degree + _too,
+    _degree + keyword("too") + _degree + colour >> (lambda rgb: making.added(1.0, (rgb, -1))),
+    table(
+        {
+            "underexposed|murky|gloomy|dim": making.brightened(_MORE),
+            "overexposed|blown out|glaring": making.brightened(_LESS),
+            "washed out|faded|lifeless|bland|dull|drab": making.saturated(_MORE),
+            "oversaturated|garish|gaudy": making.saturated(_LESS),
+        },
+        reserve=False,
+    ),
     keyword("not") + table({words: more for words, (_, more) in _TOO.items()}, reserve=False) + keyword("enough"),
 )
 """What is done about too much or too little of a quality: a value."""
+rather = literal("a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite") + _too
+"""What is done about "it is a bit dark"."""
 simply = table(
     {
         "bright|light|well lit": making.brightened(_MORE),

@@ -234,7 +234,10 @@ distance = either(
     ~keyword("by|for") + multiple + ~keyword("of") + keyword(ITS) + _body >> Distance,
     ~keyword("by|for") + (percent + ~keyword("of") + keyword(ITS) + _body) >> Distance,
     ~keyword("by|for") + number + _any_word + keyword("width|widths|height|heights|length|lengths") >> Distance,
-    ~keyword("by|for") + number + ~keyword("a|of a|of|of its|of its own|its|its own|full|times its") + _body
+    ~keyword("by|for")
+    + number
+    + ~keyword("a|of a|of|of its|of its own|its|its own|full|[times|time] [its|his|her|their] (own)")
+    + _body
     >> Distance,
     ~keyword("by|for") + fraction + keyword("a|of a|of its|of its own|its|its own|the") + _body >> Distance,
     ~keyword("by|for") + percent + ~keyword("of") + ~keyword(ITS) + _body >> Distance,

@@ -9,9 +9,60 @@ import re
 from collections.abc import Callable, Mapping
 
 from .colours import colour, colourish
-from .grammar import VOCABULARY, Reading, Token, either, tokenise
+from .grammar import VOCABULARY, Reading, Token, either, literal, tokenise
 from .lexicon import FUNCTION_WORDS, singular, word_set
 
+CALLS = literal(
+    "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|look|listen|"
+    "um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|rather|"
+    "somehow|for now|right away|asap|for me|for us|if possible|if you [can|could|would|like|will]|when you can|"
+    "again|there|in [here|there]|around here|"
+    "here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|lovely|kind of|sort of|you know|after all|i think|"
+    "i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|this time|from there|in one go|of course|though|yeah|"
+    "yes|preferably|by preference|overall|in total|all in all|first of all|firstly|secondly|thirdly|finally|at last|"
+    "completely|entirely|fully|totally"
+)
+"""Calls, interjections and hedges: they add nothing to an edit or a question."""
+ASKS = literal(
+    "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
+    "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could] [i|you|we]|"
+    "is there [a|any] way to|[is it|would it be] [possible|okay|fine|all right|cool|nice|great] (to|if [you|we|i])|"
+    "i [wonder|was wondering] if you could|any chance (of|that|you [can|could])"
+)
+"""Wishes that are put as questions."""
+WISHES = either(
+    literal(
+        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) would [like|love|prefer] (to [see|have|get])|"
+        "[i|we] would rather have|(i want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead "
+        "and|try to|"
+        "help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|"
+        "it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|"
+        "your task is to|time to|see|to see|have|to have|to get|want|would like|what [i|we] (really|would) [want|need|like] is|"
+        "it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
+    ),
+    literal(
+        "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|whether)|"
+        "[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|(i|we) [am|"
+        "are] after|"
+        "[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would be] (that|to)|"
+        "[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|in [my|our] opinion"
+    ),
+)
+"""Requests and wishes."""
+COMMENTS = either(
+    ~literal("that|it|this|which|and that")
+    + literal("would|might|could|will|should")
+    + ~literal("really|surely|definitely|also|probably|certainly")
+    + literal("be|look|seem|feel|do|work")
+    + ~literal("so much|much|way|a lot|even|just|really|very|far|pretty")
+    + literal(
+        "nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|sweet|pretty|prettier|amazing|funny|cooler|"
+        "the trick|nicely|well"
+    )
+    + ~literal("to [see|have]|if|there|here"),
+    literal("[is|are|was|were] (much|way|a lot) [nicer|better|cooler|prettier]"),
+)
+"""What somebody thinks of the wish."""
 _UNTIL = r"(?=\s*(?:[.;!?,:]|$| and | then ))"
 _POLITE_WORDS = (
     r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|please|so|kind|"
@@ -22,6 +73,11 @@ _POLITE_WORDS = (
 _NICE = (
     r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|super|enough|"
     r"neat)"
+)
+_OPENING = (
+    r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|"
+    r"excellent|lovely|"
+    r"brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much better|i see|right)"
 )
 _PRONOUN = r"(?:i|we|you|it|he|she|they|this|that|there|my|our|nobody|everybody|everyone|people|nothing|its|your)"
 _PLAIN = {
@@ -41,7 +97,7 @@ _PLAIN = {
         r"jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty please|"
         r"to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|basically|"
         r"literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|"
-        r"absolutely|essentially|preferably|magically|quickly|all of them|every one of them|each of them|both of them)\b,?"
+        r"absolutely|essentially|preferably|magically|all of them|every one of them|each of them|both of them)\b,?"
     ),
     "comment": (
         rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|"
@@ -59,23 +115,36 @@ _PLAIN = {
     ),
     "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of (?:color|"
     r"colors|size|speed|look|style)\b",
+    "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
+    r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
+    "pause": r",\s*(?:like|well|you know|i mean|let me think|say)\s*(?=,)",
     # reasons
+    "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
     "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) [^.;!?]*",
     "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|the (?:viewer|viewers|audience)) [^.;!?,]*|"
     r"(?:,\s*)?\bin order to [^.;!?,]*",
     "for": r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic effect|"
-    r"clarity|emphasis)\b",
+    r"clarity|emphasis|my taste|my liking|my eyes|starters|example|instance)\b",
 }
 """Class -> what is dropped, on the words of a sentence with blanks between."""
 _LIKE = (
     r"(?:,\s*)?\b(?:just |exactly |a bit |kind of )?(?:like|as) (?:in |on |at )?"
     r"(?:a|an|the|some|those|that|these|my|your|our|they|you|we|when|fresh|ripe|in|on)\b[^,.;!?]*"
 )
+_REPORTED = (
+    r"^\s*(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:wants?|wanted|asked|asks|would like|"
+    r"needs?|prefers?|"
+    r"says|said|thinks|thought|requested|requests|insists|insisted|suggested|suggests|likes)\b(?: me| us| you)?(?: for| on| "
+    r"that| to (?:see|have|get))?"
+)
+"""A wish of somebody else: "my boss wants"."""
 _COMPARED = r"(?:,\s*)?\b(?:just |exactly )?(?:like|as) (?:in|on|from) [^,.;!?]*"
 _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |the )*([a-z]+)")
 _NUMBERS = re.compile(r"\d")
 PURPOSES = frozenset({"so", "for"})
 """Classes that may say what is meant to become of a thing."""
+_COURTESIES = ("opening", "if", "thanks", "interjection", "pause")
+"""Classes that questions have, too."""
 _CLAUSES = frozenset({"because", "so", "for"})
 _ADDRESSED = word_set("please could can would will may make let i we you do turn have give")
 """What a request begins with behind somebody's name."""
@@ -91,10 +160,7 @@ def without_asides(
     tokens = tokenise(sentence)
     reading = Reading.of(sentence, tokens, known)
     things = {words[-1] for words in known}
-    starts, text = [], ""
-    for token in tokens:
-        starts.append(len(text))
-        text += token.text + " "
+    text, starts = _plain_text(tokens)
     gone: dict[int, str] = {}
 
     def leave_out(kind: str, begin: int, end: int) -> None:
@@ -119,6 +185,9 @@ def without_asides(
     for found in re.finditer(_COMPARED, text):
         if not things & set(found.group().split()) and not _NUMBERS.search(found.group()):
             leave_out("like", found.start(), found.end())
+    reported = re.match(_REPORTED, text)
+    if reported and not {reported["who"], singular(reported["who"])} & (things | VOCABULARY):
+        leave_out("name", 0, reported.end())
     for i in range(_addressed(tokens, things)):
         gone[i] = "name"
     if not gone:
@@ -126,6 +195,24 @@ def without_asides(
     return cut(sentence, [(token.start, token.end) for i, token in enumerate(tokens) if i in gone]), frozenset(
         gone.values()
     )
+
+
+def without_courtesy(question: str) -> str:
+    """The question without courtesies that stand apart: "if you don't mind, where is the dog?"."""
+    tokens = tokenise(question)
+    text, starts = _plain_text(tokens)
+    places = [found.span() for kind in _COURTESIES for found in re.finditer(_PLAIN[kind], text)]
+    spans = [(t.start, t.end) for t, at in zip(tokens, starts, strict=True) if any(a <= at < b for a, b in places)]
+    return cut(question, spans) if spans else question
+
+
+def _plain_text(tokens: list[Token]) -> tuple[str, list[int]]:
+    """The words with blanks between, and where each begins."""
+    starts, text = [], ""
+    for token in tokens:
+        starts.append(len(text))
+        text += token.text + " "
+    return text, starts
 
 
 def cut(sentence: str, spans: list[tuple[int, int]]) -> str:

@@ -10,6 +10,8 @@ from .lexicon import word_set
 
 _MAX_COLOUR_WORDS = 3
 """Words that a colour's name is written in: "light sky blue"."""
+_COMPARED = {"darker": "dark", "lighter": "light", "brighter": "bright", "paler": "pale", "deeper": "deep"}
+"""Shades as they are compared: "a darker blue", "a lighter shade of green"."""
 
 
 def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
@@ -20,9 +22,11 @@ def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
         name = "".join(reading.word(i) for i in range(at, at + count))
         if name in COLOURS and at + count <= len(reading.tokens):
             yield at + count, COLOURS[name]
-    if word in SHADES:
-        for end, (base,) in colour.at(reading, at + 1).items():
-            yield end, shaded(word, base)
+    of_it = at + 1 + 2 * (reading.word(at + 1) in ("shade", "tone") and reading.word(at + 2) == "of")
+    shade = _COMPARED.get(word, word) if of_it > at + 1 or (at and reading.word(at - 1) == "a") else word
+    if shade in SHADES:
+        for end, (base,) in colour.at(reading, of_it).items():
+            yield end, shaded(shade, base)
 
 
 colour = generated(_colour_at)

@@ -92,6 +92,8 @@ class Reading:
     longest: int = 1
     """Words of the longest of them."""
     memo: dict[tuple[int, int], Ways] = field(default_factory=dict)
+    barred: frozenset[int] = frozenset()
+    """Ids of the frames that are not asked, because what they made of the sentence cannot be."""
     farthest: int = 0
     """Last word that some rule was asked at: when nothing matches, the one that was not understood."""
 

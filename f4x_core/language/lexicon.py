@@ -34,7 +34,8 @@ SPELLING = _table(
 CONTRACTIONS = {
     short: tuple(long.split())
     for short, long in _table(
-        "let's let us, it's it is, that's that is, what's what is, where's where is, who's who is, there's there is, "
+        "let's let us, it's it is, that's that is, that'd that would, it'd it would, there'd there would, it'll it will, "
+        "that'll that will, what's what is, where's where is, who's who is, there's there is, "
         "here's here is, i'd i would, we'd we would, i'm i am, i'll i will, we'll we will, you'd you would, "
         "they're they are, you're you are, we're we are,  we're we are, i've i have, can't can not, won't will not, shan't shall "
         "not"

@@ -9,10 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+from .colour_names import COLOURS
+
 _X = r"(?P<x>(?:the |my |that |this |all |both )?[\w' -]+?)"
 """A thing."""
 _REST = r"(?P<rest>.+)"
 _OR = r"(?:{})".format
+_COLOUR = "|".join(sorted(COLOURS))
 _BE = _OR("is|are|was|were|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be")
 _GONE = _OR("gone|away|out|off|hidden|invisible")
 _TIMED = _OR("after|before|from|until|till|between|during|at|in|for|over|once|when")
@@ -24,6 +27,7 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"|what about|how about|suppose) {_X} {_BE} {_REST}$",
         r"make \g<x> \g<rest>",
     ),
+    (rf"^(?:what|how) would {_X} look (?:like )?{_REST}$", r"make \g<x> \g<rest>"),
     (
         rf"^{_X} (?:would|might|could) look (?:better|nicer|good|great|cool)(?: in| as| with)? {_REST}$",
         r"make \g<x> \g<rest>",
@@ -32,11 +36,31 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"^{_X} (?:would|might|could) be (?:better|nicer|good|great|cool)(?: in| as| if it (?:was|were))? {_REST}$",
         r"make \g<x> \g<rest>",
     ),
+    (
+        rf"^(?:change|edit|alter|adjust|modify|fix|make|do|set) {_X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| "
+        rf"looks?| becomes?) "
+        rf"{_REST}$",
+        r"make \g<x> \g<rest>",
+    ),
+    (
+        r"^(?:change|turn|make|transform|convert) (?:the |my |that |this )?(?P<x>[\w ]+?) (?:in)?to an? (?P<rest>[\w ]+?) (?P=x)$",
+        r"make the \g<x> \g<rest>",
+    ),
+    (rf"^instead of (?:being )?(?:{_COLOUR}),? {_REST}$", r"\g<rest>"),
+    (
+        rf"^{_X} (?:should not|shouldn't|must not|mustn't|needn't) be (?:{_COLOUR}),? but (?:rather |instead )?{_REST}$",
+        r"make \g<x> \g<rest>",
+    ),
+    (
+        rf"^(?:swap|replace|exchange|change|switch|trade|turn) {_X}'s (?:{_COLOUR}) (?:for|with|by|to|into) (?:a |an |the |"
+        rf"some )?{_REST}$",
+        r"make \g<x> \g<rest>",
+    ),
     # What is not wanted
     (rf"^(?:do not|don't) let {_X} move(?P<rest> .+)?$", r"freeze \g<x>\g<rest>"),
     # What stays as it is
     (
-        rf"^{_REST}[,;]? but (?:keep|leave) {_X}(?: there| alone| as it is| untouched| in place| visible)?$",
+        rf"^{_REST}(?:[,;]|,? but|,? and) (?:just )?(?:keep|leave) {_X}(?: there| alone| as it is| untouched| in place| visible)?$",
         r"leave \g<x> alone and \g<rest>",
     ),
     (rf"^{_REST}[,;]? but not {_X}$", r"\g<rest> except \g<x>"),
@@ -52,6 +76,10 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"^(?:only |just )?{_X} in (?:full )?colou?r,? (?:and "
         rf"|with )?(?:everything else|the rest|all else|the others?)"
         r"(?: in| is| stays| goes| should be)? (?:black and white|gr[ae]y|monochrome|b&w|bw|greyscale|grayscale)$",
+        r"only \g<x> keeps its color",
+    ),
+    (
+        rf"^(?:only|just|nothing but) {_X} (?:in|with|has|should have|should be in|is in|gets|stays in) (?:its |full )?colou?r$",
         r"only \g<x> keeps its color",
     ),
     (
@@ -74,6 +102,12 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"match \g<x> to \g<rest>",
     ),
     (
+        rf"^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{_COLOUR}) (?:colou?r "
+        rf")?(?:of|on|in) "
+        rf"{_X} (?:for|with|by|to|into) (?:a |an |the |some )?{_REST}$",
+        r"make \g<x> \g<rest>",
+    ),
+    (
         rf"^put (?:the colou?r of {_X}|{_X.replace('<x>', '<y>')}'s colou?r) (?:to|on|into) {_REST}$",
         r"change the color of \g<x>\g<y> to \g<rest>",
     ),
@@ -89,6 +123,11 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     ),
 )
 _ORDERS: tuple[tuple[str, str], ...] = (
+    (
+        rf"^(?:please )?(?:make sure|ensure|see to it|be sure|i want|i need|i wish|i'd like|take care) (?:that )?{_X} "
+        rf"(?:is|are|looks?|becomes?|gets?) {_REST}$",
+        r"make \g<x> \g<rest>",
+    ),
     (
         r"^(?:do not|don't|dont|never) [a-z]+ (?P<x>(?:the |my |that |this )?[\w' ]+?)[,;.]? "
         r"(?:but |just |only |instead |rather )+(?P<a>[a-z]+ .+)$",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from .amounts import PLACES, fraction, number, percent
-from .grammar import either, keyword, optional, table
+from .grammar import either, keyword, optional, table, unless
 
 
 @dataclass
@@ -76,7 +76,7 @@ duration = either(
     number + _unit >> _times,
     table({"half (a)|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
     >> _times,
-    keyword("a|one") + _and_a_half,
+    ~keyword("a|one") + _and_a_half,
     fraction + keyword("of a|of an|of one") + _unit >> _times,
 )
 _whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
@@ -100,7 +100,8 @@ _part_way = either(
     keyword("halfway|half way|midway|mid way") + ~(_through | keyword("point") + ~keyword(f"of the [{_whole}]"))
     >> (lambda: HALF_WAY),
     keyword(
-        f"the (very) middle of the [{_whole}]|the [halfway|half way|half] [point|mark] (of the [{_whole}])|mid clip|"
+        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the [halfway|half "
+        f"way|half] [point|mark] (of the [{_whole}])|mid clip|"
         "the half|half time|"
         f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
     )
@@ -163,11 +164,25 @@ _pair = either(
     keyword("the (very) [start|beginning]") + _to + keyword("the (very) middle|halfway|half way") + ~_of_it
     >> (lambda: (START, HALF_WAY)),
 )
-_pair_between = keyword("between") + _pair
-_pair_from = ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
+_portion = ~keyword(
+    "(in|for|during) the [part|bit|section|segment|stretch|piece|portion|interval|time|second|seconds|frames|passage]"
+)
+_pair_between = either(
+    _portion + keyword("between") + _pair,
+    ~keyword("in|for|during")
+    + keyword("the [second|seconds|part|time] [between|from]")
+    + number
+    + _to
+    + number
+    + ~keyword("seconds|s")
+    >> (lambda a, b: (TimeExpression(seconds=a), TimeExpression(seconds=b))),
+)
+_pair_from = (
+    _portion + ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
+)
 _length = either(duration, optional(number, 1.0) + _unit >> _times)
-_first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the first") + _length
-_last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final]") + _length
+_first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [first|opening]") + _length
+_last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final|closing]") + _length
 _onward = ~keyword(
     "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) end|till the end|"
     "for good|for the rest (of the clip|of it)|and stay so"
@@ -193,7 +208,9 @@ _since_then = either(
     keyword("(right) after|past|once|when") + _second_over + _onward,
     _has_passed,
 )
-_just_then = (_at + ~keyword("about|around|roughly|exactly|precisely") + moment | _bare) + _onward
+_just_then = (
+    unless(keyword("in here")) + _at + ~keyword("about|around|roughly|exactly|precisely") + moment | _bare
+) + _onward
 _begin = _since_then | _just_then
 _for = keyword("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
 _part = table(
@@ -208,8 +225,8 @@ _part = table(
     }
 ) + ~keyword(f"of the [{_whole}]")
 _within = ~keyword("for|in|during|over|within|throughout") + keyword("the")
-_leading = _within + keyword("first") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
-_closing = _within + keyword("last|final") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
+_leading = _within + keyword("first|opening") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
+_closing = _within + keyword("last|final|closing") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
 _central = _within + keyword("middle|central") + either(_part >> (lambda x: TimeExpression(clip=x)), _length) >> (
     lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))
 )

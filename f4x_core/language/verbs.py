@@ -7,7 +7,8 @@ from .lexicon import every_form, forms, word_set
 
 VERBS: dict[str, str] = {
     # appearance
-    "become": "make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, dye, spray, respray, spray "
+    "become": "try, try out, test, make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, "
+    "dye, spray, respray, spray "
     "paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, display, look, feel, become, have, "
     "go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, slap, splash, splatter, throw, smear, "
     "brush, lacquer, style, restyle, redo, colorize, tone, transition, morph, draw, pick, choose, select, add, sprinkle, lay, "
@@ -30,7 +31,7 @@ VERBS: dict[str, str] = {
     "shrink": "shrink, scale down, shrink down, downscale, downsize, minimize, size down, contract, miniaturize, reduce, "
     "compress, get smaller, dwindle, squash down, deflate, cut down",
     "quicken": "speed up, accelerate, quicken, hasten, hurry, hurry up, rush, hustle",
-    "slow": "slow down, slow, decelerate, brake",
+    "slow": "slow down, slow, decelerate, brake, calm, calm down",
     "saturate": "saturate, enrich, liven up, enliven, perk up, spice up, vivify",
     "desaturate": "desaturate, decolor, decolorize, gray out, bleach out",
     "mute": "mute, dull, dull down, wash out",
@@ -45,12 +46,14 @@ VERBS: dict[str, str] = {
     "zap, nuke, yank, axe, bin, chuck, destroy, dispose of, dispense with, do without, exclude, omit, weed out, airbrush out, "
     "photoshop out, wipe, strike, toss, toss out, expel, shoo away",
     "hide": "hide, conceal, mask, mask out, make invisible, vanish, disappear, stop showing, not show, blank out, switch off, "
-    "turn off, cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, turn invisible",
+    "turn off, cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, turn invisible, "
+    "toggle off, disable, deactivate",
     "show": "show, reveal, unhide, reshow, bring back, restore, uncover, unmask, unveil, reappear",
     "appear": "fade in, appear, emerge, materialize, come into view, show up, pop up, turn up, dissolve in, come in, pop in, "
     "arise",
     "vanish": "fade out, fade away, dissolve, fade, vanish slowly, disappear slowly, slowly vanish, slowly disappear, melt away, "
-    "evaporate, peter out, fizzle out, dwindle away, fade off",
+    "evaporate, peter out, fizzle out, dwindle away, fade off, get fainter and fainter, become fainter and fainter, grow fainter, "
+    "get fainter, get more and more transparent, become more and more transparent",
     "keep": "keep, show, show me, leave, retain, have, display, see, preserve, let me see, save, hold on to, spare",
     "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, lift out, rotoscope, roto, pick out, cut "
     "out",
@@ -58,30 +61,34 @@ VERBS: dict[str, str] = {
     "move": "move, shift, push, put, slide, bring, pull, drag, place, shove, carry, send, scoot, nudge, translate, position, "
     "drive, displace, set, get, drop, throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, "
     "go, jump, drift, come, glide, wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, "
-    "lower, rise, sink, appear, land, turn up, offset, reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, "
-    "hoist, heave, lay, stick, park, plant, tuck, squeeze, pop, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, "
+    "lower, rise, sink, land, offset, reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, "
+    "hoist, heave, lay, stick, park, plant, tuck, squeeze, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, "
     "sail, toss, fling, kick, yank, plop, set down, put down, pick up, scroll, pan, rest, belong, climb, crawl, creep",
     "raise": "raise, lift, elevate, hoist, rise, levitate, lift up, raise up, pick up, ascend, take off, soar, float up, hover",
     "lower": "lower, sink, descend, let down, bring down, drop down, set down, put down, duck, dip down",
     "rotate": "rotate, spin, revolve, pivot, swivel, twirl, whirl, pirouette, twist",
     "turn": "turn, flip, swing round, swing around, wheel around",
     "tilt": "tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, cant, list",
+    "topple": "tip over, knock over, topple, topple over, keel over, tip, knock",
     "face": "face, look, point, head, turn, show, aim",
     "swap": "swap, exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap "
     "positions, swap around, swap over, switch around, exchange places, exchange positions, change positions, switch positions, "
     "flip flop, transpose",
-    "match": "match, adapt, color match, take on, take over, pick up, borrow, copy, take, inherit, have, adopt, get, look, make, "
-    "be, be colored, share, give, wear, steal, adjust, color, paint, harmonize, sync, blend, coordinate",
+    "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, "
+    "sync, blend, "
+    "coordinate",
     # copies
     "copy": "copy, duplicate, clone, replicate, multiply, double up, dup, dupe, copy and paste, copy paste, duplicate and paste, "
     "make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy",
     "add": "make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, need, stand, be, appear, "
     "duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
-    "follow": "follow, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come behind, follow "
+    "follow": "follow, come after, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come "
+    "behind, follow "
     "behind, drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue",
     "leave": "leave, have, make, add, put, give, create, draw, show, let, get, drag, apply, throw in, use, need",
     # time
-    "freeze": "freeze, pause, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep "
+    "freeze": "freeze, pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold "
+    "frame, keep "
     "still, stay put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its tracks, hold, "
     "petrify, arrest, come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, stop",
     "reverse": "reverse, rewind, play backward, run backward, go backward, move backward, walk backward, invert in time, play "
@@ -128,6 +135,7 @@ VOCABULARY.update(
     word_set(
         "apply bathe colorize drench dye recolor repaint respray spray exposure contrast warmth saturation visibility vividness "
         "moved shifted pushed pulled placed dragged slid turned flipped faded painted made set put taken kept shown brought "
-        "vibrance endlessly repeatedly halve double triple treble quadruple radiate sheen halo aura"
+        "fewer wants wanted needs extra additional identical vibrance endlessly repeatedly halve double triple treble "
+        "quadruple radiate sheen halo aura"
     )
 )

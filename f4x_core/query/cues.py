@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+from ..language.asides import CALLS
 from ..language.grammar import NOTHING, Rule, alternatives, either, silent, split, table
 from ..language.lexicon import forms, word_set
 
@@ -75,7 +76,7 @@ when: when (exactly)|from when ([to|until|till] when)|until when|since when|how 
 where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the)
     [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of the
     {pictures})
-move: {plainly}|{+head}|{manner}
+move: {plainly}|{+head}|{manner} (around|about)
 takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
 nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
@@ -101,7 +102,8 @@ way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directi
 compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at)
     [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
-    there|available|exist|exists|[appear|appears] {inside}|there (still)|here|around|{inside}]|{looking}|(do|does|can|is)
+    there|available|exist|exists|[appear|appears] [{inside}|in it|in this|here|anywhere]|there
+    (still)|here|around|{inside}]|{looking}|(do|does|can|is)
     {picture-shows}|any sign of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
 visible: ({now}) [visible|(be) seen|shown|present|{in-view}|to be seen|around|there|here|show|showing|shows]|{looking}|{inside}
 always: [stay|stays|remain|remains|staying|remaining] [visible|in
@@ -146,10 +148,10 @@ bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
 filler: {inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
     {people}|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check|identify|report|{its}
     {pictures}|look|looks|seem|seems|appear|appears|[is|was] [it|this|that] [a|an|just|only]|would you
-    [say|call|describe]|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
-    total|altogether|overall|at all|ever|also|then|now|just|about|anywhere|somewhere|by the way|right
-    now|hey|hi|hello|ok|well|so|and|here|there|currently|maybe|perhaps|really|kindly|if|if so|whether|that|quick
-    question|know|you know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give|point
+    [say|call|describe]|is|are|was|were|be|been|at
+    all|being|does|do|did|has|have|had|having|,|-|:|'s|please|approximately|roughly|ever|about|anywhere|somewhere|right
+    now|and|currently|if|if so|whether|that|quick question|know|i mean|over time|{courtesy}|any|[can|could|would|will] you
+    (please|kindly) (tell|show|say|find|give|point
     out) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
     [like|love] to know|do you know|any idea|do you have any idea|i am curious|question|do you happen to know|find out|work
     out|i ask myself|what i want to know is|do you think|would you say|according to you|describe|explain|in seconds|in
@@ -181,7 +183,9 @@ rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|c
     ground
 go-up: {+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
-which-color: (of|in) [what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main)
+comes: come|comes|came
+which-color: (of|in) [what|which] (main|kind of|sort of) [color|colors|colour|colours|shade|hue|shades] (is|has|have|of)|(the)
+    (main)
     [color|colors|colour|colours]|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|count (all) (of) (the)|what number of
@@ -199,8 +203,9 @@ sort: put|compare|{+order|sort|rank|arrange}|order|sort|list|name|rank|arrange|g
 everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all)
     (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what
     is there|what you see|them
-first: first|last|(is|are) the first (one|thing|object) to|(is|are) the last (one|thing|object) to|earliest|before all others
+first: first|last|(is|are) the [first|last] (one|thing|object) [to|that|which]|earliest|before all others
 start: [{set-off}|continue|continues|first] (to)
+turning: {+turn}
 turn: [{+turn}] (around|round|back|left|right|to the left|to the right|the corner)|[{+change}] (its|his|her|the|their)
     [direction|course|way|directions|heading]|[make|makes|take|takes] a turn
 front: [in|at] (the) (very) [front|foreground]|in the foreground
@@ -274,7 +279,7 @@ way-of: (the) [direction|heading] (of)
 order-by = from left to right: (from) left to right
 order-by = from right to left: (from) right to left
 order-by = from near to far: [closest|nearest] (one|ones|{noun}) first|(from) near to far|from (the) [nearest|closest] to (the)
-    [farthest|furthest]
+    [farthest|furthest|most distant]
 order-by = from far to near: [farthest|furthest] (one|ones|{noun}) first|(from) far to near|from (the) [farthest|furthest] to
     (the) [nearest|closest]
 order-by = from front to back: (from) front to back
@@ -315,6 +320,7 @@ def _read(text: str) -> dict[str, Rule]:
     shades = [f"{shade} {name}".strip() for name in sorted(COLOURS) for shade in ("", "light", "dark", "bright")]
     colour = table({name: name for name in shades}, words_of=WORDS)
     named = {
+        "courtesy": CALLS,
         "manner": table(verbs, words_of=WORDS),
         "color": either(
             colour + cue(",") + colour + cue("or|, or") + colour >> (lambda *shades: " or ".join(shades)),
@@ -339,7 +345,8 @@ what_is: what-is-it
 frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: sort? order? contents? everything? thing? by-what? us? order-by stands? | order thing? everything? start? move? | order
+order: sort? order? contents? everything? thing? by-what? us? order-by stands? comes? | order-by who comes | order thing?
+    everything? start? move? | order
     thing? everything? set-off | who first start? move thing? | who first set-off
 nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other? |
     when near-to thing | when thing passes-by | when passes thing
@@ -377,11 +384,11 @@ most_moving: who move more thing? | who move most thing? | who crosses most | wh
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
 compare_speed: who move? speediest thing? | who speediest thing? but?
-colour: which-color thing stands?
+colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing seen? side? stands? remain? | several thing seen? side? stands? remain?
+count: how-many thing owner | how-many thing seen? side? stands? remain? | several thing seen? side? stands? remain?
 still: everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? | who stands
     always? | how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
@@ -398,7 +405,8 @@ fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
 path: path thing takes? | how thing move | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
-way: way thing move? takes? along? sideways-or? | thing move sideways-or | whereto thing move along? | way-of thing | thing
+way: way thing move? takes? along? sideways-or? | thing turning sideways-or | thing move sideways-or | whereto thing move
+    along? | way-of thing | thing
     move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?

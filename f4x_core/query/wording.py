@@ -14,6 +14,7 @@ from operator import itemgetter
 from typing import Any
 
 from ..errors import F4xError
+from ..language.asides import without_courtesy
 from ..language.grammar import NOTHING, Doubt, Reading, Rule, either, generated, table, tokenise
 from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, spellings, word_set
 from ..language.times import END, START, Clip, Span, span
@@ -200,6 +201,7 @@ _slots: dict[str, Rule] = {
         cue("when [it|the clip|the video] [begins|starts]") >> (lambda: Span(START, START, "moment")),
         generated(_span_at),
     ),
+    "owner": cue("has|have|does|do|did") + _names + cue("got|have|had") >> (lambda names: names),
     "what-is": cue("what is|what are|which is|which are|what was|what were"),
     "thing": ~cue("of|for|by|about") + _possessed,
     "who": either(
@@ -326,7 +328,7 @@ def read_question(
 
     Raises F4xError: a time beyond the clip; `Unanswerable`: what is not understood whole; `Doubt`: what may be misspelt.
     """
-    text = " ".join(question.lower().replace("’", "'").split())
+    text = without_courtesy(" ".join(question.lower().replace("’", "'").split()))
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
     text = re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
@@ -335,6 +337,10 @@ def read_question(
     understood: list[Asked] = []
     for number, part in enumerate(parts):
         it: tuple[str, ...] = (selected,) if selected else ()
+        topic, part = _topic(part)
+        if number + 1 < len(parts) and (end := _END.search(parts[number + 1])) and not _END.search(part):
+            whole = f"{part} {end[0]}"  # "how far and how fast does the car drive"
+            part = whole if _understood(whole, Clip(fps, frames), ()) else part
         if (
             not it and number + 1 < len(parts) and _IT.isdisjoint(part.split())
         ):  # "how fast and how far does the dog run?"
@@ -342,6 +348,7 @@ def read_question(
             it = ahead.things if ahead else ()
         if understood:
             it = understood[-1].things or it
+        it = topic or it
         follow_up = (
             re.fullmatch(r"(?:and|or|what about|how about|and what about)(?: for)? (.+)", part) if understood else None
         )
@@ -352,9 +359,32 @@ def read_question(
             if understood[-1].kind not in _TELLS_WHEN:
                 understood.append(replace(understood[-1], polar=False, negated=False))
         else:
-            understood += _read(part, Clip(fps, frames), it)
+            more_asked = _read(part, Clip(fps, frames), it)
+            if understood and more_asked[0].kind == "fast" and "then" in part.split():
+                extreme = _THEN.get(understood[-1].kind, more_asked[0].extreme)
+                more_asked = [replace(more_asked[0], extreme=extreme)]
+            understood += more_asked
     _doubt_swapped(text, {word for asked in understood for thing in asked.things for word in thing.split()}, labels)
     return tuple(understood)
+
+
+_THEN = {"fastest_moment": "max", "slowest_moment": "min"}
+"""Kind of a question about a moment -> the speed that "how fast is it then?" asks for."""
+_TOPIC = re.compile(rf"(?P<topic>[^,:]+)[,:-] *(?:so |and |but )?(?P<question>(?:tell me |say )?{_ASKING}\b.*)")
+_TOPIC_BEHIND = re.compile(r"(?P<question>.*\b(?:it|they|he|she)\b.*?), *(?P<topic>(?:the|my|our|this|that) [^,]*)")
+_END = re.compile(r"\b(?:do|does|did|is|are|was|were|has|have|had|can)\b.*")
+"""What two questions have in common."""
+
+
+def _topic(text: str) -> tuple[tuple[str, ...], str]:
+    """What is named before a question about "it", and the question: "I can't find the lamp, where is it?"."""
+    match = _TOPIC.fullmatch(text) or _TOPIC_BEHIND.fullmatch(text)
+    if match is None or _IT.isdisjoint(match["question"].split()):
+        return (), text
+    reading = Reading.of(match["topic"], tokenise(match["topic"]), {})
+    behind_article = [at for at in range(len(reading.tokens)) if at == 0 or _ARTICLE.at(reading, at)]
+    named = [names for at in behind_article for (names,) in _names.at(reading, at).values() if names]
+    return (named[0], match["question"]) if named else ((), text)
 
 
 def _matches(rule: Rule, text: str) -> bool:
@@ -489,7 +519,8 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     if things == other and kind not in ("nearest", "farthest"):
         other = ()
     several = len(things) > 1
-    if several and not other and kind in (*_TWO, "nearest", "farthest", "distance"):
+    apart = kind in ("nearest_moment", "farthest_moment") and "it" in named and "other" not in found  # "they"
+    if several and not other and (apart or kind in (*_TWO, "nearest", "farthest", "distance")):
         other = things[-1:]
     if not several and (kind in _TWO or (polar and kind in ("nearest", "farthest"))) and manner not in _MOST:
         return None
@@ -596,6 +627,9 @@ def _frames(said: Span, clip: Clip) -> tuple[float, float]:
     """First and last clip frame of a span, of a moment twice the same."""
     last = clip.frames - 1
     first = said.start.resolve(clip)
+    if said.kind == "by" and said.end:  # where it has got to by then
+        said = Span(said.end, said.end, "moment")
+        first = said.start.resolve(clip)
     final = first if said.kind == "moment" else last if said.end is None else said.end.resolve(clip)
     for frame, moment in ((first, said.start), (final, said.end or said.start)):
         if not 0 <= frame <= clip.frames or (frame > last and not (moment.seconds or moment.clip)):

@@ -95,6 +95,8 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
     if target is None:
         return True
     if isinstance(target, list):
+        if by == "and" and select["of"][-1]["by"] == "not":  # "the house and the trees but not the car"
+            select = {**select, "of": select["of"][:-1]}
         return {_one(word) for word in target} == _labels(select)
     if target == "all":
         return by == "all" or (by == "current")
@@ -176,7 +178,7 @@ def _span_fits(span: dict[str, Any] | None, op: dict[str, Any], which: str = "sp
     elif "seconds_before_end" in span:
         lo, hi = FRAMES - span["seconds_before_end"] * FPS, None
     else:
-        lo, hi = (_timecode(code) for code in span["timecode"])
+        lo, hi = (None if code is None else _timecode(code) for code in span["timecode"])
     if which == "at":
         return abs(a - lo) <= 1
     if "loose" in span:
@@ -214,6 +216,10 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
         ok = op == "opacity" and _amount_fits(amount, made["factor"])
     elif kind == "extract":
         ok = op == "extract"
+        if (op == "delete" or (op == "opacity" and not made["factor"])) and select[
+            "by"
+        ] == "not":  # nothing else is seen
+            ok, select = True, select["of"]
     elif kind == "recolour":
         spelled = slot["colour"].replace("grey", "gray")
         named = COLOURS.get(spelled.replace(" ", ""))
@@ -272,7 +278,7 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
             return ok and _who_fits(slot, select, row)
     elif kind == "style":
         ok = (op == "style" and made["look"] == slot["look"]) or (
-            op == "recolour" and slot["look"] == "gold" and tuple(made["rgb"]) == COLOURS["gold"]
+            op == "recolour" and tuple(made["rgb"]) == COLOURS.get(slot["look"])
         )
     elif kind == "match":
         ok = op == "match" and _one(slot["source"]) in _labels(made["source"])

@@ -26,6 +26,7 @@ ASIDES = (
     "{}, please", "{}, if that's not too much trouble", "{} when you get a chance", "{}, thanks a lot in advance",
     "{} because it annoys me", "lol {}", "mommy, please {}", "{} so we can show it to my boss", "{}, that would be great",
     "{}, if you don't mind", "honestly {}", "could somebody {}?", "{} for my thumbnail", "{} haha", "by the way, {}",
+    "ok cool, now {}", "perfect. {}", "since it's Halloween, {}", "my boss wants you to {}", "I was wondering if you could {}",
 )  # fmt: skip
 STRANGE = ("wobbly", "in a zorbly manner", "and happy", "quintessentially", "using acrylics")
 

@@ -166,6 +166,13 @@ def test_the_reading_that_leaves_fewest_words_over_is_taken(question, kind):
         ("i see only water, is there also a dog?", "is there a dog"),
         ("where is the dog, i can't see it", "where is the dog"),
         ("hello! where is the dog?", "where is the dog"),
+        ("if you don't mind, where is the dog?", "where is the dog"),
+        ("great, thanks. where is the dog?", "where is the dog"),
+        ("honestly, where is the dog?", "where is the dog"),
+        ("i can't find the dog, where is it?", "where is the dog"),
+        ("the dog, what shade is it?", "what colour is the dog"),
+        ("when are they closest, the dog and the cat?", "when are the dog and the cat closest"),
+        ("where has the dog got to by the end?", "where is the dog at the end"),
         ("what colour is the dog's fur", "what colour is the dog"),
         ("does the dog stop, and if so, when?", "does the dog stop"),
         ("how fast does the dog run during the jump", "how fast does the dog run"),
@@ -197,6 +204,10 @@ def test_either_or_wants_no_yes(question, kind, manner):
 def test_a_part_without_a_thing_is_about_that_of_its_neighbour():
     fast, far = read_question("how fast and how far does the dog run", FPS, FRAMES)
     assert (fast.kind, far.kind, fast.things, far.things) == ("fast", "far", ("dog",), ("dog",))
+    far, fast = read_question("how far and how fast does the dog run", FPS, FRAMES)
+    assert (far.kind, fast.kind, far.things, fast.things) == ("far", "fast", ("dog",), ("dog",))
+    when, fast = read_question("when is the dog fastest and how fast is it then", FPS, FRAMES)
+    assert (when.kind, fast.extreme) == ("fastest_moment", "max")
     where, fast = read_question("where is the dog, and what's its speed?", FPS, FRAMES)
     assert (where.kind, fast.kind, fast.things) == ("where", "fast", ("dog",))
 

@@ -5,11 +5,11 @@ import sentence_cases
 
 from f4x_core.edit.language import Refusal, describe, parse
 from f4x_core.edit.request import Request
+from f4x_core.language.grammar import Doubt
 
 REFUSED = (
     "dress in #ff8800 for the dancer",
     "blow the dog up to 1.5 times its size without lifting it off the ground",
-    "stand the dancer on his feet: turn him by 180 degrees",
     "cut the dog out so nothing else is left",
     "hold the last frame of the first second",
     "loop the spin from 1 to 2 seconds",
@@ -76,8 +76,57 @@ def test_half_an_understanding_is_none(sentence):
         ("I don't want to see the car any more", ["remove the car"]),
         ("the bird has to go", ["remove the bird"]),
         ("turn the bird red by second 2", ["make the bird red from frame 48 on"]),
+        ("the bird would look better in blue", ["make the bird blue"]),
+        ("I was thinking the bird could be pink", ["make the bird pink"]),
+        ("a white bird would be nicer", ["make the bird white"]),
+        ("the car is in the way, get rid of it", ["remove the car"]),
+        ("nobody needs that car, kill it", ["remove the car"]),
+        ("my boss wants the car to be green", ["make the car green"]),
+        ("perfect. next: blur the car", ["blur the car"]),
+        ("anonymise the woman, i.e. blur her", ["blur the woman"]),
+        ("the bird is a bit small", ["make the bird bigger"]),
+        ("not bright enough", ["make everything brighter"]),
+        ("could the car be a darker blue", ["make the car rgb 0, 0, 0.5"]),
+        ("paint the car in a nice chestnut brown", ["make the car brown"]),
+        ("bird red until second 1, then blue",
+         ["make the bird red from frame 0 to frame 24", "make the bird blue from frame 24 on"]),
+        ("the bird should be where the car is and vice versa", ["swap the bird with the car"]),
+        ("have the bird pop up at second 1", ["hide the bird from frame 0 to frame 24"]),
+        ("a bigger bird, and move it to the left", ["make the bird bigger", "move the bird by 1 width to the left"]),
     ],
 )  # fmt: skip
 def test_any_verb_goes_with_any_slot(sentence, told):
     labels = ("bird", "car", "woman")
     assert [describe(one) for one in parse(Request(sentence, labels, fps=24.0, frames=72))] == told
+
+
+@pytest.mark.parametrize(
+    ("sentence", "expected"),
+    [
+        ("slow motion, please", ["play everything at half speed"]),  # the frame before asks whom it is for
+        ("slow down the last second", ["play everything at 67 % speed from frame 47 on"]),
+        ("make it brighter", ["make everything brighter"]),
+    ],
+)
+def test_where_a_frame_fits_and_cannot_be_carried_out_the_next_is_asked(sentence, expected):
+    assert [describe(one) for one in parse(Request(sentence, ("bird", "car"), fps=24.0, frames=72))] == expected
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "the bird runs to the car, hide it",
+        "the same for the car",
+        "make one of the birds red",
+        "swap the bird for a car",
+        "make it bigger",
+        "shrink it by 20%",
+        "make everything else brighter",
+        "make the left one brighter",
+        "make them brighter",
+    ],
+)
+def test_of_whom_is_spoken_is_not_guessed(sentence):
+    with pytest.raises(Refusal) as refusal:
+        parse(Request(sentence, ("bird", "car"), fps=24.0, frames=72))
+    assert not isinstance(refusal.value, Doubt)
