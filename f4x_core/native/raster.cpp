@@ -804,19 +804,20 @@ F4X_TARGET void blend(const Scratch& w, int block, int n, int columns, float* im
     const uint8_t* list = w.list[block];
     int c = 0;
     for (; c + 12 <= columns; c += 12) blend_group<12>(w.feature + c, w.stride, list, n, w.weight, image + 8 * c);
-    const auto rest = [&](auto group) { group(w.feature + c, w.stride, list, n, w.weight, image + 8 * c); };
+    const float* rest = w.feature + c;
+    float* pixels = image + 8 * c;
     switch (columns - c) {  // a list is walked once for all of them
-        case 1: return rest(blend_group<1>);
-        case 2: return rest(blend_group<2>);
-        case 3: return rest(blend_group<3>);
-        case 4: return rest(blend_group<4>);
-        case 5: return rest(blend_group<5>);
-        case 6: return rest(blend_group<6>);
-        case 7: return rest(blend_group<7>);
-        case 8: return rest(blend_group<8>);
-        case 9: return rest(blend_group<9>);
-        case 10: return rest(blend_group<10>);
-        case 11: return rest(blend_group<11>);
+        case 1: return blend_group<1>(rest, w.stride, list, n, w.weight, pixels);
+        case 2: return blend_group<2>(rest, w.stride, list, n, w.weight, pixels);
+        case 3: return blend_group<3>(rest, w.stride, list, n, w.weight, pixels);
+        case 4: return blend_group<4>(rest, w.stride, list, n, w.weight, pixels);
+        case 5: return blend_group<5>(rest, w.stride, list, n, w.weight, pixels);
+        case 6: return blend_group<6>(rest, w.stride, list, n, w.weight, pixels);
+        case 7: return blend_group<7>(rest, w.stride, list, n, w.weight, pixels);
+        case 8: return blend_group<8>(rest, w.stride, list, n, w.weight, pixels);
+        case 9: return blend_group<9>(rest, w.stride, list, n, w.weight, pixels);
+        case 10: return blend_group<10>(rest, w.stride, list, n, w.weight, pixels);
+        case 11: return blend_group<11>(rest, w.stride, list, n, w.weight, pixels);
     }
 }
 
