@@ -167,14 +167,12 @@ def exercise_with_torch() -> None:
     from f4x_core.gaussians import appearance
     from f4x_core.gaussians.optimiser import native_step
     from f4x_core.native.kernels import Kernels
-    from f4x_core.scaffold.losses import ArapEdges, arap_losses, motion_loss
+    from f4x_core.scaffold.losses import ArapEdges, motion_loss
     from f4x_core.scaffold.motion_native import MotionWeights
 
     for frames in (2, 7, 8, 9, 40):
         edges = ArapEdges.build(np.arange(12).reshape(4, 3) % 4, np.ones((4, 3), bool))
         xyz, quat = (torch.randn(frames, 4, axes, requires_grad=True) for axes in (3, 4))
-        coordinate, length = arap_losses(xyz, quat, edges, (1, 5, 8), (0.3, 0.3, 0.4), Kernels(True))
-        (coordinate + length).backward()
         weights, times = MotionWeights(1, 1, 1, 1, 1, 1), torch.arange(frames)
         motion_loss(xyz, quat, times, edges, {1: 0.3, 5: 0.3, 8: 0.4}, weights, Kernels(True)).backward()
     for threads in (1, 4):

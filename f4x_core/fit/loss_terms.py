@@ -184,10 +184,8 @@ class _Losses:
             w.arap_coordinate, w.arap_length, w.velocity, w.acceleration, w.rotation_velocity, w.rotation_acceleration
         )
         xyz, quat = (nodes.parameters[name][window] for name in ("node_xyz", "node_quat"))
-        times, shifts = (
-            torch.from_numpy(model.times[window]),
-            dict(zip(config.shifts, config.shift_weights, strict=True)),
-        )
+        times = torch.from_numpy(model.times[window])
+        shifts = dict(zip(config.shifts, config.shift_weights, strict=True))
         loss = motion_loss(xyz, quat, times, nodes.edges, shifts, weights, model.kernels)
         if model.dynamic is not None and model.dynamic.use_dw:
             loss = loss + w.dw * model.dynamic.parameters["dw"].abs().mean()

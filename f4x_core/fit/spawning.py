@@ -124,7 +124,7 @@ class Spawner:
 
         dynamic, _ = spawn_that_fits(cover_all, self.config.start_of("dynamic"))
         if self.config.rates.lifetimes:
-            carried = np.stack([self._carried_at(model, dynamic, frame) for frame in range(len(model.times))])
+            carried = np.stack([self._seen_at(model, dynamic, frame) for frame in range(len(model.times))])
             first = first_lifetimes(model.times, dynamic.labels["reference"].numpy(), carried)
             dynamic.parameters["log_lifetimes"] = first
         self.progress("spawn", len(order), len(order), "dynamic")
@@ -168,9 +168,9 @@ class Spawner:
             places = whole.dynamic_at(float(model.times[frame]))[0].means.numpy()
         if not self.config.rates.lifetimes:
             return places
-        return places[self._carried_at(model, dynamic, frame)]
+        return places[self._seen_at(model, dynamic, frame)]
 
-    def _carried_at(self, model: SceneModel, dynamic: DynamicGaussians, frame: int) -> np.ndarray:
+    def _seen_at(self, model: SceneModel, dynamic: DynamicGaussians, frame: int) -> np.ndarray:
         """(N,) bool: the nodes of a Gaussian are seen in the supervised frame `frame`."""
         assert model.nodes is not None
         return model.nodes.scaffold.certain[frame][model.nodes.neighbours[dynamic.labels["attach"]]].mean(1) >= CARRIED

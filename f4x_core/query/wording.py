@@ -623,15 +623,15 @@ def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
     return Unanswerable(f"Computing from the scene cannot tell {subject}; {CAN}.{_nearest_kinds(text, clip, it)}")
 
 
-def _frames(said: Span, clip: Clip) -> tuple[float, float]:
+def _frames(span: Span, clip: Clip) -> tuple[float, float]:
     """First and last clip frame of a span, of a moment twice the same."""
     last = clip.frames - 1
-    first = said.start.resolve(clip)
-    if said.kind == "by" and said.end:  # where it has got to by then
-        said = Span(said.end, said.end, "moment")
-        first = said.start.resolve(clip)
-    final = first if said.kind == "moment" else last if said.end is None else said.end.resolve(clip)
-    for frame, moment in ((first, said.start), (final, said.end or said.start)):
+    first = span.start.resolve(clip)
+    if span.kind == "by" and span.end:  # where it has got to by then
+        span = Span(span.end, span.end, "moment")
+        first = span.start.resolve(clip)
+    final = first if span.kind == "moment" else last if span.end is None else span.end.resolve(clip)
+    for frame, moment in ((first, span.start), (final, span.end or span.start)):
         if not 0 <= frame <= clip.frames or (frame > last and not (moment.seconds or moment.clip)):
             unit, value = ("second", frame / clip.fps) if moment.seconds else ("frame", frame)
             raise F4xError(

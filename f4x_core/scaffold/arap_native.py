@@ -1,13 +1,11 @@
-"""The as-rigid-as-possible losses by the compiled library, differentiable once. float32 on the CPU."""
+"""The as-rigid-as-possible losses and their gradients by the compiled library. float32 on the CPU."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from ..errors import F4xError
 from ..native.arap import ARAP, F4X_ARAP
@@ -52,21 +50,3 @@ def arap(xyz: Tensor, axes: Tensor, edges: Edges, pairs: Pairs) -> tuple[Tensor,
             f"The scaffold ran out of memory at {xyz.shape[1]} nodes: give fewer by --set scaffold.max_nodes."
         )
     return losses, gradients
-
-
-class NativeArap(torch.autograd.Function):
-    """The losses `(2,)` of `arap`. Gradients are made on the way, as the losses are scalars; there are none to the weights."""
-
-    @staticmethod
-    def forward(ctx, xyz: Tensor, axes: Tensor, edges: Edges, pairs: Pairs) -> Tensor:
-        """Both losses; raises F4xError where memory runs out."""
-        losses, gradients = arap(xyz.contiguous(), axes.contiguous(), edges, pairs)
-        ctx.save_for_backward(*gradients.values())
-        return losses.to(xyz.dtype)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx, factors: Tensor) -> Any:
-        """Gradients of the positions and the axes."""
-        coordinate, length, axes = ctx.saved_tensors
-        return factors[0] * coordinate + factors[1] * length, factors[0] * axes, None, None

@@ -13,7 +13,6 @@ import torch
 
 from ..geometry import quaternion
 from ..native.kernels import TORCH, Kernels
-from .arap_native import NativeArap
 from .graph import EdgeLevel
 from .motion_native import MotionWeights, NativeMotion
 
@@ -97,7 +96,6 @@ def arap_losses(
     edges: ArapEdges,
     shifts: tuple[int, ...] = (2, 4),
     shift_weights: tuple[float, ...] = (0.6, 0.4),
-    kernels: Kernels = TORCH,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Return scalars `(coordinate, length)` of poses `xyz (F, M, 3)`, `quat (F, M, 4)` unit.
 
@@ -105,9 +103,6 @@ def arap_losses(
     for `| |l_ab(t)| - |l_ab(t + s)| |`. Zero for every rigid motion of the whole. Shifts of F or more are left out.
     """
     pairs = [(shift, weight) for shift, weight in zip(shifts, shift_weights, strict=True) if shift < len(xyz)]
-    if kernels.native and pairs:
-        coordinate, length = NativeArap.apply(xyz, quaternion.to_matrix(quat), edges.listed, pairs)
-        return coordinate, length
     origin = torch.cat(
         [
             xyz.index_select(1, edges.neighbour[: edges.detached_from]),

@@ -276,8 +276,8 @@ def test_lamps_shine_and_shade_as_in_cycles(tmp_path):
         free, given = arrays[f"{name} free"], arrays[f"{name} given"]
         off = np.abs(free - given) / free.max()
         assert np.median(off) < 0.01 and np.quantile(off, 0.98) < 0.03, (name, np.quantile(off, [0.5, 0.98]))
-        lit = free > 0.05 * free.max()
-        left, expected = arrays[f"{name} left"][lit], (arrays[f"{name} shaded"] / np.maximum(free, 1e-9))[lit]
+        bright = free > 0.05 * free.max()
+        left, expected = arrays[f"{name} left"][bright], (arrays[f"{name} shaded"] / np.maximum(free, 1e-9))[bright]
         assert (expected < 0.02).sum() > 50, name
         off = np.abs(left - expected)
         assert off.mean() < 0.02 and np.quantile(off, 0.97) < 0.15, (name, off.mean(), np.quantile(off, 0.97))

@@ -34,7 +34,7 @@ sys.exit(main(sys.argv[1:]))
 
 
 def run(*arguments, **options):
-    """Lines that the child told, and its exit code."""
+    """Lines that the child printed, and its exit code."""
     command = [sys.executable, "-c", WITHOUT_PACKAGES, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, timeout=120, **options)
     return [json.loads(line) for line in done.stdout.splitlines()], done.returncode

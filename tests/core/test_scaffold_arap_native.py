@@ -15,6 +15,14 @@ pytestmark = pytest.mark.usefixtures("native_library")
 SHIFTS, WEIGHTS = (1, 3, 9), (0.5, 0.3, 0.2)
 
 
+def compiled(xyz, quat, edges, shifts=SHIFTS, weights=WEIGHTS):
+    """The losses (coordinate, length) of poses, one at a time, by the library."""
+    every = dict(zip(shifts, weights, strict=True))
+    alone = MotionWeights(1, 0, 0, 0, 0, 0), MotionWeights(0, 1, 0, 0, 0, 0)
+    times = torch.arange(len(xyz))
+    return tuple(motion_loss(xyz, quat, times, edges, every, one, Kernels(native=True)) for one in alone)
+
+
 def both(xyz, quat, detach=True, factors=(1.3, 0.4)):
     """Losses and gradients of poses (F,M,…) in float64 by torch, and in float32 by the library."""
     nodes = xyz.shape[1]
@@ -23,10 +31,10 @@ def both(xyz, quat, detach=True, factors=(1.3, 0.4)):
     mask = rng.random(neighbours.shape) > 0.2
     level = EdgeLevel(np.arange(nodes), rng.permutation(nodes), 0.3)
     results = []
-    for kernels, dtype in ((TORCH, torch.float64), (Kernels(native=True), torch.float32)):
+    for losses_of, dtype in ((arap_losses, torch.float64), (compiled, torch.float32)):
         x, q = (torch.tensor(array, dtype=dtype, requires_grad=True) for array in (xyz, quat))
         edges = ArapEdges.build(neighbours, mask, 1.0, [level], detach=detach, dtype=dtype)
-        losses = torch.stack(arap_losses(x, quaternion.normalize(q), edges, SHIFTS, WEIGHTS, kernels))
+        losses = torch.stack(losses_of(x, quaternion.normalize(q), edges, SHIFTS, WEIGHTS))
         (losses * torch.tensor(factors, dtype=dtype)).sum().backward()
         results.append([losses.detach().double(), x.grad.double(), q.grad.double()])
     return results
@@ -66,12 +74,12 @@ def test_poses_of_any_layout_are_read():
     wide = torch.tensor(rng.normal(size=(20, 6, 3)), dtype=torch.float32)
     quat = quaternion.normalize(torch.tensor(rng.normal(size=(20, 6, 4)), dtype=torch.float32))
     parts = wide[3:15, ::2], quat[3:15, ::2]
-    found = arap_losses(*parts, edges, kernels=Kernels(native=True))
-    expected = arap_losses(*(part.contiguous() for part in parts), edges, kernels=Kernels(native=True))
+    found = compiled(*parts, edges)
+    expected = compiled(*(part.contiguous() for part in parts), edges)
     assert found == expected and found[0] > 0
     turned = (part.permute(2, 1, 0).contiguous().permute(2, 1, 0) for part in parts)
-    assert arap_losses(*turned, edges, kernels=Kernels(native=True)) == expected
-    none = arap_losses(parts[0][:1], parts[1][:1], edges, kernels=Kernels(native=True))
+    assert compiled(*turned, edges) == expected
+    none = compiled(parts[0][:1], parts[1][:1], edges)
     assert none == (0, 0)
 
 
