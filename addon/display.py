@@ -29,12 +29,13 @@ from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 from .render_settings import ENGINE
 from .scene_object import APART, HIDDEN, SCORE, SELECTED, TIMED, SceneObject, forget
+from .wording import error_line
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
 _rendering = False
-_failures: dict[int, str] = {}  # session_uid of a root -> why this frame of it could not be worked out
+_failures: dict[int, F4xError] = {}  # session_uid of a root -> why this frame of it could not be worked out
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
 
 
@@ -227,7 +228,8 @@ def check_frame(scene: bpy.types.Scene) -> None:
     """Raise F4xError if a scene in `scene` still shows another frame because this one of it could not be worked out."""
     for root in scene.objects:
         if root.session_uid in _failures and root.get(TIMED):
-            raise F4xError(_failures[root.session_uid])
+            failure = _failures[root.session_uid]
+            raise F4xError(str(failure)) from failure
 
 
 @persistent
@@ -235,26 +237,27 @@ def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
     """Update scenes whose edits change over time."""
     for root in [item for item in scene.objects if item.get(TIMED)]:
         _counts.pop(root.session_uid, None)
-        failure, before = _draw_frame(SceneObject(root)), _failures.pop(root.session_uid, "")
-        if failure:  # playback goes on with what was drawn last; renders do not
-            _failures[root.session_uid] = failure
-        if failure not in ("", before):
-            print(f"Feature4X: {failure}")
+        before = _failures.pop(root.session_uid, None)
+        try:
+            _draw_frame(SceneObject(root))
+        except F4xError as error:  # playback goes on with what was drawn last; renders do not
+            _failures[root.session_uid] = error
+            if before is None or before.args != error.args:
+                print(f"Feature4X: {error_line(error)}")
     _end_wrong_render(scene)
 
 
-def _draw_frame(scene_object: SceneObject) -> str:
-    """Draw the current frame of a scene whose edits change over time; returns one sentence where that is impossible."""
+def _draw_frame(scene_object: SceneObject) -> None:
+    """Draw the current frame of a scene whose edits change over time. Raises F4xError where that is impossible."""
     if scene_object.is_linked:  # Blender drops what is written to points of another file
-        return f"The edits of {scene_object.name} change over time, and {scene_object.why_linked_stays}."
+        raise F4xError(f"The edits of {scene_object.name} change over time, and {scene_object.why_linked_stays}.")
     try:
         _draw(scene_object, scene_object.shown, everything=False)
     except F4xError as error:
-        return (
+        raise F4xError(
             f"{error} The edits of {scene_object.name} change over time, so no frame can be rendered without its scene file;"
             " Object > Feature4X > Pack Scene keeps it in the .blend."
-        )
-    return ""
+        ) from error
 
 
 def _end_wrong_render(scene: bpy.types.Scene) -> None:
@@ -263,7 +266,7 @@ def _end_wrong_render(scene: bpy.types.Scene) -> None:
         try:
             check_frame(scene)
         except F4xError as error:
-            print(f"Error: {error}", flush=True)
+            print(f"Error: {error_line(error)}", flush=True)
             os._exit(1)
 
 

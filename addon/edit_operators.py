@@ -38,13 +38,12 @@ from ..f4x_core.edit.telling import told
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
 from ..f4x_core.language.lexicon import plural
-from ..f4x_core.troubles import with_code
 from . import display
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
 from .preferences import preferences
 from .scene_object import EDITS, PREVIEW, TIMED, SceneObject
-from .wording import panel_words
+from .wording import error_line
 
 READINGS = 4
 """Ways to carry out a sentence that are offered when the plain one is not it."""
@@ -368,7 +367,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
 
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
         except F4xError as error:
-            state.answer = panel_words(with_code(error))
+            state.answer = error_line(error)
             state.instead = error.instead if isinstance(error, Doubt) else ""
             if ended:
                 # Blender must know of the points that went with the preview, although this operator ends as cancelled
@@ -441,7 +440,7 @@ def _save_along(path: str) -> None:
                 scene_object.save()
             scene_object.remember()
         except F4xError as error:  # the .blend keeps the edits, and is saved all the same
-            scene_object.state.answer = str(error)
+            scene_object.state.answer = error_line(error)
 
 
 @persistent

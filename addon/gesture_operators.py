@@ -20,13 +20,13 @@ from ..f4x_core.query.gesture import select_by_gesture, select_by_sphere, select
 from ..f4x_core.query.neighbourhood import meeting
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.query.shapes import Polygon, Rectangle, Shape, Stroke
-from ..f4x_core.troubles import with_code
 from . import marking
 from .axes import Eye, camera_eye, eye
 from .outline import Outline
-from .panel_operators import SceneOperator
+from .panel_operators import SceneOperator, require_viewport
 from .panel_properties import MODES
 from .scene_object import SceneObject
+from .wording import refuse
 
 ROUND = 48
 """Corners of a drawn circle."""
@@ -85,9 +85,10 @@ class _Gesture(SceneOperator):
 
     def invoke(self, context, event):
         """Follow the mouse: from where its button was pressed, else from where that will be."""
-        if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, "Start this tool from a 3D viewport.")
-            return {"CANCELLED"}
+        try:
+            require_viewport(context)
+        except F4xError as error:
+            return refuse(self, error)
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         self._region, self._outline, self._way = region, Outline(region), []
         if event.type == "LEFTMOUSE" and event.value == "CLICK_DRAG":  # the mouse has moved since it was pressed
@@ -113,8 +114,7 @@ class _Gesture(SceneOperator):
                 with context.temp_override(region=self._region):
                     return self.execute(context)
         except F4xError as error:
-            self.report({"ERROR"}, with_code(error))
-            return self._end(context, {"CANCELLED"})
+            return self._end(context, refuse(self, error))
         return {"PASS_THROUGH"} if event.type in NAVIGATION and not self._way else {"RUNNING_MODAL"}
 
     def _go(self, context, x: int, y: int) -> None:

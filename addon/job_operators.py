@@ -13,13 +13,12 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.files import json_text
 from ..f4x_core.scene.formats import FORMATS
 from ..f4x_core.scene.formats.usd import expected_bytes
-from ..f4x_core.troubles import with_code
 from . import jobs
 from .motion_edits import unwritten
 from .point_cloud import selected_in
 from .preferences import worker_python
 from .scene_object import PATH, SceneObject
-from .wording import panel_words
+from .wording import refuse
 from .worker import RUNNING, Job, core_command
 
 PROFILES = (
@@ -109,8 +108,7 @@ class _WorkerOperator:
         try:
             self.start(context)
         except F4xError as error:
-            self.report({"ERROR"}, panel_words(with_code(error)))
-            return {"CANCELLED"}
+            return refuse(self, error)
         return {"FINISHED"}
 
 

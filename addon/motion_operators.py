@@ -13,13 +13,12 @@ from mathutils import Vector
 from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.grab import grab, within_reach
-from ..f4x_core.troubles import with_code
 from . import display
 from .motion_edits import changes, mark_keyed
 from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene
 from .scaffold_rig import NODE, add_handles, all_nodes, hold, key_moved, nodes_of, read_poses, remove_handles
 from .scene_object import SceneObject
-from .wording import panel_words
+from .wording import refuse
 
 
 class _MotionOperator(bpy.types.Operator):
@@ -44,8 +43,7 @@ class _MotionOperator(bpy.types.Operator):
         try:
             self.act(context, SceneObject.of(context.object))
         except F4xError as error:
-            self.report({"ERROR"}, panel_words(with_code(error)))
-            return {"CANCELLED"}
+            return refuse(self, error)
         return {"FINISHED"}
 
     def act(self, context: bpy.types.Context, scene_object: SceneObject) -> None:
@@ -106,8 +104,7 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
         try:
             self._grab = _Grab(context, SceneObject.of(context.object), self.reach)
         except F4xError as error:
-            self.report({"ERROR"}, with_code(error))
-            return {"CANCELLED"}
+            return refuse(self, error)
         self._start = (event.mouse_region_x, event.mouse_region_y)
         context.window_manager.modal_handler_add(self)
         context.area.header_text_set(

@@ -9,7 +9,6 @@ from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringPrope
 from bpy_extras.io_utils import ImportHelper
 
 from ..f4x_core.errors import F4xError
-from ..f4x_core.troubles import with_code
 from . import packing, viewport
 from .clip_background import doubt, show_clip
 from .import_scene import SOURCE, import_scene
@@ -17,7 +16,7 @@ from .occluders import hide_occluders
 from .panel_operators import SceneOperator
 from .point_cloud import selected_in
 from .scene_object import PATH, SceneObject
-from .wording import panel_words
+from .wording import refuse
 
 PASSING = {"HIDDEN", "SKIP_SAVE"}
 """Options of properties that Blender or a job sets for a single call."""
@@ -87,8 +86,7 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
                 step=self.step,
             )
         except F4xError as error:
-            self.report({"ERROR"}, panel_words(with_code(error)))
-            return {"CANCELLED"}
+            return refuse(self, error)
         if clip is not None:
             _warn_of_clip(self, root)
         for item in selected_in(context.view_layer):
@@ -156,8 +154,7 @@ class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
             show_clip(camera, images, np.arange(scene.frame_start, scene.frame_end + 1))
             _warn_of_clip(self, root)
         except F4xError as error:
-            self.report({"ERROR"}, with_code(error))
-            return {"CANCELLED"}
+            return refuse(self, error)
         return {"FINISHED"}
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import bpy
 
 from ..f4x_core.errors import F4xError
-from ..f4x_core.troubles import with_code
 from .scene_object import SceneObject, why_not
-from .wording import panel_words
+from .wording import refuse
 
 
 class SceneOperator:
@@ -32,6 +31,11 @@ class SceneOperator:
         try:
             self.act(context, SceneObject.of(context.object))
         except F4xError as error:
-            self.report({"ERROR"}, panel_words(with_code(error)))
-            return {"CANCELLED"}
+            return refuse(self, error)
         return {"FINISHED"}
+
+
+def require_viewport(context: bpy.types.Context) -> None:
+    """Raise F4xError if a tool that follows the mouse was started elsewhere than in a 3D viewport."""
+    if context.area is None or context.area.type != "VIEW_3D":
+        raise F4xError("Start this tool from a 3D viewport.")

@@ -16,6 +16,7 @@ from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import F4xError
 from . import display, marking
 from .scene_object import SceneObject
+from .wording import error_line
 
 MODES = (
     ("SET", "Set", "Replace the selection by the result", "SELECT_SET", 0),
@@ -45,14 +46,14 @@ def _sphere_moved(self, context) -> None:
     try:
         marking.follow_sphere(SceneObject(self.id_data))
     except F4xError as error:
-        self.answer = str(error)
+        self.answer = error_line(error)
 
 
 def _shown_changed(self, context) -> None:
     try:
         display.refresh(SceneObject(self.id_data))
     except F4xError as error:
-        self.answer = str(error)
+        self.answer = error_line(error)
 
 
 def _preview_changed(self, context) -> None:
@@ -61,7 +62,7 @@ def _preview_changed(self, context) -> None:
         scene_object.show_preview(scene_object.with_reading() if self.preview else None)
         display.refresh(scene_object)
     except F4xError as error:
-        self.answer = str(error)
+        self.answer = error_line(error)
 
 
 class F4X_PG_edit(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form

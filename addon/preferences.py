@@ -14,8 +14,8 @@ from bpy.props import BoolProperty, StringProperty
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.installation import interpreter_in
-from ..f4x_core.troubles import with_code
 from . import jobs
+from .wording import refuse
 from .worker import Job, core_command
 
 PACKAGE = __package__.rpartition(".")[0]
@@ -164,8 +164,7 @@ class F4X_OT_set_up_worker(bpy.types.Operator):  # noqa: N801
         try:
             jobs.start(Job(SET_UP, [python, "-m", "f4x_core.installation", str(folder)], _use_made))
         except F4xError as error:
-            self.report({"ERROR"}, with_code(error))
-            return {"CANCELLED"}
+            return refuse(self, error)
         return {"FINISHED"}
 
 
@@ -183,8 +182,7 @@ class F4X_OT_check_worker(bpy.types.Operator):  # noqa: N801
         try:
             _start_check()
         except F4xError as error:
-            self.report({"ERROR"}, with_code(error))
-            return {"CANCELLED"}
+            return refuse(self, error)
         return {"FINISHED"}
 
 

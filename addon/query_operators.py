@@ -21,13 +21,13 @@ from ..f4x_core.query.labels import words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
 from ..f4x_core.query.selection import Selection
-from ..f4x_core.troubles import with_code
 from . import display, marking
 from .job_operators import look_up
 from .outline import Outline
-from .panel_operators import SceneOperator
+from .panel_operators import SceneOperator, require_viewport
 from .preferences import find_interpreter
 from .scene_object import HIDDEN, SELECTED, SceneObject
+from .wording import refuse
 
 QUICK = FollowConfig(lifted=0)
 """Use the prompted frame only."""
@@ -91,7 +91,7 @@ class _Search(threading.Thread):
         super().__init__(daemon=True)
         self.work, self.fraction, self.stopped = work, 0.0, False
         self.found: Selection | None = None
-        self.error: str | None = None
+        self.error: F4xError | None = None
         self.start()
 
     def run(self) -> None:
@@ -101,7 +101,7 @@ class _Search(threading.Thread):
         except Cancelled:
             pass
         except F4xError as error:
-            self.error = str(error)
+            self.error = error
 
     def _look(self, stage: str, done: int, total: int, message: str = "") -> None:
         self.fraction = done / max(total, 1)
@@ -146,9 +146,10 @@ class _Prompt(SceneOperator):
 
     def invoke(self, context, event):
         """Start waiting for the mouse."""
-        if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, "Start this tool from a 3D viewport.")
-            return {"CANCELLED"}
+        try:
+            require_viewport(context)
+        except F4xError as error:
+            return refuse(self, error)
         scene_object = SceneObject.of(context.object)
         self.frame = scene_object.shown.scene.cameras.frame_at(scene_object.frame)
         self._area, self._outline, self._thread = context.area, None, None
@@ -168,8 +169,7 @@ class _Prompt(SceneOperator):
             done = self.handle(context, event)
         except F4xError as error:
             self._finish(context)
-            self.report({"ERROR"}, with_code(error))
-            return {"CANCELLED"}
+            return refuse(self, error)
         scene_object = SceneObject.of(context.object)
         if done and scene_object.state.follow:  # that takes many seconds: the window must not stand still
             self._thread = _Search(self._search(scene_object))
@@ -193,7 +193,7 @@ class _Prompt(SceneOperator):
         context.window_manager.event_timer_remove(self._timer)
         self._finish(context)
         if search.error is not None:
-            self.report({"ERROR"}, search.error)
+            return refuse(self, search.error)
         if search.found is None:
             return {"CANCELLED"}
         self._take(SceneObject.of(context.object), search.found)
@@ -278,11 +278,11 @@ class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
     def invoke(self, context, event):
         """Start only in the view of the clip's camera."""
         space = context.space_data
-        if getattr(space, "region_3d", None) is None or space.region_3d.view_perspective != "CAMERA":
-            self.report(
-                {"ERROR"}, "Look through the clip's camera first (View > Cameras > Active Camera, or numpad 0)."
-            )
-            return {"CANCELLED"}
+        try:
+            if getattr(space, "region_3d", None) is None or space.region_3d.view_perspective != "CAMERA":
+                raise F4xError("Look through the clip's camera first (View > Cameras > Active Camera, or numpad 0).")
+        except F4xError as error:
+            return refuse(self, error)
         self._corners = None
         return super().invoke(context, event)
 

@@ -16,10 +16,10 @@ from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.scene import cryptomatte, layers, stage
 from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ..f4x_core.scene.passes import Mist
-from ..f4x_core.troubles import with_code
 from . import display, evaluated, shadows, viewport_gpu
 from .axes import camera_eye, camera_lens, eye
 from .render_settings import ENGINE
+from .wording import refuse
 
 _INDEX = ("Object Index" if bpy.app.version >= (5, 0, 0) else "IndexOB", "X")
 # channels -> kind of socket
@@ -172,7 +172,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         except Cancelled:
             self.update_stats("Feature4X", "cancelled")
         except F4xError as error:
-            self.report({"ERROR"}, with_code(error))
+            refuse(self, error)
 
     def _render(self, depsgraph):
         scene, layer = depsgraph.scene, depsgraph.view_layer

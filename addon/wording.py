@@ -1,6 +1,11 @@
-"""What the core says in the words of its command line, in those of the panels: a button in place of a verb or an option."""
+"""What the core says, as the panels show it: a button in place of a verb or an option, and an error with its code."""
 
 import re
+
+import bpy
+
+from ..f4x_core.errors import F4xError
+from ..f4x_core.troubles import with_code
 
 _PANEL_WORDS = (
     (r"`?f4x distill [^`.;]*--vocabulary[^`.;]*`?", "Jobs > Add Features, Words"),
@@ -29,3 +34,14 @@ def panel_words(sentence: str) -> str:
     for pattern, words in _PANEL_WORDS:
         sentence = re.sub(pattern, words, sentence)
     return sentence
+
+
+def error_line(error: F4xError) -> str:
+    """What is shown of an error, wherever a user meets it: its sentence in the panels' words, its code behind it."""
+    return panel_words(with_code(error))
+
+
+def refuse(operator: bpy.types.Operator | bpy.types.RenderEngine, error: F4xError) -> set[str]:
+    """Let `operator` report an error; returns what an operator returns that did nothing."""
+    operator.report({"ERROR"}, error_line(error))
+    return {"CANCELLED"}

@@ -20,6 +20,7 @@ from typing import Any, TextIO
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.processes import GRACE, end_tree, start_child
+from ..f4x_core.troubles import code_of_module, coded, with_code
 
 ROOT = Path(__file__).resolve().parents[1]
 """The extension: a child that starts here finds the extension's own `f4x_core`, whatever its interpreter has installed."""
@@ -165,7 +166,7 @@ class Job:
                 try:
                     self.on_done(self.result)
                 except F4xError as error:
-                    self.state, self.error = FAILED, str(error)
+                    self.state, self.error = FAILED, with_code(error)
         else:
             self._end(FAILED, self.error or self._reason(code))
 
@@ -180,7 +181,7 @@ class Job:
         return f"The worker ended with code {code}: {last_line}"
 
     def _end(self, state: str, error: str = "") -> None:
-        self.state, self.error = state, error
+        self.state, self.error = state, coded(error, code_of_module(__name__)) if error else ""
         if sys.platform != "win32" or self.child.poll() is None:
             end_tree(self.child.pid)  # also what an ended child left behind in its group
         with contextlib.suppress(OSError):

@@ -245,8 +245,12 @@ def code_of(error: BaseException) -> str:
 
 def with_code(error: BaseException, sentence: str = "") -> str:
     """`sentence`, or the error's own, with the code behind it unless another process put one there."""
-    sentence = sentence or str(error)
-    return sentence if _HAS_CODE.search(sentence) else f"{sentence} [{code_of(error)}]"
+    return coded(sentence or str(error), code_of(error))
+
+
+def coded(sentence: str, code: str) -> str:
+    """The sentence with the code behind it, unless it has one."""
+    return sentence if _HAS_CODE.search(sentence) else f"{sentence} [{code}]"
 
 
 def explain(code: str) -> str:

@@ -56,13 +56,15 @@ def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
     load_extension()
     from feature4x.f4x_core.errors import F4xError
     from feature4x.f4x_core.files import json_text
+    from feature4x.f4x_core.troubles import with_code
 
     code = 0
     try:
         result = main(arguments())
     except F4xError as error:
-        print(f"error: {error}", file=sys.stderr)
-        result, code = {"error": str(error)}, 2
+        sentence = with_code(error)
+        print(f"error: {sentence}", file=sys.stderr)
+        result, code = {"error": sentence}, 2
     except SystemExit as exit_request:  # argparse: --help or a usage error
         result, code = None, exit_request.code if isinstance(exit_request.code, int) else 1
     except Exception:

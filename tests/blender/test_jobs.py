@@ -84,7 +84,12 @@ tell.tell(result={"scene": "x.f4x"}, text="one\\ntwo")
 def test_a_verb_of_the_core_tells_lines(tmp_path):
     job = worker.Job("info", worker.core_command(sys.executable, "info", tmp_path / "absent.f4x"))
     job.wait()
-    assert job.state == worker.FAILED and "absent.f4x" in job.error and "Traceback" not in "".join(job.log)
+    assert (
+        job.state == worker.FAILED
+        and "absent.f4x" in job.error
+        and job.error.endswith("[F4X-SCENE]")
+        and "Traceback" not in "".join(job.log)
+    )
     assert job.stage == "start" and job.message.startswith("f4x ")
 
 
@@ -95,7 +100,7 @@ def test_what_fails_after_the_job_is_its_error():
     code = "import json; print(json.dumps({'result': {}}))"
     job = worker.Job("test", [sys.executable, "-c", code], refuse)
     job.wait()
-    assert (job.state, job.error) == (worker.FAILED, "cannot be imported")
+    assert (job.state, job.error) == (worker.FAILED, "cannot be imported [F4X-INSTALL]")
 
 
 @POSIX
@@ -177,6 +182,7 @@ def test_an_interpreter_that_is_none(tmp_path, text, said):
         job.wait()
         assert job.state == worker.FAILED
         sentence, process = job.error, job.child.pid
+        assert sentence.endswith("[F4X-INSTALL]")
         assert not is_alive(process)
     except errors.F4xError as error:
         sentence = str(error)

@@ -99,3 +99,53 @@ def test_a_report_names_neither_paths_nor_people(monkeypatch):
     )
     assert not any(word in text for word in ("secret", "maria", "max", os.sep + "bin"))
     assert "12 ms at 240x136" in text and "Linux x86_64, 2 cores" in anonymous("Linux x86_64, 2 cores")
+
+
+def bare_errors(source: str) -> list[int]:
+    """Lines of the add-on that may show an error without its code: reports of its own, and the text of a caught F4xError."""
+    tree, lines = ast.parse(source), []
+    for node in ast.walk(tree):
+        if (
+            isinstance(node, ast.Call)
+            and getattr(node.func, "attr", "") == "report"
+            and "ERROR" in ast.unparse(node.args[0])
+        ):
+            lines.append(node.lineno)
+        if isinstance(node, ast.ExceptHandler) and node.name and "F4xError" in ast.unparse(node.type):
+            raised = {id(inner) for each in ast.walk(node) if isinstance(each, ast.Raise) for inner in ast.walk(each)}
+            lines += [each.lineno for each in ast.walk(node) if id(each) not in raised and shows(each, node.name)]
+    return lines
+
+
+def shows(node: ast.AST, name: str) -> bool:
+    """Whether a node turns the exception `name` into text as it is: str(error), f"{error}" or print(error)."""
+    if isinstance(node, ast.FormattedValue):
+        return ast.unparse(node.value) == name
+    called = isinstance(node, ast.Call) and ast.unparse(node.func) in ("str", "print")
+    return called and any(ast.unparse(argument) == name for argument in node.args)
+
+
+@pytest.mark.parametrize(
+    "file", [*sorted((ROOT / "addon").glob("*.py")), ROOT / "scripts" / "door.py"], ids=lambda file: file.stem
+)
+def test_no_error_is_shown_in_blender_without_its_code(file):
+    """`refuse` and `error_line` of addon/wording.py put it there; so does `with_code`, for scripts."""
+    lines = bare_errors(file.read_text(encoding="utf-8"))
+    assert len(lines) == (1 if file.stem == "wording" else 0), lines
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'self.report({"ERROR"}, error_line(error))',
+        "self.answer = str(error)",
+        'print(f"Error: {error}")',
+        "print(error)",
+    ],
+)
+def test_an_error_without_its_code_would_be_seen(line):
+    assert bare_errors(f"try:\n    work()\nexcept (F4xError, OSError) as error:\n    {line}\n") == [4]
+    assert (
+        bare_errors("try:\n    work()\nexcept F4xError as error:\n    raise F4xError(f'{error} So.') from error\n")
+        == []
+    )
