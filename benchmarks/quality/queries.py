@@ -13,8 +13,9 @@ import numpy as np
 from f4x_core.progress import Progress, silent
 from f4x_core.query.labels import Encode, ask_for
 from f4x_core.query.pixels import coverage_image, head_map, text_score_map
-from f4x_core.query.prompts import LOOKS_ALIKE, select_by_mask, text_selection
+from f4x_core.query.prompts import select_by_mask, text_selection
 from f4x_core.query.score import average_precision, overlap, select
+from f4x_core.query.smoothing import LOOKS_ALIKE
 from f4x_core.scene import Scene
 from f4x_core.scene.view import render
 

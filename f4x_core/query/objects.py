@@ -341,6 +341,9 @@ def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def _bonds(place: np.ndarray, appearance: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Bonds (P,P) between neighbours in `place (P,…)`, those if all looked alike, the squared distance of looks of 1/e."""
     far = _squares(place, place)
+    far = np.maximum(
+        far, far.T
+    )  # products of matrices are symmetric but for rounding, which must not decide who is near
     np.fill_diagonal(far, np.inf)
     if len(far) < 2:
         return np.zeros(far.shape), np.zeros(far.shape), 1.0

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,50 +10,22 @@ from numpy.typing import ArrayLike
 from ..clip.images import resize_nearest
 from ..errors import F4xError
 from ..features.models.prompt import check_frame, check_prompt
-from ..geometry import spherical_harmonics
-from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import CameraPath
 from ..progress import Progress, silent
 from ..scene import Scene
-from ..scene.view import render
-from .blend_weights import lift_masks
 from .calibration import word_probabilities
+from .following import FollowConfig, decoder_of, follow_masks, follow_thing
 from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
 from .objects import point_out
-from .pixels import head_map, label_scores
-from .score import THRESHOLD, logistic, target_score
-from .segmentation import FeaturePropagation, MaskDecoder
+from .pixels import label_scores
+from .score import THRESHOLD, target_score
+from .segmentation import MaskDecoder
 from .selection import Selection, fingerprint
-from .smoothing import LOOKS_ALIKE
 
 ASPECT_TOLERANCE = 0.01
 """Relative difference of aspects up to which a mask is taken for one of the clip: rounding to even sizes changes it so."""
-KNOWN, BLOCK = 4096, 2048
-"""Gaussians with scores that are enough to say what is near, and Gaussians without that are compared with them at once: a block
-of distances stays small."""
-STAND_IN_GRID = 64
-"""Columns of the grid on which rendered colour, motion and depth stand in for features that a scene lacks."""
-
-
-@dataclass(frozen=True)
-class FollowConfig:
-    """How a mask on one frame becomes a selection for all of them."""
-
-    lifted: int = 20
-    """Frames, evenly over the clip, whose masks are lifted to Gaussians; 0 = the prompted ones alone, which is quick."""
-    prompted_weight: float = 3.0
-    """A prompted frame counts as so many others: its mask is the user's."""
-    min_blend_weight: float = 0.05
-    """Blend weight in pixels, summed over all lifted frames, below which a Gaussian's score comes from its neighbours."""
-    neighbours: int = 8
-    """Number of those neighbours."""
-    one_kind: float = 0.9
-    """A prompt means moving Gaussians alone if they hold at least this fraction of its blend weights, and static ones alone if
-those do."""
-    colour_weight: float = 4.0
-    """World units (1 = median depth) that a colour difference of 1 is worth when neighbours are looked for."""
 
 
 def select_by_text(
@@ -161,8 +132,9 @@ def select_by_prompts(
     what = "mask" if len(prompts) == 1 and "mask" in next(iter(prompts.values())) else "prompt"
     label = f"{what} at {', '.join(map(str, prompts))}"
     if decoder is None and all(prompt.mask is None for prompt in checked.values()):
-        scores = point_out(scene, [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)])
-        if scores is not None:
+        chosen = point_out(scene, [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)])
+        if chosen is not None:
+            scores = follow_thing(scene, chosen, prompts, config, backend, progress)
             return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
     decoder = decoder_of(scene, backend) if decoder is None else decoder
     masks = {}
@@ -173,22 +145,7 @@ def select_by_prompts(
             raise F4xError(
                 f"The prompt on frame {frame} marks nothing that stands out there; give a mask, or another point."
             )
-    prompted, followed = dict(masks), {}
-    wanted = set(evenly_spaced(len(cameras), config.lifted)) - set(prompts)
-    for done, (frame, logits) in enumerate(decoder.propagate() if wanted else ()):
-        progress("follow", done, len(cameras))
-        if frame in wanted:
-            followed[frame] = logistic(logits)
-    inside, sums = lift_masks(scene, prompted, progress)
-    inside_followed, followed_sums = lift_masks(scene, followed, progress)
-    weight = config.prompted_weight * sums
-    total = weight + followed_sums
-    scores = (weight * inside + followed_sums * inside_followed) / np.maximum(total, 1e-12)
-    scores = _from_neighbours(scene, scores, total > config.min_blend_weight, config)
-    marked = inside * sums
-    moves = marked[scene.moving].sum() / max(marked.sum(), 1e-12)
-    if not 1 - config.one_kind < moves < config.one_kind:
-        scores = scores * (scene.moving == (moves >= config.one_kind))
+    scores = follow_masks(scene, masks, decoder, config, progress)
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
 
 
@@ -198,6 +155,10 @@ def select_by_evidence(
     words: Selection | None = None,
     threshold: float = THRESHOLD,
     span: tuple[float, float] | None = None,
+    *,
+    config: FollowConfig | None = None,
+    backend: str = "auto",
+    progress: Progress = silent,
 ) -> Selection:
     """Gaussians of the thing that marks of any kinds and a word show together: evidence on one graph (`objects.point_out`).
 
@@ -205,70 +166,14 @@ def select_by_evidence(
     not meant; `words`: what words select, whose scores count as probabilities. Raises F4xError: marks that are empty, outside
     the clip or on nothing, or that leave nothing.
     """
-    scores = point_out(scene, check_marks(marks, len(scene.cameras)), None if words is None else words.scores)
-    if scores is None:
+    chosen = point_out(scene, check_marks(marks, len(scene.cameras)), None if words is None else words.scores)
+    if chosen is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
-    label = f"prompt at {', '.join(map(str, sorted({mark.frame for mark in marks})))}"
+    frames = sorted({mark.frame for mark in marks})
+    scores = follow_thing(scene, chosen, frames, config or FollowConfig(), backend, progress)
+    label = f"prompt at {', '.join(map(str, frames))}"
     label = label if words is None else f"{words.label}, {label}"
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
-
-
-def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
-    """The decoder that needs no model: nearest neighbours in the `visual` features of the scene.
-
-    Without them rendered colour, place, motion and depth stand in: then only what differs in these is told apart.
-    """
-    cameras = scene.cameras
-    named = scene.features is not None and LOOKS_ALIKE in scene.features.names
-    features = _head_features(scene, backend) if named else _stand_in_features(scene, backend)
-    return FeaturePropagation(features, len(cameras), (cameras.height, cameras.width))
-
-
-def _head_features(scene: Scene, backend: str) -> Callable[[int], np.ndarray]:
-    def at(t: int) -> np.ndarray:
-        return head_map(scene, LOOKS_ALIKE, scene.cameras[t], float(scene.cameras.times[t]), backend)
-
-    return at
-
-
-def _stand_in_features(scene: Scene, backend: str) -> Callable[[int], np.ndarray]:
-    cameras = scene.cameras
-    rows = max(1, round(STAND_IN_GRID * cameras.height / cameras.width))
-
-    def at(t: int) -> np.ndarray:
-        camera, time = cameras[t].resized(STAND_IN_GRID, rows), float(cameras.times[t])
-        values = {"moving": scene.moving[:, None].astype(np.float32)}
-        drawn = render(scene, camera, time, ("rgb", "depth", "alpha"), backend, values=values)
-        inverse = 1 / np.nan_to_num(drawn["depth"], nan=np.inf)
-        numbers = np.concatenate([np.clip(drawn["rgb"], 0, 1), drawn["moving"], inverse[..., None]], -1)
-        angle = np.pi / 2 * numbers  # the cosine of two cells is the mean of cos(pi/2 difference): 0 for opposites
-        return np.concatenate([np.cos(angle), np.sin(angle)], -1)
-
-    return at
-
-
-def _from_neighbours(scene: Scene, scores: np.ndarray, seen: np.ndarray, config: FollowConfig) -> np.ndarray:
-    """Scores of Gaussians that no lifted frame sees: the mean of the nearest seen ones of their kind.
-
-    Nearest at the Gaussian's own reference time (static ones: the first frame) and in colour.
-    """
-    scores = scores.copy()
-    posed = scene.posed(float(scene.cameras.times[0]))
-    places = np.concatenate([posed.means, config.colour_weight * spherical_harmonics.rgb_from_dc(posed.sh[:, 0])], 1)
-    for kind in (posed.dynamic, ~posed.dynamic):
-        missing, known = np.flatnonzero(kind & ~seen), np.flatnonzero(kind & seen)
-        if not len(known):
-            scores[missing] = 0
-            continue
-        if len(known) > KNOWN:
-            known = known[np.linspace(0, len(known) - 1, KNOWN).astype(int)]
-        squares = (places[known] ** 2).sum(1)
-        for part in np.array_split(missing, max(1, len(missing) // BLOCK)):
-            far = squares - 2 * places[part] @ places[known].T
-            count = min(config.neighbours, len(known))
-            near = np.argpartition(far, count - 1, axis=1)[:, :count]
-            scores[part] = scores[known[near]].mean(1)
-    return scores
 
 
 def _selection(scene, scores, wins, threshold, span, label) -> Selection:

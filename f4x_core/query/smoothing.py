@@ -45,6 +45,11 @@ STEPS, TOLERANCE = 200, 1e-4
 """Bounds of the conjugate gradients: steps, and the residual relative to the start."""
 
 
+def has_looks(scene: Scene) -> bool:
+    """Whether the scene has features that say what looks alike."""
+    return scene.features is not None and LOOKS_ALIKE in scene.features.names
+
+
 @dataclass(frozen=True, eq=False)
 class Patches:
     """Groups of neighbouring Gaussians of a scene and the bonds between them; P patches, E directed bonds."""

@@ -334,7 +334,7 @@ class Scene:
 
     def latents(self) -> np.ndarray:
         """(N,D) float32 latents of the feature field, in the order of `posed`; F4xError where there is no field."""
-        return self.require_field().latents(self.dynamic.node, self.dynamic.weight)
+        return self._latents
 
     def require_field(self, heads: Sequence[str] = ()) -> FeatureField:
         """The feature field; F4xError where there is none, or one of `heads` is missing in it."""
@@ -409,6 +409,10 @@ class Scene:
         scaffold = self.scaffold
         assert scaffold is not None  # checked on construction
         return relative_motions(scaffold.times, scaffold.xyz, scaffold.quat, self._pairs, time)
+
+    @cached_property
+    def _latents(self) -> np.ndarray:
+        return self.require_field().latents(self.dynamic.node, self.dynamic.weight)
 
     @cached_property
     def _pairs(self) -> Pairs:

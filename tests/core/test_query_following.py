@@ -9,13 +9,13 @@ from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry import spherical_harmonics
-from f4x_core.query import not_deleted, prompts
+from f4x_core.query import following, not_deleted, prompts
+from f4x_core.query.blend_weights import blend_weight_sums
+from f4x_core.query.following import FollowConfig, decoder_of, follow_thing
 from f4x_core.query.labels import ask_for
 from f4x_core.query.pixels import head_map
 from f4x_core.query.prompts import (
-    FollowConfig,
     at_clip_size,
-    decoder_of,
     select_by_mask,
     select_by_points,
     select_by_prompts,
@@ -45,38 +45,43 @@ class Decoder:
 
 
 class Lifted:
-    """Stands in for `lift_masks` and what comes of unseen Gaussians: made-up sums, masks kept."""
+    """Stands in for what a scene's pictures show: made-up blend weights at made-up pixels, masks kept."""
 
     def __init__(self, monkeypatch, scene):
         random = np.random.default_rng(0)
-        count = len(scene.ids)
-        self.inside = dict(zip(("prompted", "followed"), random.random((2, count)), strict=True))
-        self.sums = dict(zip(("prompted", "followed"), 0.2 * random.random((2, count)), strict=True))
-        for sums in self.sums.values():
-            sums[:40] = 0
-        self.masks, self.seen = [], None
-        monkeypatch.setattr(prompts, "lift_masks", self.lift)
-        monkeypatch.setattr(prompts, "_from_neighbours", self.fill)
+        self.count = len(scene.ids)
+        self.inside, self.sums = random.random(self.count), 0.2 * random.random(self.count)
+        self.sums[:40] = 0
+        self.masks, self.known, self.followed = {}, None, {}
+        monkeypatch.setattr(following, "lift_masks", self.lift)
+        monkeypatch.setattr(following, "_from_neighbours", self.fill)
+        monkeypatch.setattr(following, "_VIEWS", SimpleNamespace(get=lambda scene, make: self))
         monkeypatch.setattr(prompts, "point_out", lambda scene, asked: None)
 
     def lift(self, scene, masks, progress):
-        self.masks.append(dict(masks))
-        name = ("prompted", "followed")[len(self.masks) - 1]
-        return self.inside[name], self.sums[name]
+        self.masks |= masks
+        return self.inside, self.sums
 
-    def fill(self, scene, scores, seen, config):
-        self.seen = seen
-        return np.where(seen, scores, 0.25)
+    def seen(self, scene, frame):
+        random = np.random.default_rng(frame)
+        rows = np.flatnonzero(random.random(self.count) < 0.7)[40:]
+        pixels = random.integers(0, HEIGHT, len(rows)), random.integers(0, WIDTH, len(rows))
+        self.followed[frame] = following._Seen(rows, 0.2 * random.random(len(rows)), pixels)
+        return self.followed[frame]
+
+    def fill(self, scene, scores, seen, meant, config):
+        self.known = seen
+        return np.where(seen, scores, 0.25) * meant
 
 
 def moving_fraction(scene, lifted, fraction):
     """Make that fraction of the prompt's weights lie on moving Gaussians, small sums, no rounding."""
-    lifted.inside["prompted"] = np.where(np.arange(len(scene.ids)) % 2, 0.5, 0.25)
+    lifted.inside = np.where(np.arange(len(scene.ids)) % 2, 0.5, 0.25)
     marked = np.zeros(len(scene.ids))
     rows = np.flatnonzero(scene.moving)[:1], np.flatnonzero(~scene.moving)[:1]
     for row, share in zip(rows, (fraction, 1 - fraction), strict=True):
         marked[row] = share / 64
-    lifted.sums["prompted"] = marked / lifted.inside["prompted"]
+    lifted.sums = marked / lifted.inside
 
 
 def logits(seed):
@@ -92,26 +97,26 @@ def test_masks_of_prompted_and_of_followed_frames_are_weighed(scene, monkeypatch
     asked = {2: {"points": [[3, 3]]}, 3: {"mask": square_mask(3)}}
     found = select_by_prompts(scene, asked, decoder=decoder, config=config)
     assert decoder.asked == list(asked.items())
-    one, other = lifted.masks
-    assert sorted(one) == [2, 3] and one[2].dtype == np.float32
-    np.testing.assert_array_equal(one[2], first > 0)
-    np.testing.assert_array_equal(one[3], square_mask(3))
-    assert sorted(other) == [0, 5]  # of 0, 2, 3 and 5
-    for t, mask in other.items():
-        np.testing.assert_allclose(mask, 1 / (1 + np.exp(-decoder.followed[t])), rtol=1e-5)
-    weights = 5 * lifted.sums["prompted"], lifted.sums["followed"]
-    np.testing.assert_array_equal(lifted.seen, sum(weights) > 0.3)
-    assert 0.1 < lifted.seen.mean() < 0.9
-    both = np.stack([lifted.inside["prompted"], lifted.inside["followed"]])
-    expected = np.average(both, axis=0, weights=np.maximum(weights, 1e-30))
-    np.testing.assert_allclose(found.scores, np.where(lifted.seen, expected, 0.25), rtol=1e-9)
+    assert sorted(lifted.masks) == [2, 3] and lifted.masks[2].dtype == np.float32
+    np.testing.assert_array_equal(lifted.masks[2], first > 0)
+    np.testing.assert_array_equal(lifted.masks[3], square_mask(3))
+    assert sorted(lifted.followed) == [0, 5]  # of 0, 2, 3 and 5
+    total = 5 * lifted.sums
+    inside = lifted.inside * total
+    for t, (rows, weights, (row, column)) in lifted.followed.items():
+        inside[rows] += weights / (1 + np.exp(-decoder.followed[t][row, column]))
+        total[rows] += weights
+    np.testing.assert_array_equal(lifted.known, total > 0.3)
+    assert 0.1 < lifted.known.mean() < 0.9
+    expected = np.where(lifted.known, inside / np.maximum(total, 1e-30), 0.25)
+    np.testing.assert_allclose(found.scores, expected, rtol=1e-6)
 
 
 def test_a_gaussian_that_no_frame_sees_is_not_seen(scene, monkeypatch):
     lifted = Lifted(monkeypatch, scene)
     config = FollowConfig(min_blend_weight=0.0)
     found = select_by_prompts(scene, {0: {"mask": square_mask(0)}}, decoder=Decoder({0: logits(0)}, {}), config=config)
-    np.testing.assert_array_equal(lifted.seen, np.arange(len(scene.ids)) >= 40)
+    np.testing.assert_array_equal(lifted.known, np.arange(len(scene.ids)) >= 40)
     assert (found.scores[:40] == 0.25).all()
 
 
@@ -119,7 +124,7 @@ def test_prompted_frames_alone_are_quick(scene, monkeypatch):
     lifted = Lifted(monkeypatch, scene)
     decoder = Decoder({0: logits(0)}, None)  # nothing to follow
     select_by_prompts(scene, {0: {"box": [1, 1, 9, 9]}}, decoder=decoder, config=FollowConfig(lifted=0))
-    assert lifted.masks[1] == {}
+    assert sorted(lifted.masks) == [0] and not lifted.followed
 
 
 @pytest.mark.parametrize(
@@ -152,7 +157,7 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
         prompts, "point_out", lambda scene, asked: pointed.append([mark.frame for mark in asked]) or scores
     )
     point, mask = {"points": [[3, 3]]}, {"mask": square_mask(0)}
-    found = select_by_prompts(scene, {0: point, 2: point})
+    found = select_by_prompts(scene, {0: point, 2: point}, config=FollowConfig(lifted=0))
     np.testing.assert_array_equal(found.scores, scores)
     assert pointed == [[0, 2]] and found.label == "prompt at 0, 2" and not found.wins.any()
     decoder = Decoder({0: logits(0), 2: logits(2)}, {})
@@ -166,6 +171,38 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
         Lifted(monkeypatch, scene)
         monkeypatch.setattr(prompts, "point_out", lambda scene, asked: pytest.fail("a mask is no point"))
         assert select_by_prompts(scene, asked).label == label
+
+
+def test_a_thing_that_was_pointed_out_is_followed_by_its_looks(scene):
+    whole = scene.moving.astype(float)
+    torn = whole * (np.random.default_rng(0).random(len(whole)) < 0.9)  # superpoints missed a tenth of it
+    for frames in ([0], [3, 0, 3]):
+        found = follow_thing(scene, torn, frames, FollowConfig())
+        assert (found > 0.5)[scene.moving].mean() > 0.95 and not found[~scene.moving].any()
+    blind = replace(scene, features=replace(scene.features, heads=scene.features.heads[:1]))
+    for kept, chosen, config in (
+        (scene, torn, FollowConfig(lifted=0)),
+        (blind, torn, FollowConfig()),
+        (scene, 1 - whole, FollowConfig()),  # what stands is the same at all times
+        (scene, 0.4 * whole, FollowConfig()),  # nobody fills a pixel
+    ):
+        assert follow_thing(kept, chosen, [0], config) is chosen
+
+
+def test_what_a_picture_shows_is_looked_at_once(scene, monkeypatch):
+    views = following._Views()
+    rows, weights, (row, column) = views.seen(scene, 2)
+    layers = np.ones((HEIGHT, WIDTH, 1), np.float32)
+    sums = blend_weight_sums(scene, 2.0, 2, layers)[:, 0]
+    np.testing.assert_array_equal(rows, np.flatnonzero(sums > following.UNSEEN))
+    np.testing.assert_allclose(weights, sums[rows], rtol=1e-6)
+    pixels, _ = scene.cameras[2].project(scene.posed(2.0).means[rows].astype(float))
+    inner = (pixels > 2).all(1) & (pixels < [WIDTH - 2, HEIGHT - 2]).all(1) & scene.moving[rows]
+    assert inner.sum() > 10 and (abs(np.stack([column, row], 1) + 0.5 - pixels)[inner] < 1).all()
+    looks = views.looks(scene, 2)
+    monkeypatch.setattr(following, "blend_weight_sums", None)
+    monkeypatch.setattr(following, "head_map", None)
+    assert views.looks(scene, 2) is looks and views.seen(scene, 2).rows is rows
 
 
 def test_a_span_lies_within_the_clip(scene):
@@ -214,7 +251,7 @@ def test_a_decoder_sees_the_visual_features_or_what_stands_in(scene, monkeypatch
     assert own.count == FRAMES and own.size == (HEIGHT, WIDTH)
     np.testing.assert_array_equal(own._features(4), head_map(scene, "visual", scene.cameras[4], 4.0))
     text = replace(scene.features, heads=scene.features.heads[:1])
-    monkeypatch.setattr(prompts, "STAND_IN_GRID", 16)
+    monkeypatch.setattr(following, "STAND_IN_GRID", 16)
     for other in (replace(scene, features=text), replace(scene, features=None)):
         assert decoder_of(other)._features(0).shape == (10, 16, 10)
 
@@ -227,7 +264,7 @@ def test_colour_motion_and_depth_stand_in_for_features(monkeypatch):
         scene.cameras, intrinsics=scene.cameras.intrinsics * np.float64([[0.4, 1, 1], [1, 0.4, 1], [1, 1, 1]])
     )
     scene = replace(scene, static=replace(scene.static, sh=sh), cameras=cameras)
-    monkeypatch.setattr(prompts, "STAND_IN_GRID", 32)
+    monkeypatch.setattr(following, "STAND_IN_GRID", 32)
     found = decoder_of(scene)._features(2)
     values = {"moving": scene.moving[:, None].astype(np.float32)}
     drawn = render(scene, cameras[2].resized(32, 20), 2.0, ("rgb", "depth"), values=values)
@@ -240,13 +277,13 @@ def test_colour_motion_and_depth_stand_in_for_features(monkeypatch):
     assert decoder_of(flat)._features(0).shape == (1, 32, 10)
 
 
-def scores_by_loops(scene, scores, seen, config):
-    result = scores.copy()
+def scores_by_loops(scene, scores, seen, meant, config):
+    result = scores * meant
     colours = scene.colours * config.colour_weight
-    for row in np.flatnonzero(~seen):
-        known = np.flatnonzero(seen & (scene.dynamic == scene.dynamic[row]))
-        if len(known) > prompts.KNOWN:
-            known = known[[i * (len(known) - 1) // (prompts.KNOWN - 1) for i in range(prompts.KNOWN)]]
+    for row in np.flatnonzero(meant & ~seen):
+        known = np.flatnonzero(seen & meant & (scene.dynamic == scene.dynamic[row]))
+        if len(known) > following.KNOWN:
+            known = known[[i * (len(known) - 1) // (following.KNOWN - 1) for i in range(following.KNOWN)]]
         far = [
             ((scene.means[row] - scene.means[k]) ** 2).sum() + ((colours[row] - colours[k]) ** 2).sum() for k in known
         ]
@@ -258,8 +295,8 @@ def scores_by_loops(scene, scores, seen, config):
 @pytest.mark.parametrize(("known", "block"), [(4096, 2048), (10, 3)])
 @pytest.mark.parametrize("neighbours", [1, 4, 99])
 def test_scores_of_the_unseen_are_their_neighbours_mean(monkeypatch, known, block, neighbours):
-    monkeypatch.setattr(prompts, "KNOWN", known)
-    monkeypatch.setattr(prompts, "BLOCK", block)
+    monkeypatch.setattr(following, "KNOWN", known)
+    monkeypatch.setattr(following, "BLOCK", block)
     random = np.random.default_rng(neighbours)
     count = 60
     made = SimpleNamespace(means=random.normal(size=(count, 3)), colours=0.3 * random.random((count, 3)))
@@ -269,13 +306,12 @@ def test_scores_of_the_unseen_are_their_neighbours_mean(monkeypatch, known, bloc
     made.cameras = SimpleNamespace(times=np.array([3.0, 4.0]))
     scores, config = random.random(count), FollowConfig(neighbours=neighbours, colour_weight=6.0)
     before = scores.copy()
-    expected = scores_by_loops(made, scores, seen, config)
-    np.testing.assert_allclose(prompts._from_neighbours(made, scores, seen, config), expected)
+    every, nobody = np.ones(count, bool), seen & ~made.dynamic
+    for known_ones, meant in ((seen, every), (nobody, every), (seen, made.dynamic)):
+        found = following._from_neighbours(made, scores, known_ones, meant, config)
+        np.testing.assert_allclose(found, scores_by_loops(made, scores, known_ones, meant, config))
+        assert not found[~meant | (made.dynamic & (known_ones is nobody))].any()
     np.testing.assert_array_equal(scores, before)
-    nobody = seen & ~made.dynamic
-    found = prompts._from_neighbours(made, scores, nobody, config)
-    assert not found[made.dynamic].any()
-    np.testing.assert_allclose(found, scores_by_loops(made, scores, nobody, config))
 
 
 class Edited:
