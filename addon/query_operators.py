@@ -144,10 +144,14 @@ class _Prompt(SceneOperator):
         marking.ask(scene_object, found)
         self.report({"INFO"}, f"{scene_object.state.selected:,} of {scene_object.state.total:,} Gaussians")
 
+    def require(self, context) -> None:
+        """Raise F4xError where the mouse cannot be followed."""
+        require_viewport(context)
+
     def invoke(self, context, event):
         """Start waiting for the mouse."""
         try:
-            require_viewport(context)
+            self.require(context)
         except F4xError as error:
             return refuse(self, error)
         scene_object = SceneObject.of(context.object)
@@ -275,14 +279,15 @@ class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
         """The box."""
         return {"box": tuple(self.box)}
 
-    def invoke(self, context, event):
-        """Start only in the view of the clip's camera."""
+    def require(self, context) -> None:
+        """Raise F4xError but in the view of the clip's camera."""
         space = context.space_data
-        try:
-            if getattr(space, "region_3d", None) is None or space.region_3d.view_perspective != "CAMERA":
-                raise F4xError("Look through the clip's camera first (View > Cameras > Active Camera, or numpad 0).")
-        except F4xError as error:
-            return refuse(self, error)
+        if getattr(space, "region_3d", None) is None or space.region_3d.view_perspective != "CAMERA":
+            raise F4xError("Look through the clip's camera first (View > Cameras > Active Camera, or numpad 0).")
+        super().require(context)
+
+    def invoke(self, context, event):
+        """Start without corners."""
         self._corners = None
         return super().invoke(context, event)
 

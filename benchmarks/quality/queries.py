@@ -15,7 +15,7 @@ from f4x_core.query.labels import Encode, ask_for
 from f4x_core.query.pixels import coverage_image, head_map, text_score_map
 from f4x_core.query.prompts import select_by_mask, text_selection
 from f4x_core.query.score import average_precision, overlap, select
-from f4x_core.query.smoothing import LOOKS_ALIKE
+from f4x_core.query.smoothing import LOOKS_ALIKE, field_of_looks
 from f4x_core.scene import Scene
 from f4x_core.scene.view import render
 
@@ -103,9 +103,7 @@ def benchmark(
 ) -> dict[str, Any]:
     """All figures of one scene with true `masks` (clip frame -> (H,W) bool); `label` names what they show."""
     report: dict[str, Any] = {"scene": scene.name, "frames": len(masks), "label": label}
-    report["follows_by"] = "stand-in"
-    if scene.features is not None and LOOKS_ALIKE in scene.features.names:
-        report["follows_by"] = LOOKS_ALIKE
+    report["follows_by"] = "stand-in" if field_of_looks(scene) is None else LOOKS_ALIKE
     if label is not None:
         report |= score_text(scene, masks, label, encode, backend, progress)
     return report | score_following(scene, masks, backend, progress) | measure_cost(scene, backend, repeats)

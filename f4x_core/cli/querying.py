@@ -198,7 +198,8 @@ def _evidence(
     if args.text is not None:
         negatives = words_of(args.negatives) if args.negatives is not None else None
         words = together(by_words(scene, words_of(args.text), negatives, args.threshold, encode=encoder(progress)))
-    return select_by_evidence(scene, _marks(scene, args), words, args.threshold, span)
+    options: dict[str, Any] = {"backend": args.backend, "progress": progress}
+    return select_by_evidence(scene, _marks(scene, args), words, args.threshold, span, **options)
 
 
 def _marks(scene: Scene, args: argparse.Namespace) -> list[Mark]:

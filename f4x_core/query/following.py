@@ -15,16 +15,14 @@ from ..scene import Scene
 from ..scene.view import render
 from .blend_weights import blend_weight_sums, lift_masks
 from .kept import Kept
-from .pixels import head_map
+from .pixels import SHOWN, coverage_by, head_map
 from .score import logistic
 from .segmentation import FeaturePropagation, MaskDecoder
-from .smoothing import LOOKS_ALIKE, has_looks
+from .smoothing import LOOKS_ALIKE, field_of_looks
 
 KNOWN, BLOCK = 1024, 4096
 """Gaussians with scores that are enough to say what is near, and Gaussians without that are compared with them at once: a block
 of distances stays small."""
-SHOWN = 0.5
-"""A pixel shows a thing that covers more than this fraction of it."""
 UNSEEN = 1e-3
 """Blend weight in pixels up to which a Gaussian does not show in a picture."""
 STAND_IN_GRID = 64
@@ -64,14 +62,12 @@ def follow_thing(
     made of Gaussians that come and go. `chosen` comes back where it stands, where the scene has no visual features, and where
     `config` lifts no frames.
     """
-    if not config.lifted or not has_looks(scene) or not chosen[scene.moving].any():
+    if not config.lifted or field_of_looks(scene) is None or not chosen[scene.moving].any():
         return chosen
     decoder, masks = decoder_of(scene, backend), {}
     for frame in sorted(set(frames)):
-        drawn = render(
-            scene, scene.cameras[frame], float(scene.cameras.times[frame]), (), backend, values={"it": chosen[:, None]}
-        )
-        mask = drawn["it"][..., 0] > SHOWN
+        camera, time = scene.cameras[frame], float(scene.cameras.times[frame])
+        mask = coverage_by(scene, chosen, camera, time, backend) > SHOWN
         if mask.any():
             decoder.prompt(frame, mask=mask)
             masks[frame] = mask.astype(np.float32)
@@ -94,9 +90,8 @@ def follow_masks(
     total = config.prompted_weight * total
     inside = fraction * total
     moves = inside[scene.moving].sum() / max(inside.sum(), 1e-12)
-    meant = scene.moving == (moves >= config.one_kind)
-    if 1 - config.one_kind < moves < config.one_kind:
-        meant = np.ones(len(total), bool)
+    both = 1 - config.one_kind < moves < config.one_kind
+    meant = both | (scene.moving == (moves >= config.one_kind))
     views = _VIEWS.get(scene, make=_Views)
     wanted = set(evenly_spaced(len(scene.cameras), config.lifted)) - set(prompted)
     for done, (frame, logits) in enumerate(decoder.propagate() if wanted else ()):
@@ -156,7 +151,7 @@ def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
     Without them rendered colour, place, motion and depth stand in: then only what differs in these is told apart.
     """
     cameras = scene.cameras
-    features = _head_features(scene, backend) if has_looks(scene) else _stand_in_features(scene, backend)
+    features = (_stand_in_features if field_of_looks(scene) is None else _head_features)(scene, backend)
     return FeaturePropagation(features, len(cameras), (cameras.height, cameras.width))
 
 

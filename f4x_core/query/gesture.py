@@ -18,7 +18,7 @@ from ..scene.stage import Cloud, fitted_config
 from .blend_weights import seen_sums
 from .marks import Mark
 from .not_deleted import not_deleted
-from .pixels import coverage_image
+from .pixels import SHOWN, coverage_image
 from .prompts import select_by_evidence
 from .score import THRESHOLD
 from .selection import Selection, fingerprint
@@ -27,8 +27,6 @@ from .shapes import Shape
 SEEN = 0.1
 """Fraction of a Gaussian's light that has to reach the camera for it to count as seen: behind one solid surface hardly any is
 left, while the Gaussians of the surface itself share its light in a few layers."""
-HALF = 0.5
-"""Fraction of a pixel from which on what is marked covers it."""
 COLUMNS = 640
 """Width in pixels, at most, of the picture in which is looked what is seen; Gaussians are many pixels wide or many in number."""
 
@@ -96,7 +94,7 @@ def select_thing(scene: Scene, found: Selection, frame: int, *, around: bool) ->
     `around`: the gesture went around the thing; else it was drawn on it. F4xError where the clip's camera does not see them.
     """
     cameras = scene.cameras
-    covered = coverage_image(scene, found, cameras[frame], float(cameras.times[frame])) > HALF
+    covered = coverage_image(scene, found, cameras[frame], float(cameras.times[frame])) > SHOWN
     if not covered.any():
         raise F4xError("The clip's camera does not see what is marked in this frame; choose another frame or place.")
     return select_by_evidence(scene, [_Covered(frame, True, covered, around, not around)])

@@ -10,7 +10,7 @@ from ..geometry.arrays import evenly_spaced
 from ..progress import Progress, silent
 from ..scene import Scene
 from .blend_weights import lift_masks
-from .pixels import coverage_image
+from .pixels import SHOWN, coverage_image
 from .segmentation import connected_regions
 from .selection import Selection
 
@@ -34,7 +34,7 @@ def leakage(
     if masks is None:
         own: dict[int, np.ndarray] = {}
         for frame in evenly_spaced(len(times), VIEWS):
-            image = coverage_image(scene, selection, scene.cameras[frame], float(times[frame]), backend) > 0.5
+            image = coverage_image(scene, selection, scene.cameras[frame], float(times[frame]), backend) > SHOWN
             own[int(frame)] = largest_region(image)
         masks = own
     held = {frame: mask for frame, mask in masks.items() if selection.holds_at(float(times[frame]))}

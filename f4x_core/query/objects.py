@@ -21,7 +21,7 @@ from .blend_weights import blend_weight_sums, total_blend_weights
 from .connected_objects import connect
 from .kept import Kept
 from .marks import Mark
-from .smoothing import LOOKS_ALIKE
+from .smoothing import LOOKS_ALIKE, field_of_looks
 
 MOVING, STATIC = 1000, 2000
 """Superpoints of moving and of static Gaussians. With so many, labelling superpoints rather than Gaussians costs 0.02 of IoU, and
@@ -293,9 +293,10 @@ def _sights(scene: Scene) -> np.ndarray:
 def _appearance(scene: Scene) -> np.ndarray:
     """(N,C) float32: features of unit length, as far as the scene has any, and weighed colours."""
     colour = COLOUR * np.clip(spherical_harmonics.rgb_from_dc(scene.posed(0.0).sh[:, 0]), 0, 1)
-    if scene.features is None or LOOKS_ALIKE not in scene.features.names:
+    field = field_of_looks(scene)
+    if field is None:
         return colour.astype(np.float32)
-    features = scene.features.decode(LOOKS_ALIKE, scene.latents())
+    features = field.decode(LOOKS_ALIKE, scene.latents())
     features = features - features.mean(0)
     features /= np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-9)
     directions = np.linalg.eigh(features.T @ features)[1][:, -DIRECTIONS:]
@@ -341,9 +342,8 @@ def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def _bonds(place: np.ndarray, appearance: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Bonds (P,P) between neighbours in `place (P,…)`, those if all looked alike, the squared distance of looks of 1/e."""
     far = _squares(place, place)
-    far = np.maximum(
-        far, far.T
-    )  # products of matrices are symmetric but for rounding, which must not decide who is near
+    # A product of matrices is symmetric but for rounding, which must not decide who is near.
+    far = np.maximum(far, far.T)
     np.fill_diagonal(far, np.inf)
     if len(far) < 2:
         return np.zeros(far.shape), np.zeros(far.shape), 1.0

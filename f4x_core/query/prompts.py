@@ -156,7 +156,6 @@ def select_by_evidence(
     threshold: float = THRESHOLD,
     span: tuple[float, float] | None = None,
     *,
-    config: FollowConfig | None = None,
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Selection:
@@ -170,7 +169,7 @@ def select_by_evidence(
     if chosen is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
     frames = sorted({mark.frame for mark in marks})
-    scores = follow_thing(scene, chosen, frames, config or FollowConfig(), backend, progress)
+    scores = follow_thing(scene, chosen, frames, FollowConfig(), backend, progress)
     label = f"prompt at {', '.join(map(str, frames))}"
     label = label if words is None else f"{words.label}, {label}"
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..scene import Scene
-from ..scene.field import FieldHead
+from ..scene.field import FeatureField, FieldHead
 from .blend_weights import total_blend_weights
 from .kept import Kept
 
@@ -45,9 +45,10 @@ STEPS, TOLERANCE = 200, 1e-4
 """Bounds of the conjugate gradients: steps, and the residual relative to the start."""
 
 
-def has_looks(scene: Scene) -> bool:
-    """Whether the scene has features that say what looks alike."""
-    return scene.features is not None and LOOKS_ALIKE in scene.features.names
+def field_of_looks(scene: Scene) -> FeatureField | None:
+    """The scene's feature field, if it has the head that says what looks alike."""
+    field = scene.features
+    return field if field is not None and LOOKS_ALIKE in field.names else None
 
 
 @dataclass(frozen=True, eq=False)
