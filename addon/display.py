@@ -14,7 +14,6 @@ as fast as without edits.
 from __future__ import annotations
 
 import contextlib
-import os
 
 import bpy
 import numpy as np
@@ -24,9 +23,11 @@ from ..f4x_core.edit.apply import Appearance
 from ..f4x_core.edit.description import describe
 from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.errors import F4xError
+from ..f4x_core.troubles import EXPECTED, sentence_of
 from .gaussian_attributes import write_appearance, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
+from .process_exit import end_process
 from .render_settings import ENGINE
 from .scene_object import APART, HIDDEN, SCORE, SELECTED, TIMED, SceneObject, forget
 from .wording import error_line
@@ -35,7 +36,7 @@ GONE, LOOKS = "f4x_gone", "f4x_looks"
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
 _rendering = False
-_failures: dict[int, F4xError] = {}  # session_uid of a root -> why this frame of it could not be worked out
+_failures: dict[int, Exception] = {}  # session_uid of a root -> why this frame of it could not be worked out
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
 
 
@@ -229,7 +230,7 @@ def check_frame(scene: bpy.types.Scene) -> None:
     for root in scene.objects:
         if root.session_uid in _failures and root.get(TIMED):
             failure = _failures[root.session_uid]
-            raise F4xError(str(failure)) from failure
+            raise F4xError(sentence_of(failure)) from failure
 
 
 @persistent
@@ -240,7 +241,7 @@ def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
         before = _failures.pop(root.session_uid, None)
         try:
             _draw_frame(SceneObject(root))
-        except F4xError as error:  # playback goes on with what was drawn last; renders do not
+        except EXPECTED as error:  # playback goes on with what was drawn last; renders do not
             _failures[root.session_uid] = error
             if before is None or before.args != error.args:
                 print(f"Feature4X: {error_line(error)}")
@@ -267,7 +268,7 @@ def _end_wrong_render(scene: bpy.types.Scene) -> None:
             check_frame(scene)
         except F4xError as error:
             print(f"Error: {error_line(error)}", flush=True)
-            os._exit(1)
+            end_process(1)
 
 
 @persistent

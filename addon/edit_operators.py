@@ -38,6 +38,7 @@ from ..f4x_core.edit.telling import told
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
 from ..f4x_core.language.lexicon import plural
+from ..f4x_core.troubles import EXPECTED
 from . import display
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
@@ -350,7 +351,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
         self.sentence = self.sentence or scene_object.state.sentence
         try:
             self.act(context, scene_object)
-        except F4xError:  # the panel shows it, below the sentence; once is enough
+        except EXPECTED:  # the panel shows it, below the sentence; once is enough
             return {"CANCELLED"}
         return {"FINISHED"}
 
@@ -366,7 +367,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
             from ..f4x_core.edit.plan import propose
 
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
-        except F4xError as error:
+        except EXPECTED as error:
             state.answer = error_line(error)
             state.instead = error.instead if isinstance(error, Doubt) else ""
             if ended:
@@ -439,7 +440,7 @@ def _save_along(path: str) -> None:
             if settings is not None and settings.save_edits and not scene_object.is_saved:
                 scene_object.save()
             scene_object.remember()
-        except F4xError as error:  # the .blend keeps the edits, and is saved all the same
+        except EXPECTED as error:  # the .blend keeps the edits, and is saved all the same
             scene_object.state.answer = error_line(error)
 
 

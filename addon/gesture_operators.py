@@ -26,7 +26,6 @@ from .outline import Outline
 from .panel_operators import SceneOperator, require_viewport
 from .panel_properties import MODES
 from .scene_object import SceneObject
-from .wording import refuse
 
 ROUND = 48
 """Corners of a drawn circle."""
@@ -85,10 +84,7 @@ class _Gesture(SceneOperator):
 
     def invoke(self, context, event):
         """Follow the mouse: from where its button was pressed, else from where that will be."""
-        try:
-            require_viewport(context)
-        except F4xError as error:
-            return refuse(self, error)
+        require_viewport(context)
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         self._region, self._outline, self._way = region, Outline(region), []
         if event.type == "LEFTMOUSE" and event.value == "CLICK_DRAG":  # the mouse has moved since it was pressed
@@ -102,19 +98,17 @@ class _Gesture(SceneOperator):
     def modal(self, context, event):
         """Draw the gesture until the button is released."""
         if event.type in {"ESC", "RIGHTMOUSE"}:
-            return self._end(context, {"CANCELLED"})
-        try:
-            if event.type in WHEEL and self.wheel(SceneObject.of(context.object), event.type == "WHEELUPMOUSE"):
-                self._draw(context)
-                return {"RUNNING_MODAL"}
-            if (event.type == "LEFTMOUSE" and event.value == "PRESS") or (self._way and event.type == "MOUSEMOVE"):
-                self._go(context, event.mouse_x, event.mouse_y)
-            elif self._way and event.type == "LEFTMOUSE" and event.value == "RELEASE":
-                self._end(context, {"FINISHED"})
-                with context.temp_override(region=self._region):
-                    return self.execute(context)
-        except F4xError as error:
-            return self._end(context, refuse(self, error))
+            self.let_go(context)
+            return {"CANCELLED"}
+        if event.type in WHEEL and self.wheel(SceneObject.of(context.object), event.type == "WHEELUPMOUSE"):
+            self._draw(context)
+            return {"RUNNING_MODAL"}
+        if (event.type == "LEFTMOUSE" and event.value == "PRESS") or (self._way and event.type == "MOUSEMOVE"):
+            self._go(context, event.mouse_x, event.mouse_y)
+        elif self._way and event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            self.let_go(context)
+            with context.temp_override(region=self._region):
+                return self.execute(context)
         return {"PASS_THROUGH"} if event.type in NAVIGATION and not self._way else {"RUNNING_MODAL"}
 
     def _go(self, context, x: int, y: int) -> None:
@@ -127,11 +121,11 @@ class _Gesture(SceneOperator):
         self._outline.lines = self.lines() if self._way else []
         context.area.tag_redraw()
 
-    def _end(self, context, result: set[str]) -> set[str]:
+    def let_go(self, context) -> None:
+        """Take down what was drawn."""
         self._outline.end()
         context.workspace.status_text_set(None)
         context.area.tag_redraw()
-        return result
 
 
 class _Drawn(_Gesture):

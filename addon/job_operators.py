@@ -18,7 +18,7 @@ from .motion_edits import unwritten
 from .point_cloud import selected_in
 from .preferences import worker_python
 from .scene_object import PATH, SceneObject
-from .wording import refuse
+from .wording import Reporting
 from .worker import RUNNING, Job, core_command
 
 PROFILES = (
@@ -100,15 +100,12 @@ def _add_features(scene_object: SceneObject, path: Path, words: str, options: li
     start_verb(title, done, "distill", path, *options)
 
 
-class _WorkerOperator:
-    """Base of operators that start a job; F4xError becomes a report."""
+class _WorkerOperator(Reporting):
+    """Base of operators that start a job."""
 
     def execute(self, context):
         """Start the job."""
-        try:
-            self.start(context)
-        except F4xError as error:
-            return refuse(self, error)
+        self.start(context)
         return {"FINISHED"}
 
 

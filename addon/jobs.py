@@ -8,7 +8,7 @@ import bpy
 from ..f4x_core.errors import F4xError
 from . import worker
 from .lines import draw_lines
-from .wording import panel_words
+from .wording import Reporting, panel_words
 from .worker import Job
 
 INTERVAL = 0.2
@@ -99,7 +99,7 @@ def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -
                 column.label(text=line[:MAX_LINE_CHARACTERS])
 
 
-class F4X_OT_dismiss_job(bpy.types.Operator):  # noqa: N801 - Blender wants this form
+class F4X_OT_dismiss_job(Reporting, bpy.types.Operator):  # noqa: N801 - Blender wants this form
     """Stop this job and keep what it has done so far. A job that has already ended is removed from the list."""
 
     bl_idname = "f4x.dismiss_job"

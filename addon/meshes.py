@@ -33,6 +33,7 @@ from .point_cloud import selected_in, write_attribute
 from .rig_repair import ORDER, add_pairs
 from .scaffold_rig import NODES, all_nodes
 from .scene_object import SceneObject
+from .wording import Reporting
 from .worker import RUNNING, Job, own_command
 
 TITLE = "Mesh of"
@@ -160,7 +161,7 @@ def _make_active(item: bpy.types.Object) -> None:
         layer.objects.active = item
 
 
-class F4X_OT_collider(bpy.types.Operator):  # noqa: N801
+class F4X_OT_collider(Reporting, bpy.types.Operator):  # noqa: N801
     """Let other things bump into the mesh: a passive rigid body of its own shape, at every frame."""
 
     bl_idname = "f4x.collider"

@@ -16,15 +16,13 @@ from ..f4x_core.scaffold.grab import grab, within_reach
 from . import display
 from .motion_edits import changes, mark_keyed
 from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene
+from .panel_operators import SceneOperator
 from .scaffold_rig import NODE, add_handles, all_nodes, hold, key_moved, nodes_of, read_poses, remove_handles
 from .scene_object import SceneObject
-from .wording import refuse
 
 
-class _MotionOperator(bpy.types.Operator):
-    """Base of operators on the scene of the active object; F4xError becomes a report."""
-
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - read by Blender at registration
+class _MotionOperator(SceneOperator, bpy.types.Operator):
+    """Base of operators on the nodes of the active object's scene."""
 
     @classmethod
     def poll(cls, context):
@@ -37,18 +35,6 @@ class _MotionOperator(bpy.types.Operator):
             cls.poll_message_set(scene_object.why_linked_stays)
             return False
         return context.mode == "OBJECT"
-
-    def execute(self, context):
-        """Call `act` and report an error."""
-        try:
-            self.act(context, SceneObject.of(context.object))
-        except F4xError as error:
-            return refuse(self, error)
-        return {"FINISHED"}
-
-    def act(self, context: bpy.types.Context, scene_object: SceneObject) -> None:
-        """Run the operator."""
-        raise NotImplementedError
 
 
 class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
@@ -101,10 +87,7 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
         """Follow the mouse until a click."""
         if context.area is None or context.area.type != "VIEW_3D":
             return self.execute(context)
-        try:
-            self._grab = _Grab(context, SceneObject.of(context.object), self.reach)
-        except F4xError as error:
-            return refuse(self, error)
+        self._grab = _Grab(context, SceneObject.of(context.object), self.reach)
         self._start = (event.mouse_region_x, event.mouse_region_y)
         context.window_manager.modal_handler_add(self)
         context.area.header_text_set(
@@ -115,9 +98,10 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
     def modal(self, context, event):
         """Update the nodes whenever the mouse moves."""
         if event.type in {"RIGHTMOUSE", "ESC"}:
-            return self._finish(context, {"CANCELLED"})
+            self.let_go(context)
+            return {"CANCELLED"}
         if event.type in {"LEFTMOUSE", "RET", "NUMPAD_ENTER"} and event.value == "PRESS":
-            self._finish(context, {"FINISHED"})
+            self.let_go(context)
             return self.execute(context)
         if event.type in {"WHEELUPMOUSE", "WHEELDOWNMOUSE"}:
             self.reach *= 1.25 if event.type == "WHEELUPMOUSE" else 0.8
@@ -131,10 +115,10 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
             self._grab.show(self.offset)
         return {"RUNNING_MODAL"}
 
-    def _finish(self, context, result):
+    def let_go(self, context):
+        """Put the nodes back where their keys say."""
         context.area.header_text_set(None)
-        context.scene.frame_set(context.scene.frame_current)  # puts the nodes back where their keys say
-        return result
+        context.scene.frame_set(context.scene.frame_current)
 
 
 class _Grab:

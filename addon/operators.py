@@ -8,7 +8,6 @@ import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..f4x_core.errors import F4xError
 from . import packing, viewport
 from .clip_background import doubt, show_clip
 from .import_scene import SOURCE, import_scene
@@ -16,7 +15,7 @@ from .occluders import hide_occluders
 from .panel_operators import SceneOperator
 from .point_cloud import selected_in
 from .scene_object import PATH, SceneObject
-from .wording import refuse
+from .wording import Reporting
 
 PASSING = {"HIDDEN", "SKIP_SAVE"}
 """Options of properties that Blender or a job sets for a single call."""
@@ -28,7 +27,7 @@ def options_for(filepath: str) -> list[str]:
     return ["set_up_render", "clear_view", *(["sequence", "step"] if numbered else []), "clip"]
 
 
-class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blender wants this form
+class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa: N801 - Blender wants this form
     """Import a Feature4X scene with its motion, camera and edits, or Gaussian splats: PLY, .splat, SPZ, glTF, PLY sequences."""
 
     bl_idname = "f4x.import_scene"
@@ -77,16 +76,13 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
     def execute(self, context):
         """Import the chosen file."""
         clip = Path(bpy.path.abspath(self.clip)) if self.clip else None
-        try:
-            root = import_scene(
-                Path(self.filepath or self.directory),
-                set_up_render=self.set_up_render,
-                clip=clip,
-                sequence=self.sequence,
-                step=self.step,
-            )
-        except F4xError as error:
-            return refuse(self, error)
+        root = import_scene(
+            Path(self.filepath or self.directory),
+            set_up_render=self.set_up_render,
+            clip=clip,
+            sequence=self.sequence,
+            step=self.step,
+        )
         if clip is not None:
             _warn_of_clip(self, root)
         for item in selected_in(context.view_layer):
@@ -110,7 +106,7 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
         return self.invoke_popup(context) if self.filepath else super().invoke(context, event)
 
 
-class F4X_OT_show_picture(bpy.types.Operator):  # noqa: N801
+class F4X_OT_show_picture(Reporting, bpy.types.Operator):  # noqa: N801
     """Show this viewport with the Feature4X engine. Solid shading, Blender's default, shows point clouds in grey."""
 
     bl_idname = "f4x.show_picture"
@@ -123,7 +119,7 @@ class F4X_OT_show_picture(bpy.types.Operator):  # noqa: N801
         return {"FINISHED"}
 
 
-class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
+class F4X_OT_choose_clip(Reporting, bpy.types.Operator, ImportHelper):  # noqa: N801
     """Show a video behind the scene, or the folder of the chosen image."""
 
     bl_idname = "f4x.choose_clip"
@@ -150,11 +146,8 @@ class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
         clip = Path(bpy.path.abspath(self.filepath))
         images = clip.parent if clip.suffix.lower() in bpy.path.extensions_image else clip
         scene = context.scene
-        try:
-            show_clip(camera, images, np.arange(scene.frame_start, scene.frame_end + 1))
-            _warn_of_clip(self, root)
-        except F4xError as error:
-            return refuse(self, error)
+        show_clip(camera, images, np.arange(scene.frame_start, scene.frame_end + 1))
+        _warn_of_clip(self, root)
         return {"FINISHED"}
 
 

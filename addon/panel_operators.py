@@ -6,11 +6,11 @@ import bpy
 
 from ..f4x_core.errors import F4xError
 from .scene_object import SceneObject, why_not
-from .wording import refuse
+from .wording import Reporting
 
 
-class SceneOperator:
-    """Mixin: `act(context, scene_object)` does the work; an F4xError from it becomes a report."""
+class SceneOperator(Reporting):
+    """Mixin: `act(context, scene_object)` does the work."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - read by Blender at registration
 
@@ -27,11 +27,8 @@ class SceneOperator:
         raise NotImplementedError
 
     def execute(self, context):
-        """Call `act` and report an error."""
-        try:
-            self.act(context, SceneObject.of(context.object))
-        except F4xError as error:
-            return refuse(self, error)
+        """Call `act`."""
+        self.act(context, SceneObject.of(context.object))
         return {"FINISHED"}
 
 

@@ -14,6 +14,7 @@ from bpy.props import (
 
 from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import F4xError
+from ..f4x_core.troubles import EXPECTED
 from . import display, marking
 from .scene_object import SceneObject
 from .wording import error_line
@@ -45,14 +46,14 @@ def _threshold_moved(self, context) -> None:
 def _sphere_moved(self, context) -> None:
     try:
         marking.follow_sphere(SceneObject(self.id_data))
-    except F4xError as error:
+    except EXPECTED as error:
         self.answer = error_line(error)
 
 
 def _shown_changed(self, context) -> None:
     try:
         display.refresh(SceneObject(self.id_data))
-    except F4xError as error:
+    except EXPECTED as error:
         self.answer = error_line(error)
 
 
@@ -61,7 +62,7 @@ def _preview_changed(self, context) -> None:
         scene_object = SceneObject(self.id_data)
         scene_object.show_preview(scene_object.with_reading() if self.preview else None)
         display.refresh(scene_object)
-    except F4xError as error:
+    except EXPECTED as error:
         self.answer = error_line(error)
 
 

@@ -15,7 +15,7 @@ from bpy.props import BoolProperty, StringProperty
 from ..f4x_core.errors import F4xError
 from ..f4x_core.installation import interpreter_in
 from . import jobs
-from .wording import refuse
+from .wording import Reporting
 from .worker import Job, core_command
 
 PACKAGE = __package__.rpartition(".")[0]
@@ -124,7 +124,7 @@ def show_check(result: dict[str, Any]) -> None:
         raise F4xError(f"{find_interpreter()} has no {', '.join(missing)}; press Set Up, or choose another Python.")
 
 
-class F4X_OT_set_up_worker(bpy.types.Operator):  # noqa: N801
+class F4X_OT_set_up_worker(Reporting, bpy.types.Operator):  # noqa: N801
     """Create a Python environment for the worker and install its packages. Asks before downloading anything."""
 
     bl_idname = "f4x.set_up_worker"
@@ -161,14 +161,11 @@ class F4X_OT_set_up_worker(bpy.types.Operator):  # noqa: N801
         """Start the installation."""
         python = bpy.path.abspath(self.python) or sys.executable
         folder = worker_folder()
-        try:
-            jobs.start(Job(SET_UP, [python, "-m", "f4x_core.installation", str(folder)], _use_made))
-        except F4xError as error:
-            return refuse(self, error)
+        jobs.start(Job(SET_UP, [python, "-m", "f4x_core.installation", str(folder)], _use_made))
         return {"FINISHED"}
 
 
-class F4X_OT_check_worker(bpy.types.Operator):  # noqa: N801
+class F4X_OT_check_worker(Reporting, bpy.types.Operator):  # noqa: N801
     """Check the worker: its version, its packages, and whether its compiled kernels compute correctly."""
 
     bl_idname = "f4x.check_worker"
@@ -179,10 +176,7 @@ class F4X_OT_check_worker(bpy.types.Operator):  # noqa: N801
         settings = preferences()
         if settings is not None:
             settings.checked = ""
-        try:
-            _start_check()
-        except F4xError as error:
-            return refuse(self, error)
+        _start_check()
         return {"FINISHED"}
 
 

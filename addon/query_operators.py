@@ -21,13 +21,13 @@ from ..f4x_core.query.labels import words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
 from ..f4x_core.query.selection import Selection
+from ..f4x_core.troubles import EXPECTED
 from . import display, marking
 from .job_operators import look_up
 from .outline import Outline
 from .panel_operators import SceneOperator, require_viewport
 from .preferences import find_interpreter
 from .scene_object import HIDDEN, SELECTED, SceneObject
-from .wording import refuse
 
 QUICK = FollowConfig(lifted=0)
 """Use the prompted frame only."""
@@ -91,7 +91,7 @@ class _Search(threading.Thread):
         super().__init__(daemon=True)
         self.work, self.fraction, self.stopped = work, 0.0, False
         self.found: Selection | None = None
-        self.error: F4xError | None = None
+        self.error: Exception | None = None
         self.start()
 
     def run(self) -> None:
@@ -100,7 +100,7 @@ class _Search(threading.Thread):
             self.found = self.work(self._look)
         except Cancelled:
             pass
-        except F4xError as error:
+        except EXPECTED as error:
             self.error = error
 
     def _look(self, stage: str, done: int, total: int, message: str = "") -> None:
@@ -150,10 +150,7 @@ class _Prompt(SceneOperator):
 
     def invoke(self, context, event):
         """Start waiting for the mouse."""
-        try:
-            self.require(context)
-        except F4xError as error:
-            return refuse(self, error)
+        self.require(context)
         scene_object = SceneObject.of(context.object)
         self.frame = scene_object.shown.scene.cameras.frame_at(scene_object.frame)
         self._area, self._outline, self._thread = context.area, None, None
@@ -167,13 +164,9 @@ class _Prompt(SceneOperator):
         if self._thread is not None:
             return self._wait(context, event)
         if event.type in {"ESC", "RIGHTMOUSE"}:
-            self._finish(context)
+            self.let_go(context)
             return {"CANCELLED"}
-        try:
-            done = self.handle(context, event)
-        except F4xError as error:
-            self._finish(context)
-            return refuse(self, error)
+        done = self.handle(context, event)
         scene_object = SceneObject.of(context.object)
         if done and scene_object.state.follow:  # that takes many seconds: the window must not stand still
             self._thread = _Search(self._search(scene_object))
@@ -181,7 +174,7 @@ class _Prompt(SceneOperator):
             context.window.cursor_modal_set("WAIT")
             return {"RUNNING_MODAL"}
         if done:
-            self._finish(context)
+            self.let_go(context)
             return self.execute(context)
         navigates = event.type in {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE"}
         return {"PASS_THROUGH"} if navigates else {"RUNNING_MODAL"}
@@ -195,19 +188,19 @@ class _Prompt(SceneOperator):
             context.workspace.status_text_set(f"Tracking through the clip: {search.fraction:.0%}. Press Esc to stop.")
             return {"RUNNING_MODAL"}
         context.window_manager.event_timer_remove(self._timer)
-        self._finish(context)
         if search.error is not None:
-            return refuse(self, search.error)
-        if search.found is None:
-            return {"CANCELLED"}
-        self._take(SceneObject.of(context.object), search.found)
-        return {"FINISHED"}
+            raise search.error
+        if search.found is not None:
+            self._take(SceneObject.of(context.object), search.found)
+        self.let_go(context)
+        return {"CANCELLED"} if search.found is None else {"FINISHED"}
 
     def handle(self, context, event) -> bool:
         """Handle one event; returns True when the prompt is complete."""
         raise NotImplementedError
 
-    def _finish(self, context) -> None:
+    def let_go(self, context) -> None:
+        """Take down what was drawn, and give the cursor back."""
         if self._outline is not None:
             self._outline.end()
             self._outline = None

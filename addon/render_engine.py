@@ -12,10 +12,11 @@ import numpy as np
 from bpy.props import BoolProperty, IntProperty, PointerProperty
 from gpu_extras.presets import draw_texture_2d
 
-from ..f4x_core.errors import Cancelled, F4xError
+from ..f4x_core.errors import Cancelled
 from ..f4x_core.scene import cryptomatte, layers, stage
 from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ..f4x_core.scene.passes import Mist
+from ..f4x_core.troubles import EXPECTED
 from . import display, evaluated, shadows, viewport_gpu
 from .axes import camera_eye, camera_lens, eye
 from .render_settings import ENGINE
@@ -171,7 +172,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             self._render(depsgraph)
         except Cancelled:
             self.update_stats("Feature4X", "cancelled")
-        except F4xError as error:
+        except EXPECTED as error:
             refuse(self, error)
 
     def _render(self, depsgraph):

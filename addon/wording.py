@@ -1,11 +1,12 @@
 """What the core says, as the panels show it: a button in place of a verb or an option, and an error with its code."""
 
 import re
+from collections.abc import Callable
+from functools import wraps
 
 import bpy
 
-from ..f4x_core.errors import F4xError
-from ..f4x_core.troubles import with_code
+from ..f4x_core.troubles import EXPECTED, with_code
 
 _PANEL_WORDS = (
     (r"`?f4x distill [^`.;]*--vocabulary[^`.;]*`?", "Jobs > Add Features, Words"),
@@ -36,12 +37,39 @@ def panel_words(sentence: str) -> str:
     return sentence
 
 
-def error_line(error: F4xError) -> str:
-    """What is shown of an error, wherever a user meets it: its sentence in the panels' words, its code behind it."""
+def error_line(error: BaseException) -> str:
+    """What is shown of an expected error, wherever a user meets it: its sentence in the panels' words, its code behind it."""
     return panel_words(with_code(error))
 
 
-def refuse(operator: bpy.types.Operator | bpy.types.RenderEngine, error: F4xError) -> set[str]:
+def refuse(operator: bpy.types.Operator | bpy.types.RenderEngine, error: BaseException) -> set[str]:
     """Let `operator` report an error; returns what an operator returns that did nothing."""
     operator.report({"ERROR"}, error_line(error))
     return {"CANCELLED"}
+
+
+class Reporting:
+    """Base of all operators: an expected error ends `execute`, `invoke` or `modal` with one report, as `EXPECTED` has it."""
+
+    def __init_subclass__(cls, **options) -> None:
+        super().__init_subclass__(**options)
+        for name in ("execute", "invoke", "modal"):
+            if name in vars(cls):
+                setattr(cls, name, _reporting(vars(cls)[name]))
+
+    def let_go(self, context: bpy.types.Context) -> None:
+        """Give back what `modal` holds of the window; called where an error ends it."""
+
+
+def _reporting(method: Callable) -> Callable:
+    def attempt(operator: Reporting, context: bpy.types.Context, *event: bpy.types.Event) -> set[str]:
+        try:
+            return method(operator, context, *event)
+        except EXPECTED as error:
+            if method.__name__ == "modal":
+                operator.let_go(context)
+            return refuse(operator, error)
+
+    if method.__name__ == "execute":  # Blender counts the arguments
+        return wraps(method)(lambda self, context: attempt(self, context))
+    return wraps(method)(lambda self, context, event: attempt(self, context, event))

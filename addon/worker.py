@@ -20,7 +20,7 @@ from typing import Any, TextIO
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.processes import GRACE, end_tree, start_child
-from ..f4x_core.troubles import code_of_module, coded, with_code
+from ..f4x_core.troubles import EXPECTED, code_of_module, coded, with_code
 
 ROOT = Path(__file__).resolve().parents[1]
 """The extension: a child that starts here finds the extension's own `f4x_core`, whatever its interpreter has installed."""
@@ -165,7 +165,7 @@ class Job:
             if self.on_done is not None:
                 try:
                     self.on_done(self.result)
-                except F4xError as error:
+                except EXPECTED as error:
                     self.state, self.error = FAILED, with_code(error)
         else:
             self._end(FAILED, self.error or self._reason(code))

@@ -13,7 +13,7 @@ from pathlib import Path
 from .errors import Cancelled, F4xError
 from .processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
 from .progress import Progress
-from .troubles import with_code
+from .troubles import EXPECTED, with_code
 
 ROOT = Path(__file__).resolve().parents[1]
 EXTRAS = ("cameras", "features", "endpoint")
@@ -100,7 +100,7 @@ def main(arguments: list[str]) -> int:
         if len(arguments) != 1:
             raise F4xError("name one folder: python -m f4x_core.installation FOLDER")
         python = install(Path(arguments[0]).absolute(), progress)
-    except F4xError as error:
+    except EXPECTED as error:
         progress.tell(error=with_code(error))
         return 2
     except (KeyboardInterrupt, Cancelled):

@@ -6,9 +6,12 @@ and a module may move; its family keeps its code.
 
 from __future__ import annotations
 
+import errno
 import re
 import traceback
 from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
 
 from .errors import F4xError
 
@@ -130,7 +133,7 @@ TROUBLES = (
         "F4X-QUERY",
         "A word, point, box, mask or question finds nothing in this scene, or is not understood.",
         "`f4x info SCENE` lists the words it knows; `--vocabulary` of `f4x distill` adds more.",
-        ("f4x_core.query", "f4x_core.cli.querying"),
+        ("f4x_core.query", "f4x_core.cli.querying", "f4x_core.features.models.prompt"),
     ),
     Trouble(
         "F4X-EDIT",
@@ -219,6 +222,15 @@ TROUBLES = (
 _BY_CODE = {trouble.code: trouble for trouble in TROUBLES}
 _BY_MODULE = {module: trouble.code for trouble in TROUBLES for module in trouble.modules}
 _HAS_CODE = re.compile(r"\[F4X-[A-Z]+\]")
+STOPS = (".", "?", "!", '."', '?"', '!"', ".)", "…")
+"""How a sentence ends that has ended."""
+EXPECTED = (F4xError, OSError, MemoryError)
+"""What an input or a machine can cause; people see one sentence of it. Any other exception is a mistake of the program."""
+CURES = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room there or choose another place"),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "choose another place, or change who may write there"),
+}
+"""What helps against an error of the disk, by its number."""
 
 
 def code_of_module(name: str) -> str:
@@ -232,25 +244,44 @@ def code_of_module(name: str) -> str:
 
 def code_of(error: BaseException) -> str:
     """Code of an exception that was raised: of the first F4xError in its chain, by the innermost module with a family."""
-    if isinstance(error, MemoryError):
-        return "F4X-MEMORY"
-    if isinstance(error, OSError):
-        return "F4X-DISK"
     while isinstance(error.__cause__, F4xError):
         error = error.__cause__
-    modules = [str(frame.f_globals.get("__name__")) for frame, _ in traceback.walk_tb(error.__traceback__)]
-    codes = (code_of_module(name) for name in reversed(modules))
+    if isinstance(error, MemoryError):
+        return "F4X-MEMORY"
+    if isinstance(error, OSError) or (isinstance(error.__cause__, OSError) and error.__cause__.errno in CURES):
+        return "F4X-DISK"
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    codes = (code_of_module(_module_of(frame)) for frame in reversed(frames))
     return next((code for code in codes if code != UNKNOWN), UNKNOWN)
 
 
-def with_code(error: BaseException, sentence: str = "") -> str:
-    """`sentence`, or the error's own, with the code behind it unless another process put one there."""
-    return coded(sentence or str(error), code_of(error))
+def _module_of(frame: FrameType) -> str:
+    """The dotted name of the module that runs in `frame`; a script has that of its folder before its own."""
+    name, file = str(frame.f_globals.get("__name__")), Path(frame.f_code.co_filename)
+    return name if "." in name else f"{file.parent.name}.{file.stem}"
+
+
+def sentence_of(error: BaseException, place: object = "the disk") -> str:
+    """What an expected error says to people; `place` is where the disk failed if the error does not name it."""
+    if isinstance(error, OSError):
+        parts = [str(error.strerror or error), "nothing half-written was left behind", CURES.get(error.errno or 0)]
+        return f"{error.filename or place}: {'; '.join(filter(None, parts))}."
+    if isinstance(error, MemoryError):
+        amount = f" ({error})" if str(error) else ""
+        return f"The memory does not suffice{amount}; use fewer frames or smaller ones."
+    return str(error)
+
+
+def with_code(error: BaseException, place: object = "the disk") -> str:
+    """The sentence of an expected error with the code behind it, unless another process put one there."""
+    return coded(sentence_of(error, place), code_of(error))
 
 
 def coded(sentence: str, code: str) -> str:
-    """The sentence with the code behind it, unless it has one."""
-    return sentence if _HAS_CODE.search(sentence) else f"{sentence} [{code}]"
+    """The sentence, ended by a full stop, with the code behind it, unless it has one."""
+    if _HAS_CODE.search(sentence):
+        return sentence
+    return f"{sentence}{'' if sentence.endswith(STOPS) else '.'} [{code}]"
 
 
 def explain(code: str) -> str:

@@ -5,7 +5,6 @@ A door runs as `python scripts/NAME.py ARGS` (bpy wheel) or
 """
 
 import importlib.util
-import os
 import sys
 import tempfile
 from collections.abc import Callable
@@ -51,17 +50,15 @@ def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
     """Run `main(arguments)` and leave with 0, 2 (one clear sentence) or 1 (traceback).
 
     What `main` returns, or `{"error": sentence}`, is the last line on standard output, as JSON.
-    The process ends in os._exit because bpy 4.5 hangs at interpreter exit while classes are registered.
     """
     load_extension()
-    from feature4x.f4x_core.errors import F4xError
     from feature4x.f4x_core.files import json_text
-    from feature4x.f4x_core.troubles import with_code
+    from feature4x.f4x_core.troubles import EXPECTED, with_code
 
     code = 0
     try:
         result = main(arguments())
-    except F4xError as error:
+    except EXPECTED as error:
         sentence = with_code(error)
         print(f"error: {sentence}", file=sys.stderr)
         result, code = {"error": sentence}, 2
@@ -72,9 +69,23 @@ def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
         result, code = None, 1
     if result is not None:
         print(json_text(result))
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(code)
+    end(code)
+
+
+def end(code: int = 0) -> None:
+    """End the process at once, as a Blender without a window has to."""
+    load_extension()
+    from feature4x.addon.process_exit import end_process
+
+    end_process(code)
+
+
+def end_at_errors() -> None:
+    """Let an exception that nobody catches end the process, too, which hangs otherwise."""
+    load_extension()
+    from feature4x.addon import process_exit
+
+    process_exit.end_at_errors()
 
 
 def start_blender() -> None:
@@ -126,18 +137,21 @@ def save_blend(out: Path, size: int) -> None:
         place.parent.mkdir(parents=True, exist_ok=True)
         bpy.ops.wm.save_as_mainfile(filepath=str(place))
     except (OSError, RuntimeError) as error:
-        reason = refusal(place.parent, size) or " ".join(str(error).split())
-        raise F4xError(f"{out} cannot be written ({reason}); make room there or choose another place.") from error
+        refused = refusal(place.parent, size)
+        reason = refused.strerror if refused else " ".join(str(error).split())
+        raise F4xError(f"{out} cannot be written ({reason}); make room there or choose another place.") from (
+            refused or error
+        )
 
 
-def refusal(folder: Path, size: int) -> str | None:
-    """The reason why `folder` cannot take a file of `size` bytes, else None. Blender reports a full disk as a missing file."""
+def refusal(folder: Path, size: int) -> OSError | None:
+    """Why `folder` cannot take a file of `size` bytes, else None. Blender reports a full disk as a missing file."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(bytes(size))
             file.flush()
     except OSError as error:
-        return error.strerror
+        return error
     return None
 
 

@@ -1,4 +1,4 @@
-"""Shared fixtures. bpy 4.5 hangs at interpreter exit with classes registered, so the run ends with os._exit."""
+"""Shared fixtures, and the end of a run: at once where Blender was imported, which would hang."""
 
 import gc
 import os
@@ -75,6 +75,6 @@ def pytest_sessionfinish(session, exitstatus):
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config):
     if "bpy" in sys.modules:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(getattr(config, "_f4x_exit", 0))
+        from addon.process_exit import end_process
+
+        end_process(getattr(config, "_f4x_exit", 0))

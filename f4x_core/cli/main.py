@@ -4,27 +4,19 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import errno
 import sys
 from collections.abc import Callable
 from typing import Any
 
 from .. import __version__
-from ..errors import Cancelled, F4xError
+from ..errors import Cancelled
 from ..files import json_text
 from ..processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
-from ..troubles import with_code
+from ..troubles import EXPECTED, with_code
 from .checks import output_folder, require_backend, require_folder, require_given, why_slow
 from .terminal import TerminalProgress
 
 EXIT_BAD_INPUT = 2
-ADVICE = {
-    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room there or choose another place"),
-    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "choose another place, or change who may write there"),
-}
-"""What helps against an error of the disk."""
-
-
 AGAIN = {"fit": "; the same command with --resume continues", "batch": "; the same command continues"}
 """Message after Ctrl-C, by verb."""
 
@@ -65,16 +57,9 @@ def main(arguments: list[str] | None = None) -> int:
                 if args.backend == "auto" and (slow := why_slow()):
                     progress.console.print(slow)
             result = find_verb(args.verb)(args, progress)
-    except F4xError as error:
-        return _fail(args, lines, with_code(error), EXIT_BAD_INPUT)
-    except OSError as error:
-        where = error.filename or getattr(args, "output", None) or "the output folder"
-        parts = [str(error.strerror or error), "nothing half-written was left behind", ADVICE.get(error.errno or 0)]
-        sentence = f"{where}: {'; '.join(filter(None, parts))}."
-        return _fail(args, lines, with_code(error, sentence), EXIT_BAD_INPUT)
-    except MemoryError as error:
-        sentence = f"The memory does not suffice ({error}); use fewer frames or smaller ones."
-        return _fail(args, lines, with_code(error, sentence), EXIT_BAD_INPUT)
+    except EXPECTED as error:
+        sentence = with_code(error, getattr(args, "output", None) or "the output folder")
+        return _fail(args, lines, sentence, EXIT_BAD_INPUT)
     except (KeyboardInterrupt, Cancelled):
         again = AGAIN.get(args.verb, "")
         return _fail(args, lines, f"Stopped{again}.", EXIT_INTERRUPTED)

@@ -11,9 +11,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 _BEFORE = """
 import json, os, sys
-sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))  # bpy 4.5 would hang
 sys.path.insert(0, sys.argv[1] + "/scripts")
-import bpy, door
+import door; door.end_at_errors()
+import bpy
 import numpy as np
 from pathlib import Path
 folder, noted, arrays, ops = Path(sys.argv[2]), {}, {}, bpy.ops.f4x
@@ -56,8 +56,7 @@ def values(item, name="position"):
 _AFTER = """
 np.savez(folder / "arrays.npz", **arrays)
 (folder / "noted.json").write_text(json.dumps(noted))
-sys.stdout.flush()
-os._exit(0)
+door.end()
 """
 
 

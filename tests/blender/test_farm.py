@@ -18,24 +18,24 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 
 # What a node does: a Blender with the extension opens the file and renders its range of frames, as `-a` does.
 PACK = """
-import os, sys
-sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))
+import sys
 scripts, blend = sys.argv[1:]
 sys.path.insert(0, scripts)
-import bpy, door
+import door; door.end_at_errors()
+import bpy
 door.start_blender()
 bpy.ops.wm.open_mainfile(filepath=blend)
 bpy.context.view_layer.objects.active = bpy.data.objects["labelled"]
 bpy.ops.f4x.pack_scene()
 bpy.ops.wm.save_mainfile()
-os._exit(0)
+door.end()
 """
 NODE = """
-import os, sys
-sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))  # bpy 4.5 would hang
+import sys
 scripts, blend, out, first, last, kind, engine = sys.argv[1:]
 sys.path.insert(0, scripts)
-import bpy, door
+import door; door.end_at_errors()
+import bpy
 door.start_blender()
 bpy.ops.wm.open_mainfile(filepath=blend)
 bpy.ops.preferences.addon_enable(module="cycles")
@@ -46,7 +46,7 @@ scene.frame_start, scene.frame_end = int(first), int(last)
 scene.render.filepath = out + "/frame_####"
 scene.render.image_settings.file_format = kind
 bpy.ops.render.render(animation=True)
-os._exit(0)
+door.end()
 """
 
 

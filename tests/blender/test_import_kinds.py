@@ -29,7 +29,7 @@ pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 
 CHILD = """
-import json, os, shutil, sys
+import json, shutil, sys
 sys.path.insert(0, sys.argv[1] + "/scripts")
 import bpy, door, numpy as np
 extension = door.load_extension()
@@ -145,8 +145,7 @@ for name in ("other", "edited"):
 told["found"] = str(scene_object.path)
 np.savez(folder / "found.npz", **found)
 (folder / "told.json").write_text(json.dumps(told))
-sys.stdout.flush()
-os._exit(0)
+door.end()
 """
 
 
@@ -289,7 +288,7 @@ def test_a_clip_is_for_one_import(imported):
 def test_drops_have_the_properties_that_blender_fills():
     code = "import sys; sys.path.insert(0, sys.argv[1] + '/scripts'); import bpy, door, os; door.load_extension().register();"
     code += "names = bpy.ops.f4x.import_scene.get_rna_type().properties.keys();"
-    code += "print(sorted({'files', 'directory', 'filepath'} & {*names}), flush=True); os._exit(0)"
+    code += "print(sorted({'files', 'directory', 'filepath'} & {*names}), flush=True); door.end()"
     done = subprocess.run([sys.executable, "-c", code, str(ROOT)], capture_output=True, text=True, timeout=120)
     assert "['directory', 'filepath', 'files']" in done.stdout, done.stderr
 

@@ -18,10 +18,13 @@ pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "scripts" / "import_scene.py"
+DOOR = f"import sys; sys.path.insert(0, {str(SCRIPT.parent)!r}); import door\n"
 
 # What the child does in Blender: open the .blend, play it, and hand back what an artist would see.
-PROBE = """
-import bpy, json, os, sys
+PROBE = (
+    DOOR
+    + """
+import bpy, json
 import numpy as np
 blend, out, frames = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
 bpy.ops.wm.open_mainfile(filepath=blend)
@@ -64,8 +67,9 @@ look("moved")
 r = scene.render
 found["settings"] = np.array([r.resolution_x, r.resolution_y, r.fps / r.fps_base, scene.frame_start, scene.frame_end])
 np.savez(out, **found)
-os._exit(0)
+door.end()
 """
+)
 
 
 def run(*command: str) -> subprocess.CompletedProcess:

@@ -100,7 +100,7 @@ def test_what_fails_after_the_job_is_its_error():
     code = "import json; print(json.dumps({'result': {}}))"
     job = worker.Job("test", [sys.executable, "-c", code], refuse)
     job.wait()
-    assert (job.state, job.error) == (worker.FAILED, "cannot be imported [F4X-INSTALL]")
+    assert (job.state, job.error) == (worker.FAILED, "cannot be imported. [F4X-INSTALL]")
 
 
 @POSIX

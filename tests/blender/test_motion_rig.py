@@ -21,10 +21,10 @@ ROOT = Path(__file__).resolve().parents[2]
 
 # What the child does: an artist's session, step by step. After each it notes where the points are and copies the file.
 CHILD = """
-import json, os, shutil, sys
+import json, shutil, sys
 sys.path.insert(0, sys.argv[1] + "/scripts")
-sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))  # bpy 4.5 would hang
-import bpy, door, numpy as np
+import door; door.end_at_errors()
+import bpy, numpy as np
 extension = door.load_extension()
 extension.register()
 from pathlib import Path
@@ -122,8 +122,7 @@ select(root)
 told["none selected"] = bpy.ops.f4x.grab_nodes.poll()
 np.savez(folder / "found.npz", **found)
 (folder / "told.json").write_text(json.dumps(told))
-sys.stdout.flush()
-os._exit(0)
+door.end()
 """
 
 

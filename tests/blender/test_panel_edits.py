@@ -30,11 +30,11 @@ ROOT = Path(__file__).resolve().parents[2]
 FRAME = 3
 
 CHILD = """
-import os, sys, json
-sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))  # bpy 4.5 would hang
+import sys, json
 root_folder, folder = sys.argv[1], sys.argv[2]
 sys.path.insert(0, root_folder + "/scripts")
-import bpy, door
+import door; door.end_at_errors()
+import bpy
 import numpy as np
 door.load_extension().register()
 from feature4x.addon.scene_object import SceneObject
@@ -137,7 +137,7 @@ np.savez(folder + "/arrays.npz", **arrays)
 with open(folder + "/noted.json", "w") as file:
     json.dump(noted, file)
 print("ALL DONE", flush=True)
-os._exit(0)
+door.end()
 """
 
 

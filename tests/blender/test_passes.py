@@ -25,11 +25,11 @@ ROOT = Path(__file__).resolve().parents[2]
 T = 2
 
 CHILD = """
-import os, sys
-sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))  # bpy 4.5 would hang
+import sys
 root, folder = sys.argv[1], sys.argv[2]
 sys.path.insert(0, root + "/scripts")
-import bpy, door
+import door; door.end_at_errors()
+import bpy
 import numpy as np
 from pathlib import Path
 extension = door.load_extension()
@@ -124,7 +124,7 @@ tree.links.new(node.outputs["Combined"], matte.inputs["Image"])
 tree.links.new(matte.outputs["Matte"], out.inputs["Image"])
 exr("matte")
 print("ALL RENDERED", flush=True)
-os._exit(0)
+door.end()
 """
 
 

@@ -38,7 +38,7 @@ def refused(operator, *how, **options):
         return str(error).removeprefix("Error: ").strip()
     raise AssertionError("it was not refused")
 """
-END = "\nextension.unregister()\nprint('WHOLE', flush=True)\nos._exit(0)\n"
+END = "\nextension.unregister()\nprint('WHOLE', flush=True)\ndoor.end()\n"
 
 
 def blender(code: str, *arguments: str, timeout: float = 120, **environment: str) -> str:
@@ -135,7 +135,7 @@ jobs.bpy = type("bpy", (), {"app": Windowed, "context": bpy.context})
 
 def test_jobs_are_looked_after_by_a_timer():
     code = """
-talk = "import json, sys, time; print(json.dumps({'stage': 'a', 'done': 1, 'total': 2})); sys.stdout.flush(); time.sleep(60)"
+talk = "import json, os, sys, time; print(json.dumps({'stage': 'a', 'done': 1, 'total': 2})); sys.stdout.flush(); time.sleep(60)"
 job = worker.Job("long", [sys.executable, "-c", talk])
 start = time.monotonic()
 jobs.start(job)

@@ -15,10 +15,15 @@ pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 
 CHILD = """
-import os, sys
+import sys
 sys.path.insert(0, sys.argv[1] + "/scripts")
 import bpy, door
 extension = door.load_extension()
+ERRORS = (
+    (OSError(28, "No space left on device", "a.f4x"), "a.f4x: No space left on device; nothing half-written was left"
+     " behind; make room there or choose another place. [F4X-DISK]"),
+    (MemoryError("3 GiB"), "The memory does not suffice (3 GiB); use fewer frames or smaller ones. [F4X-MEMORY]"),
+)
 for _ in range(2):  # registering again after unregistering is what reloading an extension does
     extension.register()
     assert "import_scene" in dir(bpy.ops.f4x)
@@ -28,10 +33,27 @@ for _ in range(2):  # registering again after unregistering is what reloading an
         assert "scene.f4x" in str(error) and "Traceback" not in str(error), error
     else:
         raise AssertionError("an absent file was imported")
+    for error, said in ERRORS:
+        def refuse(*given, **named):
+            raise error
+        operators = sys.modules["feature4x.addon.operators"]
+        kept, operators.import_scene = operators.import_scene, refuse
+        try:
+            bpy.ops.f4x.import_scene(filepath="/some/scene.f4x")
+        except RuntimeError as report:
+            assert str(report).strip() == "Error: " + said, report
+        else:
+            raise AssertionError("an error passed unseen")
+        operators.import_scene = kept
+    registration = sys.modules["feature4x.addon.registration"]
+    Reporting = sys.modules["feature4x.addon.wording"].Reporting
+    operators = [each for each in registration.CLASSES if issubclass(each, bpy.types.Operator)]
+    bare = [each.__name__ for each in operators if not issubclass(each, Reporting)]
+    assert len(operators) > 30 and not bare, bare
     extension.unregister()
     assert "import_scene" not in dir(bpy.ops.f4x)
 print("REGISTERED TWICE", flush=True)
-os._exit(0)
+door.end()
 """
 
 
@@ -43,7 +65,7 @@ def test_register_import_unregister():
 def test_the_core_inside_blender_is_the_extensions_own():
     """Inside Blender the core is a subpackage: nothing may import an installed `f4x_core`."""
     code = "import sys; sys.path.insert(0, sys.argv[1] + '/scripts'); import door; door.load_extension()\n"
-    code += "import feature4x.addon.registration, os; print('f4x_core' in sys.modules, flush=True); os._exit(0)"
+    code += "import feature4x.addon.registration; print('f4x_core' in sys.modules, flush=True); door.end()"
     environment = os.environ | {"PYTHONPATH": ""}
     done = subprocess.run([sys.executable, "-c", code, str(ROOT)], capture_output=True, text=True, env=environment)
     assert done.stdout.strip() == "False", done.stderr

@@ -37,11 +37,11 @@ CAMERAS = {
 }
 
 CHILD = """
-import os, sys
-sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))  # bpy 4.5 would hang
+import sys
 root, folder = sys.argv[1], sys.argv[2]
 sys.path.insert(0, root + "/scripts")
-import bpy, door
+import door; door.end_at_errors()
+import bpy
 import numpy as np
 from mathutils import Matrix
 from pathlib import Path
@@ -182,7 +182,7 @@ bpy.context.scene.camera.data.type = "ORTHO"
 bpy.context.scene.camera.data.ortho_scale = 2.0
 exr("ortho")
 print("ALL RENDERED", flush=True)
-os._exit(0)
+door.end()
 """
 
 

@@ -29,8 +29,9 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 DOORS = ("import_scene.py", "query_scene.py", "edit_scene.py", "render_scene.py", "make_truth.py", "synthetic_clip.py")
 
 # A film of two boxes and a floor: one box moves behind the other; the lens is shifted, pixels are not square.
-SHOT = """
-import bpy, math, os, sys
+SHOT = f"import sys; sys.path.insert(0, {str(SCRIPTS)!r}); import door\n"
+SHOT += """
+import bpy, math
 bpy.ops.wm.read_factory_settings(use_empty=True)
 scene = bpy.context.scene
 def box(name, place, size):
@@ -54,7 +55,7 @@ scene.collection.objects.link(sun)
 scene.render.resolution_x, scene.render.resolution_y, scene.render.pixel_aspect_x = 80, 48, 1.2
 scene.frame_start, scene.frame_end = 10, 13
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
-os._exit(0)
+door.end()
 """
 
 

@@ -15,16 +15,13 @@ pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 
 CODE = """
-import os, sys
+import sys
 sys.path.insert(0, sys.argv[1] + "/scripts")
 import bpy, door
 import numpy as np
 
-def fail(*error):
-    sys.__excepthook__(*error)
-    os._exit(1)  # Blender 4.5 never ends by itself
+door.end_at_errors()
 
-sys.excepthook = fail
 if sys.argv[3] == "5.3":  # as far as an older Blender can be made to look like it
     kinds = (("POINTS", "Points", ""), ("GAUSSIAN_SPLAT", "3D Gaussian Splats", ""))
     bpy.types.PointCloud.type = bpy.props.EnumProperty(items=kinds)
@@ -57,7 +54,7 @@ for cloud in SceneObject(root).clouds:
     seen += len(data.points)
 assert seen == len(scene.ids)
 print("WHOLE", flush=True)
-os._exit(0)
+door.end()
 """
 
 

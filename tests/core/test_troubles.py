@@ -1,7 +1,9 @@
 """Codes of errors: every module that raises has a family, the sentence carries it, and the page explains it."""
 
 import ast
+import errno
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -65,7 +67,45 @@ def test_the_code_is_that_of_the_first_cause_and_stands_once():
     assert code_of(outer) == "F4X-EDIT" and with_code(outer).endswith("[F4X-EDIT]")
     told = F4xError("the worker said so. [F4X-CLIP]")
     assert with_code(told) == "the worker said so. [F4X-CLIP]"
-    assert code_of(OSError()) == "F4X-DISK" and code_of(MemoryError()) == "F4X-MEMORY"
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (
+            OSError(errno.ENOSPC, "No space left on device", "a.f4x"),
+            "a.f4x: No space left on device; nothing half-written was left behind; make room there or choose another place."
+            " [F4X-DISK]",
+        ),
+        (OSError("gone"), "out: gone; nothing half-written was left behind. [F4X-DISK]"),
+        (MemoryError(), "The memory does not suffice; use fewer frames or smaller ones. [F4X-MEMORY]"),
+        (MemoryError("3 GiB"), "The memory does not suffice (3 GiB); use fewer frames or smaller ones. [F4X-MEMORY]"),
+        (F4xError("choose a .f4x file"), "choose a .f4x file. [F4X-OTHER]"),
+        (F4xError("did you mean 'red'?"), "did you mean 'red'? [F4X-OTHER]"),
+        (F4xError('Try: "make it red".'), 'Try: "make it red". [F4X-OTHER]'),
+    ],
+)
+def test_every_expected_error_is_one_sentence_with_a_code(error, line):
+    assert with_code(error, "out") == line
+
+
+def test_a_full_disk_is_the_disk_whoever_says_so(tmp_path, monkeypatch):
+    from f4x_core import files
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(files.os, "replace", full)
+    with pytest.raises(F4xError) as caught, files.replace_file(tmp_path / "a") as file:
+        file.write(b"a")
+    assert code_of(caught.value) == "F4X-DISK"
+
+
+def test_a_script_belongs_to_its_folder():
+    code = compile("raise F4xError('no')", str(ROOT / "scripts" / "door.py"), "exec")
+    with pytest.raises(F4xError) as caught:
+        exec(code, {"F4xError": F4xError, "__name__": "door"})
+    assert code_of(caught.value) == "F4X-BLENDER"
 
 
 def test_the_command_line_ends_its_sentence_with_the_code(tmp_path, capsys):
@@ -111,7 +151,7 @@ def bare_errors(source: str) -> list[int]:
             and "ERROR" in ast.unparse(node.args[0])
         ):
             lines.append(node.lineno)
-        if isinstance(node, ast.ExceptHandler) and node.name and "F4xError" in ast.unparse(node.type):
+        if isinstance(node, ast.ExceptHandler) and node.name and re.search("F4xError|EXPECTED", ast.unparse(node.type)):
             raised = {id(inner) for each in ast.walk(node) if isinstance(each, ast.Raise) for inner in ast.walk(each)}
             lines += [each.lineno for each in ast.walk(node) if id(each) not in raised and shows(each, node.name)]
     return lines
@@ -134,6 +174,7 @@ def test_no_error_is_shown_in_blender_without_its_code(file):
     assert len(lines) == (1 if file.stem == "wording" else 0), lines
 
 
+@pytest.mark.parametrize("caught", ["(F4xError, OSError)", "EXPECTED"])
 @pytest.mark.parametrize(
     "line",
     [
@@ -143,8 +184,8 @@ def test_no_error_is_shown_in_blender_without_its_code(file):
         "print(error)",
     ],
 )
-def test_an_error_without_its_code_would_be_seen(line):
-    assert bare_errors(f"try:\n    work()\nexcept (F4xError, OSError) as error:\n    {line}\n") == [4]
+def test_an_error_without_its_code_would_be_seen(line, caught):
+    assert bare_errors(f"try:\n    work()\nexcept {caught} as error:\n    {line}\n") == [4]
     assert (
         bare_errors("try:\n    work()\nexcept F4xError as error:\n    raise F4xError(f'{error} So.') from error\n")
         == []
