@@ -18,6 +18,13 @@ def path_argument(text: str) -> Path:
     return Path(text)
 
 
+def scene_argument(text: str) -> Path:
+    """The scene that a person gave; the folder of a fit means the scene in it."""
+    path = path_argument(text)
+    inside = path / "scene.f4x"
+    return inside if inside.is_file() else path
+
+
 def output_folder(args: argparse.Namespace) -> Path:
     """The folder that a verb with `-o` writes into; for one that writes a file, where it lies."""
     if args.verb in ("distill", "edit", "bake", "mesh"):

@@ -102,7 +102,7 @@ def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         run_script("import_scene.py", fitted["scene"], str(folder / "scene.blend"))
         made.append("scene.blend")
     seconds = time.perf_counter() - start
-    lines.append(f"{folder}: {', '.join(made)} in {seconds / 60:.1f} minutes")
+    lines.append(f"{folder} holds {', '.join(made)}; all of it took {seconds / 60:.1f} minutes")
     return {
         "output": str(folder),
         "files": made,

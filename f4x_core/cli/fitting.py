@@ -294,9 +294,10 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     scene, figures = keep_measured(folder, scene, metrics, seconds=result.seconds)
     path = folder / "scene.f4x"
     images = render_previews(scene, metrics, config.backend)
-    word = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
+    report = folder / "diagnostics.html"
+    word, verdict = write_diagnostics(report, clip, result, metrics, images)
     summary: dict[str, Any] = {"scene": str(path), "metrics": figures, "quality": word, "needs": list(scene.needs)}
-    lines = [_summary(path, scene, figures)]
+    lines = [_summary(path, scene, figures), f"{verdict} Why, and what you can supply: {report}"]
     for cut in about_cuts(result.priors, clip.picked):
         summary["note"] = f"{cut.what} {cut.advice}"
         lines.append(f"! {summary['note']}")
@@ -318,6 +319,5 @@ def _summary(path: Path, scene: Scene, figures: dict[str, Any]) -> str:
         }
         shown = [f"{title} {figures[name]:.2f} dB" for name, title in also.items() if name in figures]
         lines[-1] += f" ({', '.join(shown)})"
-    lines.append("what the clip needed:")
-    lines += [f"  {row['what']}: {row['chosen']} ({row['evidence']}; saved {row['saved']})" for row in scene.needs]
+    lines.append("what the clip needed: " + "; ".join(f"{row['what']} {row['chosen']}" for row in scene.needs))
     return "\n".join(lines)

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import textwrap
 from typing import Any
 
 from ..edit.apply import open_scene
 from ..progress import Progress
+from ..query.inventory import labels_of
 from ..scene.runs import run_lengths
+
+MARGIN = 11
+"""Characters before what is told of a scene."""
+LINE = 110
+"""Characters of a line with the words that a scene knows."""
 
 
 def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -17,7 +24,11 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if scene.scaffold is not None:
         runs = run_lengths([scene.scaffold.xyz, scene.scaffold.quat, scene.scaffold.certain])
         info["poses"] = {"all": scene.scaffold.certain.size, "kept": len(runs)}
-    return {**info, "text": "\n".join(f"{name + ':':<11}{value}" for name, value in summary(info).items())}
+    info["words"] = labels_of(scene)
+    lines = [f"{name + ':':<{MARGIN}}{value}" for name, value in summary(info).items()]
+    words, title = ", ".join(info["words"]) or "none", f"{'words:':<{MARGIN}}"
+    lines.append(textwrap.fill(words, LINE, initial_indent=title, subsequent_indent=" " * MARGIN))
+    return {**info, "text": "\n".join(lines)}
 
 
 def summary(info: dict[str, Any]) -> dict[str, str]:

@@ -14,11 +14,11 @@ from ..edit.bake import bake
 from ..edit.naming import by_words
 from ..errors import F4xError
 from ..progress import Progress
-from ..query.labels import encode_labels
 from ..scene import Scene
 from ..scene.file import read_scene
 from ..scene.foreign import identify, open_any
 from ..scene.formats.web import PageOptions, write_page
+from .encoding import encoder
 
 
 def run_open(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def run_open(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(f"--degrees {args.degrees:g}: give a number from 0 to below 90.")
     scene = _scene_of(args)
     words = [word.strip() for word in (args.word or "").split(",") if word.strip()]
-    found = by_words(edited(scene), words, encode=encode_labels) if words else {}
+    found = by_words(edited(scene), words, encode=encoder(progress)) if words else {}
     marks = {word: selection.chosen for word, selection in found.items()}
     path = args.write or Path(tempfile.mkdtemp(prefix="f4x_")) / "scene.html"
     write_page(base_of(scene), path, PageOptions(args.degrees, marks))

@@ -11,7 +11,7 @@ from ..errors import F4xError
 from ..fit.distil_config import DistilConfig
 from ..scene.formats import FORMATS
 from ..scene.mesh import MeshConfig
-from .checks import path_argument
+from .checks import path_argument, scene_argument
 from .options import (
     WIDTH,
     Verbs,
@@ -85,7 +85,7 @@ def _priors(verbs: Verbs) -> None:
 def _distill(verbs: Verbs) -> None:
     """`f4x distill`."""
     sub = add_verb(verbs, "distill", "Distil teachers' features into a scene: a latent on it, a head for each.")
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
     sub.add_argument("--teacher", metavar="NAME[,NAME]", help="whose features, see `f4x models list`")
     output_option(sub, "SCENE2", help="write there (default: the scene itself)")
     sub.add_argument(
@@ -111,7 +111,7 @@ def _distill(verbs: Verbs) -> None:
 def _render(verbs: Verbs) -> None:
     """`f4x render`."""
     sub = add_verb(verbs, "render", "Draw a scene along a camera path.")
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
     edits_option(sub)
     output_option(sub, required=True)
     sub.add_argument(
@@ -149,7 +149,7 @@ def _render(verbs: Verbs) -> None:
 def _eval(verbs: Verbs) -> None:
     """`f4x eval`."""
     sub = add_verb(verbs, "eval", "Measure a scene against its clip.")
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
     edits_option(sub)
     sub.add_argument("--clip", type=path_argument, required=True)
     sub.add_argument("--frames", metavar="A:B:S")
@@ -168,7 +168,7 @@ def _eval(verbs: Verbs) -> None:
 def _info(verbs: Verbs) -> None:
     """`f4x info`."""
     sub = add_verb(verbs, "info", "What is in a scene file.")
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
     edits_option(sub)
 
 
@@ -176,7 +176,7 @@ def _export(verbs: Verbs) -> None:
     """`f4x export`."""
     sub = add_verb(verbs, "export", "Write a scene for other programs: PLY, .splat, SPZ, glTF, USD, points.")
     sub.add_argument(
-        "scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat, .spz, .glb) or a folder of numbered PLY"
+        "scene", type=scene_argument, help="a .f4x scene, splats (.ply, .splat, .spz, .glb) or a folder of numbered PLY"
     )
     edits_option(sub)
     output_option(
@@ -198,7 +198,7 @@ def _mesh(verbs: Verbs) -> None:
         "mesh",
         "Write a mesh around a thing, moved by its nodes, for shadows, contact and holdouts in other programs.",
     )
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
     edits_option(sub)
     output_option(sub, "FILE.glb", required=True)
     sub.add_argument(
@@ -228,7 +228,7 @@ def _mesh(verbs: Verbs) -> None:
 def _open(verbs: Verbs) -> None:
     """`f4x open`."""
     sub = add_verb(verbs, "open", "Show a scene in the browser, without Blender: one HTML page that plays.")
-    sub.add_argument("scene", type=path_argument, help="a .f4x scene or splats (.ply, .splat, .spz, .glb)")
+    sub.add_argument("scene", type=scene_argument, help="a .f4x scene or splats (.ply, .splat, .spz, .glb)")
     edits_option(sub)
     sub.add_argument("--write", type=path_argument, metavar="FILE", help="only write the page there")
     sub.add_argument("--word", metavar="WORD[,WORD]", help="buttons that colour what these words mean")
@@ -244,7 +244,7 @@ def _query(verbs: Verbs) -> None:
     sub = add_verb(
         verbs, "query", "Select what words and marks on a frame mean, alone or together: Gaussians and masks."
     )
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
     edits_option(sub)
     prompt_options(sub)
     sub.add_argument("--span", metavar="A:B", help="clip frames in which the selection holds (default: all)")
@@ -258,7 +258,7 @@ def _name(verbs: Verbs) -> None:
     sub = add_verb(
         verbs, "name", "Teach the scene a word: what a click, a box or a mask selects answers to it from then on."
     )
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
     sub.add_argument("word", metavar="WORD", help="letters, digits, spaces, - and _, for example train")
     sub.add_argument("--text", metavar="WORD", help="another word for it; with --click, only what that selects")
     mark_options(sub, "--click")
@@ -268,7 +268,7 @@ def _name(verbs: Verbs) -> None:
 def _ask(verbs: Verbs) -> None:
     """`f4x ask`."""
     sub = add_verb(verbs, "ask", "Ask a scene a question; the answer names who gave it.")
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
     edits_option(sub)
     sub.add_argument("question")
     sub.add_argument(
@@ -285,7 +285,7 @@ def _ask(verbs: Verbs) -> None:
 def _edit(verbs: Verbs) -> None:
     """`f4x edit`."""
     sub = add_verb(verbs, "edit", "Append edits to a scene; what is in its arrays never changes.")
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
     how = sub.add_mutually_exclusive_group(required=True)
     how.add_argument("--say", metavar="SENTENCE", help='what to do, for example "make the dog red from second 2"')
     how.add_argument("--ops", type=path_argument, metavar="FILE", help="JSON: a list of operations")
@@ -313,21 +313,21 @@ def _edit(verbs: Verbs) -> None:
 def _history(verbs: Verbs) -> None:
     """`f4x history`."""
     sub = add_verb(verbs, "history", "The edits of a scene, and what `redo` would bring back.")
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
 
 
 def _undo_redo(verbs: Verbs) -> None:
     """`undo` and `redo`."""
     for name, description in (("undo", "Take back the last edits."), ("redo", "Bring back what was undone last.")):
         sub = add_verb(verbs, name, description)
-        sub.add_argument("scene", type=path_argument)
+        sub.add_argument("scene", type=scene_argument)
         sub.add_argument("--count", type=int, default=1, metavar="N", help="so many edits (default: 1)")
 
 
 def _bake(verbs: Verbs) -> None:
     """`f4x bake`."""
     sub = add_verb(verbs, "bake", "Fold the edits of a scene into the arrays of a new one.")
-    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("scene", type=scene_argument)
     output_option(sub, "SCENE2", required=True)
 
 
@@ -404,7 +404,7 @@ def _doctor(verbs: Verbs) -> None:
     sub.add_argument("code", nargs="?", help="explain this code of an error, such as F4X-CLIP, instead")
     sub.add_argument("--report", action="store_true", help="as Markdown for an issue, without paths and names")
     sub.add_argument(
-        "--scene", type=path_argument, help="with --report: tell the numbers of this scene and its fit, too"
+        "--scene", type=scene_argument, help="with --report: tell the numbers of this scene and its fit, too"
     )
 
 

@@ -23,7 +23,7 @@ from ..files import json_text, replace_file
 from ..progress import Progress
 from ..query.chat import ChatServer
 from ..query.inventory import nearest_there
-from ..query.labels import Encode, encode_labels, words_of
+from ..query.labels import Encode, words_of
 from ..query.marks import Box, Brush, Lasso, Mark, Mask, Point
 from ..query.pixels import coverage_image, heat_map, mask_video
 from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
@@ -33,6 +33,7 @@ from ..query.selection import Selection
 from ..scene import Scene
 from ..scene.posing import require_time
 from ..scene.view import render
+from .encoding import encoder
 from .rendering import times_of, trajectory_of
 
 SELECTION = "selection.json"
@@ -117,19 +118,6 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "evidence": found.evidence,
         "text": f"[{found.answered_by}] {found.text}",
     }
-
-
-def encoder(progress: Progress) -> Encode:
-    """`encode_labels` that reports its start: loading an encoder takes seconds, and only words that the scene lacks need it."""
-
-    def encode(name: str, labels: list[str]) -> np.ndarray:
-        stage = f"reading the text encoder for '{', '.join(labels)}' (once)"
-        progress(stage, 0, 1)
-        vectors = encode_labels(name, labels)
-        progress(stage, 1, 1)
-        return vectors
-
-    return encode
 
 
 def read_masks(folder: Path, scene: Scene) -> dict[int, np.ndarray]:

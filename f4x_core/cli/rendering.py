@@ -20,7 +20,6 @@ from ..files import replace_file
 from ..geometry import trajectory
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress
-from ..query.labels import encode_labels
 from ..query.pixels import coverage_image
 from ..scene import Scene
 from ..scene.foreign import identify, open_any
@@ -28,6 +27,7 @@ from ..scene.formats import choose_format, export
 from ..scene.posing import require_time
 from ..scene.view import COVERED, render
 from ..scene.visualise import colour_depth, colour_motion, depth_range
+from .encoding import encoder
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
 MASK = "mask:"
@@ -99,7 +99,7 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(
             f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(known)},{MASK}LABEL."
         )
-    masks = {name: by_words(scene, [label], encode=encode_labels)[label] for name, label in labels.items()}
+    masks = {name: by_words(scene, [label], encode=encoder(progress))[label] for name, label in labels.items()}
     views, chosen, indices = views_of(args, scene)
     folders = {name: Path(args.output) / file_name(name) for name in channels}
     for folder in folders.values():
@@ -129,11 +129,10 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             for name, image in images.items():
                 videos[name].append(image)
     progress("render", len(indices), len(indices))
-    for name, frames in videos.items():
-        if frames:
-            times = times_of(scene, args.path, indices)
-            write_video(Path(args.output) / f"{file_name(name)}.mp4", np.stack(frames), scene.fps, times)
-    text = f"{args.output}: {len(indices)} frames"
+    films = [f"{file_name(name)}.mp4" for name, frames in videos.items() if frames]
+    for film, frames in zip(films, filter(None, videos.values()), strict=True):
+        write_video(Path(args.output) / film, np.stack(frames), scene.fps, times_of(scene, args.path, indices))
+    text = ", ".join([f"{args.output}: {len(indices)} frames", *films])
     if len(indices) == 0:
         text += f"; {len(chosen)} frames in {args.part.split('/')[1]} parts leave nothing for --part {args.part}"
     return {"frames": len(indices), "output": str(args.output), "text": text}

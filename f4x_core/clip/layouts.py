@@ -5,6 +5,7 @@ is of its kind but broken. What a data set keeps back for measuring is a layout 
 """
 
 import json
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -72,10 +73,13 @@ class Item(NamedTuple):
 
 def find_layout(folder: Path) -> Layout:
     """Return the layout of the clip in `folder`, of whatever data set; raises F4xError when no images are found."""
+    named = Path(os.path.abspath(folder))  # "." has no name
     for layout in (davis, dycheck, nvidia, plain):
-        found = layout(folder)
+        found = layout(named)
         if found is not None:
             return found
+    if not folder.exists():  # asked last: ROOT/NAME of a DAVIS root is a clip that is no folder
+        raise F4xError(f"{folder} does not exist; give a video file or a folder of frames")
     raise F4xError(
         f"{folder} holds no pictures, neither itself nor in images/; give a folder of frames or a video file"
     )

@@ -1,6 +1,5 @@
 """From a path that a person gives to a `Clip`."""
 
-import os
 from collections.abc import Callable
 from functools import partial
 from itertools import islice
@@ -44,7 +43,7 @@ def read_clip(
         raise F4xError(f"--width {width} is too small; give at least 2 pixels")
     if hold_out is not None and hold_out < 2:
         raise F4xError(f"--hold-out {hold_out} would leave no frame to learn from; give 2 or more")
-    layout = None if source.is_file() else find_layout(_existing(source))
+    layout = None if source.is_file() else find_layout(source)
     if layout is None:
         name = source.stem
         indices, pictures, clock, total = _read_video(source, span, width, progress)
@@ -75,13 +74,6 @@ def read_clip(
         if layout and layout.depth
         else None,
     )
-
-
-def _existing(source: Path) -> Path:
-    """Let through what is there, and ROOT/NAME of a DAVIS root, which is not."""
-    if not source.exists() and not (source.parent / "JPEGImages").is_dir():
-        raise F4xError(f"{source} does not exist; give a video file or a folder of frames")
-    return Path(os.path.abspath(source))  # so that "." has a name
 
 
 def frame_indices(frames: str | None, count: int, source: Path | str) -> np.ndarray:

@@ -102,7 +102,7 @@ class ClipStream:
 def reported_frame_count(source: str | Path, frames: str | None = None) -> int:
     """Number of frames that `read_clip` would read, from the metadata of the source; 0 where those do not give it."""
     source = Path(source).expanduser()
-    total = describe(source)[1] if source.is_file() else len(find_layout(source.absolute()).images)
+    total = describe(source)[1] if source.is_file() else len(find_layout(source).images)
     return len(frame_indices(frames, total, source)) if total else 0
 
 
@@ -129,7 +129,7 @@ def survey(
     first, stride, pictures = _opened(source, frames, partial(even_size, new_width=width))
     cuts = find_changes(counted(pictures)).cuts
     progress(STAGE, len(seconds), len(seconds))
-    rate = describe(source)[0] if source.is_file() else find_layout(source.absolute()).fps
+    rate = describe(source)[0] if source.is_file() else find_layout(source).fps
     rate = (rate or DEFAULT_FPS) / stride
     return Survey(first, stride, len(seconds), tuple(cuts.tolist()), rate, np.array(seconds), tick)
 
@@ -147,7 +147,7 @@ def _opened(
             for shown in islice(decode(source), span.start, span.stop, span.step)
         )
         return span.start or 0, span.step or 1, pictures
-    layout = find_layout(source.absolute())
+    layout = find_layout(source)
     indices = frame_indices(frames, len(layout.images), source)
     pictures = (Shown(read_pictures(layout, indices[i : i + 1], size)[0], np.nan, 0.0) for i in range(len(indices)))
     return int(indices[0]), int(indices[1] - indices[0]) if len(indices) > 1 else 1, pictures

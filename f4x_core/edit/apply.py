@@ -156,6 +156,11 @@ class EditedScene(Scene):
         return self.rows.origin
 
     @property
+    def gone(self) -> np.ndarray:
+        """(N,) bool in the order of `posed`: deleted at all times."""
+        return self.rows.gone
+
+    @property
     def rows(self) -> SplatRows:
         """The Gaussians after the last edit."""
         return self._program[1]
@@ -184,9 +189,9 @@ class EditedScene(Scene):
         """The summary of the base, with counts after the edits under `edited`."""
         there = len(super().ids)
         counts = {
-            "gaussians": int((~self.rows.gone).sum()),
+            "gaussians": int((~self.gone).sum()),
             "copies": len(self.ids) - there,
-            "gone": int(self.rows.gone.sum()),
+            "gone": int(self.gone.sum()),
         }
         return {**super().info(), "edited": counts}
 

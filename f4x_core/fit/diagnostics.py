@@ -96,8 +96,8 @@ def write_diagnostics(
     result: FitResult,
     metrics: Mapping[str, Any],
     images: ScenePreviews,
-) -> str:
-    """Write the page atomically; returns its verdict in a word, `advice.quality`.
+) -> tuple[str, str]:
+    """Write the page atomically; returns its verdict: in a word, `advice.quality`, and as the page's first sentence.
 
     Args:
         path: the HTML file.
@@ -137,7 +137,7 @@ def write_diagnostics(
     ]
     with replace_file(path) as file:
         file.write(page.document(clip.name, body))
-    return quality(metrics, found)
+    return quality(metrics, found), verdict(metrics, found)
 
 
 # ---------------------------------------------------------------------------------------------------- words and tables

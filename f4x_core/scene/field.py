@@ -15,6 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import F4xError
+from ..features import missing
 from ..features.pca import Pca
 from ..features.spec import FeatureSpec
 
@@ -167,9 +168,8 @@ class FeatureField:
         for head in self.heads:
             if head.spec.name == name:
                 return head
-        raise F4xError(
-            f"The scene has no head '{name}' (it has {', '.join(self.names) or 'none'});"
-            f" add it with `f4x distill SCENE --teacher {name}`."
+        missing.refuse(
+            f"The scene has no head '{name}' (it has {', '.join(self.names) or 'none'})", f"--teacher {name}"
         )
 
     def spec(self, name: str) -> FeatureSpec:
@@ -183,9 +183,7 @@ class FeatureField:
     def vocabulary(self, encoder: str) -> tuple[tuple[str, ...], np.ndarray]:
         """(labels, (L,dim) float32 unit vectors) of a text encoder; F4xError when the scene has none."""
         if encoder not in self.vocabularies:
-            raise F4xError(
-                f"The scene has no vocabulary for the text encoder '{encoder}'; add one with `f4x distill --vocabulary`."
-            )
+            missing.refuse(f"The scene has no vocabulary for the text encoder '{encoder}'", "--vocabulary WORDS")
         stored = self.vocabularies[encoder]
         return stored.labels, stored.vectors.astype(np.float32)
 

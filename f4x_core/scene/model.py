@@ -15,6 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import F4xError
+from ..features import missing
 from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera, CameraPath
 from ..geometry.interpolation import presence
@@ -284,6 +285,11 @@ class Scene:
         return np.arange(len(self.ids))
 
     @property
+    def gone(self) -> np.ndarray:
+        """(N,) bool in the order of `posed`: deleted by edits at all times."""
+        return np.zeros(len(self.ids), bool)
+
+    @property
     def moving(self) -> np.ndarray:
         """(N,) bool in the order of `posed`: whether a Gaussian moves."""
         return self._constant["dynamic"]
@@ -339,9 +345,7 @@ class Scene:
     def require_field(self, heads: Sequence[str] = ()) -> FeatureField:
         """The feature field; F4xError where there is none, or one of `heads` is missing in it."""
         if self.features is None:
-            raise F4xError(
-                f"{self.name}: the scene has no feature field; add one with `f4x distill SCENE --teacher NAME`."
-            )
+            missing.refuse(f"{self.name}: the scene has no feature field", "--teacher text,visual --clip CLIP")
         for name in heads:
             self.features.head(name)
         return self.features

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,8 +17,8 @@ from PIL import Image
 from toy import clip_and_priors
 
 from f4x_core import __version__
+from f4x_core.cli import doctor, main, terminal
 from f4x_core.cli import fitting as cli_fitting
-from f4x_core.cli import main, terminal
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.fit import pipeline
 from f4x_core.fit.budget import ClipSize
@@ -216,6 +217,22 @@ def test_doctor_names_every_backend(capsys):
     report = json.loads(capsys.readouterr().out)
     assert set(report["backends"]) == {"native", "torch", "gsplat"}
     assert "ms for" in report["backends"]["torch"]
+
+
+def test_doctor_says_what_can_be_done_and_what_is_missing_for_the_rest(capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "version", lambda name: "1.0")
+    assert main(["doctor"]) == 0 and "a fit: ready\nwords, --features text,visual: ready" in capsys.readouterr().out
+
+    def only_torch(name):
+        if name != "torch":
+            raise PackageNotFoundError
+        return "2"
+
+    monkeypatch.setattr(doctor, "version", only_torch)
+    assert main(["doctor"]) == 0
+    *_, fit, words = capsys.readouterr().out.splitlines()
+    assert fit == "a fit: missing; pip install scipy opencv-python-headless av pycolmap"
+    assert "missing; pip install transformers; pip install --no-deps efficientnet-lite-pytorch " in words
 
 
 def test_a_log_tells_when_a_stage_begins_and_of_a_long_one_now_and_then(capsys, monkeypatch):

@@ -99,9 +99,9 @@ def test_page_is_whole_and_self_contained(tmp_path: Path, moving: bool):
     assert frames == [7, 6]
     page = tmp_path / "diagnostics.html"
     worst = {frame: clip.frames[frame] / 255 for frame in frames}
-    word = write_diagnostics(page, clip, result, metrics, ScenePreviews(worst, [made_up_moment(clip)]))
+    word, verdict = write_diagnostics(page, clip, result, metrics, ScenePreviews(worst, [made_up_moment(clip)]))
     text = page.read_text()
-    assert f"The scene is {word}: " in text
+    assert verdict.startswith(f"The scene is {word}: ") and f">{verdict}<" in text
     checker = Checker()
     checker.feed(text)
     assert checker.open == []
@@ -121,17 +121,10 @@ def test_page_survives_missing_priors(tmp_path: Path):
     clip, result, _ = made_up()
     for name in ("depth", "depth_confidence", "motion", "mask", "tracks", "tracks_visible", "tracks_motion"):
         setattr(result.priors, name, None)
-    assert (
-        write_diagnostics(
-            tmp_path / "page.html",
-            clip,
-            replace(result, scene=replace(result.scene, scaffold=None), history=[]),
-            {},
-            ScenePreviews({}),
-        )
-        == ""
-    )
-    assert "The scene was not measured" in (tmp_path / "page.html").read_text()
+    bare = replace(result, scene=replace(result.scene, scaffold=None), history=[])
+    word, verdict = write_diagnostics(tmp_path / "page.html", clip, bare, {}, ScenePreviews({}))
+    assert (word, verdict) == ("", "The scene was not measured.")
+    assert verdict in (tmp_path / "page.html").read_text()
 
 
 def test_pictures_are_the_worst_frames_and_moments_of_used_ones():

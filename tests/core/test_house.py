@@ -1,6 +1,7 @@
 """The house rules that a reader relies on: which room imports which, what stays free of torch, what never runs."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -293,3 +294,12 @@ def test_the_extension_uses_nothing_that_it_leaves_out(file):
     tree = ast.parse(file.read_text(encoding="utf-8"))
     tops = {module.split(".")[0] for _, module in imports(tree, ("addon",))}
     assert not tops & {"benchmarks", "ground_truth", "scripts", "tests"}
+
+
+def test_no_merge_was_left_half_done():
+    folders = ("addon", "benchmarks", "docs", "f4x_core", "ground_truth", "scripts", "tests")
+    kinds = {".py", ".md", ".toml", ".yml", ".cpp", ".hpp", ".js", ".html"}
+    found = [*ROOT.iterdir(), *(file for folder in folders for file in (ROOT / folder).rglob("*"))]
+    texts = [file for file in found if file.suffix in kinds and file.is_file()]
+    markers = re.compile("^(<{7}|>{7}) ", re.MULTILINE)
+    assert len(texts) > 400 and [name_of(file) for file in texts if markers.search(file.read_text("utf-8"))] == []

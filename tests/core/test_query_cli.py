@@ -10,7 +10,7 @@ import pytest
 from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
 from PIL import Image
 
-from f4x_core.cli import distilling, querying
+from f4x_core.cli import distilling, encoding
 from f4x_core.cli.main import main
 from f4x_core.clip import write_images
 from f4x_core.features.spec import FeatureSpec
@@ -173,7 +173,7 @@ def test_of_several_words_those_that_nobody_answers_to_are_told(folder, capsys):
 
 
 def test_compounds_are_what_edits_take_them_for(folder, capsys, monkeypatch):
-    monkeypatch.setattr(querying, "encode_labels", lambda name, labels: np.eye(8, dtype=np.float32)[[0] * len(labels)])
+    monkeypatch.setattr(encoding, "encode_labels", lambda name, labels: np.eye(8, dtype=np.float32)[[0] * len(labels)])
     query = ["query", folder / "scene.f4x", "--text"]
     code, _, err = run(capsys, *query, "toy square")
     assert code == 2 and "lacks 'toy square'" in err

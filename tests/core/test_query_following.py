@@ -317,14 +317,25 @@ def test_scores_of_the_unseen_are_their_neighbours_mean(monkeypatch, known, bloc
 class Edited:
     """A scene after edits: opacities by time, parts with spans or none."""
 
-    def __init__(self, opacities, spans=(None, None)):
-        self.opacities, self.ids, self.base, self.times = opacities, np.arange(len(opacities(0.0))), None, []
-        self.static, self.dynamic = (SimpleNamespace(span=span) for span in spans)
+    def __init__(self, opacities, spans=(None, None), gone=()):
+        self.opacities, self.ids, self.times = opacities, np.arange(len(opacities(0.0))), []
+        self.origin, self.gone, self.fades = self.ids, np.isin(self.ids, gone), any(span is not None for span in spans)
+        self.base = SimpleNamespace(static=Part(spans[0]), dynamic=Part(spans[1]))
         self.cameras = SimpleNamespace(times=np.arange(20.0))
 
     def posed(self, time):
         self.times.append(time)
         return SimpleNamespace(opacities=self.opacities(time))
+
+
+class Part:
+    """A set of Gaussians of which only the spans are known."""
+
+    def __init__(self, span):
+        self.span = span
+
+    def __len__(self):
+        return 0 if self.span is None else len(self.span)
 
 
 def test_deleted_is_whose_opacity_is_0_at_all_checked_times(monkeypatch):
@@ -343,13 +354,25 @@ def test_deleted_is_whose_opacity_is_0_at_all_checked_times(monkeypatch):
 def test_gaussians_of_a_short_life_are_checked_while_they_live(monkeypatch):
     """Between their second and third time, held within the clip; before edits nothing is checked."""
     monkeypatch.setattr(not_deleted, "CHECKED_FRAMES", 2)
-    spans = np.array([[2.0, 3, 4, 5], [-9, -8, 7, 8]]), np.array([[12.0, 13, 99, 100]])
+    spans = np.array([[2.0, 3, 4, 5], [-9, -8, 3, 4], [3, 4, 6, 7]]), np.array([[12.0, 13, 15, 16], [11, 13, 14, 15]])
     scene = Edited(
-        lambda time: np.array([0, float(time == 3), float(time == 4), float(time == 13), float(time in (2, 5, 12))]),
+        lambda time: np.array([0, float(time == 3), float(time == 4), float(time == 14), float(time in (2, 5, 16))]),
         spans,
     )
     assert not_deleted.not_deleted(scene).tolist() == [False, True, True, True, False]
-    assert scene.times == [0, 3, 4, 7, 13, 19]
+    assert scene.times == [0, 19, 0, 3, 4, 6, 13, 14]  # both frames, then early and late moments, some of several lives
     scene = Edited(lambda time: np.zeros(2))
     scene.base = scene
     assert not_deleted.not_deleted(scene).all() and not scene.times
+
+
+def test_thousands_of_short_lives_take_as_few_moments_as_their_lengths_allow():
+    random = np.random.default_rng(0)
+    start = random.uniform(0, 18, 5000)
+    spans = (start[:, None] + (-0.5, 0, 1, 1.5), np.zeros((0, 4)))
+    hidden = Edited(lambda time: np.zeros(5000), spans)
+    assert not not_deleted.not_deleted(hidden).any() and len(hidden.times) < 16 + 2 * 20
+    removed = Edited(lambda time: np.zeros(5000), spans, gone=range(5000))
+    assert not not_deleted.not_deleted(removed).any() and not removed.times
+    inside = Edited(lambda time: ((start <= time) & (time <= start + 1)).astype(float), spans)
+    assert not_deleted.not_deleted(inside).all()

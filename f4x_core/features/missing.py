@@ -1,0 +1,10 @@
+"""What a scene has not learnt from a teacher; the error's family is F4X-FEATURES, whoever asked."""
+
+from typing import NoReturn
+
+from ..errors import F4xError
+
+
+def refuse(missing: str, options: str) -> NoReturn:
+    """Raise F4xError: `missing` says what is not there, `options` of `f4x distill` add it."""
+    raise F4xError(f"{missing}; add it with `f4x distill SCENE {options}`.")
