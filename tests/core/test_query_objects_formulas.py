@@ -118,7 +118,7 @@ def test_no_rows_make_no_groups():
 
 def test_bonds_fall_with_distance_and_with_looks():
     place, looks = RNG.normal(size=(20, 3)), RNG.normal(size=(20, 4))
-    bonds, close, unit = objects._bonds(place, looks)
+    bonds, close, unit = objects._bonds(objects._squares(place, place), looks)
     far = ((place[:, None] - place) ** 2).sum(2)
     np.fill_diagonal(far, np.inf)
     unlike = ((looks[:, None] - looks) ** 2).sum(2)
@@ -133,11 +133,16 @@ def test_bonds_fall_with_distance_and_with_looks():
 
 
 def test_bonds_of_few():
-    bonds, close, unit = objects._bonds(np.array([[0.0], [1.0]]), np.array([[0.0], [2.0]]))
+    bonds, close, unit = objects._bonds(1 - np.eye(2), np.array([[0.0], [2.0]]))
     np.testing.assert_allclose(bonds, np.exp(-2) * (1 - np.eye(2)))
     assert close[0, 1] == pytest.approx(np.exp(-1)) and unit == 4
-    bonds, close, unit = objects._bonds(np.zeros((1, 3)), np.zeros((1, 3)))
+    bonds, close, unit = objects._bonds(np.zeros((1, 1)), np.zeros((1, 3)))
     assert not bonds.any() and not close.any() and unit == 1
+
+
+def always(places):
+    """Tracks of superpoints that are always there."""
+    return objects._Tracks(places, np.ones(places.shape[:2]))
 
 
 def test_pieces_are_what_keeps_its_distances():
@@ -150,8 +155,8 @@ def test_pieces_are_what_keeps_its_distances():
     )
     places = np.concatenate([still, turning])
     near = (np.linalg.norm(places[:, None, 0] - places[:, 0], axis=2) < 1.1) * (1 - np.eye(8))
-    np.testing.assert_array_equal(objects._pieces(places, near), [0, 0, 0, 0, 1, 1, 1, 1])
-    np.testing.assert_array_equal(objects._pieces(places, np.zeros((8, 8))), np.arange(8))
+    np.testing.assert_array_equal(objects._pieces(always(places), near), [0, 0, 0, 0, 1, 1, 1, 1])
+    np.testing.assert_array_equal(objects._pieces(always(places), np.zeros((8, 8))), np.arange(8))
 
 
 @pytest.mark.parametrize(("change", "together"), [(0.305, True), (0.355, False)])
@@ -161,14 +166,46 @@ def test_how_much_a_distance_may_change(change, together):
     places[:, :, 0] = np.arange(8.0)[:, None]
     places[4:, 2, 0] += change
     near = np.eye(8, k=1) + np.eye(8, k=-1)
-    assert objects._pieces(places, near).max() == (0 if together else 1)
+    assert objects._pieces(always(places), near).max() == (0 if together else 1)
 
 
 def test_noise_of_all_neighbours_raises_the_limit():
     places = np.zeros((8, 2, 3))
     places[:, :, 0] = np.stack([np.arange(8.0), np.arange(8.0) * 1.5], 1)  # all gaps change by .5 of 1 to 1.5
     near = np.eye(8, k=1) + np.eye(8, k=-1)
-    assert objects._pieces(places, near).max() == 0
+    assert objects._pieces(always(places), near).max() == 0
+
+
+def test_what_is_absent_keeps_no_distance():
+    """One of two goes away when the other is gone; two that never meet are no neighbours."""
+    places = np.zeros((3, 4, 3))
+    places[:, :, 0] = [[0, 0, 0, 9], [1, 1, 1, 1], [2, 2, 2, 2]]
+    tracks = objects._Tracks(places, np.array([[1.0, 1, 1, 0], [1, 1, 1, 1], [0, 0, 0, 1]]))
+    far = tracks.apart()
+    np.testing.assert_allclose(far, [[0, 1, np.inf], [1, 0, 1], [np.inf, 1, 0]])
+    bonds, near, _ = objects._bonds(far, np.zeros((3, 2)))
+    np.testing.assert_allclose(near, np.exp(-1) * np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]]))
+    np.testing.assert_allclose(bonds, near)
+    row = np.zeros((6, 4, 3))
+    row[:, :, 0] = np.arange(6)[:, None]
+    row[0, 3, 0] = 9
+    gone = np.ones((6, 4))
+    gone[0, 3] = 0
+    chained = np.eye(6, k=1) + np.eye(6, k=-1)
+    assert objects._pieces(objects._Tracks(row, gone), chained).tolist() == [0] * 6
+    assert objects._pieces(always(row), chained).tolist() == [0] + [1] * 5
+    parted = objects._Tracks(places, np.eye(3, 4))
+    assert not objects._bonds(parted.apart(), np.zeros((3, 2)))[1].any()
+
+
+def test_a_superpoint_is_where_those_are_who_are_there():
+    places = np.arange(24.0).reshape(4, 2, 3)
+    presence = np.array([[1.0, 0], [0.5, 0], [0, 1], [0, 0.4]])
+    found = objects._Tracks(places, presence).means(np.array([0, 0, 0, 1]), np.array([1.0, 2, 1, 5]), 2)
+    np.testing.assert_allclose(found.places[0, 0], (places[0, 0] + places[1, 0]) / 2, rtol=0.01)
+    np.testing.assert_allclose(found.places[0, 1], places[2, 1], rtol=0.01)
+    np.testing.assert_allclose(found.places[1], places[3])  # where nobody is there, the absent ones
+    np.testing.assert_array_equal(found.presence, [[1, 1], [0, 1]])
 
 
 def test_cuts_are_the_bonds_that_leave_a_set():
@@ -237,8 +274,8 @@ def test_a_thing_holds_enough_of_what_is_marked():
 def test_doubt_counts_like_blending_in():
     doubt = np.array([0.0, 0.1, 0.8, 0.9])
     marked, against = np.eye(4)[0], np.zeros(4, bool)
-    plain = chain(np.ones(4), [1, 1, 1]).grow(marked, against, doubt)
-    blended = chain(np.ones(4), [1, 1, 1], blend=BLENDING * doubt).grow(marked, against)
+    plain = chain(np.ones(4), [0.5] * 3).grow(marked, against, doubt)
+    blended = chain(np.ones(4), [0.5] * 3, blend=BLENDING * doubt).grow(marked, against)
     np.testing.assert_array_equal(plain, blended)
     np.testing.assert_array_equal(plain, [True, True, False, False])
 
@@ -255,19 +292,19 @@ def test_sums_and_means_over_superpoints():
 def test_the_graph_of_a_scene_is_made_of_these():
     scene = labelled_scene(features=False)
     moving, static = objects.superpoints_of(scene)
-    weights = total_blend_weights(scene, 5, 120) + 1e-4
+    weights = total_blend_weights(scene, 24, 120) + 1e-4
     assert moving.weight.sum() == pytest.approx(weights[scene.moving].sum())
     assert static.weight.sum() == pytest.approx(weights[~scene.moving].sum())
     np.testing.assert_array_equal(static.rows, np.flatnonzero(~scene.moving))
-    posed = [scene.posed(float(scene.cameras.times[frame])).means[scene.moving] for frame in (0, 2, 5)]
-    tracks = np.concatenate(posed, 1) / np.sqrt(3)
-    spread = np.sqrt(np.concatenate(posed, 1).var(0).sum() / 3)
-    looks = objects._appearance(scene)
-    _, _, centres, mine = objects._group(tracks / spread, looks[scene.moving], weights[scene.moving], 1000)
-    bonds, near, unit = objects._bonds(centres, mine)
+    places = np.stack([scene.posed(float(time)).means[scene.moving] for time in scene.cameras.times], 1)
+    places /= np.sqrt(places.var(0).sum() / len(scene.cameras))
+    joint = places[:, [0, 2, 5]].reshape(-1, 9) / np.sqrt(3)
+    looks, light = objects._appearance(scene)[scene.moving], weights[scene.moving]
+    index, mass, _, mine = objects._group(joint, looks, light, 1000)
+    bonds, near, unit = objects._bonds(always(places).means(index, light, len(mass)).apart(), mine)
     np.testing.assert_allclose(moving.bonds, bonds, atol=1e-6)
     np.testing.assert_allclose(moving.near, near, atol=1e-6)
-    far = ((looks[scene.moving][:1] - looks[~scene.moving][:1]) ** 2).sum()  # one colour each
+    far = ((looks[:1] - objects._appearance(scene)[~scene.moving][:1]) ** 2).sum()  # one colour each
     np.testing.assert_allclose(moving.blend, BLENDING * np.exp(-far / unit), rtol=1e-3)
     assert not static.blend.any() and moving.piece.max() == 0 and static.piece is None
 

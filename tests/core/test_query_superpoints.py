@@ -20,7 +20,7 @@ MADE = (21, 26)
 
 
 class MadeUp:
-    """As much of a scene as superpoints need: random places at three times, looks and colours, some out of range."""
+    """As much of a scene as superpoints need: random places and presence, looks and colours, some out of range."""
 
     def __init__(self, seed, static=MADE[1], features=True):
         random = np.random.default_rng(seed)
@@ -28,7 +28,9 @@ class MadeUp:
         self.ids = np.arange(count)
         self.moving = random.permutation(count) < MADE[0]
         # Small numbers: lengths below 1, which a bound must not lift.
-        self.places = {time: 0.03 * random.normal(size=(count, 3)) + (0, 0, 0.1) for time in (0.0, 4.0, 7.0)}
+        self.places = {time: 0.03 * random.normal(size=(count, 3)) + (0, 0, 0.1) for time in np.arange(8.0)}
+        shown = random.random((8, MADE[0])) * (random.random((8, MADE[0])) < 0.5)
+        self.dynamic = SimpleNamespace(presence=lambda time: shown[int(time)])
         self.colours = random.uniform(-0.4, 1.4, (count, 3))
         self.latents = lambda: 0.2 * latents + 0.4
         latents = random.normal(size=(count, 5)) * (2, 1.5, 1, 0.4, 0.3)
@@ -97,13 +99,32 @@ def squares(one, other):
     return np.array([[((a - b) ** 2).sum() for b in other] for a in one])
 
 
-def bonds_by_loops(place, appearance):
-    far, unlike = squares(place, place), squares(appearance, appearance)
-    count = min(objects.NEIGHBOURS, len(place) - 1)
-    reach = [sorted(np.delete(far[i], i))[count - 1] for i in range(len(place))]
-    pairs = [
-        (i, j) for i in range(len(place)) for j in range(len(place)) if i != j and far[i, j] <= max(reach[i], reach[j])
-    ]
+def ways_by_loops(places, presence, index, weights):
+    """(P,T,3) places of groups of `places (n,T,3)`, and (P,T) whether they are there."""
+    ways, there = [], []
+    for k in range(index.max() + 1):
+        own = index == k
+        held = weights[own, None] * (presence[own] + objects.ABSENT)
+        ways.append([np.average(places[own, t], axis=0, weights=held[:, t]) for t in range(places.shape[1])])
+        share = np.average(presence[own], axis=0, weights=weights[own])
+        there.append(share >= objects.THERE * share.max())
+    return np.array(ways), np.array(there)
+
+
+def apart_by_loops(ways, there):
+    far = np.full((len(ways), len(ways)), np.inf)
+    for i, j in np.ndindex(far.shape):
+        if (both := there[i] & there[j]).any():
+            far[i, j] = ((ways[i] - ways[j])[both] ** 2).sum(1).mean()
+    return far
+
+
+def bonds_by_loops(far, appearance):
+    unlike = squares(appearance, appearance)
+    count = min(objects.NEIGHBOURS, len(far) - 1)
+    reach = np.array([sorted(np.delete(far[i], i))[count - 1] for i in range(len(far))])
+    pairs = [(i, j) for i, j in np.ndindex(far.shape) if i != j and far[i, j] <= max(reach[i], reach[j])]
+    pairs, reach = [pair for pair in pairs if np.isfinite(far[pair])], reach[np.isfinite(reach)]
     unit = np.median([unlike[pair] for pair in pairs])
     bonds, near = np.zeros(far.shape), np.zeros(far.shape)
     for pair in pairs:
@@ -238,10 +259,13 @@ def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
     scene = MadeUp(0, static, features)
     moving, rest = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
     looks, weights = objects._appearance(scene), light[: len(scene.ids)] + objects.UNSEEN
-    tracks = np.concatenate([scene.places[time][moving] for time in (0.0, 4.0, 7.0)], 1)
-    spread = math.sqrt(sum(column.var() for column in tracks.T) / 3)  # of a place, as a mean over the times
-    index, weight, centres, mine = group_by_loops(tracks / math.sqrt(3) / spread, looks[moving], weights[moving], 9)
-    bonds, near, unit = bonds_by_loops(centres, mine)
+    places = np.stack([scene.places[time][moving] for time in range(8)], 1)
+    places /= math.sqrt(sum(column.var() for column in places.reshape(-1, 24).T) / 8)  # of a place: mean over times
+    joint = np.concatenate([places[:, time] for time in (0, 4, 7)], 1) / math.sqrt(3)
+    index, weight, _, mine = group_by_loops(joint, looks[moving], weights[moving], 9)
+    presence = np.stack([scene.dynamic.presence(time) for time in range(8)], 1)
+    far = apart_by_loops(*ways_by_loops(places, presence, index, weights[moving]))
+    bonds, near, unit = bonds_by_loops(far, mine)
     blend = np.zeros(len(mine))
     if static:
         away = [row - scene.cameras[4].center for row in scene.places[4.0][rest]]
@@ -262,7 +286,7 @@ def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
     np.testing.assert_array_equal(static_ones.rows, rest)
     if static:
         np.testing.assert_array_equal(static_ones.index, groups)
-        bonds, near, _ = bonds_by_loops(sights, standing)
+        bonds, near, _ = bonds_by_loops(squares(sights, sights), standing)
         for name, values in {"weight": mass, "bonds": bonds, "near": near, "blend": np.zeros(7)}.items():
             np.testing.assert_allclose(getattr(static_ones, name), values, rtol=1e-4, atol=1e-7, err_msg=name)
 
@@ -317,18 +341,18 @@ def test_bonds_lead_to_neighbours_that_look_alike(monkeypatch, count, neighbours
     monkeypatch.setattr(objects, "NEIGHBOURS", neighbours)
     random = np.random.default_rng(count)
     place, looks = random.normal(size=(count, 3)), 0.1 * random.normal(size=(count, 4))
-    bonds, near, unit = objects._bonds(place, looks)
-    expected, expected_near, expected_unit = bonds_by_loops(place, looks)
+    bonds, near, unit = objects._bonds(objects._squares(place, place), looks)
+    expected, expected_near, expected_unit = bonds_by_loops(squares(place, place), looks)
     np.testing.assert_allclose(bonds, expected, atol=1e-12)
     np.testing.assert_allclose(near, expected_near, atol=1e-12)
     assert unit == pytest.approx(expected_unit)
-    np.testing.assert_allclose(objects._bonds(1e-3 * place, looks)[0], expected, atol=1e-9)
+    np.testing.assert_allclose(objects._bonds(1e-6 * objects._squares(place, place), looks)[0], expected, atol=1e-9)
 
 
 def test_one_superpoint_alone_has_no_bonds():
-    bonds, near, unit = objects._bonds(np.ones((1, 3)), np.ones((1, 4)))
+    bonds, near, unit = objects._bonds(np.zeros((1, 1)), np.ones((1, 4)))
     assert bonds.tolist() == near.tolist() == [[0]] and unit == 1
-    assert objects._bonds(np.eye(3), np.ones((3, 4)))[2] < 1e-6  # equal looks: any difference would count
+    assert objects._bonds(1 - np.eye(3), np.ones((3, 4)))[2] < 1e-6  # equal looks: any difference would count
 
 
 SIZE = (12, 20)
@@ -509,7 +533,8 @@ def test_pieces_are_what_keeps_its_distances():
     places = np.concatenate([turned, leaves, [[[9, 9, 9]] * 3]])
     near = np.zeros((5, 5))
     near[[0, 1, 1, 2, 2, 3], [1, 0, 2, 1, 3, 2]] = 1
-    assert objects._pieces(places, near).tolist() == [0, 0, 0, 1, 2]
-    assert objects._pieces(places[:1], np.zeros((1, 1))).tolist() == [0]
+    tracks = objects._Tracks(places, np.ones((5, 3)))
+    assert objects._pieces(tracks, near).tolist() == [0, 0, 0, 1, 2]
+    assert objects._pieces(objects._Tracks(places[:1], np.ones((1, 3))), np.zeros((1, 1))).tolist() == [0]
     shaken = places + 0.3 * np.random.default_rng(0).normal(size=places.shape)
-    assert len(set(objects._pieces(shaken, near)[:3])) == 1  # noise is no motion
+    assert len(set(objects._pieces(tracks._replace(places=shaken), near)[:3])) == 1  # noise is no motion
