@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import count, product
 from typing import Any
 
 from ..errors import F4xError
@@ -91,7 +91,8 @@ class Reading:
     """Words of a label or name -> as it is spelled."""
     longest: int = 1
     """Words of the longest of them."""
-    memo: dict[tuple[int, int], Ways] = field(default_factory=dict)
+    memo: dict[int, Ways] = field(default_factory=dict)
+    """Number of a rule plus a word -> the ways to match it there."""
     barred: frozenset[int] = frozenset()
     """Ids of the frames that are not asked, because what they made of the sentence cannot be."""
     farthest: int = 0
@@ -111,19 +112,28 @@ class Reading:
         return " ".join(self.sentence[self.tokens[start].start : self.tokens[end - 1].end].split())
 
 
+_NUMBERS = count(step=1 << 20)
+"""Numbers of rules, farther apart than a sentence has words."""
+
+
 class Rule:
     """Something that can be matched at a word."""
 
-    def __init__(self, match: Callable[[Reading, int], Ways]):
-        self.match = match
+    def __init__(self, match: Callable[[Reading, int], Ways], first: frozenset[str] | None = None):
+        """`first`: the words that every match begins with one of; None where that is not known, or a match may be empty."""
+        self.match, self.first, self.number = match, first, next(_NUMBERS)
 
     def at(self, reading: Reading, at: int) -> Ways:
         """The ways to match at word `at`, best first."""
-        key = (id(self), at)
-        if key not in reading.memo:
-            reading.memo[key] = {}  # a rule that asks for itself at the same word has no match there
-            reading.memo[key] = self.match(reading, at)
-        return reading.memo[key]
+        if self.first is not None and reading.word(at) not in self.first:  # most rules at most words
+            reading.farthest = max(reading.farthest, at)
+            return {}
+        memo, key = reading.memo, self.number + at
+        ways = memo.get(key)
+        if ways is None:
+            memo[key] = {}  # a rule that asks for itself at the same word has no match there
+            ways = memo[key] = self.match(reading, at)
+        return ways
 
     def __add__(self, other: Rule) -> Rule:
         """Both, one after the other."""
@@ -135,7 +145,7 @@ class Rule:
                     ways.setdefault(end, values + more)
             return ways
 
-        return Rule(match)
+        return Rule(match, self.first)
 
     def __or__(self, other: Rule) -> Rule:
         """Either; this one is preferred."""
@@ -157,7 +167,7 @@ class Rule:
                     continue
             return ways
 
-        return Rule(match)
+        return Rule(match, self.first)
 
 
 class Refusal(F4xError):  # noqa: N818  # nothing went wrong
@@ -221,7 +231,7 @@ def table(entries: Mapping[str, Any], *, reserve: bool = True, words_of: set[str
         reading.farthest = max(reading.farthest, at)
         return ways
 
-    return Rule(match)
+    return Rule(match, frozenset(by_first))
 
 
 def keyword(spec: str) -> Rule:
@@ -287,7 +297,7 @@ NOTHING = Rule(lambda reading, at: {at: ()})
 
 def silent(rule: Rule) -> Rule:
     """The rule without its values."""
-    return Rule(lambda reading, at: dict.fromkeys(rule.at(reading, at), ()))
+    return Rule(lambda reading, at: dict.fromkeys(rule.at(reading, at), ()), rule.first)
 
 
 def either(*rules: Rule) -> Rule:
@@ -296,10 +306,12 @@ def either(*rules: Rule) -> Rule:
     def match(reading: Reading, at: int) -> Ways:
         ways: Ways = {}
         for rule in rules:
-            ways = _union(ways, rule.at(reading, at))
+            for end, values in rule.at(reading, at).items():
+                ways.setdefault(end, values)
         return ways
 
-    return Rule(match)
+    begins = [rule.first for rule in rules if rule.first is not None]
+    return Rule(match, frozenset().union(*begins) if len(begins) == len(rules) else None)
 
 
 def unless(rule: Rule) -> Rule:

@@ -139,7 +139,15 @@ def misspelt(word: str, known: Iterable[str]) -> str | None:
     if len(word) < 4:  # of short words only those with two letters swapped
         return next((other for other in sorted(known) if other != word and sorted(other) == sorted(word)), None)
     allowed = 1 if len(word) < 7 else 2
-    near = ((slips(word, other), other) for other in known if len(other) > 3 and abs(len(other) - len(word)) <= allowed)
+    letters = {*word}  # a slip brings one letter at most that the other word lacks
+    alike = (
+        other
+        for other in known
+        if len(other) > 3
+        and abs(len(other) - len(word)) <= allowed
+        and len(letters.difference(other)) <= allowed >= len({*other} - letters)
+    )
+    near = ((slips(word, other), other) for other in alike)
     return min((pair for pair in near if 0 < pair[0] <= allowed and _typed(word, pair[1])), default=(0, None))[1]
 
 

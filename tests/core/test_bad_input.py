@@ -10,6 +10,8 @@ import subprocess
 import sys
 import time
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ import pytest
 from PIL import Image
 from warped_clip import texture
 
+from f4x_core import page
 from f4x_core.cli import main
 from f4x_core.cli import main as cli_main
 from f4x_core.cli.terminal import TerminalProgress
@@ -41,6 +44,12 @@ def short_quick():
 @pytest.fixture(autouse=True)
 def fast(monkeypatch):
     monkeypatch.setitem(fit_config.PROFILES, "quick", short_quick)
+
+
+@pytest.fixture
+def bare_page(monkeypatch):
+    """Diagnostics without charts, half of what so short a fit takes; tests of odd clips draw them."""
+    monkeypatch.setattr(page, "svg", lambda figure: "<svg/>")
 
 
 def filmed(frames: int = 6, slide: float = 0.0, post: float = 0.0, speed: float = 3.0) -> np.ndarray:
@@ -316,6 +325,7 @@ def test_a_wrong_file_in_the_priors_folder_is_named_in_full(tmp_path, capsys, fi
     assert f"{file} holds no positive depth" in refuses(capsys, "fit", fitted[0], "-o", tmp_path / "out")
 
 
+@pytest.mark.usefixtures("bare_page")
 def test_holes_in_given_depth_and_some_tracks_outside_do_no_harm(tmp_path, capsys, fitted):
     depth = np.full((6, HEIGHT, WIDTH), 2, np.float32)
     depth[:, :20], depth[:, 20:25], depth[2, 25:30], depth[3, 25:30] = np.nan, 0, -1, np.inf
@@ -352,6 +362,7 @@ def test_an_unreadable_mask_is_named(tmp_path, capsys, fitted):
     assert "004.png" in refuses(capsys, "fit", fitted[0], "-o", tmp_path / "out", "--masks", folder)
 
 
+@pytest.mark.usefixtures("bare_page")
 @pytest.mark.parametrize("share", [pytest.param(0, marks=pytest.mark.slow), 0.3, 1])
 def test_masks_of_another_resolution_are_used_whatever_they_cover(tmp_path, capsys, fitted, share):
     masks = np.zeros((6, 2 * HEIGHT, 2 * WIDTH), np.uint8)
@@ -441,25 +452,21 @@ def test_writing_where_nothing_can_be_written_is_one_sentence(tmp_path, capsys, 
 
 # ------------------------------------------------------------------------------------------------------------ full disk
 
-LIMITED = f"""
-import resource, sys
-sys.path[:0] = [{str(ROOT)!r}, {str(ROOT / "tests" / "core")!r}]
-from f4x_core.cli import main
-from f4x_core.fit.config import PROFILES
-from test_bad_input import short_quick
-PROFILES["quick"] = short_quick
-limit = int(sys.argv[1])
-resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-sys.exit(main(sys.argv[2:]))
-"""
+
+@contextmanager
+def disk_of(limit: int) -> Iterator[None]:
+    """A disk on which no file may grow beyond `limit` bytes: the system refuses what is more, as a full one does."""
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def run_limited(limit: int, *arguments) -> subprocess.CompletedProcess:
-    """The command line in a process whose files may not grow beyond `limit` bytes: what a full disk looks like."""
-    command = [sys.executable, "-c", LIMITED, str(limit), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True)
-
-
+@pytest.mark.usefixtures("bare_page")
 @pytest.mark.skipif(os.name == "nt", reason="no such limits there")
 @pytest.mark.parametrize(
     ("limit", "words"),
@@ -472,22 +479,21 @@ def run_limited(limit: int, *arguments) -> subprocess.CompletedProcess:
 def test_a_full_disk_stops_the_fit_with_one_sentence_and_can_be_resumed(tmp_path, capsys, fitted, limit, words):
     clip, whole = fitted
     out = tmp_path / "out"
-    stopped = run_limited(limit, "fit", clip, "-o", out, *FAST)
-    assert stopped.returncode == 2, stopped.stderr
-    assert len(stopped.stderr.strip().splitlines()) == 1 and "File too large" in stopped.stderr
-    assert words in stopped.stderr and not unfinished(tmp_path)
+    with disk_of(limit):
+        sentence = refuses(capsys, "fit", clip, "-o", out, *FAST[:-1])
+    assert "File too large" in sentence and words in sentence and sentence.endswith("[F4X-DISK]")
+    assert not unfinished(tmp_path)
     fit(capsys, clip, out, "--resume")
     assert arrays_of(out / "scene.f4x") == arrays_of(whole / "scene.f4x")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no such limits there")
 @pytest.mark.parametrize(("limit", "channels"), [(1_500, "rgb"), (9_000, "rgb,depth")])
-def test_a_full_disk_while_rendering_leaves_whole_frames_and_counts_them(tmp_path, fitted, limit, channels):
+def test_a_full_disk_while_rendering_leaves_whole_frames_and_counts_them(tmp_path, capsys, fitted, limit, channels):
     out = tmp_path / "out"
-    stopped = run_limited(limit, "render", fitted[1] / "scene.f4x", "-o", out, "--channels", channels, "--json")
-    assert stopped.returncode == 2, stopped.stderr
-    assert len(stopped.stderr.strip().splitlines()) == 1 and str(out) in stopped.stderr
-    assert "0 of 6 frames were written completely" in stopped.stderr
+    with disk_of(limit):
+        sentence = refuses(capsys, "render", fitted[1] / "scene.f4x", "-o", out, "--channels", channels)
+    assert str(out) in sentence and "0 of 6 frames were written completely" in sentence
     assert not [path for path in out.rglob("*") if path.is_file()]
 
 
@@ -525,7 +531,7 @@ def press_at(monkeypatch, wanted: str, share: float = 0.5) -> None:
     monkeypatch.setattr(sys.modules[cli_main.__module__], "TerminalProgress", Pressed)
 
 
-@pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.usefixtures("ctrl_c", "bare_page")
 def test_ctrl_c_in_each_stage_then_resume_gives_the_uninterrupted_scene(tmp_path, capsys, monkeypatch, fitted):
     clip, whole = fitted
     out = tmp_path / "out"
@@ -541,7 +547,7 @@ def test_ctrl_c_in_each_stage_then_resume_gives_the_uninterrupted_scene(tmp_path
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.usefixtures("ctrl_c", "bare_page")
 @pytest.mark.parametrize("stage", [pytest.param("motion", marks=pytest.mark.slow), "photometric"])
 def test_ctrl_c_then_the_same_command_again_starts_over(tmp_path, capsys, monkeypatch, fitted, stage):
     clip, whole = fitted
@@ -552,7 +558,7 @@ def test_ctrl_c_then_the_same_command_again_starts_over(tmp_path, capsys, monkey
     assert arrays_of(tmp_path / "out" / "scene.f4x") == arrays_of(whole / "scene.f4x")
 
 
-@pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.usefixtures("ctrl_c", "bare_page")
 def test_a_second_ctrl_c_is_answered_at_once(tmp_path, capsys, monkeypatch, fitted):
     """Even in the middle of a step: then the last checkpoint is what remains."""
     clip, whole = fitted
@@ -574,7 +580,7 @@ def test_a_second_ctrl_c_is_answered_at_once(tmp_path, capsys, monkeypatch, fitt
     assert arrays_of(tmp_path / "out" / "scene.f4x") == arrays_of(whole / "scene.f4x")
 
 
-@pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.usefixtures("ctrl_c", "bare_page")
 def test_ctrl_c_while_rendering_leaves_whole_pictures(tmp_path, capsys, monkeypatch, fitted):
     press_at(monkeypatch, "render")
     assert refuses(capsys, "render", fitted[1] / "scene.f4x", "-o", tmp_path / "r", code=130) == "Stopped."
@@ -584,7 +590,7 @@ def test_ctrl_c_while_rendering_leaves_whole_pictures(tmp_path, capsys, monkeypa
         Image.open(file).load()
 
 
-@pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.usefixtures("ctrl_c", "bare_page")
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 def test_a_real_process_killed_or_interrupted_at_any_moment_resumes_bit_equal(tmp_path, fitted):

@@ -1,0 +1,50 @@
+"""Rules that know the words they begin with, and words that are one slip away: shortcuts that change no answer."""
+
+import random
+
+import pytest
+
+from f4x_core.language import lexicon
+from f4x_core.language.grammar import Reading, Rule, constant, either, optional, silent, table, tokenise
+
+COLOUR = table({"red|dark red": "r", "blue": "b"}, words_of=set())
+THE = table({"the|a": None}, words_of=set())
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        (COLOUR, {"red", "dark", "blue"}),
+        (THE + COLOUR, {"the", "a"}),
+        (either(THE, COLOUR), {"the", "a", "red", "dark", "blue"}),
+        (COLOUR >> str.upper, {"red", "dark", "blue"}),
+        (silent(THE), {"the", "a"}),
+        (~THE, None),
+        (~THE + COLOUR, None),
+        (optional(THE), None),
+        (THE | constant(1), None),
+        (Rule(lambda reading, at: {at: ()}), None),
+    ],
+)
+def test_a_rule_knows_the_words_it_begins_with(rule, words):
+    assert rule.first == words
+
+
+@pytest.mark.parametrize("sentence", ["the dark red", "dark dark", "a", "", "blue the red", "green"])
+@pytest.mark.parametrize("rule", [COLOUR, THE + COLOUR, either(THE + COLOUR, COLOUR), ~THE + (COLOUR >> str.upper)])
+def test_where_a_rule_cannot_begin_it_has_no_match_and_was_asked_all_the_same(rule, sentence):
+    for at in range(len(sentence.split()) + 1):
+        asked, matched = (Reading.of(sentence, tokenise(sentence), {}) for _ in range(2))
+        assert rule.at(asked, at) == rule.match(matched, at)
+        assert asked.farthest == matched.farthest
+
+
+def test_the_misspelt_word_is_found_among_all():
+    rng, letters = random.Random(0), "abcd"
+    known = {"".join(rng.choices(letters, k=rng.randint(4, 9))) for _ in range(300)}
+    for _ in range(60):
+        word = "".join(rng.choices(letters + "x", k=rng.randint(4, 9)))
+        allowed = 1 if len(word) < 7 else 2
+        pairs = [(lexicon.slips(word, other), other) for other in known]
+        near = [pair for pair in pairs if 0 < pair[0] <= allowed and lexicon._typed(word, pair[1])]
+        assert lexicon.misspelt(word, known) == min(near, default=(0, None))[1]
