@@ -190,15 +190,14 @@ DELETING = (
 )
 SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
 OUT = keyword(
-    "out|away|off|out of [there|here|sight]|from sight|from view|[out of|from] [the|this] (whole"
+    "out|away|off|[off|out of] [the|this] [screen|picture|frame|shot|scene|video|view]|out of [there|here|sight]|from "
+    "sight|from view|[out of|from] [the|this] (whole"
     "|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture"
     "|video|clip|image|shot|frame]"
 )
 _delete, _extract = always(making.deleted), always(making.extracted)
 _command("remove everything except the dog", DELETING, _extract, who=everything_but, use=NAMED)
-_command(
-    "remove the car", DELETING, _delete, itself="go away|be gone|go|not be there|not be visible|get lost", use=NAMED
-)
+_command("remove the car", DELETING, _delete, itself="go away|be gone|not be there|not be visible|get lost", use=NAMED)
 _command("take the car out", SPLIT, _delete, "out", use=NAMED, out=OUT)
 KEEPING = "keep|show|show me|leave|retain|have|display|see|preserve|let me see"
 ONLY = keyword("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
@@ -244,7 +243,8 @@ FULL_TURN = table(
         "(a) half (a) [turn|rotation|spin|circle|revolution]|u turn|a 180": 180.0,
         "(a) quarter (of a) [turn|rotation|spin|circle]|(a) right angle": 90.0,
         "(a) three quarter turn|three quarters of a turn": 270.0,
-        "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution]|(a) [turn|spin|rotation|360]|full 360": 360.0,
+        "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution]|a [turn|spin|rotation]|(a) 360|full "
+        "360": 360.0,
         "two (full) [turns|rotations|spins]": 720.0,
         "three (full) [turns|rotations|spins]": 1080.0,
     },
@@ -338,7 +338,8 @@ TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 # Time
 _motion = either(whose("motion|motions|movement|movements|action|animation"), thing)
 STILL = keyword(
-    "still|in place|in [the|its|his|her|their] tracks|in mid [air|flight|jump|step|stride|motion"
+    "still|in place|mid [air|flight|jump|step|stride|motion|run]|in [the|its|his|her|their] tracks|in mid "
+    "[air|flight|jump|step|stride|motion"
     "|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing"
     " still|there"
 )
@@ -362,6 +363,7 @@ _command(
     "|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
     values=_values(
         number + keyword("x") >> making.retimed,
+        keyword("at") + percent >> making.retimed,
         ~keyword("in|at") + qualities.pace,
         qualities.backward,
         keyword("in") + _coloured,

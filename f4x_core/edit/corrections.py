@@ -102,8 +102,9 @@ def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[st
         return
     named, at = [], 0
     while at < len(remark.tokens):
-        end = max(familiar.at(remark, at), default=at)
+        end = max((*familiar.at(remark, at), *known_thing.at(remark, at)), default=at)
         named += [remark.text_of(at, end)] if end > at else []
         at = max(end, at + 1)
     if len(named) == 1:  # of two, "it" may be either
-        yield f"the {named[0]}: {match['command']}"
+        article = "" if re.match(r"(?:the|that|this|these|those|my|our|all|every)\b", named[0]) else "the "
+        yield f"{article}{named[0]}: {match['command']}"

@@ -20,6 +20,7 @@ from ..language.amounts import (
     number,
     percent,
     steps,
+    stops,
 )
 from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
 from ..language.colours import colour, colourish
@@ -36,7 +37,7 @@ from ..language.grammar import (
     unless,
 )
 from ..language.lexicon import every_form
-from ..language.times import TimeExpression, duration
+from ..language.times import TimeExpression, duration, span
 from ..language.verbs import any_form
 from . import making, qualities
 from .commands import (
@@ -91,8 +92,10 @@ ADDS_NOTHING = either(
     WISHES,
     COMMENTS,
     literal(
-        "[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|"
-        "must to|to|wants to|want to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|have])|"
+        "[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|is "
+        "to|are to|"
+        "must to|to|wants to|want to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end "
+        "up|have])|"
         "[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
     ),
     literal(
@@ -110,7 +113,7 @@ _joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
 _led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "with") else {})
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
-    "something like|something in|something|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|"
+    "something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|"
     "picture|postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|"
     "classic|nice|solid|"
     "some|for|but|but in|be of|from"
@@ -127,7 +130,8 @@ _noun_of_colour = either(
     + colour
     + literal("color|paint|shade|coat|hue|coat of paint|paint job|version|one|variant|lacquer|dye|tone|tones|colors")
     >> making.assigned,
-    literal("the color") + colour >> making.assigned,
+    ~literal("with|in|to|of|as") + ~literal("the|a") + literal("color") + ~literal(":|=|of|to|is|being") + colour
+    >> making.assigned,
     ~literal("with|in") + literal("some") + colour >> making.assigned,
 )
 _instead_of = ~(
@@ -173,7 +177,8 @@ _pace_of = either(
     ~literal("at|with|in|to") + (percent | multiple | number + literal("x")) + literal("speed|pace|tempo")
     >> making.retimed,
     multiple + table({"slower": -1, "faster": 1}) >> (lambda x, way: making.retimed(x if way > 0 or x < 1 else 1 / x)),
-    literal("slow mo|slowmo|slo mo|slomo|slow motion|in slow mo") >> (lambda: making.retimed(0.5)),
+    literal("(on|in|at|a) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]")
+    >> (lambda: making.retimed(0.5)),
     literal("in fast forward|fast forward|fast motion|in fast motion|time lapse|timelapse")
     >> (lambda: making.retimed(2.0)),
 )
@@ -227,7 +232,7 @@ _quality = either(
 )
 _becoming = literal(any_form("become", "match"))
 _about = ~literal("of|for|on|to|in|with|around|about|onto|over|at|from|upon|into|through|across|all over")
-_whom = ~literal("but|and") + ~literal("only|just|only for|just for|only with") + _about + thing
+_whom = ~literal("but") + ~literal("only|just|only for|just for|only with") + _about + thing
 _frame(
     "the dog, in red",
     as_given,
@@ -297,8 +302,9 @@ _QUALITIES = {
 _way = table(
     {
         any_form("more")
-        + "|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|greater|bigger": True,
-        any_form("less") + "|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer": False,
+        + "|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|greater|"
+        "bigger": True,
+        any_form("less") + "|out|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer": False,
     },
     reserve=False,
 )
@@ -328,6 +334,12 @@ _to_value = (
 """What a quality comes to."""
 
 
+def _made(value: Value | None) -> Value:
+    if value is None:
+        raise Mismatch
+    return value
+
+
 def _changed(
     quality: Any,
     way: bool | None = None,
@@ -341,7 +353,10 @@ def _changed(
     if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
         if (how, to, too, times) != (None, None, None, None):
             raise Mismatch
-        to, how = (level, None) if way is None else (None, Amount("fraction", level))
+        if level > 1 and (way, particle) != (None, None):  # 150 % more is rarely meant
+            raise Mismatch
+        to, how = (level, None) if way is None and particle is None else (None, Amount("fraction", level))
+        way = particle if way is None else way
     if particle is not None and particle is not way:
         raise Mismatch
     if times is None and how is not None and how.kind == "times" and way is too is to is None:
@@ -349,23 +364,85 @@ def _changed(
     if times is not None:
         if (way, too, to) != (None, None, None):
             raise Mismatch
-        return quality(times)
+        return _made(quality(times))
     if to is not None and quality in (making.opacity, _transparent) and to > making.SHOWN:
         to /= 100
     if to is not None:
         if (way is not None and how is not None) or to > making.SHOWN:
             raise Mismatch
-        return making.opacity(1 - to) if quality is _transparent else quality(to)
+        return making.opacity(1 - to) if quality is _transparent else _made(quality(to))
     upward = way if way is not None else too
     if upward is None:
         raise Mismatch
-    value = quality(factor(how, upward))
-    if value is None:
+    return _made(quality(factor(how, upward)))
+
+
+_LEAST_PERCENTS = 5
+"""Numbers from this on are percents: "contrast 20", "scale 1.5"."""
+
+
+def _percents(x: float) -> float:
+    """A number of a slider from 0 to 100, or a factor below 5; Mismatch for others."""
+    if x > 100:
         raise Mismatch
-    return value
+    return x if x < _LEAST_PERCENTS else x / 100
 
 
 _set = literal(any_form("set"))
+_frame(
+    "the dog, half a stop up",
+    lambda way, by: making.brightened(factor(by, way)),
+    "way by",
+    who=_whom,
+    verb=_set,
+    way=table(
+        {
+            "[raise|lift|push|bring|expose|pull|open] up|up|over|brighter|lighter|more|raise|lift|push|+|higher": True,
+            "[drop|pull|bring|knock|take] [down|back]|down|under|darker|dimmer|less|drop|lower|back|-": False,
+        },
+        reserve=False,
+    ),
+    by=~literal("by|a") + stops,
+)
+_frame(
+    "crush the blacks of the dog",
+    lambda verb, tones, how=None: making.contrasted(factor(how, verb is tones)),
+    "verb tones",
+    who=_about + thing,
+    use=WHOLE,
+    verb=table(
+        {
+            "[lift|lifts|lifting|raise|raising|brighten|brightening|boost|boosting|open up|bring up|push up|bring "
+            "out|blow out]": False,
+            "[crush|crushing|deepen|deepening|darken|darkening|lower|lowering|drop|dropping|pull down|bring "
+            "down|press|sink]": True,
+            "[recover|tame|bring down|pull back|tone down|soften]": True,
+        },
+        reserve=False,
+    ),
+    tones=~literal("the|its|all the")
+    + table(
+        {
+            "blacks|darks|lows|shadows|black point|black level|dark tones": True,
+            "whites|highlights|highs|white point": False,
+        },
+        reserve=False,
+    ),
+    how=amount,
+    more=literal("a bit|more|down|up|out"),
+)
+_frame(
+    "blacker blacks",
+    always(making.contrasted(factor(None, True))),
+    "tones",
+    who=_about + thing,
+    use=WHOLE,
+    tones=~literal("the")
+    + literal(
+        "blacker blacks|deeper blacks|darker blacks|darker shadows|whiter whites|blacks [blacker|deeper|darker]|whites "
+        "[whiter|brighter]"
+    ),
+)
 _frame(
     "increase the dog by 10 percent",
     lambda way, how: making.scaled(factor(how, way)),
@@ -383,14 +460,15 @@ _frame(
     "the brightness of the dog, up by 20 %",
     _changed,
     "quality",
-    who=_whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
+    who=_whom + ~literal("only|alone") | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
     use=WHOLE,
     verb=_set,
-    quality=~literal("the|a|'s|some|of|overall|the overall|in")
+    quality=~literal("the|a|'s|some|of|in")
+    + ~literal("overall|whole|entire|general")
     + table(_QUALITIES, reserve=False)
     + ~literal("level|value|slider|amount|setting"),
     way=_way,
-    level=percent,
+    level=percent | number + unless(literal("x|times|stop|stops")) >> _percents,
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | literal("way") >> (lambda: Amount("large")),
     to=_to_value,
     particle=table({"up": True, "down": False}, reserve=False),
@@ -405,6 +483,7 @@ _SIDES: dict[str, tuple[Any, bool | None]] = {
     "shrink": (making.scaled, False),
     "quicken": (making.retimed, True),
     "slow": (making.retimed, False),
+    "pace": (making.retimed, None),
     "saturate": (making.saturated, True),
     "desaturate": (making.saturated, False),
     "mute": (_muted, False),
@@ -418,6 +497,14 @@ _until = (
     + multiple
     + literal("as [big|tall|large|high|long|wide|small|fast|bright]")
 )
+
+
+_no_noun = Rule(
+    lambda reading, at: (
+        {} if reading.word(at - 1) in ("half", "the", "its", "of", "x", "%", "percent", "times", "double") else {at: ()}
+    )
+)
+"""Where "speed" may be a verb: not in "half speed"."""
 
 
 def _more(verb: Any, how: Amount | None = None, to: float | None = None, fully: bool = False) -> Value:
@@ -445,11 +532,12 @@ _frame(
     "the dog should be brightened a bit",
     _more,
     "verb",
-    who=_whom | literal("things|the action|the pace|the playback|all of it") >> (lambda: lambda context: All()),
+    who=_whom
+    | literal("things|time|the time|the action|the pace|the playback|all of it") >> (lambda: lambda context: All()),
     verb=either(
         *(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items()),
         *(
-            silent(table({every_form(head): None})) + constant(made)
+            _no_noun + silent(table({every_form(head): None})) + constant(made)
             for head, made in (("speed", _SIDES["quicken"]), ("blow|puff|bump", _SIDES["enlarge"]))
         ),
     ),
@@ -505,9 +593,11 @@ _frame(
     verb=literal(
         any_form("delete")
         + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|"
-        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away)|bye bye|"
+        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away)|bye "
+        "bye|"
         "goodbye|no more|no longer [want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|"
-        "[i|we] do not [want|like|need] (to [see|have])|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
+        "[i|we] do not [want|need] (to [see|have])|[i|we] do not like to [see|have]|[i|we] can not stand|[i|we] "
+        "hate|[i|we] am [tired|sick] of"
     ),
     out=OUT
     | literal(
@@ -522,8 +612,9 @@ _frame(
     "verb",
     who=_whom | _about + whose("visibility|display"),
     verb=literal(
-        any_form("hide") + "|away|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"
+        any_form("hide") + "|away|off|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"
     ),
+    switch=literal(every_form("switch|turn|toggle|flip|shut")),
     fully=literal("from [view|sight]|completely|entirely|fully|totally|for good|permanently"),
 )
 _frame(
@@ -533,13 +624,19 @@ _frame(
     who=_whom,
     use=NAMED,
     verb=literal(
-        any_form("keep", "isolate") + "|want|be left|stay|remain|remains|left|lift|lift out|visible|there|in it"
+        any_form("keep", "isolate")
+        + "|standing|want|be left|stay|remain|remains|left|lift|lift out|visible|there|in it"
     ),
     only=~literal("on")
     + literal(
-        "[i|we] (only|just) [want|need] (to see) only|[i|we] [only|just] [want|need|would like] (to see)|"
+        any_form("isolate")
+        + "|[i|we] (only|just) [want|need] (to see) only|[i|we] [only|just] [want|need|would like] (to see)|"
         "only|just|nothing but|solely|nothing except|alone|on [its|his|her|their] own|by itself|all by itself|"
-        "isolated|isolate|isolating|solo|soloed|nothing else|and nothing else|no one else|and nobody else|exclusively"
+        "soloed|nothing else|and nothing else|no one else|and nobody else|exclusively"
+    ),
+    on=literal(
+        "[on|onto|over|against] (a|an) (plain|empty|blank|black|white|transparent|clean) "
+        "[background|black|nothing|alpha]|with alpha"
     ),
     rest=~_joined + literal(any_form("delete", "hide")) + silent(everything_else)
     | silent(everything_else)
@@ -593,7 +690,8 @@ _frame(
     who=_whom,
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     around=literal(
-        "around|(to|in|into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|looks|"
+        "around|(to|in|into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] "
+        "[faces|looks|"
         "points] the other way|backward|"
         "about|away|away from us|away from the camera|[its|his|her|their] back (to|toward|on) (us|me|the camera|the viewer)"
     )
@@ -626,6 +724,14 @@ _frame(
     who=_whom,
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     sense=_sense | table({"left": -1, "right": 1}, reserve=False),
+    how=degree,
+)
+_frame(
+    "the dog, tilted a little",
+    _turned,
+    "verb how",
+    who=_whom,
+    verb=_TURNING,
     how=degree,
 )
 _frame(
@@ -662,7 +768,8 @@ _moving = literal(
 )
 _ground = literal(
     "(all the way) (down) [to|onto|until|till|toward] (it [touches|reaches|hits]) [the|its] [ground|floor|bottom]|"
-    "[in|into] the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] "
+    "[in|into] the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] "
+    "[ground|floor|water|place|spot]|[into|in] "
     "the [air|sky]|a step|from where [it|he|she] is|"
     "from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away from its place"
 )
@@ -685,7 +792,7 @@ _frame(
     "place",
     who=_for_it + there_already,
     verb=_moving,
-    place=~literal("over|right|back|directly|straight|to|somewhere") + place,
+    place=~literal("over|right|back|directly|straight|to|somewhere|down|up") + place,
 )
 _frame(
     "the dog, raised by half its height",
@@ -704,7 +811,9 @@ _frame(
 # Copies
 _times = either(
     number + ~literal("x|times"),
-    literal("another|one more|a second|an extra|a new|a further|an additional|one other|a") >> (lambda: 1.0),
+    literal("another|one more|a second|an extra|a new|a further|an additional|one other|a")
+    + unless(literal("shade|tone|color|look|kind|version of"))
+    >> (lambda: 1.0),
     literal("x") + number,
     table({"once": 1.0, "twice": 2.0, "two times": 2.0, "thrice": 3.0}),
 )
@@ -803,7 +912,8 @@ _frame(
     trail=~literal("a|an|some|the|that|which|who")
     + ~literal("fading|ghostly|faint|transparent|soft|see through")
     + literal(
-        "trail|trails|motion trail|ghost trail|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|"
+        "trail|trails|[motion|ghost|light] [trail|trails]|streaks|motion "
+        "streaks|ghosting|echoing|trailing|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|"
         "onion skinning|" + any_form("follow") + "|echo effect"
     ),
     copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
@@ -818,7 +928,7 @@ _frame(
     times=~literal("of|with") + _times,
     verb=literal(any_form("leave")),
     behind=literal(
-        "behind it|behind him|behind her|after it|behind itself|behind|it|him|her|the original|the first (one)|"
+        "behind it|behind him|behind her|after it|behind itself|behind|it|itself|him|her|the original|the first (one)|"
         "the real one"
     ),
     shift=SHIFT
@@ -983,16 +1093,18 @@ _frame(
     "verb",
     who=_whom,
     verb=literal(any_form("vanish") + "|fade out on|a fade out"),
-    inward=table(
+    inward=unless(silent(span))  # "faded out in the last second"
+    + table(
         {
-            "in|into view|in from nothing|in from black": True,
+            "in|up|into view|in from nothing|in from black": True,
             "out|away|from view|to nothing|to zero|into nothing|completely": False,
         },
         reserve=False,
     ),
     by=literal("to") + (percent | fraction),
     gone=literal(
-        "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|vanishes]|"
+        "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] "
+        "[disappears|vanishes]|"
         "until nothing is left|into thin air|more and more"
     )
     >> (lambda: True),
@@ -1014,7 +1126,10 @@ _frame(
     use=NAMED,
     who=_whom,
     verb=literal("do|it|that|this|make it|apply it|apply that|go on|continue|and"),
-    again=literal("too|as well|also|the same|same|likewise|the same thing|same thing|the same way|same again"),
+    again=literal(
+        "[do|apply|repeat] [that|this|it] (again) (but) [with|for|to|on]|too|as well|also|the same|same|likewise|the "
+        "same thing|same thing|the same way|same again"
+    ),
 )
 _untouched = literal(
     "alone|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|"
@@ -1051,7 +1166,8 @@ _frame(
         "shape|position|place|speed|look|brightness]|nothing else|nobody else|no one else|nothing more|that is all|that is "
         "it|only that|nothing other than that|"
         "keep the rest|keep everything else|leave the rest|leave everything else|the rest stays (as it is)|"
-        "(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|"
+        "(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run "
+        "again] (again|"
         "as before)|"
         "(then) [it|he|she] [goes|continues|moves|runs|carries|may go|can go] [on|again|as before]|"
         "then (back to) normal|then back|i mean it|not more|not less|that is enough"

@@ -6,7 +6,7 @@ Every word has to be accounted for; one that is not makes the whole sentence a `
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher, get_close_matches
@@ -22,12 +22,14 @@ from ..language.grammar import (
     NOTHING,
     VOCABULARY,
     Doubt,
+    Matches,
     Mismatch,
     Reading,
     Refusal,
     Rule,
     Token,
     bag,
+    covers,
     either,
     keyword,
     listed,
@@ -39,7 +41,7 @@ from ..language.grammar import (
     tokenise,
     unless,
 )
-from ..language.leaving_out import leaving_out
+from ..language.idle import EMPTY, UNKNOWN, idle_gaps
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, SYNONYMS, inflected, misspelt, singular, stated, word_set
 from ..language.paraphrases import in_order, paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
@@ -51,7 +53,7 @@ from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_clip, is_of_a_picture
 from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Transform
-from .phrases import SentenceContext, When, besides, familiar, thing, together, whose
+from .phrases import SentenceContext, When, besides, familiar, several_placed, thing, together, whose
 from .qualities import any_look, effect
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
@@ -81,19 +83,22 @@ _slowly = ~keyword(",") + table(
         "|steadily|over time|more and more|step by step|"
         "(in) a gradual way|easing in and out|easing in|easing out|with "
         "(a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
-        "with soft ends|eased|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth": True
+        "with soft ends|eased|(with) (an) ease in and out|(with) easing|eased in and out|nice and "
+        "[smooth|smoothly|slow|slowly|gradual]|(nice and) smooth": True
     }
 )
 _between = keyword("and|,|, and|but|while|, but|, while|and also")
 _afterward = keyword(
-    "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, after that"
+    "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, "
+    "after that"
 )
 _modal = keyword(
     "should|must|shall|ought to|has got to|have got to|should rather|has to|have to|needs to|need to|is to|are to|will|is "
     "supposed to|are supposed to|had better"
 )
 _want = keyword("i|we") + keyword(
-    "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love to see"
+    "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would "
+    "love to see"
 )
 _let = keyword("let|have|make|get")
 
@@ -174,7 +179,7 @@ _SOFT, _HARD = (
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
 _ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
 _polite = keyword("please|could|can") | ASKS
-_POLITE_BEFORE = 4
+_POLITE_BEFORE = 8
 """Words within which a request begins: "okay, now could you"."""
 _about_whom = literal("as for|about|regarding|concerning|focus on|concentrate on|take|look at|with|for|now")
 _topic = thing + keyword(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
@@ -186,44 +191,131 @@ _loose_topic = _topic | thing + literal(",|-|->|=>|=") + _pronoun_follows >> (
 _loose_topic = _loose_topic | _about_whom + thing + keyword(",|:|and|-") >> (lambda who: Clause(TOPIC, ({"who": who},)))
 
 
-def _in_any_order(frame: Command) -> Rule:
-    """The clauses of a frame: its slots and whom it is for in any order, with words between that add nothing."""
-    slots = {"who": frame.who, **frame.slots, "when": _when, "slowly": _slowly, "besides": besides}
-    needed = frame.needed | (frozenset() if frame.use.bare or frame.use.whole else {"who"})
-
-    def clause(filled: dict[str, Any]) -> Clause:
-        try:
-            if frame.make not in (REMARK, AGAIN):
-                frame.make(**_arguments(filled))
-        except Refusal as refusal:
-            raise Mismatch from refusal
-        return Clause(frame, (filled,))
-
-    rule = bag(slots, needed, ADDS_NOTHING) >> clause
-    return Rule(lambda reading, at: {} if id(frame) in reading.barred else rule.at(reading, at))
-
-
 _number_of_item = ~literal("step|part|item|task|edit|point|number|no|#") + (
     number + either(sign(")"), keyword(".|:"))
 ) | literal("step|part|item|task|edit|point") + number + ~keyword(",")
-_framed = either(*map(_in_any_order, FRAMES))
-_FRAMED = frozenset(map(id, FRAMES))
-_loose_clause = either(
-    _clause, _framed, span + ~keyword(",|:") + _framed >> (lambda front, clause: clause._replace(front=front))
-)
 _loose_separator = either(_separator + ~silent(_number_of_item), silent(_number_of_item) >> (lambda *_: True))
-_loose_sentence = (
+_loose_start = (
     ~keyword("and")
     + _ends
     + ~silent(_number_of_item)
     + ~literal("first|to begin with|to start with|for starters")
     + optional(_loose_topic)
-    + listed(_loose_clause, _loose_separator)
-    + _ends
 )
+_ONE_MORE, _RUN_ON = 2, 12
+"""Costs of a command behind another, and of one with nothing between."""
+_any_order: list[tuple[Command, dict[str, Rule], frozenset[str]]] = [
+    (
+        frame,
+        {"who": frame.who, **frame.slots, "when": _when, "slowly": _slowly, "besides": besides},
+        frame.needed | (frozenset() if frame.use.bare or frame.use.whole else {"who"}),
+    )
+    for frame in FRAMES
+]
+"""Frames, their slots, which stand in any order with idle words between, and those without which they are not meant."""
+_FRAMED = frozenset(map(id, FRAMES))
+_front = span + ~keyword(",|:")
+
+
+class Found(NamedTuple):
+    """A clause, or several with their separators, and what their idle words cost."""
+
+    cost: float
+    clauses: tuple[Any, ...]
+    idle: tuple[int, ...] = ()
+
+
+class _Loosely:
+    """The ways to read a sentence with idle words."""
+
+    def __init__(self, reading: Reading, known: Collection[str]):
+        """`known`: last words of labels."""
+        self.reading, self.end = reading, len(reading.tokens)
+        self.gaps = idle_gaps(reading, ADDS_NOTHING, known, COMMAND_VERBS)
+        fitting = [(frame, needed, self._matches(slots)) for frame, slots, needed in _any_order]
+        self.frames = [
+            (order, frame, needed, matches)
+            for order, (frame, needed, matches) in enumerate(fitting)
+            if needed <= matches.keys() and id(frame) not in reading.barred
+        ]
+        self.at: dict[int, dict[int, Found]] = {}
+
+    def _matches(self, slots: dict[str, Rule]) -> dict[str, Matches]:
+        """Where each slot matches; none of those that match nowhere."""
+        found: dict[str, Matches] = {}
+        for name, rule in slots.items():
+            for at in range(self.end):
+                for end, values in rule.at(self.reading, at).items():
+                    if end > at:
+                        found.setdefault(name, {}).setdefault(at, []).append((end, values[0] if values else None))
+        return found
+
+    def _clauses(self, start: int) -> dict[int, Found]:
+        """The cheapest clause from a word to each later one; one of the table is preferred."""
+        if start not in self.at:
+            best = {end: Found(-1, (clause,)) for end, (clause,) in _clause.at(self.reading, start).items()}
+            for order, frame, needed, matches in self.frames:
+                for end, found in covers(list(matches), needed, matches, self.gaps, start).items():
+                    for cost, values, idle in found:
+                        price = cost + order / 1000
+                        if end in best and price >= best[end].cost:
+                            break
+                        if _can_be_made(frame, values):
+                            best[end] = Found(price, (Clause(frame, (values,)),), idle)
+                            break
+            self.at[start] = best
+        return self.at[start]
+
+    def _next(self, begin: int) -> Iterator[tuple[int, int, Found]]:
+        """(first word, end, clause) of what may stand at a word, also with a time before it."""
+        yield from ((begin, end, found) for end, found in self._clauses(begin).items())
+        for start, (front,) in _front.at(self.reading, begin).items():
+            for end, found in self._clauses(start).items():
+                yield start, end, found._replace(clauses=(found.clauses[0]._replace(front=front),))
+
+    def sentence(self) -> Found | None:
+        """The cheapest reading of the whole; none where there is none."""
+        best: dict[int, Found] = {}
+        for end, (topic,) in _loose_start.at(self.reading, 0).items():
+            best[end] = Found(0, () if topic is None else ((topic,),))
+        for at in range(self.end):
+            if at not in best:
+                continue
+            done = best[at]
+            starts: dict[int, tuple[float, tuple[bool, ...]]] = {at: (0, ())}
+            if _commands(done):
+                starts = {at: (_RUN_ON, ())}
+                starts |= {e: (_ONE_MORE, found) for e, found in _loose_separator.at(self.reading, at).items()}
+            for begin, (price, hard) in starts.items():
+                for start, end, (cost, (clause,), idle) in self._next(begin):
+                    own = "who" in clause.pieces[0] and self.reading.word(start) in _IMPERATIVES
+                    cost += done.cost + price
+                    if (own or price != _RUN_ON) and (end not in best or cost < best[end].cost):
+                        best[end] = Found(cost, (*done.clauses, (*hard, clause)), done.idle + idle)
+        whole = [found for at, found in best.items() if self.end in _ends.at(self.reading, at) and _commands(found)]
+        return min(whole, key=lambda found: found.cost, default=None)
+
+
+def _commands(found: Found) -> bool:
+    """Whether there is a clause that is no mere topic."""
+    return any(clause.command is not TOPIC for *_, clause in found.clauses)
+
+
+def _can_be_made(frame: Command, filled: dict[str, Any]) -> bool:
+    """Whether the values of a frame go together."""
+    if frame.make in (REMARK, AGAIN):
+        return True
+    with suppress(Refusal, Mismatch):
+        frame.make(**_arguments(filled))
+        return True
+    return False
+
+
 _sentence = ~keyword("and") + _ends + optional(_topic) + listed(_clause, _separator) + _ends
 COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"))
 """First words of the verbs of commands."""
+_IMPERATIVES = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
+"""Those with which a command begins: not "stands" of "the man who stands left"."""
 _DROPPED = word_set("please kindly thanks thank")
 
 
@@ -266,6 +358,8 @@ def parse(
         try:
             operations = read.operations or settled(read)
             _ask_about_purpose(sentence, known, read, operations)
+            if any(map(_removes, operations)) and any(read.reading.word(at) not in EMPTY for at in read.idle):
+                raise _without_idle(replace(read, operations=operations))
             return operations
         except Doubt:
             raise
@@ -273,7 +367,7 @@ def parse(
             raise Refusal(refusal.reason, _nearest(read.reading.tokens)) from refusal
         except F4xError as error:
             raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
-    if not (_new_thing(read.reading) or _no_edit(read.reading)):
+    if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
     raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
@@ -292,6 +386,8 @@ class Read:
     """Each behind its separators; none: not understood."""
     operations: tuple[Operation, ...] = ()
     """What it asks for, where that was worked out to know whether it is understood."""
+    idle: tuple[int, ...] = ()
+    """Words that no phrase explains."""
     reason: str = ""
     """Why what it asks for cannot be, where it is not understood otherwise."""
 
@@ -312,6 +408,13 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
     operations = operations or context.complaints
     if not operations:
         raise Refusal("Nothing is said that could be done.")
+    if any(map(_removes, operations)) and any(
+        several_placed.at(read.reading, at) for at in range(len(read.reading.tokens))
+    ):
+        raise Refusal(
+            "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the "
+            "people'."
+        )
     if read.only_then and any(isinstance(one, (Opacity, Delete, Extract)) for one in operations):
         raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
     named = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
@@ -321,20 +424,23 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
     )
 
 
-def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle | None = None) -> Read:
+def _read_somehow(
+    sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle | None = None, guess: bool = False
+) -> Read:
     """A sentence with its words and clauses, or another way to say it where that is understood and it is not itself.
 
     What no command of the table fits is read once more with its words in any order, and counts where `settled` can carry it out:
-    first the sentence's own words, then other ways to say it.
+    first the sentence's own words, then other ways to say it. `guess`: words that nobody knows may be left out.
     """
     plain, _ = _plainly(sentence, known)
     own = dict.fromkeys((*corrected(sentence, known), *in_order(sentence), sentence, plain))
     first: Read | Refusal | None = None
     reason = ""
-    others = (*remarked(plain, known), *paraphrases(plain))
+    own_readings: list[Reading] = []
+    others = (*remarked(plain, known), *paraphrases(plain, COMMAND_VERBS))
     for ways in (own, dict.fromkeys(way for way in others if way not in own)):
-        if reason:  # its own words fit, and what they ask for cannot be
-            break
+        if reason or not (own_readings or ways is own):
+            break  # its own words fit, and what they ask for cannot be, or they ask a question
         readings: list[Reading] = []
         for way in ways:
             try:
@@ -347,24 +453,41 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
                 return read
             readings.append(reading)
             first = first or read
-        for reading in sorted(readings, key=lambda reading: reading.sentence != plain):
-            # what was matched before holds, and the word that is to blame is the one of the first time
-            reading = replace(reading, farthest=0)
-            while (read := _matched(reading, _loose_sentence)).clauses:
-                try:
-                    return read if settled is None else replace(read, operations=settled(read))
-                except Refusal as refusal:
-                    reason = reason or refusal.reason
-                except F4xError:
-                    break
-                framed = {id(clause.command) for *_, clause in read.clauses} & _FRAMED
-                if not framed or len(reading.barred) >= MAX_BARRED:
-                    break
-                reading = replace(reading, barred=reading.barred | framed, memo={})  # another frame may do
+        own_readings = own_readings or readings
+        for reading in sorted(
+            readings, key=lambda reading: (reading.sentence in (plain, sentence)) + (reading.sentence != plain)
+        ):
+            loose, why = _read_loosely(reading, known, settled, guess)
+            reason = reason or why
+            if loose:
+                return loose
     if isinstance(first, Refusal):
         raise first
     assert first is not None
     return replace(first, reason=reason)
+
+
+def _read_loosely(
+    reading: Reading, known: Mapping[tuple[str, ...], str], settled: Settle | None, guess: bool
+) -> tuple[Read | None, str]:
+    """The reading with the cheapest idle words that can be carried out, and why others cannot."""
+    reason = ""
+    for _ in range(MAX_BARRED + 1):
+        found = _Loosely(reading, {words[-1] for words in known}).sentence()
+        if found is None or (found.cost > UNKNOWN / 2 and not guess):
+            break
+        read = Read(reading, found.clauses, idle=found.idle)
+        try:
+            return read if settled is None else replace(read, operations=settled(read)), reason
+        except Refusal as refusal:
+            reason = reason or ("" if found.idle else refusal.reason)
+        except F4xError:
+            break
+        framed = {id(clause.command) for *_, clause in read.clauses} & _FRAMED
+        if not framed:
+            break
+        reading = replace(reading, barred=reading.barred | framed)  # another frame may do
+    return None, reason
 
 
 def _plainly(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[str, frozenset[str]]:
@@ -403,7 +526,7 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
     text = read.reading.sentence if read.clauses else sentence
     instead = re.sub(rf"\b{re.escape(typed)}\b", word, text, count=1)
     better = _read_somehow(instead, known, settled)
-    if better.clauses or _slip(better.reading, False):
+    if (better.clauses and not better.idle) or _slip(better.reading, False):
         raise Doubt(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
@@ -423,25 +546,31 @@ def _in_words(operations: tuple[Operation, ...]) -> str:
 
 def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
     """Raise `Doubt` with what the sentence comes to without the words that nobody knows, where it comes to something."""
-    tokens = tokenise(sentence)
-    things = {words[-1] for words in known}
-    for spans in leaving_out(tokens, things, COMMAND_VERBS):
-        places = [(tokens[first].start, tokens[last - 1].end) for first, last in spans]
-        instead = cut(sentence, places)
-        with suppress(Refusal):
-            if not _matched(_words_of(instead, known), _loose_sentence).clauses:
-                continue
-        with suppress(F4xError):
-            read = _read_somehow(instead, known, settled)
-            operations = read.operations or settled(read)
-            if _unsure(read) or not any("who" in piece for *_, clause in read.clauses[:1] for piece in clause.pieces):
-                continue  # whom it is for may be what was left out
-            left_out = "', '".join(" ".join(sentence[start:end].strip(" ,").split()) for start, end in places)
-            doubt = Doubt(f"I would do: {_in_words(operations)}. I do not know what '{left_out}' adds.", instead)
-            break
-    else:
+    read = _read_somehow(sentence, known, settled, guess=True)
+    tokens = read.reading.tokens
+    if not read.operations or _unsure(read) or 2 * len(read.idle) > sum(token.is_word for token in tokens):
         return
-    raise doubt
+    if not any("who" in piece for *_, clause in read.clauses[:1] for piece in clause.pieces):
+        return  # whom it is for may be what was left out
+    raise _without_idle(read)
+
+
+def _without_idle(read: Read) -> Doubt:
+    """What a sentence comes to without its idle words, to be asked."""
+    tokens, typed = read.reading.tokens, read.reading.sentence
+    joined: list[tuple[int, int]] = []
+    for at in read.idle:
+        if joined and not typed[joined[-1][1] : tokens[at].start].strip():
+            joined[-1] = joined[-1][0], tokens[at].end
+        else:
+            joined.append((tokens[at].start, tokens[at].end))
+    left_out = "', '".join(typed[start:end] for start, end in joined)
+    return Doubt(f"I would do: {_in_words(read.operations)}. I do not know what '{left_out}' adds.", cut(typed, joined))
+
+
+def _removes(operation: Operation) -> bool:
+    """Whether something is no longer seen."""
+    return isinstance(operation, Delete | Extract) or (isinstance(operation, Opacity) and not operation.factor)
 
 
 def _unsure(read: Read) -> bool:
@@ -559,7 +688,7 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             unnamed = context.last is None and not context.selected and not context.overall
             of_clip = unnamed and _of_a_clip(clause.command, piece)
             nobody = context.last is None and "when" in piece and (use.timed or of_clip)
-            if "who" not in piece and (clause.command.use.whole or nobody):
+            if "who" not in piece and ((use.whole and not context.selected) or nobody or "besides" in piece):
                 context.last = All()
             context.overall = context.overall or use.whole or use.timed or of_clip
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
@@ -710,19 +839,60 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 _UNDOING = keyword(
     "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|"
-    "[put|take|bring] [it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|"
+    "[put|take|bring] [it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was "
+    "before|"
     "back to the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|"
-    "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
-    "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|"
+    "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) "
+    "[edit|change|step|command] back|"
+    "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] "
+    "[change|edit|step|command|"
     "one]|"
     "[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put everything back|[start over|"
-    "start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
+    "start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] "
+    "([change|edit|step|one])"
 )
 _ELSEWHERE = {
     **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
     **dict.fromkeys(("redo", "undid", "undone"), "redo"),
 }
 """Word -> verb of `f4x` that does it."""
+_NO_OPERATION = (
+    (
+        "zoom pan dolly crop stabilize stabilise stabilization deshake reframe recentre",
+        "the camera is not edited; Blender's camera and `f4x render` look from where you like.",
+    ),
+    ("sound music audio song voice bark meow talk sing hello volume mute", "a scene has no sound."),
+    ("text title caption captions subtitle subtitles watermark", "nothing can be written into a scene."),
+    (
+        "mirror mirrored horizontally vertically flop",
+        "nothing is mirrored; 'turn the dog around' lets it face the other way.",
+    ),
+    (
+        "taller longer wider thinner shorter fatter slimmer stretched squash squashed narrower thicker",
+        "a thing grows as a whole; say for example 'make the dog bigger'.",
+    ),
+    (
+        "sharpen sharper crisper denoise deblur unblur upscale resolution artifacts quality",
+        "a scene does not become sharper; `f4x fit` with a finer profile may.",
+    ),
+    (
+        "rain snow fog rainbow lightning confetti sparks hail storm",
+        "nothing new can be made; a copy of what is there can.",
+    ),
+    (
+        "wave dance smile blink wink laugh eat sleep fight kiss hug breathe limp",
+        "a thing moves as it was filmed; its motion can be slowed, reversed, frozen or moved along with it.",
+    ),
+    ("morph crossfade", "one thing cannot turn into another; 'swap the dog and the cat' changes their places."),
+    ("export save render download", "`f4x export`, `f4x render` and `f4x open` write files."),
+    (
+        "better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different "
+        "fancy",
+        "it is not said what is to change, a color, brightness, contrast, size, place or speed?",
+    ),
+)
+"""Words of wishes that no operation fulfils, and what is said about them."""
+_IMPOSSIBLE = {word: reason for words, reason in _NO_OPERATION for word in words.split()}
 _either = either(keyword("either"), silent(familiar) + keyword("or") + ~keyword("the|a|an") + silent(familiar))
 _last = Rule(lambda reading, at: {at: ()} if at >= len(reading.tokens) or not reading.tokens[at].is_word else {})
 _SHOWN_ONLY_THEN = "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'."
@@ -739,7 +909,8 @@ _named_like_a_thing = Rule(
 _DOUBTFUL = (
     (
         _LENGTH,
-        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example 'two widths to the"
+        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example 'two "
+        "widths to the"
         " left' or 'half its width up'.",
     ),
     (
@@ -756,6 +927,18 @@ _DOUBTFUL = (
         + _named_like_a_thing
         + unless(effect | qualities.colored_noun),
         "Nothing new can be made; say for example 'make the dog look like ice', or 'a sunset look for everything'.",
+    ),
+    (
+        keyword("[and|then|and then] (move|go|moves|goes|bring) (it|him|her|them) back") + ~keyword("again") + _last,
+        "'Back' may mean away from the camera or to where it was; say for example 'then move it to the right'.",
+    ),
+    (
+        literal("put|place|stick|hang|add")
+        + literal("a|an|some")
+        + ~silent(colour)
+        + silent(familiar)
+        + literal("on|onto"),
+        "Nothing new can be made; say for example 'copy the hat and put the copy above the dog'.",
     ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
     (
@@ -795,7 +978,8 @@ _UNKNOWN_WAYS = (
     ),
     (
         keyword(
-            "cartoon|cartoons|oil painting|painting|sketch|pencil|pencil sketch|anime|watercolor|pixel|pixels|pixelate|comic|manga|"
+            "cartoon|cartoons|oil painting|painting|sketch|pencil|pencil "
+            "sketch|anime|watercolor|pixel|pixels|pixelate|comic|manga|"
             "vintage|retro|vhs|noir|impressionist|drawing|hologram|plastic|wood|wooden|stone|clay|lego|cyberpunk|vaporwave"
         ),
         f"There is no look '{{words}}'; there are {', '.join(STYLES)}, and black and white.",
@@ -804,7 +988,8 @@ _UNKNOWN_WAYS = (
         keyword("[i|we] [want|need]|[i|we] would like|make [it|that|them]|give me|there should be")
         + silent(number)
         + familiar,
-        "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for example "
+        "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for "
+        "example "
         "'copy the"
         " dog twice'.",
     ),
@@ -825,7 +1010,7 @@ def _not_understood(read: Read) -> tuple[str, bool]:
     reading = read.reading
     if reason := _no_edit(reading) or _new_thing(reading):
         return reason, False
-    unknown = _unknown_word(reading)
+    unknown = _impossible(reading) or _unknown_word(reading)
     if unknown:
         return unknown, True
     for rule, reason in _UNKNOWN_WAYS:
@@ -848,7 +1033,16 @@ def _no_edit(reading: Reading) -> str:
     if any(_UNDOING.at(reading, at) for at in range(len(reading.tokens))):
         return "That is no edit; use `f4x undo SCENE`, or the button for it."
     verb = next((_ELSEWHERE[token.text] for token in reading.tokens if token.text in _ELSEWHERE), "")
-    return verb and f"That is no edit; use `f4x {verb} SCENE`, or the button for it."
+    if verb:
+        return f"That is no edit; use `f4x {verb} SCENE`, or the button for it."
+    return ""
+
+
+def _impossible(reading: Reading) -> str:
+    """The sentence about a wish that no operation fulfils; nothing where there is none."""
+    known = {words[-1] for words in reading.known}
+    word = next((token.text for token in reading.tokens if token.text in _IMPOSSIBLE.keys() - known), "")
+    return word and f"There is no edit for '{word}': {_IMPOSSIBLE[word]}"
 
 
 def _new_thing(reading: Reading) -> str:
@@ -903,9 +1097,11 @@ _EXAMPLES = dict.fromkeys(
     (
         *(command.example for command in COMMANDS),
         *(example for example, *_ in _SAID_HALF),
-        "turn the dog into gold", "tint the sky orange", "change the color of the car to black", "copy the dog", "darken the sky",
+        "turn the dog into "
+        "gold", "tint the sky orange", "change the color of the car to black", "copy the dog", "darken the sky",
         "let a copy follow the dog half a second behind", "make the dog glow", "blur the background", "speed up the dog",
-        "increase the contrast of the dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the left",
+        "increase the contrast of the "
+        "dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the left",
     )
 )  # fmt: skip
 """Sentences that are offered to those who were not understood."""

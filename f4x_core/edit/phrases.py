@@ -28,7 +28,7 @@ from ..language.grammar import (
     tokenise,
     unless,
 )
-from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, singular, word_set
+from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, is_adverb, singular, word_set
 from ..language.times import END, START, Clip, Span
 from .operations import Duplicate, Operation
 from .selects import All, And, Beside, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text, Where
@@ -218,6 +218,22 @@ _NO_SUPERLATIVES = word_set("forest nest chest vest guest west crest priest harv
 """Words in -est that are things: "the fastest car" is one of several, and nobody can tell which."""
 
 
+_NOUNS = word_set(
+    "dress sail path curb stone splash sky floor coat mask head hair hand wheel cover slide park plant stick brush pan "
+    "brake kite "
+    "tail wrap"
+)
+"""Words of the grammar that are things behind an article."""
+
+
+def _is_noun(reading: Reading, at: int) -> bool:
+    return (
+        singular(reading.word(at)) in _NOUNS
+        and at > 0
+        and (reading.word(at - 1) in ("the", "a", "an", "my", "her", "his", "their", "its", "that", "this", "'s"))
+    )
+
+
 def _open(reading: Reading, at: int) -> bool:
     """Whether the word could be (part of) the name of a thing that nobody knows yet."""
     word = reading.word(at)
@@ -226,8 +242,8 @@ def _open(reading: Reading, at: int) -> bool:
         and reading.tokens[at].is_word
         and word not in FUNCTION_WORDS
         and word not in NO_THINGS
-        and (word not in VOCABULARY or word in _DESCRIBING or word in COLOURS)
-        and not (word.endswith("ly") and len(word) > 4)
+        and (word not in VOCABULARY or word in _DESCRIBING or word in COLOURS or _is_noun(reading, at))
+        and not is_adverb(word)
         and (not word.endswith("est") or word in _NO_SUPERLATIVES)
     )
 
@@ -249,6 +265,8 @@ def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known thing with other words before it: "parked car", "woman's hat"."""
     before = at
     while before - at < _MAX_MODIFIERS and (_open(reading, before) or reading.word(before) in SHADES):
+        if reading.word(before) in COLOURS and before > at and any(True for _ in _known_at(reading, before - 1)):
+            return  # "dog blue cat" are two
         before += 1
         if reading.word(before) == "'s":
             before += 1
@@ -308,7 +326,12 @@ _WORN = word_set(
 def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """One word that no label has."""
     word = reading.word(at)
-    if _open(reading, at) and word not in PURE_COLOURS and word not in _DESCRIBING and singular(word) not in NO_THINGS:
+    if (
+        _open(reading, at)
+        and singular(word) not in PURE_COLOURS
+        and word not in _DESCRIBING
+        and singular(word) not in NO_THINGS
+    ):
         text = reading.text_of(at, at + 1).lower()
         yield at + 1, singular(text)
 
@@ -382,7 +405,8 @@ familiar = either(_part, _known, _modified, _everybody)
 _noun = either(_part, _known, _modified, _stranger)
 _named_at_length = _article + _strangers
 WHERE: dict[str, Where] = {
-    "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer to|closer to|"
+    "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer "
+    "to|closer to|"
     "adjacent to|over by|right at": "near",
     "(to the) left of|[on|at|to] the left (side|hand side) of|left from|left next to": "left",
     "(to the) right of|[on|at|to] the right (side|hand side) of|right from": "right",
@@ -393,8 +417,10 @@ WHERE: dict[str, Where] = {
 }
 """Words -> how a thing stands to another."""
 _stands = ~keyword("that|which|who") + ~keyword(
-    "is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|sitting|lying|walking|running|"
-    "hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|are standing|comes right|right|directly"
+    "is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|sitting|lying|"
+    "walking|running|"
+    "hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|are standing|comes "
+    "right|right|directly"
 )
 _neighbour = later(lambda: _one_thing)
 """To whom something stands; by name, because it may itself be told by where it stands."""
@@ -445,6 +471,7 @@ _moving = either(
     )
     + keyword("moves|move|is moving|are moving|is in motion|does move"),
     ~_article + keyword("moving") + _objects,
+    keyword("the|all the") + ~keyword("whole|entire") + keyword("foreground"),
     keyword(
         "the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|walks|walk|running|walking|moving|moves|move]"
     ),
@@ -485,7 +512,8 @@ _WHICH = {
     "smallest|tiniest|littlest|smaller|shortest|shorter": "smallest",
 }
 PICTURE = (
-    "scene|picture|image|video|clip|shot|footage|movie|film|frame|view|sequence|photo|photograph|pic|composition|comp"
+    "scene|picture|image|video|clip|shot|footage|movie|film|frame|view|sequence|photo|photograph|composition|comp|screen|"
+    "recording"
 )
 _WHERE = {
     f"[on|at|to] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])|to the far left": "left",
@@ -534,6 +562,8 @@ _instance: Rule = either(
     ~_article + _which + _kind + _seen_in >> _one_of,
     ~_article + _kind + _where + _seen_in >> (lambda kind, which, seen: _one_of(which, kind, seen)),
 )
+several_placed = generated(_plural_at) + _where
+"""Several of a kind that are told by a place, by which only one is found: "the people in the background"."""
 _place = (
     ~sign("(")
     + ~keyword("pixel|position|point|x")
@@ -624,7 +654,8 @@ _current = either(
 _everything = silent(
     either(
         keyword(
-            "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|thing]"
+            "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every "
+            "[object|thing]"
         ),
         keyword(
             f"(the) [whole|entire|full|complete] [{PICTURE}|thing]|[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
@@ -649,7 +680,8 @@ _cast = (
     keyword("the|its|his|her|their")
     + table({"shadow|shadows": "shadow", "reflection|reflections": "reflection"}, reserve=False)
     + literal(
-        "[under|below|beneath|beside|behind|of] [it|him|her|them]|on the [ground|floor|water|wall|street|road|grass]|in the water"
+        "[under|below|beneath|beside|behind|of] [it|him|her|them]|on the [ground|floor|water|wall|street|road|grass]|in "
+        "the water"
     )
 ) >> (lambda label: _thing(label, False))
 """What a thing casts, told by where it lies."""
@@ -855,7 +887,8 @@ class Place(NamedTuple):
     """The thing."""
 
 
-place = table(WHERE, reserve=False) + _neighbour >> Place
+_own_feet = literal("its|his|her|their") + literal("feet|foot|legs|paws|hooves|wheels")
+place = table(WHERE, reserve=False) + unless(_own_feet) + _neighbour >> Place
 """A `Place`."""
 beside_itself = table(WHERE, reserve=False) + THE_FIRST >> (
     lambda where: Place(where, lambda context: context.it("'it'"))

@@ -46,8 +46,10 @@ shade_of = ~keyword(
     "warm|cool|soft|rich|strong|plain"
 ) + ~literal(
     "vivid|fluorescent|shiny|glossy|matte|metallic|intense|gorgeous|fresh|proper|real|true|good old|super|bold|juicy|loud|"
-    "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire engine|blood|cherry|ice|icy|baby|"
-    "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|crimson|cute"
+    "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire "
+    "engine|blood|cherry|ice|icy|baby|"
+    "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|"
+    "crimson|cute"
 )
 _named_shade = Rule(
     lambda reading, at: (
@@ -87,7 +89,8 @@ more_colour_value = (
     >> making.added
 )
 without_colour = keyword(
-    "black and white|black white|a black and white [picture|image|look]|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
+    "black and white|black white|a black and white [picture|image|look]|b and w|b / w|monochrome|monochromatic|(a) "
+    "grayscale|"
     "gray scale|colorless|desaturated|without (any|its|all) color|without colors"
 ) >> (lambda: making.GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
@@ -133,7 +136,9 @@ softly = either(
     table(
         {
             "softly|faintly|gently|weakly": Amount("small"),
-            "heavily|strongly|intensely|brightly|very|really|badly": Amount("large"),
+            "heavily|strongly|intensely|brightly|very|really|badly|(even|some|a lot|much) more|stronger|harder": Amount(
+                "large"
+            ),
         }
     ),
 )
@@ -192,6 +197,7 @@ _transparency = either(
     + _see_through,
     fraction + _see_through >> (lambda x: 1 - x),
     _see_through >> (lambda: 0.5),
+    keyword("[barely|hardly|scarcely|just about|only just|faintly] [visible|seen|there|to be seen]") >> (lambda: 0.2),
     _article + percent + keyword("opaque|visible|opacity"),
     fraction + keyword("opaque|visible|opacity"),
     keyword("(an|a) opacity (of)") + (percent | number >> as_fraction),
@@ -201,7 +207,8 @@ _transparency = either(
     optional(amount) + keyword("more") + _see_through >> (lambda how: 1 - _share_of(how)),
     optional(amount) + keyword("less") + _see_through >> (lambda how: 1 + 2 * _share_of(how)),
     keyword(
-        "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|disappeared"
+        "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not "
+        "visible|vanish|vanished|disappear|disappeared"
     )
     >> (lambda: 0.0),
 )
@@ -211,7 +218,8 @@ upside_down = keyword("upside down|head over heels") | literal(
 )
 on_its_side = literal("[on|onto] (to) (the|its|his|her|their) side")
 look_name = table(
-    {f"{look}|{look}s": look for look in STYLES} | {"flames|flame": "fire", "the night|night time|nighttime": "night"},
+    {f"{look}|{look}s": look for look in STYLES}
+    | {"flames|flame": "fire", "the night|night time|nighttime|moonlight": "night"},
     reserve=False,
 )
 _of_matter = table(
@@ -227,6 +235,8 @@ _look_adjective = table(
         "icy|frozen over": "ice",
         "fiery|flaming|burning|on fire|ablaze|in flames": "fire",
         "molten": "lava",
+        "chrome|chromed|silver plated": "silver",
+        "gilded|gold plated": "gold",
         "nighttime|night time": "night",
         "autumnal|autumn like|in autumn colors|autumn colored": "autumn",
         "grassy": "grass",
@@ -240,11 +250,17 @@ _look_adjective = table(
 )
 any_look = look_name | _look_adjective
 effect = keyword(
-    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment"
+    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|vibes|mood|tone|tones|light|coloring|treatment|"
+    "feeling|grade"
 ) | literal("statue|sculpture|figurine|atmosphere|version|theme|aesthetic|paint|coat")
 scene_look = table(
     {look: look for look in making.PICTURE_LOOKS}
-    | {"night time|nighttime": "night", "sepia toned|sepia tone": "sepia", "dusk|sundown": "sunset"},
+    | {
+        "night time|nighttime": "night",
+        "golden hour|magic hour": "sunset",
+        "sepia toned|sepia tone": "sepia",
+        "dusk|sundown": "sunset",
+    },
     reserve=False,
 )
 """Looks of a whole picture."""
@@ -286,7 +302,8 @@ a_look = either(
     _seem
     + _strongly
     + keyword(
-        "like (it is|it was|it were|at)|as if [it|they] [were|is|was|are]|as though [it|they] [were|is|was|are]|similar to"
+        "like ([it|he|she] [is|was|were]|they [are|were]|at)|as if [it|they] [were|is|was|are]|as though [it|they] "
+        "[were|is|was|are]|similar to"
     )
     + ~keyword("(it is|they are) made (out) (of)|made (out) of")
     + ~keyword("a|an|pure|solid|real")

@@ -93,12 +93,17 @@ degree = literal("[just|only] a hint|a [hint|notch|shade|trifle|whisker|step] (o
 ) | table(
     {
         "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a"
-        " [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen]|"
+        " [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen|smidgeon|skosh|pinch|dash|tick]|"
         "slightly|somewhat|(ever) so slightly|a bit of|(by) a [little|wee|tiny] (bit) (more)": Amount("small"),
-        "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole lot|"
+        "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole "
+        "lot|"
         "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit": Amount("large"),
     }
 )
+stops = (keyword("half a") >> (lambda: 0.5) | keyword("a|one") >> (lambda: 1.0) | number | fraction) + ~keyword(
+    "of a|a"
+) + keyword("stop|stops|f stop|f stops|ev") >> (lambda x: Amount("times", 2.0**x))
+"""How light is counted in cameras: each doubles it."""
 _by_factor = keyword("by") + ~keyword("a") + keyword("factor") + ~keyword("of")
 _hedge = ~keyword(",") + ~literal(
     "about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly"
@@ -106,6 +111,7 @@ _hedge = ~keyword(",") + ~literal(
 amount = either(
     degree,
     _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
+    ~keyword("by") + _hedge + stops,
     ~keyword("by") + _hedge + percent >> (lambda x: Amount("fraction", x)),
     ~keyword("by") + _hedge + fraction >> (lambda x: Amount("fraction", x)),
     ~keyword("by") + _hedge + multiple >> (lambda x: Amount("times", x)),
@@ -155,7 +161,8 @@ def _inverse(x: float) -> float:
 
 
 ITS = (
-    "its present|the present|its usual|its former|its|their|his|her|the|the original|its own|their own|its original|its current|"
+    "its present|the present|its usual|its former|its|their|his|her|the|the original|its own|their own|its original|its "
+    "current|"
     "the current|the normal|normal|the original"
 )
 
@@ -182,9 +189,11 @@ direction = (
             f"right|rightward|(over|further|farther|off|out) [to|toward|on|at|onto] [the|its|my|your|his|her|their]"
             f" (far) right "
             f"({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
-            "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off the ground|"
+            "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off "
+            "the ground|"
             "above the ground|toward the [sky|top]": (0, -1, 0),
-            "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the floor": (
+            "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the "
+            "floor": (
                 0,
                 1,
                 0,
@@ -193,7 +202,8 @@ direction = (
             f"|from [{VIEWER}]|"
             "to the [back|rear]|into the [distance|depth]|off into the distance|toward the back|[into|to"
             "|toward] the background|deeper (into the scene)": (0, 0, 1),
-            f"forward|to the [foreground|fore]|[closer|nearer] [to|toward] [{VIEWER}]|closer|nearer|[to|toward]"
+            f"(right) up [closer|close] (to) [{VIEWER}]|forward|to the [foreground|fore]|[closer|nearer] [to|toward] "
+            f"[{VIEWER}]|closer|nearer|[to|toward]"
             f" [{VIEWER}]|to the front|into the foreground": (0, 0, -1),
         }
     )

@@ -13,21 +13,25 @@ from .grammar import VOCABULARY, Reading, Token, either, literal, tokenise
 from .lexicon import FUNCTION_WORDS, singular, word_set
 
 CALLS = literal(
-    "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|look|listen|"
-    "um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|rather|"
+    "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my "
+    "friend|sir|look|listen|"
+    "um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as "
+    "well|just|simply|actually|really|maybe|perhaps|probably|rather|"
     "somehow|for now|right away|asap|for me|for us|if possible|if you [can|could|would|like|will]|when you can|"
     "again|there|in [here|there]|around here|"
-    "here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|lovely|kind of|sort of|you know|after all|i think|"
-    "i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|this time|from there|in one go|of course|though|yeah|"
+    "here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|lovely|kind of|sort of|you know|after "
+    "all|i think|"
+    "i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|this time|from there|in one go|of "
+    "course|though|yeah|"
     "yes|preferably|by preference|overall|in total|all in all|first of all|firstly|secondly|thirdly|finally|at last|"
-    "completely|entirely|fully|totally"
+    "completely|entirely|fully|totally|the [heck|hell|crap|shit|life] out of|and stuff|or something|out of the way"
 )
 """Calls, interjections and hedges: they add nothing to an edit or a question."""
 ASKS = literal(
     "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
     "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could] [i|you|we]|"
     "is there [a|any] way to|[is it|would it be] [possible|okay|fine|all right|cool|nice|great] (to|if [you|we|i])|"
-    "i [wonder|was wondering] if you could|any chance (of|that|you [can|could])"
+    "see (your|their) way (clear) to|any chance [you|we] could|any chance (of|that|you [can|could])"
 )
 """Wishes that are put as questions."""
 WISHES = either(
@@ -37,11 +41,13 @@ WISHES = either(
         "and|try to|"
         "help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|"
         "it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|"
-        "your task is to|time to|see|to see|have|to have|to get|want|would like|what [i|we] (really|would) [want|need|like] is|"
+        "your task is to|time to|see|to see|have|to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) "
+        "[want|need|like|love|after|picture|ask for] is|"
         "it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
     ),
     literal(
-        "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|whether)|"
+        "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] "
+        "(about|of|if|that|whether)|"
         "[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|(i|we) [am|"
         "are] after|"
         "[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would be] (that|to)|"
@@ -56,7 +62,8 @@ COMMENTS = either(
     + literal("be|look|seem|feel|do|work")
     + ~literal("so much|much|way|a lot|even|just|really|very|far|pretty")
     + literal(
-        "nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|sweet|pretty|prettier|amazing|funny|cooler|"
+        "nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|sweet|pretty|prettier|"
+        "amazing|funny|cooler|"
         "the trick|nicely|well"
     )
     + ~literal("to [see|have]|if|there|here"),
@@ -65,35 +72,67 @@ COMMENTS = either(
 """What somebody thinks of the wish."""
 _UNTIL = r"(?=\s*(?:[.;!?,:]|$| and | then ))"
 _POLITE_WORDS = (
-    r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|please|so|kind|"
-    r"enough|able|to|me|us|for|with|all|at|too|much|trouble|bother|a|an|any|the|problem|work|works|manage|that|this|it|you|i|we|way|"
-    r"have|time|get|chance|moment|minute|second|feel|wish|prefer|need|know|how|there|help|sure|somehow|ask|must|anyhow|doable|say|"
+    r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|"
+    r"please|so|kind|"
+    r"enough|able|to|me|us|for|with|all|at|too|much|trouble|bother|a|an|any|the|problem|work|works|manage|that|this|it|"
+    r"you|i|we|way|"
+    r"have|time|get|chance|moment|minute|second|feel|wish|prefer|need|know|how|there|help|sure|somehow|ask|must|anyhow|"
+    r"doable|say|"
     r"easy|hard|agree|allowed|no|big|deal|permit|only|makes|sense"
 )
 _NICE = (
-    r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|super|enough|"
+    r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|"
+    r"super|enough|"
     r"neat)"
 )
 _OPENING = (
     r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|"
     r"excellent|lovely|"
-    r"brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much better|i see|right)"
+    r"brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much better|i "
+    r"see|right)"
 )
 _PRONOUN = r"(?:i|we|you|it|he|she|they|this|that|there|my|our|nobody|everybody|everyone|people|nothing|its|your)"
+_WISHING_WORDS = (
+    "i|we|you|it|that|there|one|who|somebody|someone|would|could|might|may|can|will|shall|should|am|is|was|were|be|been|"
+    "being|do|"
+    "does|did|have|has|had|not|never|like|love|prefer|want|wanted|need|wish|hope|hoping|hoped|wonder|wondering|wondered|"
+    "thinking|"
+    "think|thought|suppose|guess|imagine|know|tell|ask|asking|say|see|find|figure|work|understand|clue|q|got|give|"
+    "remember|make|out|"
+    "quite|really|"
+    "very|ever|so|much|most|super|pretty|terribly|awfully|extremely|truly|absolutely|just|also|grateful|glad|happy|pleased|"
+    "delighted|thankful|obliged|appreciate|appreciated|curious|interested|kind|enough|nice|good|great|cool|awesome|"
+    "lovely|sweet|"
+    "fun|amazing|wonderful|fantastic|brilliant|perfect|best|better|idea|a|an|any|the|to|me|us|my|for|about|please|"
+    "pardon|excuse|"
+    "sorry|forgive|dear|hello|hi|hey|possible|possibly|way|chance|mind|moment|trouble|too|rather|maybe|perhaps|happen|"
+    "now|ok|okay|"
+    "well|um|uh|er|erm|hmm|oh|question|quick|wait|as|at|all|of|up|still"
+)
+WISHING = rf"(?:(?:{_WISHING_WORDS})(?:n?['’](?:d|m|s|ll|ve|re|t))?(?:[ ,]+|\.\.+ *))+"
+"""How a wish or a question begins that says only that it is one: "I'd be ever so grateful", "wouldn't it be nice"."""
+_ASKED_AFTER = re.compile(
+    rf"^{WISHING}(?:(?=(?:if|whether|when|where|how|what|which|who|why)\b)"
+    r"|(?<=[,:.;] )(?=(?:is|are|does|do|did|can|could|has|was|were)\b))"
+)
 _PLAIN = {
     # politeness
     "if": rf"(?:,\s*)?(?<!as )\bif (?:that|this|it|you|possible|need be|i|we|there is|not|at all|okay|allowed)\b(?: "
     rf"(?:{_POLITE_WORDS}))*{_UNTIL}",
-    "when": rf"(?:,\s*)?\b(?:when|whenever|as soon as|once) (?:you|it) (?:get|have|can|could|like|find|is|are|feel|suits)\b(?: "
+    "when": rf"(?:,\s*)?\b(?:when|whenever|as soon as|once) (?:you|it) "
+    rf"(?:get|have|can|could|like|find|is|are|feel|suits)\b(?: "
     rf"(?:{_POLITE_WORDS}|convenient|ready|free|suits|round|around))*{_UNTIL}",
     "while": r"(?:,\s*)?\bwhile (?:you are|we are|i am|being) (?:at it|there|on it|already there)\b,?",
     "thanks": (
-        r"(?:,\s*|-\s*)?\b(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|cheers|tia|much appreciated|appreciated?(?: it)?)\b"
-        r"(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) help|again|much|ahead "
+        r"(?:,\s*|-\s*)?\b(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|cheers|tia|much "
+        r"appreciated|appreciated?(?: it)?)\b"
+        r"(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) "
+        r"help|again|much|ahead "
         r"of time))*"
     ),
     "interjection": (
-        r"(?:,\s*)?\b(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|please|"
+        r"(?:,\s*)?\b(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|"
+        r"gosh|please|"
         r"jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty please|"
         r"to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|basically|"
         r"literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|"
@@ -102,7 +141,8 @@ _PLAIN = {
     "comment": (
         rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|"
         rf"should)(?: (?:would|will|should|"
-        rf"might|could|must|is|be|looks?|going to))*(?: (?:so|really|very|super|much|just|way))* {_NICE}(?: (?:i think|for me|"
+        rf"might|could|must|is|be|looks?|going to))*(?: (?:so|really|very|super|much|just|way))* {_NICE}(?: (?:i "
+        rf"think|for me|"
         rf"like that|that way))?{_UNTIL}"
     ),
     "tag": (
@@ -113,17 +153,21 @@ _PLAIN = {
         r"\bor (?:so|something|whatever|thereabouts|similar|anything)\b"
         r"(?: (?:like that|similar|of that kind|along those lines))?"
     ),
-    "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of (?:color|"
+    "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of "
+    r"(?:color|"
     r"colors|size|speed|look|style)\b",
     "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
     r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
     "pause": r",\s*(?:like|well|you know|i mean|let me think|say)\s*(?=,)",
     # reasons
     "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
-    "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) [^.;!?]*",
-    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|the (?:viewer|viewers|audience)) [^.;!?,]*|"
+    "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) "
+    r"[^.;!?]*",
+    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|the (?:viewer|viewers|audience)) "
+    r"[^.;!?,]*|"
     r"(?:,\s*)?\bin order to [^.;!?,]*",
-    "for": r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic effect|"
+    "for": r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic "
+    r"effect|"
     r"clarity|emphasis|my taste|my liking|my eyes|starters|example|instance)\b",
 }
 """Class -> what is dropped, on the words of a sentence with blanks between."""
@@ -132,9 +176,10 @@ _LIKE = (
     r"(?:a|an|the|some|those|that|these|my|your|our|they|you|we|when|fresh|ripe|in|on)\b[^,.;!?]*"
 )
 _REPORTED = (
-    r"^\s*(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:wants?|wanted|asked|asks|would like|"
-    r"needs?|prefers?|"
-    r"says|said|thinks|thought|requested|requests|insists|insisted|suggested|suggests|likes)\b(?: me| us| you)?(?: for| on| "
+    r"^\s*(?:(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:needs?|wants?|likes)\b|"
+    r"(?:(?:my|our|the|a) (?:[a-z]+ )?)?(?P<speaker>[a-z]+) (?:really |just |also )?(?:wants|wanted|asked|asks|would "
+    r"like|prefers?|"
+    r"says|said|thinks|thought|requested|requests|insists|insisted|suggested|suggests)\b)(?: me| us| you)?(?: for| on| "
     r"that| to (?:see|have|get))?"
 )
 """A wish of somebody else: "my boss wants"."""
@@ -186,19 +231,21 @@ def without_asides(
         if not things & set(found.group().split()) and not _NUMBERS.search(found.group()):
             leave_out("like", found.start(), found.end())
     reported = re.match(_REPORTED, text)
-    if reported and not {reported["who"], singular(reported["who"])} & (things | VOCABULARY):
+    who = reported and (reported["who"] or reported["speaker"])
+    if reported and who and not {who, singular(who)} & (things | VOCABULARY | FUNCTION_WORDS):
         leave_out("name", 0, reported.end())
     for i in range(_addressed(tokens, things)):
         gone[i] = "name"
     if not gone:
         return sentence, frozenset()
-    return cut(sentence, [(token.start, token.end) for i, token in enumerate(tokens) if i in gone]), frozenset(
-        gone.values()
-    )
+    kinds = frozenset(gone.values())
+    left = cut(sentence, [(token.start, token.end) for i, token in enumerate(tokens) if i in gone])
+    return left.rstrip("? ") if "tag" in kinds else left, kinds
 
 
 def without_courtesy(question: str) -> str:
     """The question without courtesies that stand apart: "if you don't mind, where is the dog?"."""
+    question = _ASKED_AFTER.sub("", question)
     tokens = tokenise(question)
     text, starts = _plain_text(tokens)
     places = [found.span() for kind in _COURTESIES for found in re.finditer(_PLAIN[kind], text)]

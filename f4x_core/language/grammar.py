@@ -8,18 +8,19 @@ Rules are joined as in `the + colour | number`; `~rule` may be absent; `rule >> 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count, product
-from typing import Any
+from itertools import count, groupby, product
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 from ..errors import F4xError
-from .lexicon import CONTRACTIONS, FUNCTION_WORDS, SPELLING
+from .lexicon import CONTRACTIONS, FUNCTION_WORDS, SPELLING, word_set
 
 Ways = dict[int, tuple[Any, ...]]
 """End of a match -> its values; the first is the preferred one."""
 
-_TOKEN = re.compile(r"#[0-9a-f]{6}\b|#[0-9a-f]{3}\b|\d+(?:\.\d+)?|\.\d+|[^\W\d_]+(?:'[^\W\d_]+)?|\S")
+_TOKEN = re.compile(r"[-=]>|#[0-9a-f]{6}\b|#[0-9a-f]{3}\b|\d+(?:\.\d+)?|\.\d+|[^\W\d_]+(?:'[^\W\d_]+)?|\S")
 _RANGE = re.compile(r"(?<=[a-z])-(?=[a-z])")
 """A hyphen inside a word: it joins words ("see-through"); beside a digit it is a minus or "to"."""
 
@@ -47,7 +48,7 @@ def tokenise(sentence: str) -> list[Token]:
     if len(lowered) != len(sentence):  # a letter whose small form is longer would shift every place behind it
         lowered = "".join(c.lower() if len(c.lower()) == 1 else c for c in sentence)
     lowered = lowered.translate(_PLAIN)
-    tokens = []
+    tokens: list[Token] = []
     for match in _TOKEN.finditer(_RANGE.sub(" ", lowered)):
         text, start, end = match.group(), match.start(), match.end()
         if ("'" not in text or len(text) == 1) and text not in CONTRACTIONS:
@@ -59,9 +60,16 @@ def tokenise(sentence: str) -> list[Token]:
         else:
             cut = text.index("'")
             tokens += [Token(text[:cut], start, start + cut), Token(text[cut:], start + cut, end)]
-    return tokens
+    runs = [list(run) for _, run in groupby(tokens, key=lambda token: token.text)]
+    return [token for run in runs for token in (run[:1] if _is_stressed(run) else run)]
 
 
+def _is_stressed(run: list[Token]) -> bool:
+    """Whether a word is said several times over: "up up up", "very very"."""
+    return run[0].is_word and len(run) > (1 if run[0].text in _SAID_TWICE else 2)
+
+
+_SAID_TWICE = word_set("very really so please much super way far")
 _STRETCHED = re.compile(r"([a-z])\1{2,}")
 
 
@@ -375,6 +383,55 @@ def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset(), between
         return ways
 
     return Rule(match)
+
+
+Matches = dict[int, list[tuple[int, Any]]]
+"""Word where a slot matches -> its (end, value)."""
+Gaps = list[dict[int, int]]
+"""Per word: where words that no slot explains end -> what leaving them unexplained costs."""
+
+
+_MORE_SLOTS, _LATER_WAY = 0.01, 0.001
+"""Of covers that leave the same words unexplained the one with more slots is preferred, then the one whose slots match as they
+prefer to."""
+
+
+class Cover(NamedTuple):
+    """Slots that cover words of a sentence, with words between that none explains."""
+
+    cost: float
+    values: dict[str, Any]
+    idle: tuple[int, ...] = ()
+    """The words left unexplained at more than the least cost."""
+
+
+def covers(
+    slots: Sequence[str], needed: frozenset[str], matches: Mapping[str, Matches], gaps: Gaps, start: int = 0
+) -> dict[int, list[Cover]]:
+    """The covers from word `start` to each later one, cheapest first, by `slots`, each at most once, those in `needed` for sure."""
+    bits = {name: 1 << number for number, name in enumerate(slots) if name in matches}
+    if not needed <= bits.keys():
+        return {}
+    wanted = sum(bits[name] for name in needed)
+    ways: list[dict[int, Cover]] = [{} for _ in range(len(gaps) + 1)]
+    ways[start][0] = Cover(0, {})
+    for at in range(start, len(gaps)):
+        for filled, (cost, values, idle) in ways[at].items():
+            for name, bit in bits.items():
+                for rank, (end, value) in enumerate(() if filled & bit else matches[name].get(at, ())):
+                    before, price = ways[end].get(filled | bit), cost + _LATER_WAY * rank - _MORE_SLOTS
+                    if end > at and (before is None or price < before.cost):
+                        ways[end][filled | bit] = Cover(price, {**values, name: value}, idle)
+            for end, loss in gaps[at].items():
+                before = ways[end].get(filled)
+                if end > at and (before is None or cost + loss < before.cost):
+                    left = (*idle, *range(at, end)) if loss > end - at else idle
+                    ways[end][filled] = Cover(cost + loss, values, left)
+    best: dict[int, list[Cover]] = {}
+    for end, found in enumerate(ways[start + 1 :], start + 1):
+        if whole := [cover for filled, cover in found.items() if not wanted & ~filled and filled]:
+            best[end] = sorted(whole, key=itemgetter(0))
+    return best
 
 
 def later(rule: Callable[[], Rule]) -> Rule:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 
 def word_set(text: str) -> frozenset[str]:
@@ -25,28 +25,68 @@ SPELLING = _table(
     "rightwards rightward, upwards upward, downwards downward, backwards backward, forwards forward, "
     "afterwards afterward, outta out, wanna want, colur color, coulor color, gonna going, gimme give, lemme let, "
     "metre meter, desaturise desaturate, colourise colorize, colourize colorize, colorise colorize, greyed grayed, "
-    "u you, ur your, gotta to, wanna want, tyre tire, tyres tires, neighbour neighbor, colourful colorful, favourite favorite, "
+    "u you, ur your, gotta to, wanna want, tyre tire, tyres tires, neighbour neighbor, colourful colorful, favourite "
+    "favorite, "
     "whilst while, thru through, travelling traveling, "
-    "travelled traveled"
+    "travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer your, r are, "
+    "bg background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics "
+    "picture, "
+    "cam camera, ppl people, avg average, num number, cuz because, coz because, cos because, bout about, n and, tho "
+    "though, "
+    "lil little, smol small, teensy tiny, eensy tiny, whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
 
-CONTRACTIONS = {
+_SHORT = {"'s": "is", "'re": "are", "'ll": "will", "'d": "would", "'ve": "have"}
+CONTRACTIONS: dict[str, tuple[str, ...]] = {
+    word + short: (word, full)
+    for short, words in {
+        "'s": "it that what where who there here when how why he she",
+        "'re": "they you we what where who how there these those",
+        "'ll": "it that i we you he she they there",
+        "'d": "it that there i we you he she they",
+        "'ve": "i we you they",
+    }.items()
+    for word, full in zip(words.split(), [_SHORT[short]] * len(words.split()), strict=True)
+}
+_RUN_TOGETHER = word_set(
+    "that's what's where's who's there's here's when's how's he's they're you're what're that'll it'll you'll they'll "
+    "that'd "
+    "it'd you'd they'd i've we've you've they've i'm let's"
+)
+"""Those whose apostrophe may be left out: "its", "were", "well", "shell" and "id" are other words."""
+CONTRACTIONS |= {"let's": ("let", "us"), "i'm": ("i", "am"), "can't": ("can", "not"), "won't": ("will", "not")}
+CONTRACTIONS |= {
+    word + "n't": (word, "not")
+    for word in (
+        "do",
+        "does",
+        "did",
+        "is",
+        "are",
+        "was",
+        "were",
+        "has",
+        "have",
+        "had",
+        "should",
+        "would",
+        "could",
+        "must",
+    )
+}
+CONTRACTIONS |= {
+    word.replace("'", ""): parts for word, parts in CONTRACTIONS.items() if word.endswith("'t") or word in _RUN_TOGETHER
+}
+CONTRACTIONS |= {
     short: tuple(long.split())
     for short, long in _table(
-        "let's let us, it's it is, that's that is, that'd that would, it'd it would, there'd there would, it'll it will, "
-        "that'll that will, what's what is, where's where is, who's who is, there's there is, "
-        "here's here is, i'd i would, we'd we would, i'm i am, i'll i will, we'll we will, you'd you would, "
-        "they're they are, you're you are, we're we are,  we're we are, i've i have, can't can not, won't will not, shan't shall "
-        "not"
+        "kinda kind of, sorta sort of, lotta lot of, alot a lot, abit a bit, bnw black and white, bw black and white, "
+        "tryna trying to, "
+        "shan't shall not, dunno do not know"
     ).items()
-} | {word + "n't": (word, "not") for word in ("do", "does", "did", "is", "are", "should", "would", "could", "must")}
-CONTRACTIONS |= {
-    word.replace("'", ""): parts
-    for word, parts in CONTRACTIONS.items()
-    if word.endswith("n't") or word in ("i'm", "that's")
 }
-"""Words with an apostrophe, written or left out, that stand for two; any other `'s` is possessive."""
+"""Words that stand for several, their apostrophe written or left out; any other `'s` is possessive."""
 
 _ONES = (
     "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "
@@ -68,11 +108,20 @@ PLURALS = _table(
 )
 """Plurals that no rule gives."""
 SYNONYMS = _table(
-    "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid child, "
-    "toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten cat, bike bicycle, auto "
+    "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid "
+    "child, "
+    "toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten cat, bike "
+    "bicycle, auto "
     "car, "
-    "automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf cow, bull cow, vessel boat, "
-    "lawn grass, foliage leaf, audience crowd, spectators crowd"
+    "automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf cow, bull cow, "
+    "vessel boat, "
+    "lawn grass, foliage leaf, audience crowd, spectators crowd, pram stroller, buggy stroller, pushchair stroller, "
+    "lorry truck, "
+    "telly tv, television tv, aeroplane airplane, plane airplane, cab taxi, tram streetcar, hound dog, bunny rabbit, "
+    "biker cyclist, "
+    "lass girl, youngster child, tot child, infant baby, folks people, spectator person, pavement sidewalk, seaside "
+    "sea, birdie bird, "
+    "ducky duck, duckie duck, horsie horse, horsey horse, piggy pig, froggy frog, fishy fish"
 )
 """Another word -> the label that it means where a scene knows that, and not the word."""
 SINGULARS = word_set(
@@ -95,6 +144,11 @@ def singular(word: str) -> str:
     return word[:-1]
 
 
+def label_of(word: str, labels: Collection[str]) -> str:
+    """`word`, or the one of `labels` that it is another word for."""
+    return word if word in labels or SYNONYMS.get(word) not in labels else SYNONYMS[word]
+
+
 def spellings(word: str) -> list[str]:
     """`word` as a vocabulary may have it, likeliest first: in lower case, without its article, in the singular.
 
@@ -104,6 +158,17 @@ def spellings(word: str) -> list[str]:
     bare = re.sub(r"^(the|an?|any|some|this|that|these|those) ", "", plain)
     *first, last = bare.split() or [""]
     return list(dict.fromkeys([plain, bare, " ".join([*first, singular(last)])]))
+
+
+_IN_LY = word_set(
+    "fly family butterfly dragonfly lily jelly belly dolly trolley ugly lonely elderly early bully curly wooly woolly "
+    "bubbly ally"
+)
+
+
+def is_adverb(word: str) -> bool:
+    """Whether a word ends as adverbs do and is no other."""
+    return word.endswith("ly") and len(word) > 4 and word not in _IN_LY
 
 
 def slips(word: str, other: str) -> int:
@@ -218,7 +283,8 @@ NO_THINGS = word_set(
     "sound sounds audio music song voice noise text word words sentence subtitle caption title camera lens zoom view "
     "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
     "brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
-    "somebody someone anyone way lot bit kind sort fun problem idea question answer life love nonsense stuff"
+    "somebody someone anyone way lot bit kind sort fun problem idea question answer life love nonsense stuff day morning "
+    "evening night afternoon"
 )
 """Nouns that name nothing one can see in a scene."""
 FUNCTION_WORDS = word_set(

@@ -7,8 +7,9 @@ grammar as usual, so a wrong guess ends in a refusal.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
+from .asides import WISHING
 from .colour_names import COLOURS
 
 _X = r"(?P<x>(?:the |my |that |this |all |both )?[\w' -]+?)"
@@ -22,6 +23,23 @@ _TIMED = _OR("after|before|from|until|till|between|during|at|in|for|over|once|wh
 
 _REWRITINGS: tuple[tuple[str, str], ...] = (
     # Asking and wishing
+    (
+        rf"^{WISHING}(?:if|whether|that|when) (?:you|we|i|someone|somebody|anyone) "
+        rf"(?:(?:could|can|would|might|will|were to|just|"
+        rf"please|kindly|maybe|possibly|perhaps) )+{_REST}$",
+        r"\g<rest>",
+    ),
+    (
+        rf"^(?:{WISHING}(?:if|whether|that|when)|(?:i|we) (?:really |do |just )?wish) {_X} (?:were|was|is|are|be) {_REST}$",
+        r"\g<x> should be \g<rest>",
+    ),
+    (
+        rf"^{WISHING}(?:(?:if|whether|that|for) )?{_X} (?:could|can|would|might|may|should|shall|must|to)(?: maybe| "
+        rf"perhaps| please| "
+        rf"possibly)? {_REST}$",
+        r"\g<x> should \g<rest>",
+    ),
+    (rf"^{WISHING}(?:if|whether|that|when) {_REST}$", r"\g<rest>"),
     (
         rf"^(?:let me see|i want to see|i'd like to see|imagine|picture|what if"
         rf"|what about|how about|suppose) {_X} {_BE} {_REST}$",
@@ -43,7 +61,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"make \g<x> \g<rest>",
     ),
     (
-        r"^(?:change|turn|make|transform|convert) (?:the |my |that |this )?(?P<x>[\w ]+?) (?:in)?to an? (?P<rest>[\w ]+?) (?P=x)$",
+        r"^(?:change|turn|make|transform|convert) (?:the |my |that |this )?(?P<x>[\w ]+?) (?:in)?to an? (?P<rest>[\w "
+        r"]+?) (?P=x)$",
         r"make the \g<x> \g<rest>",
     ),
     (rf"^instead of (?:being )?(?:{_COLOUR}),? {_REST}$", r"\g<rest>"),
@@ -60,7 +79,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     (rf"^(?:do not|don't) let {_X} move(?P<rest> .+)?$", r"freeze \g<x>\g<rest>"),
     # What stays as it is
     (
-        rf"^{_REST}(?:[,;]|,? but|,? and) (?:just )?(?:keep|leave) {_X}(?: there| alone| as it is| untouched| in place| visible)?$",
+        rf"^{_REST}(?:[,;]|,? but|,? and) (?:just )?(?:keep|leave) {_X}(?: there| alone| as it is| untouched| in place| "
+        rf"visible)?$",
         r"leave \g<x> alone and \g<rest>",
     ),
     (rf"^{_REST}[,;]? but not {_X}$", r"\g<rest> except \g<x>"),
@@ -68,8 +88,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     # Clipped
     (rf"^{_X},? (?:in|to) (?P<rest>[\w ]+?)[.!]*$", r"make \g<x> \g<rest>"),
     (rf"^{_X} {_GONE} (?P<rest>{_TIMED} .+)$", r"hide \g<x> \g<rest>"),
-    (r"^(?P<x>(?:a |an )?[\w' -]+?)[!.]*$", r"i want a \g<x>"),
-    (r"^(?P<rest>[\w ]+?) (?:on|for|to) (?P<x>the [\w' -]+)$", r"make \g<x> \g<rest>"),
+    (r"^(?P<noun>(?:a |an )?(?!.* (?:the|a|an|my|this|that) )[\w' -]+?)[!.]*$", r"i want a \g<noun>"),
+    (r"^(?P<noun>[\w ]+?) (?:on|for|to) (?P<x>the [\w' -]+)$", r"make \g<x> \g<noun>"),
     # Everything but one
     (rf"^(?:full |all )?colou?rs? only (?:on|for|in|at) {_X}$", r"only \g<x> keeps its color"),
     (
@@ -79,7 +99,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"only \g<x> keeps its color",
     ),
     (
-        rf"^(?:only|just|nothing but) {_X} (?:in|with|has|should have|should be in|is in|gets|stays in) (?:its |full )?colou?r$",
+        rf"^(?:only|just|nothing but) {_X} (?:in|with|has|should have|should be in|is in|gets|stays in) (?:its |full "
+        rf")?colou?r$",
         r"only \g<x> keeps its color",
     ),
     (
@@ -161,8 +182,8 @@ def in_order(sentence: str) -> Iterator[str]:
             yield match.expand(instead)
 
 
-def paraphrases(sentence: str) -> Iterator[str]:
-    """Other ways to say `sentence`, likeliest first."""
+def paraphrases(sentence: str, verbs: Collection[str] = ()) -> Iterator[str]:
+    """Other ways to say `sentence`, likeliest first; what begins with one of the `verbs` of commands is no noun."""
     plain = " ".join(sentence.replace("’", "'").split()).rstrip(" .!?")
     plain = re.sub(r"^(?:please|pls|kindly|hey|hi|ok|okay|so|well),? ", "", plain, flags=re.IGNORECASE)
     plain = re.sub(r",? (?:please|pls|thanks|thank you|thx|cheers)$", "", plain, flags=re.IGNORECASE)
@@ -171,6 +192,8 @@ def paraphrases(sentence: str) -> Iterator[str]:
         yield plain
     for pattern, instead in _PATTERNS:
         match = pattern.match(plain)
+        if match and "noun" in match.groupdict() and plain.split()[0].lower() in verbs:
+            continue
         other = " ".join(match.expand(instead).split()) if match else plain
         if other not in tried and other.lower() != plain.lower():
             tried.add(other)

@@ -60,7 +60,7 @@ class Span(NamedTuple):
 _unit = table(
     {
         "second|seconds|sec|secs|s|second mark": TimeExpression(seconds=1.0),
-        "frame|frames": TimeExpression(frames=1.0),
+        "frame|frames|f|fr|frm|frms": TimeExpression(frames=1.0),
         "minute|minutes|min|mins": TimeExpression(seconds=60.0),
         "msec|millisecond|milliseconds|ms": TimeExpression(seconds=0.001),
     }
@@ -100,7 +100,8 @@ _part_way = either(
     keyword("halfway|half way|midway|mid way") + ~(_through | keyword("point") + ~keyword(f"of the [{_whole}]"))
     >> (lambda: HALF_WAY),
     keyword(
-        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the [halfway|half "
+        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the "
+        f"[halfway|half "
         f"way|half] [point|mark] (of the [{_whole}])|mid clip|"
         "the half|half time|"
         f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
@@ -184,7 +185,8 @@ _length = either(duration, optional(number, 1.0) + _unit >> _times)
 _first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [first|opening]") + _length
 _last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final|closing]") + _length
 _onward = ~keyword(
-    "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) end|till the end|"
+    "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) "
+    "end|till the end|"
     "for good|for the rest (of the clip|of it)|and stay so"
 )
 _since = keyword(
@@ -209,7 +211,11 @@ _since_then = either(
     _has_passed,
 )
 _just_then = (
-    unless(keyword("in here")) + _at + ~keyword("about|around|roughly|exactly|precisely") + moment | _bare
+    unless(keyword("in here"))
+    + _at
+    + ~keyword("like|say|maybe|about|around|roughly|approximately|circa|exactly|precisely")
+    + moment
+    | _bare
 ) + _onward
 _begin = _since_then | _just_then
 _for = keyword("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
@@ -282,7 +288,8 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|scene]|"
+            "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] "
+            "[clip|video|time|film|scene]|"
             "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|"
             "the whole way through|from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|"
             "[over|during|throughout] the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|"

@@ -170,8 +170,9 @@ class Comparison:
 
     def _distance(self) -> str:
         apart, what = self._apart()
-        k = int(apart.argmin()) if self.asked.extreme == "min" else 0
-        span = "" if len(apart) == 1 else f"; over that time {apart.min():.2f} to {apart.max():.2f}"
+        k = int({"min": apart.argmin(), "max": apart.argmax()}.get(self.asked.extreme, 0))
+        mean = f", {apart.mean():.2f} on average" if self.asked.extreme == "mean" else ""
+        span = "" if len(apart) == 1 else f"; over that time {apart.min():.2f} to {apart.max():.2f}{mean}"
         far = "apart" if len(self.things) > 1 else "from the camera"
         return f"{what} {apart[k]:.2f} times the median depth {far} {self._at(k)}{span}."
 

@@ -8,15 +8,24 @@ gives an answer to another question.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
-from operator import itemgetter
 from typing import Any
 
 from ..errors import F4xError
 from ..language.asides import without_courtesy
-from ..language.grammar import NOTHING, Doubt, Reading, Rule, either, generated, table, tokenise
-from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, spellings, word_set
+from ..language.grammar import NOTHING, Doubt, Matches, Reading, Rule, covers, either, generated, table, tokenise
+from ..language.idle import EMPTY
+from ..language.lexicon import (
+    CONTRACTIONS,
+    FUNCTION_WORDS,
+    SPELLING,
+    is_adverb,
+    label_of,
+    misspelt,
+    spellings,
+    word_set,
+)
 from ..language.times import END, START, Clip, Span, span
 from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
 from .knowledge import PEOPLE
@@ -73,6 +82,14 @@ SUBJECTS = (
     (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
     (r"^(?:and )?who\b|\bwhose\b|\bname\b", "who somebody is"),
     (r"\bhow many\b|\bnumber of\b|\bcount\b", "how many of a kind there are"),
+    (r"\bweather|\brain|\bsnow|\bwind|\btemperature|\bsunny", "what the weather is"),
+    (r"\bhow old\b|\bage\b", "how old something is"),
+    (r"\bheavy|\bweigh", "what something weighs"),
+    (r"\bbreed|\bbrand|\bspecies\b|\bwhat make\b", "of which make or breed something is"),
+    (r"\bthink|\bfeel", "what somebody thinks or feels"),
+    (r"\bsay\b|\bsays\b|\bsound|\bhear|\bwrit", "what is said or written"),
+    (r"\bwhat will\b|\bhappens? next\b|\btomorrow\b", "what comes after the clip"),
+    (r"\bwearing\b|\bholding\b|\bcarrying\b|\beating\b", "what somebody wears, holds or eats"),
     (r"\bdoing\b|^what (?:does|do|did|is|are) \S", "what somebody does beyond moving"),
 )
 """(pattern, what it asks for that nobody can compute), the first that fits."""
@@ -87,7 +104,6 @@ _NOUNS_TOO = word_set("fly track light path course slide swing drive float stage
 """… unless an article stands before them …"""
 _BEFORE = word_set("front back left right top bottom middle other big small large tall moving fast") | COLOURS
 """… or the noun behind them."""
-_ADVERB = r"(?!fly|family|butterfly|lily|jelly|belly|dolly|trolley|ugly|lonely|elderly|early).*ly"
 _NO_ENDING = re.compile(
     r"(?!bed$|red$|seed$|sled$|shed$|weed$|reed$|speed$).{2,}ed|(?!building|swing|string|ring|king|wing|thing|ceiling|painting"
     r"|clothing|railing|awning|spring|pudding|duckling|sapling|wedding|earring).{3,}ing"
@@ -117,7 +133,7 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         for end in range(start, min(len(reading.tokens), start + 2 * _MOST_WORDS)):
             word = reading.word(end)
             owner = word == "'s" and end > start
-            if not owner and (not word.isalpha() or re.fullmatch(_ADVERB, word)):
+            if not owner and (not word.isalpha() or is_adverb(word)):
                 break
             first = end == start > at  # an article stands before it
             if word in _NO_NAMES and not (
@@ -235,10 +251,6 @@ _slots: dict[str, Rule] = {
 }
 
 
-Matches = dict[int, list[tuple[int, Any]]]
-"""Word where a slot matches -> its (end, value)."""
-
-
 @dataclass(frozen=True)
 class _Row:
     """One line of `cues.ROWS`."""
@@ -251,30 +263,6 @@ class _Row:
     """What it may hold."""
     needed: frozenset[str]
     """Those of them without which it is not asked."""
-
-    def cover(
-        self, matches: Mapping[str, Matches], gaps: Sequence[dict[int, int]]
-    ) -> tuple[int, dict[str, Any]] | None:
-        """(cost, value of each slot) of the cheapest way in which slots cover the sentence, with words between that add nothing.
-
-        `matches`: of each slot that is in the sentence; `gaps`: per word where such words end, and what leaving them out costs.
-        """
-        if not self.needed <= matches.keys():
-            return None
-        bits = {name: 1 << number for number, name in enumerate(self.slots) if name in matches}
-        needed = sum(bits[name] for name in self.needed)
-        ways: list[dict[int, tuple[int, dict[str, Any]]]] = [{} for _ in range(len(gaps) + 1)]
-        ways[0][0] = 0, {}
-        for at, found in enumerate(ways[:-1]):
-            for filled, (cost, values) in found.items():
-                for name, bit in bits.items():
-                    for end, value in () if filled & bit else matches[name].get(at, ()):
-                        if end > at and cost < ways[end].get(filled | bit, (_NEVER,))[0]:
-                            ways[end][filled | bit] = cost, {**values, name: value}
-                for end, loss in gaps[at].items():
-                    if end > at and cost + loss < ways[end].get(filled, (_NEVER,))[0]:
-                        ways[end][filled] = cost + loss, values
-        return min((way for filled, way in ways[-1].items() if not needed & ~filled), key=itemgetter(0), default=None)
 
 
 def _rows() -> Iterator[_Row]:
@@ -304,8 +292,8 @@ _LOOSE = _BINDING | word_set(
     "the a an it its that this these those already yet even really very quite rather so just one would exactly"
 )
 """… and other words that may be left out where nothing else fits."""
-_LOOSELY, _UNKNOWN, _NEVER = 20, 100, 10**6
-"""Costs of such a word, of any word, and of what there is no way to."""
+_EMPTY, _LOOSELY, _UNKNOWN = 3, 20, 100
+"""Costs of a word that adds nothing, of such a word, and of any word."""
 _aside = generated(_aside_at)
 _adds_nothing = either(CUES["filler"], _aside)
 _BESIDE = {"in front of": "in_front", "left of": "left_of", "right of": "right_of", "near": "neighbours"}
@@ -328,7 +316,15 @@ def read_question(
 
     Raises F4xError: a time beyond the clip; `Unanswerable`: what is not understood whole; `Doubt`: what may be misspelt.
     """
-    text = without_courtesy(" ".join(question.lower().replace("’", "'").split()))
+
+    def called(words: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(label_of(word, labels) for word in words)
+
+    text = " ".join(question.lower().replace("’", "'").split())
+    text = re.sub(
+        r"[a-z]+", lambda word: " ".join(CONTRACTIONS.get(word[0], (word[0],))), text
+    )  # "whats the dog doing"
+    text = without_courtesy(text)
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
     text = re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
@@ -364,6 +360,10 @@ def read_question(
                 extreme = _THEN.get(understood[-1].kind, more_asked[0].extreme)
                 more_asked = [replace(more_asked[0], extreme=extreme)]
             understood += more_asked
+    understood = [
+        replace(asked, things=called(asked.things), other=called(asked.other), but=called(asked.but))
+        for asked in understood
+    ]
     _doubt_swapped(text, {word for asked in understood for thing in asked.things for word in thing.split()}, labels)
     return tuple(understood)
 
@@ -453,8 +453,9 @@ def _readings(
             if ways := rule.at(reading, at):
                 matches.setdefault(name, {})[at] = [(end, value[0] if value else None) for end, value in ways.items()]
     gaps = [_gaps(reading, at) | ({at + 1: _UNKNOWN} if whatever else {}) for at in tokens]
-    covers = [(row, cover) for row in _ROWS if (cover := row.cover(matches, gaps))]
-    for row, (cost, found) in sorted(covers, key=lambda one: (one[1][0], -len(one[0].needed))):
+    found_by = ((row, covers(row.slots, row.needed, matches, gaps).get(len(gaps), (None,))[0]) for row in _ROWS)
+    fitting = [(row, cover) for row, cover in found_by if cover]
+    for row, (cost, found, _) in sorted(fitting, key=lambda one: (one[1].cost, -len(one[0].needed))):
         if asked := _asked(row, found, clip, it):
             yield cost - len(row.needed) / 10, asked
 
@@ -463,6 +464,8 @@ def _gaps(reading: Reading, at: int) -> dict[int, int]:
     """Where what adds nothing ends that begins at a word, and the cost: the fewer words are left out, the likelier a reading."""
     ends = {end: end - at for end in (*_aside.at(reading, at), *CUES["filler"].at(reading, at))}
     word = reading.word(at)
+    if word in EMPTY and at + 1 < len(reading.tokens):  # at its end it asks: "what does it look like"
+        ends.setdefault(at + 1, _EMPTY)
     if word in _LOOSE and not (word in _BINDING and _name.at(reading, at + 1)):
         ends.setdefault(at + 1, _LOOSELY)
     return ends | dict.fromkeys(CUES["inside"].at(reading, at), 1)
@@ -498,8 +501,10 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     if row.kind == "distance" and len(things) < 2:
         if not things:
             return None
-        things = (*things[0].split("-"), *other)  # "the dog-bush distance"
+        things = things if other == things else (*things[0].split("-"), *other)  # "the dog-bush distance"
     manner = row.options.get("manner") or joined[0] or next((found[slot] for slot in _MANNERS if found.get(slot)), "")
+    if row.kind == "order" and "side" in found:  # "what is on the far left"
+        manner = "from left to right"
     kind, polar, negated = row.kind, row.polar and " or " not in manner, row.polar and ("not" in found or "no" in found)
     negated = negated != ("says" in row.options)
     if kind == "what_is":
@@ -614,7 +619,7 @@ def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
     negation = re.search(_NEGATION, text)
     if negation and subject == "that":
         subject = f"what '{negation[0]}' asks for here"
-    strange = next((word for word in words if re.fullmatch(_ADVERB, word)), "")
+    strange = next((word for word in words if is_adverb(word)), "")
     last = [word for word in words if word not in _ASKING_WORDS][-1:]
     if not strange and last and re.search(rf"(?<!\ba )(?<!\ban )(?<!\bthe )\b{last[0]}$", text):
         strange = last[0]
