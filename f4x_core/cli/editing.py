@@ -36,26 +36,25 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         found, lines = {}, []
         scene = _with_file(scene, args, progress)
     new = of(scene).edits[before:]
-    if args.dry_run:
-        where = "nothing was written"
-    elif args.output is None:
+    written = args.scene if args.output is None else args.output
+    if args.output is None and not args.dry_run:
         write_stack(args.scene, of(scene))
-        where = str(args.scene)
-    else:
+    elif not args.dry_run:
         write_scene(base_of(scene), args.output)
-        where = str(args.output)
     chosen = {step.edit.id: int(step.chosen.sum()) for step in getattr(scene, "steps", ())}
     plan = told(unedited, [edit.operation for edit in new], args.frame)
     lines += [
         f"{number} {line}" + (f": {chosen[edit.id]:,} Gaussians" if edit.id in chosen else "")
         for number, (edit, line) in enumerate(zip(new, plan, strict=True), before + 1)
     ]
+    active = sum(edit.enabled for edit in of(scene).edits)
+    end = f"{written}: {_edits(active)} in effect; `f4x undo` takes back the last"
     return {
         **found,
-        "output": None if args.dry_run else where,
+        "output": None if args.dry_run else str(written),
         "edits": [edit.to_json() for edit in new],
         "gaussians": [chosen.get(edit.id, 0) for edit in new],
-        "text": "\n".join([*lines, where]),
+        "text": "\n".join([*lines, "nothing was written" if args.dry_run else end]),
     }
 
 

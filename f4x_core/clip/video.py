@@ -148,8 +148,9 @@ def _opened(file: Path):
     except (av.FFmpegError, OSError) as error:
         raise F4xError(f"{file} cannot be read as a video ({error.strerror}); give a video or a folder") from error
     if _film(container) is None:
+        kinds = sorted({"a cover" if stream.type == "video" else stream.type for stream in container.streams})
         container.close()
-        raise F4xError(f"{file} holds no video, only {len(container.streams)} other stream(s); give a video file")
+        raise F4xError(f"{file} holds no video, only {' and '.join(kinds)}; give a video file")
     return container
 
 

@@ -29,7 +29,7 @@ from ..language.grammar import (
     unless,
 )
 from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, is_adverb, singular, word_set
-from ..language.times import END, START, Clip, Span
+from ..language.times import END, START, Clip, Span, no_such_time
 from .operations import Duplicate, Operation
 from .selects import All, And, Beside, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text, Where
 
@@ -123,13 +123,10 @@ class When:
             return cls(slowly=slowly)
         start, end = phrase.start.resolve(context), None if phrase.end is None else phrase.end.resolve(context)
         last = context.frames - 1
-        for frame in (start, end):
-            # The instant in which the last frame ends is still the clip: "to second 6" of six seconds.
-            if frame is not None and not 0 <= frame <= (last if frame is start else last + 1):
-                raise Refusal(
-                    f"Frame {frame:g} is outside the clip, which has frames 0 to {last} ({context.frames / context.fps:g}"
-                    f" s)."
-                )
+        # The instant in which the last frame ends is still the clip: "to second 6" of six seconds.
+        for time, frame, latest in ((phrase.start, start, last), (phrase.end, end, last + 1)):
+            if time is not None and frame is not None and not 0 <= frame <= latest:
+                raise Refusal(no_such_time(time, context))
         end = None if end is None or phrase.end == END else min(end, last)
         if end is not None and end < start:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")

@@ -46,6 +46,14 @@ START, END, NOW = TimeExpression(), TimeExpression(last=1.0), TimeExpression(now
 HALF_WAY = TimeExpression(clip=0.5)
 
 
+def no_such_time(time: TimeExpression, clip: Clip) -> str:
+    """The sentence about a time that the clip does not have, in the unit that it was given in."""
+    frame = time.resolve(clip)
+    unit, value = ("second", frame / clip.fps) if time.seconds else ("frame", frame)
+    lasts = f"{clip.frames / clip.fps:.2f} seconds, frames 0 to {clip.frames - 1}"
+    return f"There is no {unit} {round(value, 2):g}: the clip lasts {lasts}."
+
+
 class Span(NamedTuple):
     """From … to."""
 

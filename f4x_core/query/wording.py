@@ -26,7 +26,7 @@ from ..language.lexicon import (
     spellings,
     word_set,
 )
-from ..language.times import END, START, Clip, Span, span
+from ..language.times import END, START, Clip, Span, no_such_time, span
 from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
 from .knowledge import PEOPLE
 
@@ -638,10 +638,6 @@ def _frames(span: Span, clip: Clip) -> tuple[float, float]:
     final = first if span.kind == "moment" else last if span.end is None else span.end.resolve(clip)
     for frame, moment in ((first, span.start), (final, span.end or span.start)):
         if not 0 <= frame <= clip.frames or (frame > last and not (moment.seconds or moment.clip)):
-            unit, value = ("second", frame / clip.fps) if moment.seconds else ("frame", frame)
-            raise F4xError(
-                f"There is no {unit} {value:g}: the clip lasts {clip.frames / clip.fps:.2f} seconds, frames 0"
-                f" to {last}."
-            )
+            raise F4xError(no_such_time(moment, clip))
     first, final = min(first, last), min(final, last)
     return min(first, final), max(first, final)

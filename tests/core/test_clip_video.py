@@ -357,7 +357,7 @@ def test_a_song_with_a_cover_is_no_film(tmp_path):
         container.mux(sound.encode(noise))
         container.mux(cover.encode(image))
         container.mux([*cover.encode(), *sound.encode()])
-    with pytest.raises(F4xError, match=r"song\.m4a holds no video"):
+    with pytest.raises(F4xError, match=r"song\.m4a holds no video, only a cover and audio;"):
         read_clip(path)
 
 

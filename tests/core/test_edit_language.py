@@ -193,8 +193,13 @@ def test_a_time_in_front_holds_until_the_next_sentence():
 
 def test_times_outside_the_clip_are_refused():
     assert say("make the dog red from second 4 to 6")[0].frames == (40, 59)  # the instant at which the clip ends
-    for late in ("from second 6", "at frame 60", "until frame 61", "in the last 7 seconds"):
-        with pytest.raises(Refusal, match="outside the clip"):
+    for late, missing in {
+        "from second 6": "second 6",
+        "at frame 60": "frame 60",
+        "until frame 61": "frame 61",
+        "in the last 7 seconds": "second -1.",
+    }.items():
+        with pytest.raises(Refusal, match=rf"There is no {missing}\S*: the clip lasts 6.00 seconds, frames 0 to 59"):
             say(f"make the dog red {late}")
 
 
