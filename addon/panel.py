@@ -160,7 +160,6 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row.prop(state, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
         row.operator("f4x.query_text", text="Query")
         column.prop(state, "negatives", text="", icon="REMOVE", placeholder="but not …")
-        layout.prop(state, "follow")
         row = layout.row(align=True)
         for tool in TOOLS:
             row.operator("wm.tool_set_by_id", text=tool.bl_label.rpartition(" ")[2]).name = tool.bl_idname

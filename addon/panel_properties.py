@@ -113,10 +113,6 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     histogram: StringProperty()  # type: ignore[valid-type]
     selected: IntProperty()  # type: ignore[valid-type]
     total: IntProperty()  # type: ignore[valid-type]
-    follow: BoolProperty(  # type: ignore[valid-type]
-        name="Follow Through the Clip",
-        description="Track the point or box through other frames: better if the object is partly hidden, but slow",
-    )
     through: BoolProperty(  # type: ignore[valid-type]
         name="Through", description="Gestures in the viewport select also what is hidden behind other Gaussians"
     )

@@ -19,18 +19,16 @@ from ..f4x_core.query.inventory import known_instead
 from ..f4x_core.query.knowledge import refuse_unknown
 from ..f4x_core.query.labels import words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
-from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
+from ..f4x_core.query.prompts import select_by_prompts
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.troubles import EXPECTED
-from . import display, marking
+from . import display, marking, scene_cache
 from .job_operators import look_up
 from .outline import Outline
 from .panel_operators import SceneOperator, require_viewport
 from .preferences import find_interpreter
 from .scene_object import HIDDEN, SELECTED, SceneObject
 
-QUICK = FollowConfig(lifted=0)
-"""Use the prompted frame only."""
 LOOK = 0.1
 """Seconds between two checks of a running search."""
 MIN_BOX_PIXELS = 4
@@ -120,7 +118,7 @@ class _Prompt(SceneOperator):
         raise NotImplementedError
 
     def act(self, context, scene_object):
-        """Select by the prompt, on its frame only or tracked through the clip."""
+        """Select by the prompt; what moves is followed through the clip."""
         manager = context.window_manager
 
         def progress(stage: str, done: int, total: int, message: str = "") -> None:
@@ -135,10 +133,14 @@ class _Prompt(SceneOperator):
 
     def _search(self, scene_object: SceneObject) -> Callable[[Progress], Selection]:
         """The search as a function that does not use Blender."""
-        config = FollowConfig() if scene_object.state.follow else QUICK
-        prompts = {self.frame: self.prompt()}
-        scene, threshold = scene_object.shown.scene, scene_object.state.threshold
-        return lambda progress: select_by_prompts(scene, prompts, threshold=threshold, config=config, progress=progress)
+        prompts, threshold = {self.frame: self.prompt()}, scene_object.state.threshold
+        scene, base = scene_object.shown.scene, scene_object.base
+
+        def search(progress: Progress) -> Selection:
+            scene_cache.wait_until_prepared(base)
+            return select_by_prompts(scene, prompts, threshold=threshold, progress=progress)
+
+        return search
 
     def _take(self, scene_object: SceneObject, found: Selection) -> None:
         marking.ask(scene_object, found)
@@ -166,16 +168,11 @@ class _Prompt(SceneOperator):
         if event.type in {"ESC", "RIGHTMOUSE"}:
             self.let_go(context)
             return {"CANCELLED"}
-        done = self.handle(context, event)
-        scene_object = SceneObject.of(context.object)
-        if done and scene_object.state.follow:  # that takes many seconds: the window must not stand still
-            self._thread = _Search(self._search(scene_object))
+        if self.handle(context, event):  # the window must not stand still while the search runs
+            self._thread = _Search(self._search(SceneObject.of(context.object)))
             self._timer = context.window_manager.event_timer_add(LOOK, window=context.window)
             context.window.cursor_modal_set("WAIT")
             return {"RUNNING_MODAL"}
-        if done:
-            self.let_go(context)
-            return self.execute(context)
         navigates = event.type in {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE"}
         return {"PASS_THROUGH"} if navigates else {"RUNNING_MODAL"}
 
@@ -185,7 +182,9 @@ class _Prompt(SceneOperator):
         if event.type == "ESC":
             search.stopped = True
         if search.is_alive():
-            context.workspace.status_text_set(f"Tracking through the clip: {search.fraction:.0%}. Press Esc to stop.")
+            context.workspace.status_text_set(
+                f"Following it through the clip: {search.fraction:.0%}. Press Esc to stop."
+            )
             return {"RUNNING_MODAL"}
         context.window_manager.event_timer_remove(self._timer)
         if search.error is not None:

@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 from typing import NamedTuple
 
 from ..f4x_core.edit.apply import edited
@@ -19,6 +19,7 @@ from ..f4x_core.edit.display import Display
 from ..f4x_core.edit.stack import UNDONE, EditStack, read_stack, with_stack
 from ..f4x_core.errors import F4xError
 from ..f4x_core.query.calibration import prepare
+from ..f4x_core.query.following import draw_views
 from ..f4x_core.scene import Scene, read_header, read_scene
 
 NO_EDITS = "[]"
@@ -45,7 +46,7 @@ class SceneFile(NamedTuple):
 
 
 _files: dict[str, SceneFile] = {}  # path -> what it held when it was looked at last
-_preparing: dict[int, Thread] = {}  # id of a scene's static set -> who works out its neighbourhoods
+_preparing: dict[int, Event] = {}  # id of a scene's static set -> set when its neighbourhoods are known
 _scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
 
 
@@ -97,16 +98,23 @@ def stack_from(text: str, owner: str) -> EditStack:
 
 
 def prepare_questions(scene: Scene) -> None:
-    """Compute in a thread what the first query needs: superpoints and neighbourhoods (seconds)."""
-    thread = Thread(target=prepare, args=(scene,), daemon=True)
-    _preparing[id(scene.static)] = thread
-    thread.start()
+    """Compute in a thread what the first query needs: superpoints and neighbourhoods (seconds), then the views of the clip."""
+    ready = _preparing[id(scene.static)] = Event()
+
+    def work() -> None:
+        try:
+            prepare(scene)
+        finally:
+            ready.set()
+        draw_views(scene)  # a query meanwhile draws what is not there yet
+
+    Thread(target=work, daemon=True).start()
 
 
 def wait_until_prepared(scene: Scene) -> None:
-    """Wait for what `prepare_questions` began, if it did."""
-    if id(scene.static) in _preparing:
-        _preparing.pop(id(scene.static)).join()
+    """Wait for the superpoints and neighbourhoods that `prepare_questions` began, if it did."""
+    if ready := _preparing.get(id(scene.static)):
+        ready.wait()
 
 
 def forget() -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,21 +11,16 @@ from ..geometry import spherical_harmonics
 from ..geometry.arrays import evenly_spaced
 from ..progress import Progress, silent
 from ..scene import Scene
-from ..scene.view import render
-from .blend_weights import blend_weight_sums, lift_masks
-from .kept import Kept
-from .pixels import SHOWN, coverage_by, head_map
+from .blend_weights import lift_masks
+from .pixels import SHOWN, coverage_by
 from .score import logistic
 from .segmentation import FeaturePropagation, MaskDecoder
-from .smoothing import LOOKS_ALIKE, field_of_looks
+from .smoothing import field_of_looks
+from .views import views_of
 
 KNOWN, BLOCK = 1024, 4096
 """Gaussians with scores that are enough to say what is near, and Gaussians without that are compared with them at once: a block
 of distances stays small."""
-UNSEEN = 1e-3
-"""Blend weight in pixels up to which a Gaussian does not show in a picture."""
-STAND_IN_GRID = 64
-"""Columns of the grid on which rendered colour, motion and depth stand in for features that a scene lacks."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +86,7 @@ def follow_masks(
     moves = inside[scene.moving].sum() / max(inside.sum(), 1e-12)
     both = 1 - config.one_kind < moves < config.one_kind
     meant = both | (scene.moving == (moves >= config.one_kind))
-    views = _VIEWS.get(scene, make=_Views)
+    views = views_of(scene)
     wanted = set(evenly_spaced(len(scene.cameras), config.lifted)) - set(prompted)
     for done, (frame, logits) in enumerate(decoder.propagate() if wanted else ()):
         progress("follow", done, len(scene.cameras))
@@ -104,80 +98,25 @@ def follow_masks(
     return _from_neighbours(scene, scores, total > config.min_blend_weight, meant, config)
 
 
-class _Seen(NamedTuple):
-    """The Gaussians that show in a picture of the clip."""
-
-    rows: np.ndarray
-    """(n,) int32."""
-    weights: np.ndarray
-    """(n,) float32: their blend weights in pixels."""
-    pixels: tuple[np.ndarray, np.ndarray]
-    """Row and column, (n,) int16 each, of the pixel at the centre of these weights."""
-
-
-class _Views:
-    """What following needs of a scene's pictures, whatever is followed; each is drawn once."""
-
-    def __init__(self) -> None:
-        self._looks: dict[int, np.ndarray] = {}
-        self._seen: dict[int, _Seen] = {}
-
-    def looks(self, scene: Scene, frame: int, backend: str = "auto") -> np.ndarray:
-        """(h,w,C) float32: what the head of looks sees on clip `frame`."""
-        if frame not in self._looks:
-            camera, time = scene.cameras[frame], float(scene.cameras.times[frame])
-            self._looks[frame] = head_map(scene, LOOKS_ALIKE, camera, time, backend)
-        return self._looks[frame]
-
-    def seen(self, scene: Scene, frame: int) -> _Seen:
-        """Who shows on clip `frame`, and where."""
-        if frame not in self._seen:
-            height, width = scene.cameras.height, scene.cameras.width
-            rows, columns = np.mgrid[:height, :width].astype(np.float32)
-            layers = np.stack([np.ones_like(rows), rows, columns], -1)
-            weights, *places = blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, layers).T
-            there = np.flatnonzero(weights > UNSEEN)
-            row, column = ((place[there] / weights[there]).round().astype(np.int16) for place in places)
-            self._seen[frame] = _Seen(there.astype(np.int32), weights[there], (row, column))
-        return self._seen[frame]
-
-
-_VIEWS: Kept[_Views] = Kept()
+def draw_views(scene: Scene, config: FollowConfig | None = None) -> None:
+    """Draw what following a moving thing needs, if this scene's things can be followed, so that the first is as quick as others."""
+    if field_of_looks(scene) is None or not scene.moving.any():
+        return
+    views, count = views_of(scene), len(scene.cameras)
+    for frame in range(count):
+        views.appearance(scene, frame)
+    for frame in evenly_spaced(count, (config or FollowConfig()).lifted):
+        views.seen(scene, int(frame))
 
 
 def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
-    """The decoder that needs no model: nearest neighbours in the `visual` features of the scene.
+    """The decoder that needs no model: nearest neighbours in the appearance of the scene (`views`).
 
-    Without them rendered colour, place, motion and depth stand in: then only what differs in these is told apart.
+    Without `visual` features only what differs in colour, place, motion and depth is told apart.
     """
-    cameras = scene.cameras
-    features = (_stand_in_features if field_of_looks(scene) is None else _head_features)(scene, backend)
-    return FeaturePropagation(features, len(cameras), (cameras.height, cameras.width))
-
-
-def _head_features(scene: Scene, backend: str) -> Callable[[int], np.ndarray]:
-    views = _VIEWS.get(scene, make=_Views)
-
-    def at(t: int) -> np.ndarray:
-        return views.looks(scene, t, backend)
-
-    return at
-
-
-def _stand_in_features(scene: Scene, backend: str) -> Callable[[int], np.ndarray]:
-    cameras = scene.cameras
-    rows = max(1, round(STAND_IN_GRID * cameras.height / cameras.width))
-
-    def at(t: int) -> np.ndarray:
-        camera, time = cameras[t].resized(STAND_IN_GRID, rows), float(cameras.times[t])
-        values = {"moving": scene.moving[:, None].astype(np.float32)}
-        drawn = render(scene, camera, time, ("rgb", "depth", "alpha"), backend, values=values)
-        inverse = 1 / np.nan_to_num(drawn["depth"], nan=np.inf)
-        numbers = np.concatenate([np.clip(drawn["rgb"], 0, 1), drawn["moving"], inverse[..., None]], -1)
-        angle = np.pi / 2 * numbers  # the cosine of two cells is the mean of cos(pi/2 difference): 0 for opposites
-        return np.concatenate([np.cos(angle), np.sin(angle)], -1)
-
-    return at
+    cameras, views = scene.cameras, views_of(scene)
+    size = (cameras.height, cameras.width)
+    return FeaturePropagation(lambda t: views.appearance(scene, t, backend), len(cameras), size)
 
 
 def _from_neighbours(

@@ -40,10 +40,15 @@ def label_scores(query: TextQuery, latents: np.ndarray) -> np.ndarray:
 def head_map(scene: Scene, head: str, camera: Camera, time: float, backend: str = "auto") -> np.ndarray:
     """(h,w,C) float32 that `head` sees from `camera`, on its own grid: the latent is averaged over each cell, then decoded."""
     features = scene.require_field([head])
-    rows, columns = features.spec(head).grid
-    fine = camera.resized(min(camera.width, PER_CELL * columns), min(camera.height, PER_CELL * rows))
-    latent = render(scene, fine, time, ("latent",), backend)["latent"]
-    return features.decode(head, shrink(latent, (rows, columns)))
+    grid = features.spec(head).grid
+    latent = render(scene, cell_camera(camera, grid), time, ("latent",), backend)["latent"]
+    return features.decode(head, shrink(latent, grid))
+
+
+def cell_camera(camera: Camera, grid: tuple[int, int]) -> Camera:
+    """`camera` at the size at which pictures are drawn whose means over the cells of `grid` (rows, columns) are taken."""
+    rows, columns = grid
+    return camera.resized(min(camera.width, PER_CELL * columns), min(camera.height, PER_CELL * rows))
 
 
 def text_score_map(

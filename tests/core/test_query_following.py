@@ -9,11 +9,9 @@ from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry import spherical_harmonics
-from f4x_core.query import following, not_deleted, prompts
-from f4x_core.query.blend_weights import blend_weight_sums
-from f4x_core.query.following import FollowConfig, decoder_of, follow_thing
+from f4x_core.query import following, not_deleted, prompts, views
+from f4x_core.query.following import FollowConfig, draw_views, follow_thing
 from f4x_core.query.labels import ask_for
-from f4x_core.query.pixels import head_map
 from f4x_core.query.prompts import (
     at_clip_size,
     select_by_mask,
@@ -22,7 +20,7 @@ from f4x_core.query.prompts import (
     select_by_text,
     text_selection,
 )
-from f4x_core.scene.view import render
+from f4x_core.query.views import Seen, views_of
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +53,7 @@ class Lifted:
         self.masks, self.known, self.followed = {}, None, {}
         monkeypatch.setattr(following, "lift_masks", self.lift)
         monkeypatch.setattr(following, "_from_neighbours", self.fill)
-        monkeypatch.setattr(following, "_VIEWS", SimpleNamespace(get=lambda scene, make: self))
+        monkeypatch.setattr(following, "views_of", lambda scene: self)
         monkeypatch.setattr(prompts, "point_out", lambda scene, asked: None)
 
     def lift(self, scene, masks, progress):
@@ -66,7 +64,7 @@ class Lifted:
         random = np.random.default_rng(frame)
         rows = np.flatnonzero(random.random(self.count) < 0.7)[40:]
         pixels = random.integers(0, HEIGHT, len(rows)), random.integers(0, WIDTH, len(rows))
-        self.followed[frame] = following._Seen(rows, 0.2 * random.random(len(rows)), pixels)
+        self.followed[frame] = Seen(rows, 0.2 * random.random(len(rows)), pixels)
         return self.followed[frame]
 
     def fill(self, scene, scores, seen, meant, config):
@@ -189,22 +187,6 @@ def test_a_thing_that_was_pointed_out_is_followed_by_its_looks(scene):
         assert follow_thing(kept, chosen, [0], config) is chosen
 
 
-def test_what_a_picture_shows_is_looked_at_once(scene, monkeypatch):
-    views = following._Views()
-    rows, weights, (row, column) = views.seen(scene, 2)
-    layers = np.ones((HEIGHT, WIDTH, 1), np.float32)
-    sums = blend_weight_sums(scene, 2.0, 2, layers)[:, 0]
-    np.testing.assert_array_equal(rows, np.flatnonzero(sums > following.UNSEEN))
-    np.testing.assert_allclose(weights, sums[rows], rtol=1e-6)
-    pixels, _ = scene.cameras[2].project(scene.posed(2.0).means[rows].astype(float))
-    inner = (pixels > 2).all(1) & (pixels < [WIDTH - 2, HEIGHT - 2]).all(1) & scene.moving[rows]
-    assert inner.sum() > 10 and (abs(np.stack([column, row], 1) + 0.5 - pixels)[inner] < 1).all()
-    looks = views.looks(scene, 2)
-    monkeypatch.setattr(following, "blend_weight_sums", None)
-    monkeypatch.setattr(following, "head_map", None)
-    assert views.looks(scene, 2) is looks and views.seen(scene, 2).rows is rows
-
-
 def test_a_span_lies_within_the_clip(scene):
     point = np.argwhere(square_mask(0)).mean(0)[None, ::-1]
     for span in ((0, 5), (0, 0), (5, 5), (1.5, 4)):
@@ -246,35 +228,16 @@ def test_the_calibrated_probability_is_the_default(scene, monkeypatch):
         assert found.wins.any() and not np.array_equal(found.scores, probability)
 
 
-def test_a_decoder_sees_the_visual_features_or_what_stands_in(scene, monkeypatch):
-    own = decoder_of(scene)
-    assert own.count == FRAMES and own.size == (HEIGHT, WIDTH)
-    np.testing.assert_array_equal(own._features(4), head_map(scene, "visual", scene.cameras[4], 4.0))
-    text = replace(scene.features, heads=scene.features.heads[:1])
-    monkeypatch.setattr(following, "STAND_IN_GRID", 16)
-    for other in (replace(scene, features=text), replace(scene, features=None)):
-        assert decoder_of(other)._features(0).shape == (10, 16, 10)
-
-
-def test_colour_motion_and_depth_stand_in_for_features(monkeypatch):
-    """Colours brighter than white, and a picture that shows past the wall."""
-    scene = labelled_scene(features=False)
-    sh = spherical_harmonics.dc_from_rgb(np.float32([1.3, 0.4, -0.2])) * np.ones((len(scene.static), 1, 1), np.float32)
-    cameras = replace(
-        scene.cameras, intrinsics=scene.cameras.intrinsics * np.float64([[0.4, 1, 1], [1, 0.4, 1], [1, 1, 1]])
-    )
-    scene = replace(scene, static=replace(scene.static, sh=sh), cameras=cameras)
-    monkeypatch.setattr(following, "STAND_IN_GRID", 32)
-    found = decoder_of(scene)._features(2)
-    values = {"moving": scene.moving[:, None].astype(np.float32)}
-    drawn = render(scene, cameras[2].resized(32, 20), 2.0, ("rgb", "depth"), values=values)
-    assert np.isnan(drawn["depth"]).any() and drawn["rgb"].max() > 1.1
-    inverse = np.where(np.isnan(drawn["depth"]), 0, 1 / drawn["depth"])
-    numbers = [*np.moveaxis(np.clip(drawn["rgb"], 0, 1), 2, 0), drawn["moving"][..., 0], inverse]
-    angles = np.stack(numbers, -1) * np.pi / 2
-    np.testing.assert_allclose(found, np.concatenate([np.cos(angles), np.sin(angles)], -1), atol=1e-5)
-    flat = replace(scene, cameras=replace(cameras, height=1))
-    assert decoder_of(flat)._features(0).shape == (1, 32, 10)
+def test_what_following_needs_is_drawn_beforehand(scene, monkeypatch):
+    fresh = replace(scene)
+    draw_views(fresh, FollowConfig(lifted=3))
+    monkeypatch.setattr(views, "render", None)
+    monkeypatch.setattr(views, "blend_weight_sums", None)
+    kept = views_of(fresh)
+    assert [kept.appearance(fresh, t).shape[:2] for t in range(FRAMES)] == [(20, 32)] * FRAMES
+    assert all(len(kept.seen(fresh, t).rows) for t in (0, 2, 5))
+    for nothing in (replace(scene, features=None), replace(scene, dynamic=scene.dynamic.empty(0, 4))):
+        draw_views(nothing)  # its things are not followed
 
 
 def scores_by_loops(scene, scores, seen, meant, config):
