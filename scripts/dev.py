@@ -152,6 +152,7 @@ def docs() -> int:
     """The site, by mkdocs; a link or anchor that leads nowhere fails it, and so does a module whose docstrings cannot be read."""
     code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", *SITE])
     code = code or run([str(ROOT / "scripts" / "site_pages.py"), str(ROOT / "build" / "site_pages")])
+    os.environ.setdefault("NO_MKDOCS_2_WARNING", "1")  # the theme's advertisement of its successor
     code = code or run(["-m", "mkdocs", "build", "--strict", "--quiet"])
     if code == 0:
         print(f"{ROOT / 'build' / 'site' / 'index.html'}")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from difflib import get_close_matches
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import F4xError
@@ -32,7 +33,16 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise F4xError in place of printing the usage."""
-        raise F4xError(f"{message}; `{self.prog} --help` shows what is possible.")
+        joint = " " if message.endswith("?") else "; "
+        raise F4xError(f"{message}{joint}`{self.prog} --help` shows what is possible.")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Name the nearest of the choices where a value is none of them, and all of them where none is near."""
+        choices = [str(choice) for choice in action.choices or ()]
+        near = [] if str(value) in choices else get_close_matches(str(value), choices, 1)
+        if near:
+            raise argparse.ArgumentError(action, f"there is no '{value}'; did you mean '{near[0]}'?")
+        super()._check_value(action, value)
 
 
 def _fit(verbs: Verbs) -> None:

@@ -205,7 +205,7 @@ def test_a_dry_run_names_what_is_missing_or_not_as_it_is_said(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--set", "profile=quik"], "row a, priors: argument --profile: invalid choice: 'quik'"),
+        (["--set", "profile=quik"], "row a, priors: argument --profile: there is no 'quik'; did you mean 'quick'?"),
         (["--set", "profil=quick"], "no column 'profil', near it is 'profile'"),
         (["--set", "profile"], "write COLUMN=VALUE"),
         (["--jobs", "0"], "--jobs 0: give 1 or more"),

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from labelled_scene import labelled_scene
 from PIL import Image
 from toy import clip_and_priors
 
@@ -23,7 +24,7 @@ from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.fit import pipeline
 from f4x_core.fit.budget import ClipSize
 from f4x_core.fit.config import profile
-from f4x_core.scene import read_scene
+from f4x_core.scene import read_scene, write_scene
 
 ROOT = Path(__file__).parents[2]
 
@@ -210,6 +211,21 @@ def test_render_refuses_unknown_channels_and_paths(toy_fit, tmp_path, capsys):
     assert "FILE.ply" in fails(capsys, "export", scene, "-o", tmp_path / "r", "--time", 2)
     assert "FILE.ply" in fails(capsys, "export", scene, "-o", tmp_path / "r.ply")
     assert not (tmp_path / "r").exists() and not (tmp_path / "r.ply").exists()
+
+
+def test_a_word_of_the_command_line_that_is_misspelt_is_asked_about(capsys):
+    assert "there is no 'aks'; did you mean 'ask'? `f4x --help`" in fails(capsys, "aks", "a.f4x")
+    assert "there is no 'quik'; did you mean 'quick'?" in fails(capsys, "fit", "a", "-o", "b", "--profile", "quik")
+    assert "choose from 'fit', 'priors'" in fails(capsys, "xyzzy")
+
+
+def test_the_folder_of_a_fit_is_its_scene(tmp_path, capsys):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    assert main(["info", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert main(["info", str(tmp_path / "scene.f4x")]) == 0 and capsys.readouterr().out == told
+    assert "\nwords:     square, wall" in told
+    assert "there is no such file" in fails(capsys, "info", tmp_path / "nowhere")
 
 
 def test_doctor_names_every_backend(capsys):
