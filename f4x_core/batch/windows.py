@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from ..clip import Clip
+from ..clip.model import MIN_FRAMES
 from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, keep_measured, summary, without_frames
 from ..files import replace_file
 from ..fit.config import FitConfig, resolved
-from ..fit.pipeline import MIN_FRAMES, ClipFit, require_enough
+from ..fit.pipeline import ClipFit
 from ..fit.previous_window import PreviousWindow, WindowFit
 from ..priors.config import config_hash
 from ..progress import Progress, silent
@@ -102,7 +103,7 @@ def fit_shot(
     for number, (start, end) in enumerate(shot.windows):
         place = folder / "windows" / f"{number:03d}"
         clip = read(start, end)
-        require_enough(clip)
+        clip.require_enough()
         first = start - shot.start  # what it shares with the window before gets the same times again
         times[first : first + len(clip)] = times[first] + clip.times
         part_progress = _part_progress("window", number, len(shot.windows), progress)

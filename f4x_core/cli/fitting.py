@@ -16,6 +16,7 @@ from ..batch.run import INPUT
 from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows
 from ..clip import Clip, read_clip
 from ..clip.images import enlarge_color, even_size, resize_color
+from ..clip.model import MIN_FRAMES
 from ..clip.read import parse_span
 from ..clip.stream import Survey, reported_frame_count, survey
 from ..errors import F4xError
@@ -27,7 +28,7 @@ from ..fit.advice import about_cuts, quality
 from ..fit.budget import ClipSize, Grant, cost, raster_seconds, within
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
-from ..fit.pipeline import MIN_FRAMES, fit_clip, require_enough
+from ..fit.pipeline import fit_clip
 from ..fit.settings import as_lines, list_settings, set_fields
 from ..priors import build_priors
 from ..priors.providers import STAGES
@@ -87,7 +88,7 @@ def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def _priors(args: argparse.Namespace, config: FitConfig, progress: Progress) -> dict[str, Any]:
     """Read the clip and write its priors."""
     clip = clip_of(args, progress)
-    require_enough(clip)
+    clip.require_enough()
     folder = args.output / "priors"
     priors = build_priors(clip, folder, config.priors_in_threads, progress)
     moving = float(priors.mask.mean()) if priors.mask is not None else 0.0
@@ -133,7 +134,7 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
         config = granted(args, size, config, progress, len(parts))
         return fit_windows(args, known, shots, config, names, progress)
     clip = clip_of(args, progress)
-    require_enough(clip)
+    clip.require_enough()
     config = granted(args, ClipSize(len(clip.supervised), clip.width, clip.height), config, progress)
     result = fit_to_folder(clip, args.output, config, progress, args.resume)
     if names:

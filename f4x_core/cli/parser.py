@@ -510,7 +510,9 @@ def _report(verbs: Verbs) -> None:
 
 def _demo(verbs: Verbs) -> None:
     """`f4x demo`."""
-    sub = add_verb(verbs, "demo", "A short rendered clip (or your own) all the way to a Blender file.")
+    sub = add_verb(
+        verbs, "demo", "A short rendered clip, which needs a checkout, or your own one all the way to a Blender file."
+    )
     film = sub.add_mutually_exclusive_group()
     film.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")
     film.add_argument(

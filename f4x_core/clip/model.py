@@ -9,6 +9,11 @@ from ..errors import F4xError
 from ..geometry.arrays import are_indices
 from ..geometry.camera import CameraPath
 
+MIN_FRAMES = 3
+"""With fewer supervised frames nothing about motion or parallax can be told apart."""
+MIN_SIDE = 16
+"""Pixels; smaller pictures hold no pattern that flow could follow."""
+
 
 @dataclass(frozen=True, eq=False)
 class Clip:
@@ -65,6 +70,18 @@ class Clip:
     def supervised(self) -> np.ndarray:
         """Indices `(F,)` of the frames that the fit may see."""
         return np.flatnonzero(~self.held_out)
+
+    def require_enough(self) -> None:
+        """Raise F4xError where there are too few supervised frames, or too small pictures, for any fit."""
+        count = len(self.supervised)
+        if count < MIN_FRAMES:
+            few = f"{count} {'frame is' if count == 1 else 'frames are'} too few to tell motion from parallax"
+            raise F4xError(f"{self.source}: {few}; give at least {MIN_FRAMES}.")
+        if min(self.width, self.height) < MIN_SIDE:
+            raise F4xError(
+                f"{self.source}: pictures of {self.width}x{self.height} are too small; give at least {MIN_SIDE}x{MIN_SIDE}"
+                " pixels."
+            )
 
     @property
     def steady(self) -> bool:

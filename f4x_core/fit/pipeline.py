@@ -32,10 +32,6 @@ from .spawning import Explained, Spawner
 from .start import start_scaffold
 from .trainer import Trainer
 
-# With fewer supervised frames nothing about motion or parallax can be told apart.
-MIN_FRAMES = 3
-# Smaller pictures hold no pattern that flow could follow.
-MIN_SIDE = 16
 NOT_DECIDING = ("checkpoint_every", "measure_every")
 """Settings that do not change what a fit finds."""
 
@@ -59,7 +55,7 @@ def fit_clip(
     """Fit `clip`, keeping priors and checkpoints in `folder`.
 
     Raises:
-        F4xError: a clip that `require_enough` refuses, unusable priors, or a checkpoint that does not belong to this clip
+        F4xError: a clip that its `require_enough` refuses, unusable priors, or a checkpoint that does not belong to this clip
             and these settings.
     """
     return ClipFit(clip, folder, config, progress, resume).run()
@@ -80,7 +76,7 @@ class ClipFit:
 
     def run(self) -> FitResult:
         """All stages, one after the other."""
-        require_enough(self.clip)
+        self.clip.require_enough()
         kernels = self.config.kernels
         # Torch's threads beside the compiled library's gain nothing and collapse when other work wants the cores.
         torch.set_num_threads(1 if kernels.native else kernels.threads)
@@ -228,20 +224,6 @@ def _believed(priors: Priors) -> float | None:
         return None
     believed = believed_degrees(evidence)
     return round(believed.static if believed.moving is None else min(believed.static, believed.moving), 1)
-
-
-def require_enough(clip: Clip) -> None:
-    """Raise F4xError when the clip has too few supervised frames or too small pictures for any fit."""
-    if len(clip.supervised) < MIN_FRAMES:
-        raise F4xError(
-            f"{clip.source}: {len(clip.supervised)} frames are too few to tell motion from parallax; give at least"
-            f" {MIN_FRAMES}."
-        )
-    if min(clip.width, clip.height) < MIN_SIDE:
-        raise F4xError(
-            f"{clip.source}: pictures of {clip.width}x{clip.height} are too small; give at least"
-            f" {MIN_SIDE}x{MIN_SIDE} pixels."
-        )
 
 
 def _colour_need(trainer: Trainer) -> Need:

@@ -149,7 +149,7 @@ def cut_off_video(path):
 CLIPS = {
     "nowhere.mp4": (lambda path: None, "nowhere.mp4"),
     "empty": (empty_folder, "empty"),
-    "one": (lambda path: write_frames(path, filmed(1)), "1 frames are too few"),
+    "one": (lambda path: write_frames(path, filmed(1)), "1 frame is too few"),
     "two": (lambda path: write_frames(path, filmed(2)), "2 frames are too few"),
     "unequal": (unequal_sizes, "003.png"),
     "picture": (unreadable_picture, "003.png"),
@@ -166,7 +166,7 @@ def test_a_clip_that_cannot_be_fitted_is_refused_before_any_work(tmp_path, capsy
     make, words = CLIPS[name]
     make(tmp_path / name)
     sentence = refuses(capsys, verb, tmp_path / name, "-o", tmp_path / "out")
-    assert words in sentence and name in sentence
+    assert words in sentence and name in sentence and sentence.endswith("[F4X-CLIP]")
     assert not (tmp_path / "out").exists()
 
 
