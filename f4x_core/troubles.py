@@ -109,13 +109,20 @@ TROUBLES = (
             "f4x_core.scene.ply",
             "f4x_core.scene.formats.gltf_splats",
             "f4x_core.scene.formats.splat",
+            "f4x_core.scene.formats.spz",
         ),
     ),
     Trouble(
         "F4X-EXPORT",
-        "A format, time or path of an export or of pictures is not possible.",
+        "A format, time, path or selection of an export, a mesh or pictures is not possible.",
         "docs/formats.md and `f4x export --help` list the formats; `f4x render --help` the camera paths.",
-        ("f4x_core.scene.formats", "f4x_core.scene.posing", "f4x_core.cli.rendering"),
+        (
+            "f4x_core.scene.formats",
+            "f4x_core.scene.mesh",
+            "f4x_core.scene.posing",
+            "f4x_core.scene.view",
+            "f4x_core.cli.rendering",
+        ),
     ),
     Trouble(
         "F4X-FEATURES",
@@ -163,7 +170,14 @@ TROUBLES = (
         "F4X-RASTER",
         "Gaussians cannot be drawn: a value is not finite, or the backend that was asked for does not run here.",
         "Use --backend auto; `f4x doctor` says which backends run and why others do not.",
-        ("f4x_core.raster", "f4x_core.native", "f4x_core.scaffold.deformation.native", "f4x_core.fit.picture_native"),
+        (
+            "f4x_core.raster",
+            "f4x_core.native",
+            "f4x_core.scaffold.deformation.native",
+            "f4x_core.fit.picture_native",
+            "f4x_core.scene.depth_order",
+            "f4x_core.scene.splat_textures",
+        ),
     ),
     Trouble(
         "F4X-BATCH",

@@ -45,6 +45,8 @@ def test_codes_and_modules_occur_once():
         ("f4x_core.clip.video", "F4X-CLIP"),
         ("f4x_core.scene.file", "F4X-SCENE"),
         ("f4x_core.scene.ply", "F4X-IMPORT"),
+        ("f4x_core.scene.mesh.build", "F4X-EXPORT"),
+        ("f4x_core.features.missing", "F4X-FEATURES"),
         ("bl_ext.user_default.feature4x.f4x_core.edit.stack", "F4X-EDIT"),
         ("bl_ext.user_default.feature4x.addon.scene_object", "F4X-BLENDER"),
         ("somewhere.else", "F4X-OTHER"),
