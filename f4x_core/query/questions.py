@@ -238,8 +238,10 @@ def _sighting(scene, label, selection, seen, depths, places, times, views) -> Si
     moves = np.flatnonzero(np.nan_to_num(steps) > STILL * np.diff(times) / scene.fps)
     if len(moves):
         camera = scene.cameras.at(float(times[(moves[0] + moves[-1] + 1) // 2]))
-        ends, _ = camera.project(places[[moves[0], moves[-1] + 1]].astype(np.float64))
-        drift = (ends[1, 0] - ends[0, 0]) / camera.width
+        rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
+        ends = places[[moves[0], moves[-1] + 1]].astype(np.float64) @ rotation.T + translation
+        # Beside its mean depth, not by its place in the picture: what comes nearer off the middle does not go aside.
+        drift = (ends[1, 0] - ends[0, 0]) * camera.focal / max(abs(ends[:, 2].mean()), 1e-9) / camera.width
         sighting = replace(
             sighting,
             path=float(steps[moves].sum()),

@@ -2,6 +2,7 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from f4x_core.edit.operations import Delete
 from f4x_core.edit.selects import Ids
 from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import frozen, orbit, original
+from f4x_core.query import questions
 from f4x_core.query.chat import ChatServer
 from f4x_core.query.questions import COMPUTED, SERVER, answer, ask_features
 from f4x_core.query.selection import SELECTED, Selection
@@ -337,3 +339,19 @@ def test_a_model_reads_features_and_no_pictures(scene):
 
     said = ask_features(scene, "What?", original(scene.cameras), Reader(), head="visual")
     assert (said.text, said.answered_by) == (f"What? {FRAMES}", "reader")
+
+
+@pytest.mark.parametrize(("aside", "heading"), [(0.0, ""), (0.5, "to the right"), (-0.5, "to the left")])
+def test_what_comes_nearer_beside_the_picture_does_not_go_aside(aside, heading):
+    """Its place in the picture leaves it, as that of a thing and its far copy does."""
+    scene = labelled_scene()
+    times = scene.cameras.times
+    camera = scene.cameras.at(float(times[len(times) // 2]))
+    rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
+    way = np.linspace(0, 1, len(times))
+    seen_by_camera = np.stack([aside * way - 3, 0 * way, 2 - way], 1)
+    places = (seen_by_camera - translation) @ rotation
+    nothing = SimpleNamespace(chosen=np.zeros(1, bool), scores=np.zeros(1))
+    unseen, depths, views = np.zeros((1, 4, 4), bool), np.ones((1, 4, 4)), original(scene.cameras)[:1]
+    found = questions._sighting(scene, "it", nothing, unseen, depths, places, times, views)
+    assert found.heading == heading
