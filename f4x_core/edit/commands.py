@@ -174,14 +174,6 @@ _to_fraction = keyword("to") + either(percent, fraction, number) + ~keyword("opa
 )
 _command("fade the background", "fade", lambda by=0.5: making.faded(by), itself="fade", by=_to_fraction)
 
-_command(
-    "fade in the dog from second 1 to 2",
-    "fade|dissolve",
-    lambda: making.faded(0.0, inward=True),
-    "inward",
-    itself="fade",
-    inward=keyword("in|into view"),
-)
 
 # Taking out, and leaving alone
 DELETING = (
@@ -190,10 +182,9 @@ DELETING = (
 )
 SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
 OUT = keyword(
-    "out|away|off|[off|out of] [the|this] [screen|picture|frame|shot|scene|video|view]|out of [there|here|sight]|from "
-    "sight|from view|[out of|from] [the|this] (whole"
-    "|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture"
-    "|video|clip|image|shot|frame]"
+    "out|away|off|[off|out of] [the|this] [screen|picture|frame|shot|scene|video|view]|out of [there|here|sight]|from sight|"
+    "from view|[out of|from] [the|this] (whole|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] "
+    "[scene|picture|video|clip|image|shot|frame]"
 )
 _delete, _extract = always(making.deleted), always(making.extracted)
 _command("remove everything except the dog", DELETING, _extract, who=everything_but, use=NAMED)
@@ -211,11 +202,9 @@ _command(
     only=ONLY,
     colored=_in_colour,
 )
-_command("isolate the dog", "isolate|extract|single out|separate out|separate|cut free", _extract, use=NAMED)
 _unwanted = keyword(
-    "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need]"
-    " (to see)|there should be no|let there be no|"
-    "[i|we] can do without|no"
+    "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need] (to see)|there should be no|"
+    "there [should|must|shall|may] not be|there must be no|let there be no|[i|we] can do without|no"
 )
 _command(
     "I do not want to see the dog",
@@ -338,10 +327,8 @@ TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 # Time
 _motion = either(whose("motion|motions|movement|movements|action|animation"), thing)
 STILL = keyword(
-    "still|in place|mid [air|flight|jump|step|stride|motion|run]|in [the|its|his|her|their] tracks|in mid "
-    "[air|flight|jump|step|stride|motion"
-    "|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing"
-    " still|there"
+    "still|in place|mid [air|flight|jump|step|stride|motion|run]|in [the|its|his|her|their] tracks|in mid [air|flight|jump|"
+    "step|stride|motion|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing still|there"
 )
 _STANDING = "stand still|stay still|hold still|keep still|stop moving|be still|stay in place|not move|stand"
 _command(

@@ -11,7 +11,7 @@ from ..language.colours import colour
 from ..language.grammar import Reading, either, keyword, tokenise
 from ..language.lexicon import word_set
 from ..language.times import duration, moment, span
-from .phrases import familiar, known_thing
+from .phrases import PICTURE, familiar, known_thing
 from .qualities import made
 
 _TAKEN_BACK = (
@@ -60,7 +60,9 @@ def corrected(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[s
             at = min(start for stop, start in places if stop == end)
             tail = first[before.tokens[end - 1].end :]
             yield f"{first[: before.tokens[at].start]}{last}{tail}"
-    if not _SPOKEN_OF & {token.text for token in behind.tokens}:  # of whom "it" speaks is in what came before
+    spoken = {token.text for token in behind.tokens}
+    of_something = any(familiar.at(behind, at) for at in range(len(behind.tokens)))
+    if not _SPOKEN_OF & spoken and of_something:  # of whom "it" speaks is in what came before
         yield last
 
 
@@ -70,11 +72,10 @@ _STATES = (
 )
 _REMARKED = re.compile(
     rf"^(?P<remark>(?:(?:the|that|this|these|those|my|our|its?) )?(?:[\w'-]+ ){{0,4}}?{_STATES}\b.*?|"
-    r"(?:i|we|people|nobody|no one|you)(?:'m|'re)? (?:really |just |also )?(?:not|do not|don't|dont|never|can't|cannot|can "
-    r"not|can hardly|hate|"
-    r"dislike|needs? (?:that|this)|wants? (?:that|this)|likes?|loves?|have|has|see|notice|think|am|are|is)\b.*?|"
-    r"there(?: is| are|'s) .*?)(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so (?:please )?)"
-    r"(?P<command>[^\s].*)$",
+    r"(?:i|we|people|nobody|no one|you)(?:'m|'re)? (?:really |just |also )?(?:not|do not|don't|dont|never|can't|cannot|can not|"
+    r"can hardly|hate|dislike|needs? (?:that|this)|wants? (?:that|this)|likes?|loves?|have|has|see|notice|think|am|are|"
+    r"is)\b.*?|there(?: is| are|'s) .*?)(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so "
+    r"(?:please )?)(?P<command>[^\s].*)$",
     re.IGNORECASE,
 )
 """What says how it is, and the command behind it."""
@@ -83,6 +84,7 @@ _IN_OTHER_WORDS = re.compile(
     r"namely),?:?\s+(?P<command>.+?)\)?$",
     re.IGNORECASE,
 )
+_IN_PICTURE = re.compile(rf"\b(?:in|of|on) (?:the|this) (?:{PICTURE})\b")
 _WISH = re.compile(
     r"\b(?:should|must|shall|would|could|can|want|wish|please|make|let|to be|needs? to|has to|have to|except|but|only|until|"
     r"after|before|second|seconds|frame|frames)\b|\d|%",
@@ -96,13 +98,16 @@ def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[st
     match = _IN_OTHER_WORDS.match(sentence) or _REMARKED.match(sentence.strip())
     if match is None or (match.re is _REMARKED and _WISH.search(match["remark"])):
         return
-    remark, command = (Reading.of(text, tokenise(text), known) for text in (match["remark"], match["command"]))
+    remark, command = (
+        Reading.of(text, tokenise(text), known) for text in (_IN_PICTURE.sub("", match["remark"]), match["command"])
+    )
     if not _SPOKEN_OF & {token.text for token in command.tokens}:
         yield match["command"]
         return
     named, at = [], 0
     while at < len(remark.tokens):
         end = max((*familiar.at(remark, at), *known_thing.at(remark, at)), default=at)
+        end = end if any(familiar.at(remark, inner) for inner in range(at, end)) else at
         named += [remark.text_of(at, end)] if end > at else []
         at = max(end, at + 1)
     if len(named) == 1:  # of two, "it" may be either

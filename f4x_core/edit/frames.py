@@ -92,11 +92,10 @@ ADDS_NOTHING = either(
     WISHES,
     COMMENTS,
     literal(
-        "[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|is "
-        "to|are to|"
-        "must to|to|wants to|want to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end "
-        "up|have])|"
-        "[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
+        "needs|requires|deserves|is in need of|calls for|is crying out "
+        "for|[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|is to|are "
+        "to|must to|to|wants to|want to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|"
+        "have])|[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
     ),
     literal(
         every_form("make|let|have|get|do|keep")
@@ -113,10 +112,9 @@ _joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
 _led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "with") else {})
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
-    "something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|"
-    "picture|postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|"
-    "classic|nice|solid|"
-    "some|for|but|but in|be of|from"
+    "something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|picture|"
+    "postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|"
+    "solid|some|for|but|but in|be of|from"
 )
 _a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
 _slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|touch of|bit of|dash of|little bit of")
@@ -190,7 +188,8 @@ _size_of = (
         + ~literal("of")
         + ~literal("its|the|their|his|her|original|normal")
         + ~literal("original|normal|current")
-        + literal("size|scale|as big|as large|as tall"),
+        + literal("size|scale|as big|as large|as tall")
+        + ~literal("[it|he|she|they] [is|are|was|were] (now|at the moment|before)"),
         ~literal("at|to|in")
         + literal("a")
         + (fraction | percent)
@@ -304,7 +303,7 @@ _way = table(
         any_form("more")
         + "|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|greater|"
         "bigger": True,
-        any_form("less") + "|out|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer": False,
+        any_form("less") + "|out|back|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer": False,
     },
     reserve=False,
 )
@@ -321,7 +320,7 @@ _too = ~literal("far|way|much|a bit|a little|rather|really|still|just") + table(
     {
         "too [high|much|strong|big|large|great|heavy|intense]": False,
         "too [low|little|weak|small|faint]": True,
-        "not [high|much|strong|big|large] enough|not enough": True,
+        "not [high|much|strong|big|large] enough|not enough|lacks|lack|lacking|is short of|is missing|misses": True,
     },
     reserve=False,
 )
@@ -349,7 +348,12 @@ def _changed(
     times: float | None = None,
     particle: bool | None = None,
     level: float | None = None,
+    off: float | None = None,
 ) -> Value:
+    if off is not None:  # "take 20 % off the speed"
+        if (way, how, to, too, times, particle, level) != (None,) * 7:
+            raise Mismatch
+        return _made(quality(1 - off))
     if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
         if (how, to, too, times) != (None, None, None, None):
             raise Mismatch
@@ -444,19 +448,6 @@ _frame(
     ),
 )
 _frame(
-    "increase the dog by 10 percent",
-    lambda way, how: making.scaled(factor(how, way)),
-    "way how",
-    use=NAMED,
-    who=~literal("the|my|that|this") + known_noun,
-    way=table(
-        {every_form("increase|extend|augment"): True, every_form("reduce|decrease|lessen|diminish"): False},
-        reserve=False,
-    ),
-    how=amount,
-    size=literal("in size"),
-)
-_frame(
     "the brightness of the dog, up by 20 %",
     _changed,
     "quality",
@@ -470,6 +461,7 @@ _frame(
     way=_way,
     level=percent | number + unless(literal("x|times|stop|stops")) >> _percents,
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | literal("way") >> (lambda: Amount("large")),
+    off=percent + literal("off|off of|away from"),
     to=_to_value,
     particle=table({"up": True, "down": False}, reserve=False),
     times=_times_as_much,
@@ -556,7 +548,7 @@ _frame(
         "of [its|the|their|his|her] (original|normal|present|current) [size|speed|brightness|pace]|"
         "[size|speed|the size|the speed|its size|opacity]"
     ),
-    particle=literal("up|down|off|in size|in tempo|more|even more|further"),
+    particle=literal("(right|way) [up|down]|off|in size|in tempo|more|even more|further"),
     fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
 _frame(
@@ -593,11 +585,9 @@ _frame(
     verb=literal(
         any_form("delete")
         + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|"
-        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away)|bye "
-        "bye|"
-        "goodbye|no more|no longer [want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|"
-        "[i|we] do not [want|need] (to [see|have])|[i|we] do not like to [see|have]|[i|we] can not stand|[i|we] "
-        "hate|[i|we] am [tired|sick] of"
+        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away)|bye bye|"
+        "goodbye|no more|no longer [want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|[i|we] do not [want|"
+        "need] (to [see|have])|[i|we] do not like to [see|have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
     ),
     out=OUT
     | literal(
@@ -610,6 +600,7 @@ _frame(
     "the dog has to be hidden",
     always(making.opacity(0.0)),
     "verb",
+    use=NAMED,
     who=_whom | _about + whose("visibility|display"),
     verb=literal(
         any_form("hide") + "|away|off|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"
@@ -690,24 +681,11 @@ _frame(
     who=_whom,
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     around=literal(
-        "around|(to|in|into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] "
-        "[faces|looks|"
-        "points] the other way|backward|"
-        "about|away|away from us|away from the camera|[its|his|her|their] back (to|toward|on) (us|me|the camera|the viewer)"
+        "around|(to|in|into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|looks|"
+        "points] the other way|backward|about|away|away from us|away from the camera|[its|his|her|their] back (to|toward|on) "
+        "(us|me|the camera|the viewer)"
     )
     >> (lambda: True),
-)
-_frame(
-    "the dog, laid on its side",
-    as_given,
-    "verb values",
-    who=_whom,
-    verb=silent(_TURNING) | literal(every_form("stand|put|lay|place|lie|set|drop|throw")),
-    values=either(
-        qualities.upside_down >> (lambda: making.turned(making.UPSIDE_DOWN)),
-        qualities.on_its_side >> (lambda: making.tilted(90.0)),
-    )
-    >> (lambda value: ((value,),)),
 )
 _frame(
     "the dog, tipped over",
@@ -744,34 +722,16 @@ _frame(
     sense=SENSE,
     around=literal("around|on the spot|in place|around its axis"),
 )
-_frame(
-    "a slight tilt of the dog to the left",
-    making.tilted,
-    "angle",
-    who=_whom,
-    verb=literal(every_form("make|do|give|add|perform|take")),
-    angle=table(
-        {
-            "(a) [little|small|slight|gentle|tiny] [tilt|lean|roll|slant]": making.TILT / 3,
-            "(a) [tilt|lean|roll|slant]": making.TILT,
-            "(a) [big|strong|heavy] [tilt|lean|roll|slant]": 2 * making.TILT,
-        },
-        reserve=False,
-    ),
-    sense=SENSE,
-)
-
 # Places
 _moving = literal(
     any_form("move")
     + "|(a) (little|small|slight|gentle|tiny|bit of a) [push|nudge|shove|shift|move|tug|pull|slide|bump|lift|hop]"
 )
 _ground = literal(
-    "(all the way) (down) [to|onto|until|till|toward] (it [touches|reaches|hits]) [the|its] [ground|floor|bottom]|"
-    "[in|into] the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] "
-    "[ground|floor|water|place|spot]|[into|in] "
-    "the [air|sky]|a step|from where [it|he|she] is|"
-    "from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away from its place"
+    "(all the way) (down) [to|onto|until|till|toward] (it [touches|reaches|hits]) [the|its] [ground|floor|bottom]|[in|into] "
+    "the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] the [air|"
+    "sky]|a step|from where [it|he|she] is|from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away "
+    "from its place"
 )
 _far = ~literal("by|for|about|some") + distance + unless(literal(","))
 _for_it = ~literal("for|of|with|on")
@@ -838,6 +798,15 @@ _frame(
     verb=literal(any_form("add")),
     times=_times,
     **_copy_place,
+)
+_frame(
+    "multiply the dog by three",
+    lambda verb, times: making.copied(times=times),
+    "verb times",
+    use=NAMED,
+    who=_whom,
+    verb=table({every_form("multiply|duplicate|clone|copy|replicate"): True}, reserve=False),
+    times=literal("by") + number + unless(literal("unit|units")),
 )
 _frame(
     "three more dogs behind it",
@@ -912,9 +881,8 @@ _frame(
     trail=~literal("a|an|some|the|that|which|who")
     + ~literal("fading|ghostly|faint|transparent|soft|see through")
     + literal(
-        "trail|trails|[motion|ghost|light] [trail|trails]|streaks|motion "
-        "streaks|ghosting|echoing|trailing|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|"
-        "onion skinning|" + any_form("follow") + "|echo effect"
+        "trail|trails|[motion|ghost|light] [trail|trails]|streaks|motion streaks|ghosting|echoing|trailing|echo|echoes|"
+        "afterimage|afterimages|ghosts|trailing copies|onion skin|onion skinning|" + any_form("follow") + "|echo effect"
     ),
     copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
     + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
@@ -1081,8 +1049,7 @@ _frame(
     verb=literal(any_form("swap") + "|swap of"),
     other=literal("with|for|and") + there_already,
     places=literal(
-        "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|"
-        "around|over"
+        "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|around|over"
     ),
 )
 
@@ -1103,8 +1070,7 @@ _frame(
     ),
     by=literal("to") + (percent | fraction),
     gone=literal(
-        "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] "
-        "[disappears|vanishes]|"
+        "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|vanishes]|"
         "until nothing is left|into thin air|more and more"
     )
     >> (lambda: True),
@@ -1151,9 +1117,8 @@ _frame(
     use=NAMED,
     who=_whom,
     spared=literal(
-        "do not [touch|change|affect|alter|modify|edit|include|do it to|do this to|do that to]|"
-        "without [touching|changing|affecting]|not|no changes to|nothing [to|on|with]|never [touch|change]|"
-        "do nothing to"
+        "do not [touch|change|affect|alter|modify|edit|include|do it to|do this to|do that to]|without [touching|changing|"
+        "affecting]|not|no changes to|nothing [to|on|with]|never [touch|change]|do nothing to"
     ),
 )
 _frame(
@@ -1162,15 +1127,11 @@ _frame(
     "nothing",
     nothing=literal(
         "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
-        "colors|size|"
-        "shape|position|place|speed|look|brightness]|nothing else|nobody else|no one else|nothing more|that is all|that is "
-        "it|only that|nothing other than that|"
-        "keep the rest|keep everything else|leave the rest|leave everything else|the rest stays (as it is)|"
-        "(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run "
-        "again] (again|"
-        "as before)|"
-        "(then) [it|he|she] [goes|continues|moves|runs|carries|may go|can go] [on|again|as before]|"
-        "then (back to) normal|then back|i mean it|not more|not less|that is enough"
+        "colors|size|shape|position|place|speed|look|brightness]|nothing else|nobody else|no one else|nothing more|that is all|"
+        "that is it|only that|nothing other than that|keep the rest|keep everything else|leave the rest|leave everything else|"
+        "the rest stays (as it is)|(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|"
+        "move again|run again] (again|as before)|(then) [it|he|she] [goes|continues|moves|runs|carries|may go|can go] [on|"
+        "again|as before]|then (back to) normal|then back|i mean it|not more|not less|that is enough"
     ),
     use=WHOLE,
 )

@@ -6,6 +6,7 @@ Every word has to be accounted for; one that is not makes the whole sentence a `
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -42,8 +43,18 @@ from ..language.grammar import (
     unless,
 )
 from ..language.idle import EMPTY, UNKNOWN, idle_gaps
-from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, SYNONYMS, inflected, misspelt, singular, stated, word_set
-from ..language.paraphrases import in_order, paraphrases
+from ..language.lexicon import (
+    FUNCTION_WORDS,
+    NO_THINGS,
+    SYNONYMS,
+    forms,
+    inflected,
+    misspelt,
+    singular,
+    stated,
+    word_set,
+)
+from ..language.paraphrases import in_order, opened, paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
 from ..language.verbs import VERBS, any_form
 from . import qualities
@@ -79,12 +90,10 @@ _then = either(span, keyword("only|just") + span, span + ~keyword(",") + keyword
 _when = ~keyword(",") + ~keyword("but") + _then
 _slowly = ~keyword(",") + table(
     {
-        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively"
-        "|steadily|over time|more and more|step by step|"
-        "(in) a gradual way|easing in and out|easing in|easing out|with "
-        "(a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
-        "with soft ends|eased|(with) (an) ease in and out|(with) easing|eased in and out|nice and "
-        "[smooth|smoothly|slow|slowly|gradual]|(nice and) smooth": True
+        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|"
+        "more and more|step by step|(in) a gradual way|easing in and out|easing in|easing out|with (a) [soft|smooth|gentle] "
+        "[ease|easing]|with (an) [ease|easing]|with soft ends|eased|(with) (an) ease in and out|(with) easing|eased in and out|"
+        "nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth": True
     }
 )
 _between = keyword("and|,|, and|but|while|, but|, while|and also")
@@ -97,8 +106,7 @@ _modal = keyword(
     "supposed to|are supposed to|had better"
 )
 _want = keyword("i|we") + keyword(
-    "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would "
-    "love to see"
+    "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love to see"
 )
 _let = keyword("let|have|make|get")
 
@@ -178,17 +186,19 @@ _SOFT, _HARD = (
 )
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
 _ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
-_polite = keyword("please|could|can") | ASKS
+_polite = keyword("please|could|can|maybe|perhaps") | ASKS
 _POLITE_BEFORE = 8
 """Words within which a request begins: "okay, now could you"."""
-_about_whom = literal("as for|about|regarding|concerning|focus on|concentrate on|take|look at|with|for|now")
+_about_whom = literal("as for|about|regarding|concerning|focus on|concentrate on|take|look at|(you) see|with|for|now")
 _topic = thing + keyword(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
 _PRONOUNS = word_set("it him her them its his their")
 _pronoun_follows = Rule(lambda reading, at: {at: ()} if any(t.text in _PRONOUNS for t in reading.tokens[at:]) else {})
 _loose_topic = _topic | thing + literal(",|-|->|=>|=") + _pronoun_follows >> (
     lambda who: Clause(TOPIC, ({"who": who},))
 )
-_loose_topic = _loose_topic | _about_whom + thing + keyword(",|:|and|-") >> (lambda who: Clause(TOPIC, ({"who": who},)))
+_loose_topic = _loose_topic | _about_whom + thing + keyword(",|:|and|-|.") >> (
+    lambda who: Clause(TOPIC, ({"who": who},))
+)
 
 
 _number_of_item = ~literal("step|part|item|task|edit|point|number|no|#") + (
@@ -288,12 +298,20 @@ class _Loosely:
                 starts |= {e: (_ONE_MORE, found) for e, found in _loose_separator.at(self.reading, at).items()}
             for begin, (price, hard) in starts.items():
                 for start, end, (cost, (clause,), idle) in self._next(begin):
-                    own = "who" in clause.pieces[0] and self.reading.word(start) in _IMPERATIVES
                     cost += done.cost + price
-                    if (own or price != _RUN_ON) and (end not in best or cost < best[end].cost):
+                    if price == _RUN_ON and not (
+                        self.reading.word(start) in _IMPERATIVES and _names(clause) and _names(done.clauses[-1][-1])
+                    ):
+                        continue
+                    if end not in best or cost < best[end].cost:
                         best[end] = Found(cost, (*done.clauses, (*hard, clause)), done.idle + idle)
         whole = [found for at, found in best.items() if self.end in _ends.at(self.reading, at) and _commands(found)]
         return min(whole, key=lambda found: found.cost, default=None)
+
+
+def _names(clause: Clause) -> bool:
+    """Whether a clause says whom it is for."""
+    return "who" in clause.pieces[0]
 
 
 def _commands(found: Found) -> bool:
@@ -316,6 +334,8 @@ COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"
 """First words of the verbs of commands."""
 _IMPERATIVES = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
 """Those with which a command begins: not "stands" of "the man who stands left"."""
+_ASKED_FOR = frozenset(form for verb in _IMPERATIVES - FUNCTION_WORDS for form in (verb, forms(verb)[0]))
+"""With which the command begins behind words that only ask for it: "would you mind making"."""
 _DROPPED = word_set("please kindly thanks thank")
 
 
@@ -412,8 +432,7 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
         several_placed.at(read.reading, at) for at in range(len(read.reading.tokens))
     ):
         raise Refusal(
-            "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the "
-            "people'."
+            "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the people'."
         )
     if read.only_then and any(isinstance(one, (Opacity, Delete, Extract)) for one in operations):
         raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
@@ -433,11 +452,15 @@ def _read_somehow(
     first the sentence's own words, then other ways to say it. `guess`: words that nobody knows may be left out.
     """
     plain, _ = _plainly(sentence, known)
-    own = dict.fromkeys((*corrected(sentence, known), *in_order(sentence), sentence, plain))
+    own = dict.fromkeys((*corrected(sentence, known), *in_order(sentence), plain, sentence))
     first: Read | Refusal | None = None
     reason = ""
     own_readings: list[Reading] = []
-    others = (*remarked(plain, known), *paraphrases(plain, COMMAND_VERBS))
+    others = (
+        *opened(plain, _ASKED_FOR),
+        *remarked(plain, known),
+        *paraphrases(plain, COMMAND_VERBS),
+    )
     for ways in (own, dict.fromkeys(way for way in others if way not in own)):
         if reason or not (own_readings or ways is own):
             break  # its own words fit, and what they ask for cannot be, or they ask a question
@@ -499,12 +522,21 @@ def _plainly(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[str, 
 
 def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
     """The words of a sentence; Refusal where it is a question, too long or empty."""
-    tokens = [token for token in _statements(tokenise(sentence)) if token.text not in _DROPPED]
+    tokens = [
+        token for token in _statements(tokenise(sentence)) if token.text not in _DROPPED and not _is_picture(token)
+    ]
     if len(tokens) > MAX_WORDS:
         raise Refusal(f"The sentence has {len(tokens)} words, more than {MAX_WORDS}; say fewer commands at once.")
     if not any(token.is_word for token in tokens):
         raise Refusal("Nothing is said that could be done.", _nearest(tokens))
     return Reading.of(sentence, tokens, known)
+
+
+def _is_picture(token: Token) -> bool:
+    """Whether a sign is an emoji or a bracket that means nothing here."""
+    return len(token.text) == 1 and (
+        token.text in "[]{}*~" or unicodedata.category(token.text) in ("So", "Sk", "Mn", "Cn")
+    )
 
 
 def _matched(reading: Reading, rule: Rule) -> Read:
@@ -599,13 +631,28 @@ def _selected(operation: Operation) -> Iterator[SelectKind]:
             yield from parts_of(getattr(operation, name))
 
 
+_INTERROGATIVES = word_set("what where when who whose which why how is are was were am does do did has have")
+
+
+def _is_asked(part: Sequence[Token]) -> bool:
+    """Whether words before a question mark ask something."""
+    words = (
+        token.text for token in part if token.is_word and token.text not in EMPTY | {"and", "so", "but", "then", "now"}
+    )
+    return next(words, "") in _INTERROGATIVES
+
+
 def _statements(tokens: list[Token]) -> list[Token]:
     """The tokens with "could you …?" ended by a full stop; Refusal when anything else is asked."""
     statements, start = [], 0
     for i, token in enumerate(tokens):
         if token.text == "?":
             part = tokens[start:i]
-            if part and not any(_polite.at(Reading("", part), at) for at in range(min(len(part), _POLITE_BEFORE))):
+            if (
+                part
+                and _is_asked(part)
+                and not any(_polite.at(Reading("", part), at) for at in range(min(len(part), _POLITE_BEFORE)))
+            ):
                 raise Refusal(
                     "That is a question; `f4x ask` answers those, here one says what to change.", _nearest(part)
                 )
@@ -670,7 +717,7 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Said | None:
 def _operations(clauses: Clauses, context: SentenceContext, before: Said | None = None) -> Iterator[Operation]:
     """The operations of clauses, each of which may follow (whether its separator is hard); `before`: the command before them."""
     front: Span | None = None
-    for *separators, clause in clauses:
+    for *separators, clause in _shared(clauses):
         if any(separators):
             front = None
         front = clause.front or front
@@ -731,6 +778,17 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
                     operation, topics[-1] = context.copied(operation)
                 yield operation
         context.they = together(topics) if topics else None
+
+
+def _shared(clauses: Clauses) -> Clauses:
+    """The clauses, those with a verb alone for whom the next names: "darken and blur the sky"."""
+    shared = list(clauses)
+    for at in range(len(clauses) - 1, 0, -1):
+        (*before, verb), (*hard, following) = shared[at - 1], shared[at]
+        (piece, *more), to = verb.pieces, following.pieces[0]
+        if not (more or any(hard) or "who" in piece or verb.command.use.whole) and "verb" in piece and "who" in to:
+            shared[at - 1] = (*before, verb._replace(pieces=({**piece, "who": to["who"]},)))
+    return tuple(shared)
 
 
 def _of_a_clip(command: Command, piece: Mapping[str, Any]) -> bool:
@@ -838,18 +896,13 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 
 _UNDOING = keyword(
-    "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|"
-    "[put|take|bring] [it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was "
-    "before|"
-    "back to the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|"
-    "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) "
-    "[edit|change|step|command] back|"
-    "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] "
-    "[change|edit|step|command|"
-    "one]|"
-    "[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put everything back|[start over|"
-    "start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] "
-    "([change|edit|step|one])"
+    "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|bring] [it|"
+    "that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|back to the (original|"
+    "normal) state|did not like that|take that back|step back|restore the original|reset everything|[ctrl|control|cmd|command] "
+    "(+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|[scrap|forget|cancel|"
+    "drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|one]|[scrap|forget|"
+    "cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put everything back|[start over|start again|back "
+    "to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
 )
 _ELSEWHERE = {
     **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
@@ -886,8 +939,7 @@ _NO_OPERATION = (
     ("morph crossfade", "one thing cannot turn into another; 'swap the dog and the cat' changes their places."),
     ("export save render download", "`f4x export`, `f4x render` and `f4x open` write files."),
     (
-        "better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different "
-        "fancy",
+        "better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different fancy",
         "it is not said what is to change, a color, brightness, contrast, size, place or speed?",
     ),
 )
@@ -909,9 +961,8 @@ _named_like_a_thing = Rule(
 _DOUBTFUL = (
     (
         _LENGTH,
-        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example 'two "
-        "widths to the"
-        " left' or 'half its width up'.",
+        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example 'two widths to "
+        "the left' or 'half its width up'.",
     ),
     (
         keyword("[put|take|bring|get|turn] [that|this|it|them|him|her] back") + ~keyword("again|please") + _last,
@@ -939,6 +990,12 @@ _DOUBTFUL = (
         + silent(familiar)
         + literal("on|onto"),
         "Nothing new can be made; say for example 'copy the hat and put the copy above the dog'.",
+    ),
+    (
+        keyword("drop|drops|dropping")
+        + silent(familiar | ~keyword("a|the|that|this") + familiar)
+        + literal("on|onto|in|into|to"),
+        "'Drop' may mean to move or to remove; say 'move the ball down' or 'remove the ball'.",
     ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
     (
@@ -988,10 +1045,8 @@ _UNKNOWN_WAYS = (
         keyword("[i|we] [want|need]|[i|we] would like|make [it|that|them]|give me|there should be")
         + silent(number)
         + familiar,
-        "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for "
-        "example "
-        "'copy the"
-        " dog twice'.",
+        "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for example "
+        "'copy the dog twice'.",
     ),
     (
         keyword("the [first|second|third|fourth|fifth|last|next|other]") + familiar,
@@ -1022,9 +1077,13 @@ def _not_understood(read: Read) -> tuple[str, bool]:
     if not lacking and read.reason:
         return read.reason, True
     end = len(reading.tokens)
-    if lacking or reading.farthest >= end:
-        lacking = lacking or f"something is missing after '{reading.text_of(end - 1, end)}'"
+    if lacking:
         return f"The command is not complete: {lacking}.", True
+    if reading.farthest >= end:
+        return (
+            "These words are known, but not what they ask for together; say it in fewer, or something is missing.",
+            True,
+        )
     return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
 
 
@@ -1097,11 +1156,10 @@ _EXAMPLES = dict.fromkeys(
     (
         *(command.example for command in COMMANDS),
         *(example for example, *_ in _SAID_HALF),
-        "turn the dog into "
-        "gold", "tint the sky orange", "change the color of the car to black", "copy the dog", "darken the sky",
+        "isolate the dog", "fade in the dog from second 1 to 2",
+        "turn the dog into gold", "tint the sky orange", "change the color of the car to black", "copy the dog", "darken the sky",
         "let a copy follow the dog half a second behind", "make the dog glow", "blur the background", "speed up the dog",
-        "increase the contrast of the "
-        "dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the left",
+        "increase the contrast of the dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the left",
     )
 )  # fmt: skip
 """Sentences that are offered to those who were not understood."""

@@ -216,9 +216,8 @@ _NO_SUPERLATIVES = word_set("forest nest chest vest guest west crest priest harv
 
 
 _NOUNS = word_set(
-    "dress sail path curb stone splash sky floor coat mask head hair hand wheel cover slide park plant stick brush pan "
-    "brake kite "
-    "tail wrap"
+    "dress sail path curb stone splash sky floor coat mask head hair hand wheel cover slide park plant stick brush pan brake "
+    "kite tail wrap"
 )
 """Words of the grammar that are things behind an article."""
 
@@ -261,7 +260,9 @@ _MAX_MODIFIERS = 3
 def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known thing with other words before it: "parked car", "woman's hat"."""
     before = at
-    while before - at < _MAX_MODIFIERS and (_open(reading, before) or reading.word(before) in SHADES):
+    while before - at < _MAX_MODIFIERS and (
+        _open(reading, before) or reading.word(before) in SHADES or (reading.word(before),) in reading.known
+    ):
         if reading.word(before) in COLOURS and before > at and any(True for _ in _known_at(reading, before - 1)):
             return  # "dog blue cat" are two
         before += 1
@@ -312,10 +313,9 @@ def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 _WORN = word_set(
-    "hat cap helmet shirt jacket coat dress sweater jersey pullover hoodie scarf trousers jeans"
-    " shorts pants skirt suit uniform vest "
-    "boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail"
-    " horn collar top t tie mask belt sock"
+    "hat cap helmet shirt jacket coat dress sweater jersey pullover hoodie scarf trousers jeans shorts pants skirt suit "
+    "uniform vest boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail horn collar top t "
+    "tie mask belt sock"
 )
 """What somebody is told by: of "the dog with the cat" nobody knows whether it is one thing or two."""
 
@@ -402,8 +402,7 @@ familiar = either(_part, _known, _modified, _everybody)
 _noun = either(_part, _known, _modified, _stranger)
 _named_at_length = _article + _strangers
 WHERE: dict[str, Where] = {
-    "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer "
-    "to|closer to|"
+    "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer to|closer to|"
     "adjacent to|over by|right at": "near",
     "(to the) left of|[on|at|to] the left (side|hand side) of|left from|left next to": "left",
     "(to the) right of|[on|at|to] the right (side|hand side) of|right from": "right",
@@ -414,10 +413,9 @@ WHERE: dict[str, Where] = {
 }
 """Words -> how a thing stands to another."""
 _stands = ~keyword("that|which|who") + ~keyword(
-    "is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|sitting|lying|"
-    "walking|running|"
-    "hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|are standing|comes "
-    "right|right|directly"
+    "is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|sitting|lying|walking|"
+    "running|hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|are standing|comes right|"
+    "right|directly"
 )
 _neighbour = later(lambda: _one_thing)
 """To whom something stands; by name, because it may itself be told by where it stands."""
@@ -651,8 +649,7 @@ _current = either(
 _everything = silent(
     either(
         keyword(
-            "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every "
-            "[object|thing]"
+            "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|thing]"
         ),
         keyword(
             f"(the) [whole|entire|full|complete] [{PICTURE}|thing]|[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
@@ -684,17 +681,15 @@ _cast = (
 """What a thing casts, told by where it lies."""
 _other_one = keyword("[the|that] other (one)|the other [ones|two|three]") >> (lambda: _the_other)
 everything_else = keyword(
-    "[everything|all|anything] else|all the rest|the rest|the rest of the [picture|scene|image|video|clip]"
-    "|the remainder|all others|the (whole) rest (of it|of them|of the scene|of the picture)|the"
-    " others|"
-    "all (the) other [things|objects|stuff]|the other [things|objects]"
+    "[everything|all|anything] else|all the rest|the rest|the rest of the [picture|scene|image|video|clip]|the remainder|all "
+    "others|the (whole) rest (of it|of them|of the scene|of the picture)|the others|all (the) other [things|objects|stuff]|the "
+    "other [things|objects]"
 ) >> (lambda *_: lambda context: Not(context.it("'else'")))
 _everybody_else = _everybody + keyword("else") >> (
     lambda everybody: lambda context: And((everybody(context), Not(context.it("'else'"))))
 )
 _in_scene = ~keyword(
-    f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]"
-    f"|out of the [{PICTURE}]"
+    f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]|out of the [{PICTURE}]"
 )
 _named_noun = _determiner + _noun | familiar
 
@@ -896,7 +891,7 @@ beside_itself = table(WHERE, reserve=False) + THE_FIRST >> (
 def whose(quality: str) -> Rule:
     """The `Who` of "the size of the dog", "the dog's size", "its size"."""
     return either(
-        ~keyword("the|all|all the") + keyword(quality) + keyword("of|for|on|from|in") + thing,
+        ~keyword("the|all|all the") + keyword(quality) + keyword("of|for|on|(out) from|in|out of") + thing,
         keyword("its|their|his|her|this|that") + keyword(quality) >> (lambda *_: lambda context: context.it("'its'")),
         thing + ~keyword("'s|'") + keyword(quality),
     )

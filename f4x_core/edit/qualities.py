@@ -46,10 +46,8 @@ shade_of = ~keyword(
     "warm|cool|soft|rich|strong|plain"
 ) + ~literal(
     "vivid|fluorescent|shiny|glossy|matte|metallic|intense|gorgeous|fresh|proper|real|true|good old|super|bold|juicy|loud|"
-    "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire "
-    "engine|blood|cherry|ice|icy|baby|"
-    "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|"
-    "crimson|cute"
+    "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire engine|blood|cherry|ice|icy|baby|"
+    "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|crimson|cute"
 )
 _named_shade = Rule(
     lambda reading, at: (
@@ -89,8 +87,7 @@ more_colour_value = (
     >> making.added
 )
 without_colour = keyword(
-    "black and white|black white|a black and white [picture|image|look]|b and w|b / w|monochrome|monochromatic|(a) "
-    "grayscale|"
+    "black and white|black white|a black and white [picture|image|look]|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
     "gray scale|colorless|desaturated|without (any|its|all) color|without colors"
 ) >> (lambda: making.GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
@@ -283,7 +280,7 @@ transformed = (
 )
 """What a thing turns to: matter, not a colour that is named like it."""
 liveliness = (
-    literal("(a little|a bit) (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]")
+    literal("[a little|a bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|pop|oomph|zing")
     | literal(
         "some (more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|(a) (little) pop of color|more color|some color"
     )

@@ -95,8 +95,7 @@ degree = literal("[just|only] a hint|a [hint|notch|shade|trifle|whisker|step] (o
         "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a"
         " [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen|smidgeon|skosh|pinch|dash|tick]|"
         "slightly|somewhat|(ever) so slightly|a bit of|(by) a [little|wee|tiny] (bit) (more)": Amount("small"),
-        "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole "
-        "lot|"
+        "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole lot|"
         "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit": Amount("large"),
     }
 )
@@ -162,8 +161,7 @@ def _inverse(x: float) -> float:
 
 ITS = (
     "its present|the present|its usual|its former|its|their|his|her|the|the original|its own|their own|its original|its "
-    "current|"
-    "the current|the normal|normal|the original"
+    "current|the current|the normal|normal|the original"
 )
 
 
@@ -186,25 +184,20 @@ direction = (
             f"left|leftward|(over|further|farther|off|out) [to|toward|on|at|onto] [the|its|my|your|his|her|their]"
             f" (far) left ({_SIDE})|more to the left|[further|farther|more] (to the) left": (-1, 0, 0),
             "from (the) left to (the) right|"
-            f"right|rightward|(over|further|farther|off|out) [to|toward|on|at|onto] [the|its|my|your|his|her|their]"
-            f" (far) right "
-            f"({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
-            "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off "
-            "the ground|"
-            "above the ground|toward the [sky|top]": (0, -1, 0),
-            "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the "
-            "floor": (
+            f"right|rightward|(over|further|farther|off|out) [to|toward|on|at|onto] [the|its|my|your|his|her|their] (far) "
+            f"right ({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
+            "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off the "
+            "ground|above the ground|toward the [sky|top]": (0, -1, 0),
+            "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the floor": (
                 0,
                 1,
                 0,
             ),
-            f"[further|farther] [back|backward|away]|(further|farther) away from [{VIEWER}]|away|back|backward"
-            f"|from [{VIEWER}]|"
+            f"[further|farther] [back|backward|away]|(further|farther) away from [{VIEWER}]|away|back|backward|from [{VIEWER}]|"
             "to the [back|rear]|into the [distance|depth]|off into the distance|toward the back|[into|to"
             "|toward] the background|deeper (into the scene)": (0, 0, 1),
             f"(right) up [closer|close] (to) [{VIEWER}]|forward|to the [foreground|fore]|[closer|nearer] [to|toward] "
-            f"[{VIEWER}]|closer|nearer|[to|toward]"
-            f" [{VIEWER}]|to the front|into the foreground": (0, 0, -1),
+            f"[{VIEWER}]|closer|nearer|[to|toward] [{VIEWER}]|to the front|into the foreground": (0, 0, -1),
         }
     )
     + _WITHIN

@@ -13,18 +13,14 @@ from .grammar import VOCABULARY, Reading, Token, either, literal, tokenise
 from .lexicon import FUNCTION_WORDS, singular, word_set
 
 CALLS = literal(
-    "hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my "
-    "friend|sir|look|listen|"
-    "um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as "
-    "well|just|simply|actually|really|maybe|perhaps|probably|rather|"
-    "somehow|for now|right away|asap|for me|for us|if possible|if you [can|could|would|like|will]|when you can|"
-    "again|there|in [here|there]|around here|"
-    "here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|lovely|kind of|sort of|you know|after "
-    "all|i think|"
-    "i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|this time|from there|in one go|of "
-    "course|though|yeah|"
-    "yes|preferably|by preference|overall|in total|all in all|first of all|firstly|secondly|thirdly|finally|at last|"
-    "completely|entirely|fully|totally|the [heck|hell|crap|shit|life] out of|and stuff|or something|out of the way"
+    "right now|immediately|at once|straight away|this instant|i do not know|do not know|hey|hi|hello|okay|alexa|siri|google|"
+    "computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|look|listen|um|umm|uhm|uh|er|erm|hmm|oh|well|so|"
+    "now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|rather|somehow|for now|right away|asap|for "
+    "me|for us|if possible|if you [can|could|would|like|will]|when you can|again|there|in [here|there]|around here|here|over "
+    "there|altogether|all|full on|exactly|properly|nicely|(a) nice|lovely|kind of|sort of|you know|after all|i think|i guess|i "
+    "feel like|i believe|[i|we] find|i would say|let me [think|see]|this time|from there|in one go|of course|though|yeah|yes|"
+    "preferably|by preference|overall|in total|all in all|first of all|firstly|secondly|thirdly|finally|at last|completely|"
+    "entirely|fully|totally|the [heck|hell|crap|shit|life] out of|and stuff|or something|out of the way"
 )
 """Calls, interjections and hedges: they add nothing to an edit or a question."""
 ASKS = literal(
@@ -36,22 +32,18 @@ ASKS = literal(
 """Wishes that are put as questions."""
 WISHES = either(
     literal(
-        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) would [like|love|prefer] (to [see|have|get])|"
-        "[i|we] would rather have|(i want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead "
-        "and|try to|"
-        "help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|"
-        "it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|"
-        "your task is to|time to|see|to see|have|to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) "
-        "[want|need|like|love|after|picture|ask for] is|"
-        "it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
+        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) would [like|love|prefer] (to [see|have|get])|[i|we] would "
+        "rather have|(i want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead and|try to|help "
+        "me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|it would be [nice|"
+        "great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|your task is to|time "
+        "to|see|to see|have|to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) [want|need|like|love|after|"
+        "picture|ask for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
     ),
     literal(
-        "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] "
-        "(about|of|if|that|whether)|"
-        "[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|(i|we) [am|"
-        "are] after|"
-        "[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would be] (that|to)|"
-        "[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|in [my|our] opinion"
+        "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|"
+        "whether)|[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|(i|"
+        "we) [am|are] after|[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would be] "
+        "(that|to)|[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|in [my|our] opinion"
     ),
 )
 """Requests and wishes."""
@@ -62,9 +54,8 @@ COMMENTS = either(
     + literal("be|look|seem|feel|do|work")
     + ~literal("so much|much|way|a lot|even|just|really|very|far|pretty")
     + literal(
-        "nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|sweet|pretty|prettier|"
-        "amazing|funny|cooler|"
-        "the trick|nicely|well"
+        "nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|sweet|pretty|prettier|amazing|funny|"
+        "cooler|the trick|nicely|well"
     )
     + ~literal("to [see|have]|if|there|here"),
     literal("[is|are|was|were] (much|way|a lot) [nicer|better|cooler|prettier]"),
@@ -72,42 +63,31 @@ COMMENTS = either(
 """What somebody thinks of the wish."""
 _UNTIL = r"(?=\s*(?:[.;!?,:]|$| and | then ))"
 _POLITE_WORDS = (
-    r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|"
-    r"please|so|kind|"
-    r"enough|able|to|me|us|for|with|all|at|too|much|trouble|bother|a|an|any|the|problem|work|works|manage|that|this|it|"
-    r"you|i|we|way|"
-    r"have|time|get|chance|moment|minute|second|feel|wish|prefer|need|know|how|there|help|sure|somehow|ask|must|anyhow|"
-    r"doable|say|"
-    r"easy|hard|agree|allowed|no|big|deal|permit|only|makes|sense"
+    r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|please|so|"
+    r"kind|enough|able|to|me|us|for|with|all|at|too|much|trouble|bother|a|an|any|the|problem|work|works|manage|that|this|it|"
+    r"you|i|we|way|have|time|get|chance|moment|minute|second|feel|wish|prefer|need|know|how|there|help|sure|somehow|ask|must|"
+    r"anyhow|doable|say|easy|hard|agree|allowed|no|big|deal|permit|only|makes|sense"
 )
 _NICE = (
-    r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|"
-    r"super|enough|"
-    r"neat)"
+    r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|super|"
+    r"enough|neat)"
 )
 _OPENING = (
-    r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|"
-    r"excellent|lovely|"
-    r"brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much better|i "
-    r"see|right)"
+    r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|excellent|"
+    r"lovely|brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much better|i see|"
+    r"right)"
 )
 _PRONOUN = r"(?:i|we|you|it|he|she|they|this|that|there|my|our|nobody|everybody|everyone|people|nothing|its|your)"
 _WISHING_WORDS = (
-    "i|we|you|it|that|there|one|who|somebody|someone|would|could|might|may|can|will|shall|should|am|is|was|were|be|been|"
-    "being|do|"
-    "does|did|have|has|had|not|never|like|love|prefer|want|wanted|need|wish|hope|hoping|hoped|wonder|wondering|wondered|"
-    "thinking|"
-    "think|thought|suppose|guess|imagine|know|tell|ask|asking|say|see|find|figure|work|understand|clue|q|got|give|"
-    "remember|make|out|"
-    "quite|really|"
-    "very|ever|so|much|most|super|pretty|terribly|awfully|extremely|truly|absolutely|just|also|grateful|glad|happy|pleased|"
-    "delighted|thankful|obliged|appreciate|appreciated|curious|interested|kind|enough|nice|good|great|cool|awesome|"
-    "lovely|sweet|"
-    "fun|amazing|wonderful|fantastic|brilliant|perfect|best|better|idea|a|an|any|the|to|me|us|my|for|about|please|"
-    "pardon|excuse|"
-    "sorry|forgive|dear|hello|hi|hey|possible|possibly|way|chance|mind|moment|trouble|too|rather|maybe|perhaps|happen|"
-    "now|ok|okay|"
-    "well|um|uh|er|erm|hmm|oh|question|quick|wait|as|at|all|of|up|still"
+    "mean|means|lot|world|favor|favour|beg|command|order|request|hereby|told|said|insist|propose|suggest|recommend|hurry|if|why|"
+    "i|we|you|it|that|there|one|who|somebody|someone|would|could|might|may|can|will|shall|should|am|is|was|were|be|been|being|"
+    "do|does|did|have|has|had|not|never|like|love|prefer|want|wanted|need|wish|hope|hoping|hoped|wonder|wondering|wondered|"
+    "thinking|think|thought|suppose|guess|imagine|know|tell|ask|asking|say|see|find|figure|work|understand|clue|q|got|give|"
+    "remember|make|out|quite|really|very|ever|so|much|most|super|pretty|terribly|awfully|extremely|truly|absolutely|just|also|"
+    "grateful|glad|happy|pleased|delighted|thankful|obliged|appreciate|appreciated|curious|interested|kind|enough|nice|good|"
+    "great|cool|awesome|lovely|sweet|fun|amazing|wonderful|fantastic|brilliant|perfect|best|better|idea|a|an|any|the|to|me|us|"
+    "my|for|about|please|pardon|excuse|sorry|forgive|dear|hello|hi|hey|possible|possibly|way|chance|mind|moment|trouble|too|"
+    "rather|maybe|perhaps|happen|now|ok|okay|well|um|uh|er|erm|hmm|oh|question|quick|wait|as|at|all|of|up|still"
 )
 WISHING = rf"(?:(?:{_WISHING_WORDS})(?:n?['’](?:d|m|s|ll|ve|re|t))?(?:[ ,]+|\.\.+ *))+"
 """How a wish or a question begins that says only that it is one: "I'd be ever so grateful", "wouldn't it be nice"."""
@@ -124,26 +104,21 @@ _PLAIN = {
     rf"(?:{_POLITE_WORDS}|convenient|ready|free|suits|round|around))*{_UNTIL}",
     "while": r"(?:,\s*)?\bwhile (?:you are|we are|i am|being) (?:at it|there|on it|already there)\b,?",
     "thanks": (
-        r"(?:,\s*|-\s*)?\b(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|cheers|tia|much "
-        r"appreciated|appreciated?(?: it)?)\b"
-        r"(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) "
-        r"help|again|much|ahead "
-        r"of time))*"
+        r"(?:,\s*|-\s*)?\b(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|cheers|tia|much appreciated|appreciated?(?: "
+        r"it)?)\b(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) help|again|"
+        r"much|ahead of time))*"
     ),
     "interjection": (
-        r"(?:,\s*)?\b(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|"
-        r"gosh|please|"
-        r"jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty please|"
-        r"to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|basically|"
-        r"literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|"
-        r"absolutely|essentially|preferably|magically|all of them|every one of them|each of them|both of them)\b,?"
+        r"(?:,\s*)?\b(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|"
+        r"please|jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty "
+        r"please|to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|"
+        r"basically|literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|absolutely|essentially|"
+        r"preferably|magically|all of them|every one of them|each of them|both of them)\b,?"
     ),
     "comment": (
         rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|"
-        rf"should)(?: (?:would|will|should|"
-        rf"might|could|must|is|be|looks?|going to))*(?: (?:so|really|very|super|much|just|way))* {_NICE}(?: (?:i "
-        rf"think|for me|"
-        rf"like that|that way))?{_UNTIL}"
+        rf"should)(?: (?:would|will|should|might|could|must|is|be|looks?|going to))*(?: (?:so|really|very|super|much|just|"
+        rf"way))* {_NICE}(?: (?:i think|for me|like that|that way))?{_UNTIL}"
     ),
     "tag": (
         r"(?:,\s*)(?:okay|right|yeah|yes|will you|would you|could you|can you|do you mind|is that okay|what do you think|"
@@ -154,21 +129,22 @@ _PLAIN = {
         r"(?: (?:like that|similar|of that kind|along those lines))?"
     ),
     "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of "
-    r"(?:color|"
-    r"colors|size|speed|look|style)\b",
+    r"(?:color|colors|size|speed|look|style)\b",
     "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
     r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
+    "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:one (?:more|last|final|other) "
+    r"thing|another thing|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|for (?:a start|starters)|first "
+    r"off|first of all|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
+    "parenthesis": r",\s*and (?:this|that) (?:is|one is) [^,]*(?=,)",
     "pause": r",\s*(?:like|well|you know|i mean|let me think|say)\s*(?=,)",
     # reasons
     "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
     "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) "
     r"[^.;!?]*",
     "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|the (?:viewer|viewers|audience)) "
-    r"[^.;!?,]*|"
-    r"(?:,\s*)?\bin order to [^.;!?,]*",
+    r"[^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
     "for": r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic "
-    r"effect|"
-    r"clarity|emphasis|my taste|my liking|my eyes|starters|example|instance)\b",
+    r"effect|clarity|emphasis|my taste|my liking|my eyes|starters|example|instance)\b",
 }
 """Class -> what is dropped, on the words of a sentence with blanks between."""
 _LIKE = (
@@ -176,19 +152,18 @@ _LIKE = (
     r"(?:a|an|the|some|those|that|these|my|your|our|they|you|we|when|fresh|ripe|in|on)\b[^,.;!?]*"
 )
 _REPORTED = (
-    r"^\s*(?:(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:needs?|wants?|likes)\b|"
-    r"(?:(?:my|our|the|a) (?:[a-z]+ )?)?(?P<speaker>[a-z]+) (?:really |just |also )?(?:wants|wanted|asked|asks|would "
-    r"like|prefers?|"
-    r"says|said|thinks|thought|requested|requests|insists|insisted|suggested|suggests)\b)(?: me| us| you)?(?: for| on| "
-    r"that| to (?:see|have|get))?"
+    r"^\s*(?:(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:needs?|wants?|likes)\b|(?:(?:my|our|the|"
+    r"a) (?:[a-z]+ )?)?(?P<speaker>[a-z]+) (?:really |just |also )?(?:wants|wanted|asked|asks|would like|prefers?|says|said|"
+    r"thinks|thought|requested|requests|insists|insisted|suggested|suggests)\b)(?: me| us| you)?(?: for| on| that| to (?:see|"
+    r"have|get))?"
 )
 """A wish of somebody else: "my boss wants"."""
-_COMPARED = r"(?:,\s*)?\b(?:just |exactly )?(?:like|as) (?:in|on|from) [^,.;!?]*"
+_COMPARED = r"(?<!look )(?<!looks )(?:,\s*)?\b(?:just |exactly )?(?:like|as) (?:in|on|from) [^,.;!?]*"
 _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |the )*([a-z]+)")
 _NUMBERS = re.compile(r"\d")
 PURPOSES = frozenset({"so", "for"})
 """Classes that may say what is meant to become of a thing."""
-_COURTESIES = ("opening", "if", "thanks", "interjection", "pause")
+_COURTESIES = ("opening", "ordering", "if", "thanks", "interjection", "pause")
 """Classes that questions have, too."""
 _CLAUSES = frozenset({"because", "so", "for"})
 _ADDRESSED = word_set("please could can would will may make let i we you do turn have give")
@@ -224,7 +199,7 @@ def without_asides(
         plain = not things & {form for word in words for form in (word, singular(word))} and not any(
             map(is_look, words)
         )
-        goes_on = any(verb in verbs for verb in _GOES_ON.findall(found.group()))
+        goes_on = any(verb in verbs for verb in _GOES_ON.findall(found.group().lstrip(" ,")))
         if plain and not goes_on and not _NUMBERS.search(found.group()) and _ends_in_colour(reading, at, is_look):
             leave_out("like", found.start(), found.end())
     for found in re.finditer(_COMPARED, text):

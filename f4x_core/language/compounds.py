@@ -10,10 +10,8 @@ _IDIOMS = ("hot dog", "sea horse", "sea lion", "guinea pig", "teddy bear", "toil
 _MADE_UP = ("toy", "stuffed", "plush", "teddy", "rocking", "gummy", "cartoon", "imaginary")
 """What has one of these before it is no such thing: a toy dog is a toy."""
 ADJECTIVE = (
-    r"red|orange|yellow|green|blue|purple|violet|pink|brown|black|white|gr[ae]y|gold(?:en)?|silver"
-    r"|dark|light|bright|pale"
-    r"|colou?rful|big|large|small|little|tiny|huge|tall|short|long|thin|thick|fat|young|old|new|beautiful"
-    r"|pretty|nice|cute"
+    r"red|orange|yellow|green|blue|purple|violet|pink|brown|black|white|gr[ae]y|gold(?:en)?|silver|dark|light|bright|pale|"
+    r"colou?rful|big|large|small|little|tiny|huge|tall|short|long|thin|thick|fat|young|old|new|beautiful|pretty|nice|cute"
 )
 """Words before the name of a thing that say how it looks: the search leaves them out, and the answer says so."""
 

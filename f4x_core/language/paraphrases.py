@@ -24,9 +24,13 @@ _TIMED = _OR("after|before|from|until|till|between|during|at|in|for|over|once|wh
 _REWRITINGS: tuple[tuple[str, str], ...] = (
     # Asking and wishing
     (
-        rf"^{WISHING}(?:if|whether|that|when) (?:you|we|i|someone|somebody|anyone) "
-        rf"(?:(?:could|can|would|might|will|were to|just|"
-        rf"please|kindly|maybe|possibly|perhaps) )+{_REST}$",
+        rf"^(?:{WISHING}|show me |let me see )?(?:what|how) {_X} (?:would|will|might|could) look "
+        rf"(?:like )?(?:if it (?:was|were) )?{_REST}$",
+        r"make \g<x> \g<rest>",
+    ),
+    (
+        rf"^{WISHING}(?:if|whether|that|when) (?:you|we|i|someone|somebody|anyone) (?:(?:could|can|would|might|will|were to|"
+        rf"just|please|kindly|maybe|possibly|perhaps) )+{_REST}$",
         r"\g<rest>",
     ),
     (
@@ -34,9 +38,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"\g<x> should be \g<rest>",
     ),
     (
-        rf"^{WISHING}(?:(?:if|whether|that|for) )?{_X} (?:could|can|would|might|may|should|shall|must|to)(?: maybe| "
-        rf"perhaps| please| "
-        rf"possibly)? {_REST}$",
+        rf"^{WISHING}(?:(?:if|whether|that|for) )?{_X} (?:could|can|would|might|may|should|shall|must|to)(?: maybe| perhaps| "
+        rf"please| possibly)? {_REST}$",
         r"\g<x> should \g<rest>",
     ),
     (rf"^{WISHING}(?:if|whether|that|when) {_REST}$", r"\g<rest>"),
@@ -47,17 +50,12 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     ),
     (rf"^(?:what|how) would {_X} look (?:like )?{_REST}$", r"make \g<x> \g<rest>"),
     (
-        rf"^{_X} (?:would|might|could) look (?:better|nicer|good|great|cool)(?: in| as| with)? {_REST}$",
-        r"make \g<x> \g<rest>",
-    ),
-    (
         rf"^{_X} (?:would|might|could) be (?:better|nicer|good|great|cool)(?: in| as| if it (?:was|were))? {_REST}$",
         r"make \g<x> \g<rest>",
     ),
     (
-        rf"^(?:change|edit|alter|adjust|modify|fix|make|do|set) {_X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| "
-        rf"looks?| becomes?) "
-        rf"{_REST}$",
+        rf"^(?:change|edit|alter|adjust|modify|fix|make|do|set) {_X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| looks?|"
+        rf" becomes?) {_REST}$",
         r"make \g<x> \g<rest>",
     ),
     (
@@ -83,18 +81,15 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"visible)?$",
         r"leave \g<x> alone and \g<rest>",
     ),
-    (rf"^{_REST}[,;]? but not {_X}$", r"\g<rest> except \g<x>"),
     (rf"^(?:keep|leave) {_X},? but {_REST}$", r"leave \g<x> alone and \g<rest>"),
     # Clipped
     (rf"^{_X},? (?:in|to) (?P<rest>[\w ]+?)[.!]*$", r"make \g<x> \g<rest>"),
-    (rf"^{_X} {_GONE} (?P<rest>{_TIMED} .+)$", r"hide \g<x> \g<rest>"),
     (r"^(?P<noun>(?:a |an )?(?!.* (?:the|a|an|my|this|that) )[\w' -]+?)[!.]*$", r"i want a \g<noun>"),
     (r"^(?P<noun>[\w ]+?) (?:on|for|to) (?P<x>the [\w' -]+)$", r"make \g<x> \g<noun>"),
     # Everything but one
     (rf"^(?:full |all )?colou?rs? only (?:on|for|in|at) {_X}$", r"only \g<x> keeps its color"),
     (
-        rf"^(?:only |just )?{_X} in (?:full )?colou?r,? (?:and "
-        rf"|with )?(?:everything else|the rest|all else|the others?)"
+        rf"^(?:only |just )?{_X} in (?:full )?colou?r,? (?:and |with )?(?:everything else|the rest|all else|the others?)"
         r"(?: in| is| stays| goes| should be)? (?:black and white|gr[ae]y|monochrome|b&w|bw|greyscale|grayscale)$",
         r"only \g<x> keeps its color",
     ),
@@ -110,8 +105,7 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     # Copies
     # Colours
     (
-        rf"^give {_X} an? (?:fresh |new |nice |thick )?(?:coat|layer|lick"
-        rf"|splash) of (?P<rest>[\w ]+?)(?: paint| colou?r)?$",
+        rf"^give {_X} an? (?:fresh |new |nice |thick )?(?:coat|layer|lick|splash) of (?P<rest>[\w ]+?)(?: paint| colou?r)?$",
         r"paint \g<x> \g<rest>",
     ),
     (
@@ -124,13 +118,13 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     ),
     (
         rf"^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{_COLOUR}) (?:colou?r "
-        rf")?(?:of|on|in) "
-        rf"{_X} (?:for|with|by|to|into) (?:a |an |the |some )?{_REST}$",
+        rf")?(?:of|on|in) {_X} (?:for|with|by|to|into) (?:a |an |the |some )?{_REST}$",
         r"make \g<x> \g<rest>",
     ),
     (
-        rf"^put (?:the colou?r of {_X}|{_X.replace('<x>', '<y>')}'s colou?r) (?:to|on|into) {_REST}$",
-        r"change the color of \g<x>\g<y> to \g<rest>",
+        rf"^(?:put|copy|transfer|apply|use|take|sample) (?:the )?colou?rs? (?:of|from) {_X} "
+        rf"(?:and put (?:it|them) )?(?:on|onto|for) (?P<rest>(?:the|my|that|this) [\w' -]+)$",
+        r"match \g<rest> to \g<x>",
     ),
     # Time
     (
@@ -180,6 +174,20 @@ def in_order(sentence: str) -> Iterator[str]:
     for pattern, instead in _ORDER_PATTERNS:
         if match := pattern.match(sentence.strip()):
             yield match.expand(instead)
+
+
+_NEGATED = re.compile(r"n't\b|n’t\b|\bnot\b|\bnever\b", re.IGNORECASE)
+
+
+def opened(sentence: str, verbs: Collection[str]) -> Iterator[str]:
+    """The command behind words that only ask for it: "do me a favour and …", "is it at all possible to …", "why don't you …"."""
+    for word in re.finditer(r"[A-Za-z]+", sentence):
+        before, rest = sentence[: word.start()], sentence[word.start() :]
+        opener = word[0].lower() in verbs and re.fullmatch(
+            rf"{WISHING}(?:(?:and|to|of|if|we|so|kind|:)[ ,:]*)*", before, re.IGNORECASE
+        )
+        if opener and (not _NEGATED.search(before) or re.match(r"why\b|.*\bmind\b|would", before, re.IGNORECASE)):
+            yield rest
 
 
 def paraphrases(sentence: str, verbs: Collection[str] = ()) -> Iterator[str]:

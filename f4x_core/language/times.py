@@ -108,8 +108,7 @@ _part_way = either(
     keyword("halfway|half way|midway|mid way") + ~(_through | keyword("point") + ~keyword(f"of the [{_whole}]"))
     >> (lambda: HALF_WAY),
     keyword(
-        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the "
-        f"[halfway|half "
+        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the [halfway|half "
         f"way|half] [point|mark] (of the [{_whole}])|mid clip|"
         "the half|half time|"
         f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
@@ -190,12 +189,11 @@ _pair_from = (
     _portion + ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
 )
 _length = either(duration, optional(number, 1.0) + _unit >> _times)
-_first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [first|opening]") + _length
-_last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final|closing]") + _length
+_first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [first|opening]") + _length + ~_of_it
+_last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final|closing]") + _length + ~_of_it
 _onward = ~keyword(
-    "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) "
-    "end|till the end|"
-    "for good|for the rest (of the clip|of it)|and stay so"
+    "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) end|till the "
+    "end|for good|for the rest (of the clip|of it)|and stay so"
 )
 _since = keyword(
     "from|after|since|as of|once|not before|beginning|from (about) after|"
@@ -296,14 +294,11 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] "
-            "[clip|video|time|film|scene]|"
-            "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|"
-            "the whole way through|from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|"
-            "[over|during|throughout] the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|"
-            "at all times|"
-            "in every frame|"
-            "in all frames|on every frame|on all frames": Span(START, None, "always")
+            "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|scene]|"
+            "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|the whole way through|from start "
+            "to finish|from (the) beginning to (the) end|(over|for) the whole duration|[over|during|throughout] the (whole|"
+            "entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|at all times|in every frame|in all frames|"
+            "on every frame|on all frames": Span(START, None, "always")
         }
     ),
 )

@@ -46,7 +46,7 @@ moments: time|times|moment|moments|second|seconds|frame|frames|point|points|inst
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) {pictures}
-see: see|find|spot|recognize|recognise|detect|notice|make out|observe|look for
+see: see|found|{+find|spot|recognize|recognise|detect}|notice|make out|observe|look for
 counted: [do|does|did|can|could] {people} (can|could) count
 looking: (do|does|did|can|could|would) {people} (can|could) (ever|also|first|last|still|really|actually) {see}|[have|has]
     ({people}) got|got|[can|could] be [seen|found|spotted]
@@ -60,7 +60,8 @@ at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) {its} (very)|at|re
 plainly: {+move|travel|come}|go|goes|going|went|came|in motion|on the move|[move|moves|moving] [around|about]|({its})
     [movement|motion]|[has|have|having] (any) [motion|movement]
 stands: {+stand|stay|remain|keep|lie|sit|hide}|sitting|painted|located|placed|found|situated|positioned
-rest: (all) (of) (the) [static|stationary|motionless|unmoving|immobile|still|fixed] {noun}|still|at
+rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on the spot]|(all) (of) (the)
+    [static|stationary|motionless|unmoving|immobile|still|fixed] {noun}|still|at
     rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at rest]|where
     it is|in place|not in motion|without moving
 set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going|set out|sets out
@@ -96,8 +97,10 @@ place = below: below|under|beneath|underneath|lower (down)|lower than
 place = left of: (further|farther) (to|on|at) (the) left (hand) (side) of|left from
 place = right of: (further|farther) (to|on|at) (the) right (hand) (side) of|right from
 place = near: next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby
-side = left: [to|on|at|in] (the) (far|very) left (hand) ({half}) (of the {pictures})
-side = right: [to|on|at|in] (the) (far|very) right (hand) ({half}) (of the {pictures})
+side = left: (the) [leftmost|left most|far left] ({noun})|[to|on|at|in] (the) (far|very) left (hand) ({half}) (of the
+    {pictures})
+side = right: (the) [rightmost|right most|far right] ({noun})|[to|on|at|in] (the) (far|very) right (hand) ({half}) (of the
+    {pictures})
 side = middle: in the (very) [middle|center|centre] (of the {pictures})|central|centered
 on-side: (on|to|at|in) (the) {direction} ({half})
 sides: {on-side} or {on-side}
@@ -154,11 +157,12 @@ what-is-it: [what|which] (kind of|sort of|type of) ({noun}) (is|are) [it|this|th
 contents: what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to [see|edit]|{inside})|what are
     there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what is|a list|what (all)
     (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
-    [contents|inventory]|[what|which] (all) ({noun}) (do|can|could) {people} (can|could|all)
+    [contents|inventory]|[what|which] (all) ({noun}) (do|did|have|can|could) {people} (can|could|all)
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
-filler: {inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
+filler: is it [true|right|correct] that|am i [right|correct] (in thinking) that|[draw|trace|plot|show]
+    (me|us)|{inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
     {people}|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check|identify|report|{its}
     {pictures}|look|looks|seem|seems|appear|appears|[is|was] [it|this|that] [a|an|just|only]|would you
     [say|call|describe]|is|are|was|were|be|been|at
@@ -194,12 +198,13 @@ max-height: (the) [greatest|maximum|peak|top|highest] height (of)
 high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|how much height
 rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the
     ground
-go-up: {+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
+go-up: [{+go|move|get}] up or down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}]
+    [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
 comes: come|comes|came
 which-color: (of|in) [what|which] (main|kind of|sort of|exact|precise) [color|colors|colour|colours|shade|hue|shades|tint|tone]
-    (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) (main|exact|dominant|average)
-    [color|colors|colour|colours]|how colored
+    (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color]
+    [code|value|values] (of)|(the) (main|exact|dominant|average) [color|colors|colour|colours]|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all) (of) (the)|what number
     of|[number|count|tally] (of)
@@ -277,6 +282,7 @@ ends-up: end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lan
 comes-from: come from|comes from|start out|start off|starts off|starts out|begin|begins|start|starts
 clip-length: is (the|this) [{clips}]|does (the|this) [{clips}] [last|run|take|go on]
 in-gap: in the [gap|space|room|middle]
+units: how many [meters|metres|units|feet|steps|yards]
 far-off: far (away|off)|close
 length: (the) length (of)
 by-what: by (their) [distance|depth|position|nearness|size]
@@ -384,7 +390,8 @@ distance extreme=max: most-far pair | most-far thing other
 distance extreme=mean: mean-far pair | mean-far thing other
 distance extreme=min: thing passes-by not? | thing passes not? | close thing get other | close thing get together | least gap
     pair | least gap thing other | close thing get | least thing get other
-distance: gap thing other | gap pair | gap thing together | gap thing | gap other | thing far-off other
+distance: units thing together | units thing far-off | units thing far-off other | gap thing other | gap pair | gap thing
+    together | gap thing | gap other | thing far-off other
 compare_size: by-factor bigger thing other | by-factor as-big thing other | who bigger thing | thing bigger
 compare_size manner=bigger: sort big thing | big thing compared-to | thing bigger-or other
 compare_speed manner=faster: sort fast thing | fast thing compared-to move?
@@ -400,7 +407,7 @@ farthest: who farther thing us? | who farther thing other | thing farther other 
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
-compare_speed: who move? speediest thing? | who speediest thing? but?
+compare_speed: speediest but? | who move? speediest thing? | who speediest thing? but?
 colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? seen? | several any? move any? | how-many thing move start?
@@ -414,18 +421,18 @@ polar leave: thing leave not?
 polar enter: thing enter not?
 approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other | thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
-rise: high thing rise move? | max-height thing | by-how-much thing go-up
+rise: thing go-up not? | high thing rise move? | max-height thing | by-how-much thing go-up
 polar always says=no: thing hidden
 polar stops: thing stop move? not?
 polar stops says=no: thing always move not? | thing keep-on move
-motion: who move start? but? | any-parts move
+motion: how-long thing rest | who move start? but? | any-parts move
 does: what-it do thing | happens-to thing
 fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
 path: path thing takes? | how thing move | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
 way: way thing turn | way thing move? takes? along? sideways-or? | thing turning sideways-or | thing move sideways-or | whereto
-    thing move along? | way-of thing | thing move sideways-or
+    thing move along? | way-of thing move? | thing move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible can?

@@ -416,6 +416,8 @@ def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
         or (_understood(f"{text} it", clip, it) if it else None)
     )
     if asked is None:
+        asked = next(filter(None, (_understood(rest, clip, it) for rest in _behind_remarks(text))), None)
+    if asked is None:
         instead = re.sub(
             r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else misspelt(m[0], _ASKING_WORDS) or m[0], text
         )
@@ -425,6 +427,22 @@ def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
     if asked.kind in ONE_BY_ONE and not asked.other:
         return [replace(asked, things=(thing,)) for thing in asked.things] or [asked]
     return [asked]
+
+
+_REMARK_END = re.compile(rf"(?:[,:;]|\s-|\bbut\b|\band\b)\s*(?:(?:i )?(?:was|am) wondering )?(?={_ASKING}\b)")
+_REMARKING = re.compile(
+    r"(?:(?:so|ok|okay|hello|hi|hey|well|just|and|but|quick)\b[ ,]*)*(?:i|we|my|our|this|it|sorry|pardon|out of|"
+    r"for (?:the|my|our)|one|q|question|correct me)\b"
+)
+"""How a remark begins."""
+
+
+def _behind_remarks(text: str) -> Iterator[str]:
+    """What is asked behind a remark: "sorry to bother you, but where is the lamp"; a time is none."""
+    for end in _REMARK_END.finditer(text):
+        head = Reading.of(text[: end.start()], tokenise(text[: end.start()]), {})
+        if _REMARKING.match(text) and not any(True for at in range(len(head.tokens)) for _ in _span_at(head, at)):
+            yield text[end.end() :]
 
 
 def _understood(text: str, clip: Clip, it: tuple[str, ...], below: int = _UNKNOWN) -> Asked | None:

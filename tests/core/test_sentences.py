@@ -18,7 +18,6 @@ REFUSED = (
     "fade everything to black at the end",
     "before 1 s leave it as it is, after that make the swan gold",
     "is anybody dancing?",
-    "golden dog please, like a statue",
     "pixelate or blur the licence plate of the car",
     "can I get an echo effect with 4 ghosts trailing the horse, like Echo in AE",
     "two puppies should follow the dog, they do the same a third of a second later each",
