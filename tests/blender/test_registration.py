@@ -1,5 +1,6 @@
 """The extension registers, imports through its operator, reports a bad file and leaves nothing behind."""
 
+import importlib
 import os
 import subprocess
 import sys
@@ -75,3 +76,35 @@ def test_manifest_agrees_with_the_package():
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
     assert manifest["version"] == VERSION
     assert manifest["id"] == "feature4x" and manifest["blender_version_min"] == "4.5.0"
+
+
+def test_an_error_that_ends_a_tool_gives_the_window_back_and_a_mistake_stays_one():
+    """Blender has no window here, so a tool is asked as it would ask it."""
+    sys.path.insert(0, str(ROOT / "scripts"))
+    import door
+
+    door.load_extension()
+    reporting = importlib.import_module("feature4x.addon.wording").Reporting
+
+    class Tool(reporting):
+        said, given_back, error = "", [], MemoryError("1 GiB")
+
+        def report(self, kind, text):
+            self.said = text
+
+        def let_go(self, context):
+            self.given_back.append(context)
+
+        def modal(self, context, event):
+            raise self.error
+
+        def execute(self, context):
+            raise self.error
+
+    tool = Tool()
+    assert tool.execute("window") == {"CANCELLED"} and tool.said.endswith("[F4X-MEMORY]") and not tool.given_back
+    assert tool.modal("window", None) == {"CANCELLED"} and tool.given_back == ["window"]
+    assert (Tool.execute.__code__.co_argcount, Tool.modal.__code__.co_argcount) == (2, 3)  # as Blender counts them
+    Tool.error = ZeroDivisionError()
+    with pytest.raises(ZeroDivisionError):
+        tool.modal("window", None)
