@@ -565,7 +565,9 @@ _frame(
     complaint=literal("is|are|'s|looks|look|seems|seem|feels") + qualities.rather
     | ~literal(
         "is|are|'s|looks|look|seems|seem|feels|appears|appear|was|it is|has|have|(is|are) ["
-        + every_form("walk|run|move|go|play|drive|stand|sit|ride|swim|fly|dance|hang|lie|jump|turn|spin|hover|float")
+        + every_form(
+            "happen|walk|run|move|go|play|drive|stand|sit|ride|swim|fly|dance|hang|lie|jump|turn|spin|hover|float"
+        )
         + "]"
     )
     + either(
@@ -752,7 +754,7 @@ _frame(
     "place",
     who=_for_it + there_already,
     verb=_moving,
-    place=~literal("over|right|back|directly|straight|to|somewhere|down|up") + place,
+    place=~literal("over|right|back|directly|straight|to|somewhere|down|up|just|a bit|a little|slightly") + place,
 )
 _frame(
     "the dog, raised by half its height",
@@ -918,6 +920,15 @@ _frame(
         + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no "
         "movement|stop|stopped"
     ),
+)
+_frame(
+    "keep the dog still",
+    always(making.frozen),
+    "verb still",
+    use=NAMED,
+    who=_whom,
+    verb=literal(every_form("keep|hold|leave")),
+    still=literal("(perfectly|completely|absolutely) [still|motionless|frozen]"),
 )
 _frame(
     "the dog, played in reverse",

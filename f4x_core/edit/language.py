@@ -64,7 +64,7 @@ from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_clip, is_of_a_picture
 from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Transform
-from .phrases import SentenceContext, When, besides, familiar, several_placed, thing, together, whose
+from .phrases import SentenceContext, When, besides, familiar, known_thing, several_placed, thing, together, whose
 from .qualities import any_look, effect
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
@@ -992,6 +992,10 @@ _DOUBTFUL = (
         "Nothing new can be made; say for example 'copy the hat and put the copy above the dog'.",
     ),
     (
+        keyword("hide|hides|hiding") + silent(known_thing) + literal("behind|under|underneath|beneath|inside|below"),
+        "'Hide' may mean to place or to make invisible; say 'put the dog behind the bush' or 'make the dog invisible'.",
+    ),
+    (
         keyword("drop|drops|dropping")
         + silent(familiar | ~keyword("a|the|that|this") + familiar)
         + literal("on|onto|in|into|to"),
@@ -1080,10 +1084,7 @@ def _not_understood(read: Read) -> tuple[str, bool]:
     if lacking:
         return f"The command is not complete: {lacking}.", True
     if reading.farthest >= end:
-        return (
-            "These words are known, but not what they ask for together; say it in fewer, or something is missing.",
-            True,
-        )
+        return "The words are known, but not what they ask for together; something may be missing.", True
     return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
 
 

@@ -525,7 +525,10 @@ _WHERE = {
     f"in the [back|background|distance|rear]|at the [back|rear]|far away|[farthest|furthest] (away) from [{VIEWER}]|"
     "farthest (away)|furthest (away)": "farthest",
 }
-_which, _where = table(_WHICH), ~keyword("that is|that are|which is|which are|standing|sitting") + table(_WHERE)
+_which, _where = (
+    table(_WHICH),
+    ~keyword("(that|which|who) [is|are|stands|sits] (standing|sitting)|standing|sitting") + table(_WHERE),
+)
 _seen_in = optional(keyword("of|as of|seen in|seen at") + keyword("frame") + number)
 _kind = either(
     _moving,

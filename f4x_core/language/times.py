@@ -276,6 +276,12 @@ span = either(
     _central,
     _nth_second,
     _loosely >> (lambda: Span(END, None, "moment")),
+    keyword(f"[as|when|once] the [{_whole}] [begins|starts|is starting]") >> (lambda: Span(START, None, "moment")),
+    keyword(f"[as|when] the [{_whole}] [ends|is ending|is over|stops|finishes]") >> (lambda: Span(END, None, "moment")),
+    keyword(
+        f"over the [course|duration|length] of the (whole|entire) [{_whole}]|over the [whole|entire|full] [{_whole}]"
+    )
+    >> (lambda: Span(START, None)),
     keyword("for|during")
     + keyword("a|one")
     + _unit

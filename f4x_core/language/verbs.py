@@ -43,10 +43,10 @@ VERBS: dict[str, str] = {
     "delete": "get shot of, remove, delete, erase, rm, del, yeet, nix, evict, vaporize, matte out, knock out, comp out, "
     "paint off, get rid of, eliminate, drop, lose, discard, scrap, trash, do away with, dump, ditch, clear, banish, scratch, "
     "kill, cut, purge, rid us of, clean out, take out, cut out, edit out, wipe out, rub out, throw out, throw away, take away, "
-    "cut away, clean up, paint out, key out, clone out, crop out, pull out, kick out, chuck out, x out, leave out, rotoscope "
+    "cut away, paint out, key out, clone out, crop out, pull out, kick out, chuck out, x out, leave out, rotoscope "
     "out, strip out, strip away, clear away, clear out, rub off, wipe off, edit away, carry off, wipe away, zap, nuke, yank, "
     "axe, bin, chuck, destroy, dispose of, dispense with, do without, exclude, omit, weed out, airbrush out, photoshop out, "
-    "wipe, strike, toss, toss out, expel, shoo away",
+    "strike, toss, toss out, expel, shoo away",
     "hide": "hide, conceal, mask, mask out, make invisible, vanish, disappear, stop showing, not show, blank out, "
     "switch off, turn off, cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, turn "
     "invisible, toggle off, disable, deactivate",

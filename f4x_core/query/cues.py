@@ -57,7 +57,7 @@ at: (at|in|on|from|since|until|to|by|during|for|between|over|around) (exactly|ab
 picture-shows: [the|this] {pictures} [show|have|contain|include|shows|has|contains|includes]
 its: its|his|her|their|the
 at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) {its} (very)|at|reach|reaches|be|have|has|come|comes|get|gets
-plainly: {+move|travel|come}|go|goes|going|went|came|in motion|on the move|[move|moves|moving] [around|about]|({its})
+plainly: dynamic|{+move|travel|come}|go|goes|going|went|came|in motion|on the move|[move|moves|moving] [around|about]|({its})
     [movement|motion]|[has|have|having] (any) [motion|movement]
 stands: {+stand|stay|remain|keep|lie|sit|hide}|sitting|painted|located|placed|found|situated|positioned
 rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on the spot]|(all) (of) (the)
@@ -73,11 +73,12 @@ half: side|half|part|third|hand side
 what: what|who|which|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which of [the|these|those|all
     the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|what (is) (it) that|(the)
     [things|objects]
-when: when (exactly)|how [long|many seconds|many frames|much time|far] (does it take|is it|will it take|passes|pass)
-    [until|till|before|into the {clips}|into it]|from when ([to|until|till] when)|until when|since when|how
-    [early|soon|late]|[which|what] {moments} [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number)
-    [when|at which|in which|where|that|of]|(at) the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the
-    {clips})|what is the {moments}|{at} {moments} (in time|of the clip|on)
+when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it
+    take|is it|will it take|passes|pass) [until|till|before|into the {clips}|into it]|from when ([to|until|till] when)|until
+    when|since when|how [early|soon|late]|[which|what] {moments} [show|shows]|(at|in|on) (the)
+    [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at) the
+    [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments}
+    (in time|of the clip|on)
 where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the)
     [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of the
     {pictures})

@@ -27,6 +27,9 @@ ASIDES = (
     "{} because it annoys me", "lol {}", "mommy, please {}", "{} so we can show it to my boss", "{}, that would be great",
     "{}, if you don't mind", "honestly {}", "could somebody {}?", "{} for my thumbnail", "{} haha", "by the way, {}",
     "ok cool, now {}", "perfect. {}", "since it's Halloween, {}", "my boss wants you to {}", "I was wondering if you could {}",
+    "do me a favour and {}", "would it be possible to {}?", "why don't you {}", "one last thing, {}", "last but not least {}",
+    "it would mean a lot to me if you could {}", "lowkey {}", "uh {} ngl", "{} right now", "any way to {}?", "I beg you to {}",
+    "could you possibly {}", "first off, {}",
 )  # fmt: skip
 STRANGE = ("wobbly", "in a zorbly manner", "and happy", "quintessentially", "using acrylics")
 
