@@ -14,9 +14,9 @@ from ..scene import Scene
 from .blend_weights import lift_masks
 from .pixels import SHOWN, coverage_by
 from .score import logistic
-from .segmentation import FeaturePropagation, MaskDecoder
+from .segmentation import FeaturePropagation, MaskDecoder, PropagationConfig
 from .smoothing import field_of_looks
-from .views import views_of
+from .views import CONTRAST, views_of
 
 KNOWN, BLOCK = 1024, 4096
 """Gaussians with scores that are enough to say what is near, and Gaussians without that are compared with them at once: a block
@@ -116,7 +116,8 @@ def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
     """
     cameras, views = scene.cameras, views_of(scene)
     size = (cameras.height, cameras.width)
-    return FeaturePropagation(lambda t: views.appearance(scene, t, backend), len(cameras), size)
+    config = PropagationConfig(contrast=CONTRAST)
+    return FeaturePropagation(lambda t: views.appearance(scene, t, backend), len(cameras), size, config)
 
 
 def _from_neighbours(

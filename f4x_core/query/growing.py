@@ -26,12 +26,13 @@ VOTERS, ROUNDS = 5, 3
 """Most alike cells whose cosines are averaged; rounds of estimating the object from its last estimate."""
 
 
-def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
+def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int], contrast: float = 1.0) -> np.ndarray:
     """Fraction of the object (h,w) float32 in unit features (h,w,C) from points and a box on a picture of `size (H,W)`.
 
     Positive points spread to the region with the best outline around them (`local_cluster`); a box alone starts with the cells
     least like its outside. `ROUNDS` times, cells then compare themselves to the object so far and to the rest (`random_walk`);
-    points, and what is outside the box, stay what they are.
+    points, and what is outside the box, stay what they are. `contrast`: how far cosines differ in these features, beside visual
+    features alone.
     """
     height, width = cells.shape[:2]
     scale = np.array([width / size[1], height / size[0]])
@@ -45,7 +46,7 @@ def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.
     np.fill_diagonal(alike, -np.inf)
     possible = fixed != 0
     if (fixed == 1).any():
-        chosen = local_cluster(cells, fixed == 1, possible)
+        chosen = local_cluster(cells, fixed == 1, possible, contrast)
         rest = ~chosen
     else:
         if possible.all():
@@ -58,17 +59,17 @@ def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.
         if not chosen.any() or not rest.any():
             break
         difference = _likeness(alike, chosen) - _likeness(alike, rest)
-        probability = random_walk(cells, logistic(difference / LIKENESS), fixed)
+        probability = random_walk(cells, logistic(difference / (contrast * LIKENESS)), fixed, contrast)
         chosen = probability > 0.5
         rest = ~chosen
     return probability
 
 
-def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray) -> np.ndarray:
+def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray, contrast: float = 1.0) -> np.ndarray:
     """(h,w) bool: the region around `seeds` whose bonds across its outline are fewest for its bonds (least conductance).
 
-    Personalised PageRank on the graph of bonds `exp((cosine - 1) / BOND)` orders the cells, a sweep over that order finds the
-    cut (Andersen, Chung and Lang 2006). Nothing outside `possible` is reached.
+    Personalised PageRank on the graph of bonds `exp((cosine - 1) / (contrast BOND))` orders the cells, a sweep over that order
+    finds the cut (Andersen, Chung and Lang 2006). Nothing outside `possible` is reached.
     """
     height, width = seeds.shape
     moves = [(y, x) for y in range(-RANGE, RANGE + 1) for x in range(-RANGE, RANGE + 1) if (y, x) != (0, 0)]
@@ -83,7 +84,8 @@ def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray) ->
         return beside(pad(values), y, x)
 
     there = np.ones((height, width))
-    bonds = {move: np.exp(((cells * seen(cells, *move)).sum(-1) - 1) / BOND) * seen(there, *move) for move in moves}
+    fade = contrast * BOND
+    bonds = {move: np.exp(((cells * seen(cells, *move)).sum(-1) - 1) / fade) * seen(there, *move) for move in moves}
     degree = sum(bonds.values())
     # A click means its surroundings too: one cell may be an odd one.
     start = possible * (seeds + sum(seen(seeds.astype(float), y, x) for y, x in moves if max(abs(y), abs(x)) == 1) > 0)
@@ -109,14 +111,15 @@ def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray) ->
     return (rank <= min_cells + int(np.argmax(good))) & possible
 
 
-def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray, contrast: float = 1.0) -> np.ndarray:
     """Fraction of the object (h,w) float32: a random walker with priors (Grady 2005) between 4-neighbours of (h,w,C).
 
-    `argmin sum w (x_i - x_j)^2 + PRIOR sum (x_i - prior_i)^2`, `w = exp((cosine - 1) / EDGE)`, by conjugate gradients; x is
-    `fixed` where that is not NaN.
+    `argmin sum w (x_i - x_j)^2 + PRIOR sum (x_i - prior_i)^2`, `w = exp((cosine - 1) / (contrast EDGE))`, by conjugate
+    gradients; x is `fixed` where that is not NaN.
     """
-    down = np.exp(((cells[1:] * cells[:-1]).sum(-1) - 1) / EDGE)  # (h-1,w)
-    across = np.exp(((cells[:, 1:] * cells[:, :-1]).sum(-1) - 1) / EDGE)  # (h,w-1)
+    fade = contrast * EDGE
+    down = np.exp(((cells[1:] * cells[:-1]).sum(-1) - 1) / fade)  # (h-1,w)
+    across = np.exp(((cells[:, 1:] * cells[:, :-1]).sum(-1) - 1) / fade)  # (h,w-1)
     free = np.isnan(fixed)
 
     def apply(x: np.ndarray) -> np.ndarray:

@@ -76,6 +76,8 @@ class PropagationConfig:
     """Cells that vote on a cell."""
     temperature: float = 0.1
     """A vote weighs exp(cosine / temperature)."""
+    contrast: float = 1.0
+    """How far cosines differ in these features, beside visual features alone; counts where points and boxes grow."""
     parts: tuple[int, ...] = (3, 4, 6, 8)
     """Numbers of looks that `everything` tells apart on a frame, one after the other."""
     overlap: float = 0.7
@@ -115,7 +117,7 @@ class FeaturePropagation:
         if prompt.mask is not None:
             fraction = shrink(prompt.mask.astype(np.float32), (cells.shape[0], cells.shape[1]))
         else:
-            fraction = grow_prompt(cells, prompt, self.size)
+            fraction = grow_prompt(cells, prompt, self.size, self.config.contrast)
         self._masks[t] = fraction
         return self._logits(fraction)
 

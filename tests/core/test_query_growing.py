@@ -229,3 +229,15 @@ def test_a_box_around_a_few_cells_finds_them():
         cells /= np.linalg.norm(cells, axis=-1, keepdims=True)
         found = grow_prompt(cells, check_prompt(0, 1, (80, 120), box=[38, 30, 50, 42]), (80, 120))
         np.testing.assert_array_equal(found > 0.5, kinds == 1)
+
+
+@pytest.mark.parametrize("marks", [{"points": [[2.0, 4.0]]}, {"box": [0.5, 0.5, 5.0, 8.0]}])
+def test_contrast_is_the_unit_of_all_cosine_steps(monkeypatch, marks):
+    """Cells that share a large part differ less in their cosines; with that contrast they grow as the others do."""
+    cells = looks(9, 11, 3, 0.3)
+    common = np.full((9, 11, 1), 2.0)
+    shared = np.concatenate([cells, common], -1) / np.sqrt(5)
+    prompt = check_prompt(0, 1, (9, 11), **marks)
+    expected = grow_prompt(cells, prompt, (9, 11))
+    np.testing.assert_allclose(grow_prompt(shared, prompt, (9, 11), 1 / 5), expected, atol=1e-5)
+    assert not np.allclose(grow_prompt(shared, prompt, (9, 11)), expected, atol=1e-3)
