@@ -161,7 +161,12 @@ class Rule:
 
     def __invert__(self) -> Rule:
         """This or nothing."""
-        return Rule(lambda reading, at: _union(self.at(reading, at), {at: ()}))
+
+        def match(reading: Reading, at: int) -> Ways:
+            ways = self.at(reading, at)
+            return ways if at in ways else {**ways, at: ()}
+
+        return Rule(match)
 
     def __rshift__(self, function: Callable[..., Any]) -> Rule:
         """One value made of the values; where the function raises `Mismatch`, no match."""
@@ -200,10 +205,6 @@ class Doubt(Refusal):
 
 class Mismatch(Exception):  # noqa: N818  # it never leaves the grammar
     """The words fit a rule and their meaning does not."""
-
-
-def _union(first: Ways, second: Ways) -> Ways:
-    return first | {end: values for end, values in second.items() if end not in first}
 
 
 VOCABULARY: set[str] = set()
