@@ -147,7 +147,7 @@ _command(
 )
 _command(
     "remove the color of the house",
-    "remove|take|take out|take away|drain|strip|strip away|delete|drop|lose|get rid of|erase|suck",
+    "remove|kill|zap|take|take out|take away|drain|strip|strip away|delete|drop|lose|get rid of|erase|suck",
     always(making.GRAYED),
     who=whose("color|colors|saturation|coloring"),
     use=NAMED,

@@ -236,7 +236,13 @@ _frame(
     "the dog, in red",
     as_given,
     "values",
-    who=either(_whom, _about + whose("color|colors|coloring|look|appearance|paint|paintwork|paint job|hue|shade|tint")),
+    who=either(
+        _whom,
+        _about
+        + whose(
+            "color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|hue|shade|tint"
+        ),
+    ),
     verb=_becoming,
     more=literal("still|even|even more|a step|one more time"),
     rest=literal("instead of|rather than|not") + ~literal("a|an|the|that") + silent(colour) + literal("one|ones"),

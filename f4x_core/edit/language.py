@@ -378,8 +378,9 @@ def parse(
         try:
             operations = read.operations or settled(read)
             _ask_about_purpose(sentence, known, read, operations)
-            if any(map(_removes, operations)) and any(read.reading.word(at) not in EMPTY for at in read.idle):
-                raise _without_idle(replace(read, operations=operations))
+            if any(map(_removes, operations)) and any(read.reading.word(at) not in EMPTY | {"the"} for at in read.idle):
+                asked = _without_idle(replace(read, operations=operations))
+                raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
             return operations
         except Doubt:
             raise
@@ -584,7 +585,19 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
         return
     if not any("who" in piece for *_, clause in read.clauses[:1] for piece in clause.pieces):
         return  # whom it is for may be what was left out
-    raise _without_idle(read)
+    doubt = _without_idle(read)
+    if _means(doubt.instead, read.operations, known, settled):
+        raise doubt
+
+
+def _means(
+    sentence: str, operations: tuple[Operation, ...], known: Mapping[tuple[str, ...], str], settled: Settle
+) -> bool:
+    """Whether a sentence comes to the operations."""
+    with suppress(F4xError):
+        read = _read_somehow(sentence, known, settled)
+        return bool(read.clauses) and (read.operations or settled(read)) == operations
+    return False
 
 
 def _without_idle(read: Read) -> Doubt:

@@ -115,7 +115,10 @@ saturation_value = (
     >> making.saturated
 )
 _warmer = table(
-    {"warmer|more warm|less cool|less cold": True, "cooler|colder|chillier|more cool|more cold|less warm": False}
+    {
+        "warmer|more warm|cozier|cosier|less cool|less cold": True,
+        "cooler|colder|chillier|more cool|more cold|less warm": False,
+    }
 )
 warmth_value = either(
     optional(amount) + _warmer >> making.warmed, _warmer + amount >> (lambda warmer, how: making.warmed(how, warmer))

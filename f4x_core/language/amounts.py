@@ -196,7 +196,8 @@ direction = (
             f"[further|farther] [back|backward|away]|(further|farther) away from [{VIEWER}]|away|back|backward|from [{VIEWER}]|"
             "to the [back|rear]|into the [distance|depth]|off into the distance|toward the back|[into|to"
             "|toward] the background|deeper (into the scene)": (0, 0, 1),
-            f"(right) up [closer|close] (to) [{VIEWER}]|forward|to the [foreground|fore]|[closer|nearer] [to|toward] "
+            f"(right) up [closer|close] (to) [{VIEWER}]|more [near|close] (to) [{VIEWER}]|"
+            f"more [near|close]|forward|to the [foreground|fore]|[closer|nearer] [to|toward] "
             f"[{VIEWER}]|closer|nearer|[to|toward] [{VIEWER}]|to the front|into the foreground": (0, 0, -1),
         }
     )

@@ -24,6 +24,11 @@ _TIMED = _OR("after|before|from|until|till|between|during|at|in|for|over|once|wh
 _REWRITINGS: tuple[tuple[str, str], ...] = (
     # Asking and wishing
     (
+        rf"^(?:make|have|set) it(?: so)?(?: that)? {_X} (?:is|are|be) (?:not|n't) {_REST}$|"
+        rf"^(?:make|have|set) it(?: so)?(?: that)? {_X.replace('<x>', '<y>')} (?:isn'?t|aren'?t) {_REST.replace('rest', 'end')}$",
+        r"\g<x>\g<y> should not be \g<rest>\g<end>",
+    ),
+    (
         rf"^(?:{WISHING}|show me |let me see )?(?:what|how) {_X} (?:would|will|might|could) look "
         rf"(?:like )?(?:if it (?:was|were) )?{_REST}$",
         r"make \g<x> \g<rest>",

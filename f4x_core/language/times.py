@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from .amounts import PLACES, fraction, number, percent
-from .grammar import either, keyword, optional, table, unless
+from .grammar import either, keyword, literal, optional, table, unless
 
 
 @dataclass
@@ -121,7 +121,7 @@ _part_way = either(
 _counted = ~keyword("the") + _unit + ~keyword("number|no|#") + number >> (lambda unit, x: _times(x, unit))
 _frame_number = keyword("frame") + ~keyword("number|no|#") + number >> (lambda x: TimeExpression(frames=x))
 _inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
-_measured = (
+_measured = ~literal("t (=)|time =") + (
     either(number + _unit + ~keyword(f"{_inside}|mark"), keyword("the") + number + _unit + keyword("mark|point"))
     >> _times
 )

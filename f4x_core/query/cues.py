@@ -67,7 +67,7 @@ rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on
 set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going|set out|sets out
 stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full)
     [stop|halt|standstill|rest]|[stand|stands|stay|stays|remain|remains|standing|staying] still
-big-er: bigger|larger|wider|longer|broader|thicker|greater
+big-er: more [big|large|wide|long|tall]|bigger|larger|wider|longer|broader|thicker|greater
 small-er: smaller|tinier|narrower|littler
 half: side|half|part|third|hand side
 what: what|who|which|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which of [the|these|those|all
@@ -162,10 +162,10 @@ contents: what does (the|this) {clips} [contain|show|include|consist of]|what (a
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
-filler: is it [true|right|correct] that|am i [right|correct] (in thinking) that|[draw|trace|plot|show]
-    (me|us)|{inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
-    {people}|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check|identify|report|{its}
-    {pictures}|look|looks|seem|seems|appear|appears|[is|was] [it|this|that] [a|an|just|only]|would you
+filler: [above|over|from] {its} [starting|initial|original|first] [point|position|height|level]|is it [true|right|correct]
+    that|am i [right|correct] (in thinking) that|[draw|trace|plot|show] (me|us)|{inside}|{event}|{looking}|{people} have|(that)
+    {people} (can|could) {see}|have {people}|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check|
+    identify|report|{its} {pictures}|look|looks|seem|seems|appear|appears|[is|was] [it|this|that] [a|an|just|only]|would you
     [say|call|describe]|is|are|was|were|be|been|at
     all|being|does|do|did|has|have|had|having|,|-|:|'s|please|approximately|roughly|ever|about|anywhere|somewhere|right
     now|and|currently|if|if so|whether|that|quick question|know|i mean|over time|{courtesy}|any|[can|could|would|will] you
@@ -252,7 +252,7 @@ speediest = fastest: (the) [fastest|quickest|speediest] (moving) ({noun})|(the) 
 speediest = slowest: (the) [slowest] (moving) ({noun})|(the) slower (one)
 bigger = bigger: (much|the|a lot) {big-er} (one|in size)
 bigger = smaller: (much|the|a lot) {small-er} (one|in size)
-bigger = taller: (much|the|a lot) [taller|higher] (one)
+bigger = taller: (much|the|a lot) [more high|taller|higher] (one)
 bigger = lower: (much|the|a lot) [shorter|lower] (one)
 as-big = taller: as [tall|high]
 as-big = bigger: as [big|large|wide|long]|the same size
