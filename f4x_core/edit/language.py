@@ -23,7 +23,6 @@ from ..language.grammar import (
     NOTHING,
     VOCABULARY,
     Doubt,
-    Matches,
     Mismatch,
     Reading,
     Refusal,
@@ -35,6 +34,7 @@ from ..language.grammar import (
     keyword,
     listed,
     literal,
+    matches_of,
     optional,
     sign,
     silent,
@@ -242,23 +242,13 @@ class _Loosely:
         """`known`: last words of labels."""
         self.reading, self.end = reading, len(reading.tokens)
         self.gaps = idle_gaps(reading, ADDS_NOTHING, known, COMMAND_VERBS)
-        fitting = [(frame, needed, self._matches(slots)) for frame, slots, needed in _any_order]
+        fitting = [(frame, needed, matches_of(slots, reading)) for frame, slots, needed in _any_order]
         self.frames = [
             (order, frame, needed, matches)
             for order, (frame, needed, matches) in enumerate(fitting)
             if needed <= matches.keys() and id(frame) not in reading.barred
         ]
         self.at: dict[int, dict[int, Found]] = {}
-
-    def _matches(self, slots: dict[str, Rule]) -> dict[str, Matches]:
-        """Where each slot matches; none of those that match nowhere."""
-        found: dict[str, Matches] = {}
-        for name, rule in slots.items():
-            for at in range(self.end):
-                for end, values in rule.at(self.reading, at).items():
-                    if end > at:
-                        found.setdefault(name, {}).setdefault(at, []).append((end, values[0] if values else None))
-        return found
 
     def _clauses(self, start: int) -> dict[int, Found]:
         """The cheapest clause from a word to each later one; one of the table is preferred."""
@@ -1106,9 +1096,7 @@ def _no_edit(reading: Reading) -> str:
     if any(_UNDOING.at(reading, at) for at in range(len(reading.tokens))):
         return "That is no edit; use `f4x undo SCENE`, or the button for it."
     verb = next((_ELSEWHERE[token.text] for token in reading.tokens if token.text in _ELSEWHERE), "")
-    if verb:
-        return f"That is no edit; use `f4x {verb} SCENE`, or the button for it."
-    return ""
+    return verb and f"That is no edit; use `f4x {verb} SCENE`, or the button for it."
 
 
 def _impossible(reading: Reading) -> str:

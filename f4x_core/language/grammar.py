@@ -392,6 +392,17 @@ Gaps = list[dict[int, int]]
 """Per word: where words that no slot explains end -> what leaving them unexplained costs."""
 
 
+def matches_of(slots: Mapping[str, Rule], reading: Reading) -> dict[str, Matches]:
+    """Where each slot matches words of a sentence; none of those that match nowhere."""
+    found: dict[str, Matches] = {}
+    for name, rule in slots.items():
+        for at in range(len(reading.tokens)):
+            for end, values in rule.at(reading, at).items():
+                if end > at:
+                    found.setdefault(name, {}).setdefault(at, []).append((end, values[0] if values else None))
+    return found
+
+
 _MORE_SLOTS, _LATER_WAY = 0.01, 0.001
 """Of covers that leave the same words unexplained the one with more slots is preferred, then the one whose slots match as they
 prefer to."""

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import F4xError
 from ..features.models.prompt import check_frame, check_prompt
+from ..features.text import unit
 from .growing import grow_prompt
 
 BLOCK = 8
@@ -184,8 +185,7 @@ class FeaturePropagation:
 
     def _cells(self, t: int) -> np.ndarray:
         """Unit features (h,w,C) float32 of frame `t`."""
-        cells = np.asarray(self._features(t), np.float32)
-        return cells / np.maximum(np.linalg.norm(cells, axis=-1, keepdims=True), 1e-12)
+        return unit(np.asarray(self._features(t), np.float32))
 
     def _logits(self, fraction: np.ndarray) -> np.ndarray:
         probability = np.clip(enlarge(fraction, self.size), UNCERTAIN, 1 - UNCERTAIN)
@@ -232,8 +232,8 @@ def blur(cells: np.ndarray) -> np.ndarray:
     """Unit features (h,w,C): means over 3 x 3 cells, so that a region is not torn by single odd ones."""
     height, width = cells.shape[:2]
     padded = np.pad(cells, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    total = sum(padded[y : y + height, x : x + width] for y in range(3) for x in range(3))
-    return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-12)
+    around = (padded[y : y + height, x : x + width] for y in range(3) for x in range(3))
+    return unit(sum(around, np.zeros_like(cells)))
 
 
 def kinds_of(cells: np.ndarray, kinds: int) -> np.ndarray:
@@ -246,7 +246,7 @@ def kinds_of(cells: np.ndarray, kinds: int) -> np.ndarray:
     for _ in range(ROUNDS):
         kind = (flat @ table.T).argmax(1)
         sums = np.stack([flat[kind == index].sum(0) for index in range(kinds)])
-        table = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)
+        table = unit(sums)
     return kind.reshape(cells.shape[:2])
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..features.text import unit
 from ..scene import Scene
 from ..scene.field import FeatureField, FieldHead
 from .blend_weights import total_blend_weights
@@ -148,7 +149,7 @@ def group(scene: Scene) -> Patches:
 
     latents = mean(scene.latents()).astype(np.float32)
     features = field.decode(LOOKS_ALIKE, latents) if LOOKS_ALIKE in field.names else latents - latents.mean(0)
-    features = features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-12)
+    features = unit(features)
     place = mean(place * (1, 1, 1, FAR))
     one, two = _neighbours(keys, size)
     steps = ((place[one] - place[two]) ** 2).sum(1) / NEAR**2

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..features.text import unit
 from ..geometry.arrays import evenly_spaced
 from ..scene import Scene
 from ..scene.view import render
@@ -27,8 +28,8 @@ filmed clips that chose (camel, dog, parkour, breakdance; .75 without the cues) 
 CONTRAST = 0.16
 """How far cosines of appearance differ, beside those of visual features alone, which are a sixth of it: so points find .64 and
 boxes .73 of what is meant in single frames of six filmed clips (IoU), in visual features alone .56 and .65."""
-DIRECTIONS, TOLD_BY = 16, 3
-"""Principal directions of appearance that are kept, and frames that tell them: more tell no more things apart."""
+DIRECTIONS, DIRECTION_FRAMES = 16, 3
+"""Principal directions of appearance that are kept, and frames, evenly over the clip, from which they come."""
 GRID = 64
 """Columns of the grid of cells where a scene has no visual features."""
 UNSEEN = 1e-3
@@ -57,11 +58,11 @@ class Views:
     def appearance(self, scene: Scene, frame: int, backend: str = "auto") -> np.ndarray:
         """(h,w,C) float32: what can be told apart in the cells of clip `frame`, by the cosine; C <= `DIRECTIONS`."""
         if not self._directions.size:
-            told = evenly_spaced(len(scene.cameras), TOLD_BY)
-            shown = np.stack([_cells(scene, t, backend) for t in told])
+            frames = evenly_spaced(len(scene.cameras), DIRECTION_FRAMES)
+            shown = np.stack([_cells(scene, t, backend) for t in frames])
             flat = shown.reshape(-1, shown.shape[-1])
             self._directions = np.linalg.eigh(flat.T @ flat)[1][:, -DIRECTIONS:]  # not centred: cosines are about 0
-            self._appearance = dict(zip(told.tolist(), shown @ self._directions, strict=True))
+            self._appearance = dict(zip(frames.tolist(), shown @ self._directions, strict=True))
         if frame not in self._appearance:
             self._appearance[frame] = _cells(scene, frame, backend) @ self._directions
         return self._appearance[frame]
@@ -104,6 +105,5 @@ def _cells(scene: Scene, frame: int, backend: str) -> np.ndarray:
     weight = np.repeat([*CUES.values()], [cue.shape[-1] for cue in cues.values()])
     shown = [weight * np.cos(angle), weight * np.sin(angle)]
     if field is not None:
-        looks = field.decode(LOOKS_ALIKE, shrink(drawn["latent"], grid))
-        shown.append(looks / np.maximum(np.linalg.norm(looks, axis=-1, keepdims=True), 1e-12))
+        shown.append(unit(field.decode(LOOKS_ALIKE, shrink(drawn["latent"], grid))))
     return np.concatenate(shown, -1, dtype=np.float32)

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..errors import F4xError
 from ..language.asides import without_courtesy
-from ..language.grammar import NOTHING, Doubt, Matches, Reading, Rule, covers, either, generated, table, tokenise
+from ..language.grammar import NOTHING, Doubt, Reading, Rule, covers, either, generated, matches_of, table, tokenise
 from ..language.idle import EMPTY
 from ..language.lexicon import (
     CONTRACTIONS,
@@ -465,11 +465,7 @@ def _readings(
 ) -> Iterator[tuple[float, Asked]]:
     """(cost, question) of every row that covers the sentence, the cheapest first; `whatever`: any words may be left out."""
     tokens = range(len(reading.tokens))
-    matches: dict[str, Matches] = {}
-    for name, rule in _slots.items():
-        for at in tokens:
-            if ways := rule.at(reading, at):
-                matches.setdefault(name, {})[at] = [(end, value[0] if value else None) for end, value in ways.items()]
+    matches = matches_of(_slots, reading)
     gaps = [_gaps(reading, at) | ({at + 1: _UNKNOWN} if whatever else {}) for at in tokens]
     found_by = ((row, covers(row.slots, row.needed, matches, gaps).get(len(gaps), (None,))[0]) for row in _ROWS)
     fitting = [(row, cover) for row, cover in found_by if cover]
