@@ -6,7 +6,8 @@
    else pycolmap on keyframes, or own incremental structure from motion. 3. It is compared with its mirror image in depth
    (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the clip is
    a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the focal
-   length with them. 6. What moving cameras explain as static is taken out of what moves (`second_look`).
+   length with them. 6. Where what moves fills the picture's border, cameras of all tracks are tried, too (`rigid`).
+7. What moving cameras explain as static is taken out of what moves (`second_look`).
 
 Held-out frames are never looked at; how much real shake their interpolated cameras will miss is measured
 (`statistics["cameras"]["interpolation_px"]`).
@@ -29,7 +30,8 @@ from .config import CamerasConfig, PriorsConfig
 from .flow import grey, sample, texture
 from .folder import SEEN_DEPTH
 from .mirror import DepthCues, choose_orientation, guess_inverse_distance
-from .second_look import release_static
+from .rigid import explained_fraction
+from .second_look import mask_in_doubt, release_static
 from .sfm import (
     DEFAULT_FOCAL,
     FOCALS,
@@ -83,6 +85,9 @@ Frames of the real clips share .8 and more, those whose flow is lost .08."""
 MIN_TEXTURED = 0.1
 """With a smaller fraction of the static tracks on enough texture for flow (`flow.texture` of one half, median over a track's
 sightings) the tracks drift with moving objects beside them: 3 % in a sky behind a mover, 56 % and more in the real clips."""
+MIN_EXPLAINED_MORE, ENOUGH_EXPLAINED = 0.05, 0.85
+"""Fraction of the picture that cameras of all tracks must explain beyond what those of the static ones do, to be preferred;
+they are not looked for where so much is explained already."""
 MIN_TRACKS = 12
 """With fewer static tracks than this the motion of the camera cannot be determined."""
 
@@ -98,7 +103,6 @@ def provide(
     times = np.asarray(clip.times, np.float64)[clip.supervised]
     progress("cameras", 0, 4, "what moves")
     tracks, visible, static = static_tracks(priors)
-    principal = np.array([priors.width, priors.height]) / 2
     focal = (settings.focal or DEFAULT_FOCAL) * priors.width
     if first is not None:
         first = refocused(first, focal) if settings.focal else first
@@ -106,24 +110,13 @@ def provide(
 
     shift = static_shift(tracks, visible, static)
     statistics: dict[str, Any] = {"static_tracks": int(static.sum()), "static_shift_px": _json(shift)}
-    unknown = "" if first is not None else _why_motion_is_unknown(clip, tracks, visible, static)
-    if first is not None and settings.kind in (None, "moving") and static.sum() < MIN_TRACKS:
-        solution, kind = first, "moving"
-        statistics["solver"] = settings.provider
-        priors.warn(
-            f"Too few points stand still to refine the cameras of {settings.provider}; they are taken as they are."
-        )
-    elif settings.kind == "static" or (settings.kind is None and (unknown or not shift >= STATIC_PX)):
-        if settings.kind is None and unknown and len(times) > 1:
-            statistics["assumed"] = unknown
-            priors.warn(f"How the camera moved is not known, because {unknown}; it is taken to stand still.")
-        solution, kind = _static_camera(len(times), focal, principal), "static"
-    else:
-        job = _CameraProblem(clip, priors, settings, tracks, visible, static, focal, first, statistics, progress)
-        solution, kind = _solve(job)
-        progress("cameras", 3, 4, "refine the path")
-        if kind == "moving":
-            solution = complete(solution, tracks, visible, static, times, job.lens)
+    job = _CameraProblem(clip, priors, settings, tracks, visible, static, focal, first, statistics, [], progress)
+    solution, kind = _solve_what_stands_still(job, shift)
+    if first is None and settings.kind in (None, "moving") and mask_in_doubt(priors):
+        solution, kind = _solve_everything(job, solution, kind)
+    for line in job.warnings:
+        priors.warn(line)
+    if kind != "static" and solution is not first:
         solution = replace(solution, bundle=_first_camera_at_origin(solution.bundle))
         inliers = solution.bundle.errors(solution.observations)
         if len(inliers):
@@ -183,6 +176,8 @@ class _CameraProblem:
     """The solution of another provider, to start from."""
     statistics: dict[str, Any]
     """`statistics["cameras"]`, filled while solving."""
+    warnings: list[str]
+    """Sentences for the diagnostics page, filled while solving."""
     progress: Progress
 
     @property
@@ -190,6 +185,11 @@ class _CameraProblem:
         """Adjustment of the focal length: fixed where it is given, else free with a prior around the expected one."""
         known = self.settings.focal is not None or self.first is not None
         return BundleConfig(refine_focal=not known, expected_focal=self.focal)
+
+    @property
+    def times(self) -> np.ndarray:
+        """(F,) clip frames."""
+        return np.asarray(self.clip.times, np.float64)[self.clip.supervised]
 
     @property
     def principal(self) -> np.ndarray:
@@ -298,8 +298,61 @@ def interpolation_error(bundle: Bundle, observations: Observations, times: np.nd
     return {"mean": round(float(np.mean(errors)), 3), "p90": round(float(np.percentile(errors, 90)), 3)}
 
 
+def _solve_what_stands_still(job: _CameraProblem, shift: float) -> tuple[Solution, str]:
+    """Return the cameras of all frames by the static tracks, which shift by `shift` pixels (`static_shift`), and their kind."""
+    kind, frames = job.settings.kind, len(job.tracks)
+    if job.first is not None and kind in (None, "moving") and job.static.sum() < MIN_TRACKS:
+        job.statistics["solver"] = job.settings.provider
+        job.warnings.append(
+            f"Too few points stand still to refine the cameras of {job.settings.provider}; they are taken as they are."
+        )
+        return job.first, "moving"
+    unknown = "" if job.first is not None else _why_motion_is_unknown(job.clip, job.tracks, job.visible, job.static)
+    if kind == "static" or (kind is None and (unknown or not shift >= STATIC_PX)):
+        if kind is None and unknown and frames > 1:
+            job.statistics["assumed"] = unknown
+            job.warnings.append(f"How the camera moved is not known, because {unknown}; it is taken to stand still.")
+        return _static_camera(frames, job.focal, job.principal), "static"
+    return _solve(job)
+
+
 def _solve(job: _CameraProblem) -> tuple[Solution, str]:
-    """Return a solution for a camera that is not static, its depth not mirrored, and its kind (`pan` or `moving`)."""
+    """Return all frames of a camera that is not static, its depth not mirrored, and its kind (`pan` or `moving`)."""
+    solution, kind = _first_solution(job)
+    job.progress("cameras", 3, 4, "refine the path")
+    if kind == "moving":
+        solution = complete(solution, job.tracks, job.visible, job.static, job.times, job.lens)
+    return solution, kind
+
+
+def _solve_everything(job: _CameraProblem, found: Solution, kind: str) -> tuple[Solution, str]:
+    """Return `found` and its `kind`, or cameras of all tracks that move, where those explain clearly more of the picture."""
+    best, chosen, most = (found, kind), job, explained_fraction(found.bundle, job.tracks, job.visible)
+    for solver in ("direct", "tracks") if job.settings.solver == "auto" else (job.settings.solver,):
+        if most >= ENOUGH_EXPLAINED:
+            break
+        other = replace(
+            job,
+            warnings=[],
+            settings=replace(job.settings, kind="moving", solver=solver),
+            static=np.ones_like(job.static),
+            statistics={key: job.statistics[key] for key in ("static_tracks", "static_shift_px")},
+        )
+        solution, other_kind = _solve(other)
+        explained = explained_fraction(solution.bundle, job.tracks, job.visible)
+        more = MIN_EXPLAINED_MORE if chosen is job else 0.0
+        if other_kind == "moving" and explained > most + more and _translates(other, solution):
+            best, chosen, most = (solution, other_kind), other, explained
+    if chosen is not job:
+        job.warnings[:] = chosen.warnings
+        job.statistics.clear()
+        job.statistics.update(chosen.statistics, everything=True)
+    job.statistics["explained"] = _json(most)
+    return best
+
+
+def _first_solution(job: _CameraProblem) -> tuple[Solution, str]:
+    """Return a solution of some frames, its depth not mirrored, and its kind."""
     turning = solve_rotations(job.tracks, job.visible, job.static, job.focal, job.principal, 4 * SAMPLED_POINTS)
     candidates = FOCALS if job.lens.refine_focal else [job.focal / job.priors.width]
     sample, search = search_focal(turning, job.priors.width, candidates, translating=False)
@@ -314,7 +367,7 @@ def _solve(job: _CameraProblem) -> tuple[Solution, str]:
     if moved is None:
         if parallax > TURNED_PX:
             job.statistics["assumed"] = "it could not be reconstructed from what stands still"
-        job.priors.warn(
+        job.warnings.append(
             "The camera's motion could not be reconstructed (too little parallax or texture); only its turning is kept and"
             " the background becomes flat. Give cameras of another program if you have them."
         )
@@ -352,12 +405,12 @@ def _pan(job: _CameraProblem, turning: Solution, focal: float, zoom: Zoom | None
         found = zoomed(turning, zoom, None if job.lens.refine_focal else job.focal)
         summary = job.statistics["zoom"] = zoom.summary(found.bundle, job.priors.width)
         job.statistics.pop("pan_focal_search", None)
-        job.priors.warn(
+        job.warnings.append(
             f"The lens zooms ({summary['factor']:.2f} times): a zoom looks like a step forward, so the camera is taken to stand"
             " and turn, and the depth of the background is a guess."
         )
         return found
-    job.priors.warn(
+    job.warnings.append(
         "The camera only turns (almost no parallax): the depth of the background cannot be measured, so it is a guess"
         " and views from other places will look flat."
     )
@@ -478,7 +531,9 @@ def _solve_incrementally(job: _CameraProblem) -> tuple[Solution | None, str]:
     if not best[0].error < 2 * MAX_ERROR_PX or _covered(best[0].registered) < 0.5:
         return None, "none"
     if best[0].registered.sum() < MIN_REGISTERED * (len(keyframes) if best[1] == "colmap" else len(job.tracks)):
-        job.priors.warn("Some cameras could not be solved from the pictures and are continued from their neighbours.")
+        job.warnings.append(
+            "Some cameras could not be solved from the pictures and are continued from their neighbours."
+        )
     return best
 
 

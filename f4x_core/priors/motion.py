@@ -115,7 +115,7 @@ def motion_score(
     grid = pixel_grid(height, width)[STEP // 2 :: STEP, STEP // 2 :: STEP]  # (h,w,2)
     points, (rows, columns) = grid.reshape(-1, 2), grid.shape[:2]
     unit = max(height, width) / REFERENCE_WIDTH
-    border = _border(rows, columns)
+    border = border_of(rows, columns)
     samples = {gap: flows[gap][:, STEP // 2 :: STEP, STEP // 2 :: STEP] for gap in (1, *gaps)}  # (F,h,w,2) each
     moved = length(samples[1][: frames - 1][:, border].astype(np.float32))
     far = length(samples[max((1, *gaps))][: frames - max((1, *gaps))][:, border].astype(np.float32))
@@ -145,7 +145,7 @@ def motion_score(
             missed[t, j] = np.where(good & inside(by_background, height, width), (more - less).ravel(), np.nan)
 
     in_threads(compare, range(frames), lambda done: progress("motion", done, frames))
-    score = _score(length(residual), trust, unit)  # (F,P)
+    score = score_of_residuals(length(residual), trust, unit)  # (F,P)
     edge = border.ravel()
     unexplained = score[:, edge] > 0.5
     last = np.abs(gaps) == max(np.abs(gaps), default=1)
@@ -163,19 +163,21 @@ def motion_score(
     }
     if not static and statistics["border_unexplained"] > PARALLAX_FRACTION:
         some = np.arange(0, frames, PARALLAX_EVERY)
-        forgiven = _score(_left_by_parallax(some, residual, trust, points, unit), trust[some], unit)
+        forgiven = score_of_residuals(_left_by_parallax(some, residual, trust, points, unit), trust[some], unit)
         statistics["border_parallax"] = float((unexplained[some] & (forgiven[:, edge] < 0.25)).mean())
         if statistics["border_parallax"] > PARALLAX_FRACTION:
             every = np.arange(frames)
-            score = np.sqrt(score * _score(_left_by_parallax(every, residual, trust, points, unit), trust, unit))
+            score = np.sqrt(
+                score * score_of_residuals(_left_by_parallax(every, residual, trust, points, unit), trust, unit)
+            )
     statistics["parallax"] = statistics["border_parallax"] > PARALLAX_FRACTION
     contrast = max(float(pictures[:, ::STEP, ::STEP].std((0, 1, 2)).mean()), 1.0)
     score = score.reshape(frames, rows, columns)
     score = score * _evidence(missed.reshape(frames, -1, rows, columns), EVIDENCE_CONTRAST * contrast)
-    return _smooth_in_time(np.stack(in_threads(lambda one: _enlarge(one, height, width), score)), flows), statistics
+    return _smooth_in_time(np.stack(in_threads(lambda one: enlarge(one, height, width), score)), flows), statistics
 
 
-def _border(rows: int, columns: int) -> np.ndarray:
+def border_of(rows: int, columns: int) -> np.ndarray:
     """(rows,columns) bool: the frame around the picture."""
     border = np.ones((rows, columns), bool)
     top, side = max(1, round(BORDER * rows)), max(1, round(BORDER * columns))
@@ -249,7 +251,7 @@ def _off_parallax(residual: np.ndarray, trust: np.ndarray, points: np.ndarray, u
     return left
 
 
-def _score(residual: np.ndarray, trust: np.ndarray, unit: float) -> np.ndarray:
+def score_of_residuals(residual: np.ndarray, trust: np.ndarray, unit: float) -> np.ndarray:
     """(F,K,P) pixels to (F,P) in 0..1: mean over the gaps of e / (e + noise)."""
     noise = NOISE_SCALE * np.median(residual, axis=-1, keepdims=True)
     noise = np.clip(noise, NOISE_PIXELS[0] * unit, NOISE_PIXELS[1] * unit)
@@ -267,7 +269,7 @@ def _evidence(missed: np.ndarray, enough: float) -> np.ndarray:
     return surest / np.clip(known.sum(1), 1, EVIDENCE_GAPS)
 
 
-def _enlarge(coarse: np.ndarray, height: int, width: int) -> np.ndarray:
+def enlarge(coarse: np.ndarray, height: int, width: int) -> np.ndarray:
     """Samples every `STEP` pixels (offset STEP / 2) to (H,W) float32."""
     return sample(coarse, (pixel_grid(height, width) - STEP // 2 - 0.5) / STEP + 0.5).astype(np.float32)
 

@@ -23,6 +23,8 @@ MAX_POINTS, MAX_FRAMES = 300, 24
 """Points and frames that a structure is solved from: two seconds; other frames are resected."""
 MIN_POINTS = 30
 """Smallest number of tracks in the sampled frames that a structure is solved from."""
+MIN_EXTENT_PX = 1.0
+"""Smallest extent of the tracks: what lies on one line of pixels shows no turning."""
 INLIER_PX, MAX_ERROR_PX, MIN_INLIERS = 1.5, 1.0, 0.75
 """A point follows the body when its median error is below the first; a body is rigid when the median of all errors is below
 the second and so many of its points follow: pixels as they are, for what tracks err by does not grow with the picture."""
@@ -90,7 +92,10 @@ def solve(seen: TracksOnObject) -> OwnMotion | None:
         return None
     start = solve_rotations(tracks[frames], seen.visible[frames], every, focal, seen.principal, MAX_POINTS)
     observed, unit = start.observations, seen.unit
-    config = BundleConfig(refine_focal=False, robust_px=1.0, relief=_extent(observed, len(frames)) / focal)
+    extent = _extent(observed, len(frames))
+    if not extent >= MIN_EXTENT_PX:
+        return None
+    config = BundleConfig(refine_focal=False, robust_px=1.0, relief=extent / focal)
     body, bulge = _resolve_mirror(start.bundle, observed, config, seen.from_outline[frames][:, order] / unit)
     errors = body.errors(observed)
     usual = float(np.median(errors))
@@ -117,13 +122,15 @@ def _resolve_mirror(
 
 
 def _extent(observations: Observations, frames: int) -> float:
-    """Pixels by which sightings of one frame deviate from their middle (half of 16..84 %), mean of both axes and frames."""
+    """Pixels by which sightings of one frame deviate from their middle (half of 16..84 %), mean of both axes and frames.
+
+    NaN where no frame has more than three."""
     spans = [
         np.subtract(*np.percentile(observations.uv[observations.frame == frame], (84, 16), axis=0))
         for frame in range(frames)
         if (observations.frame == frame).sum() > 3
     ]
-    return float(np.sqrt(np.prod(np.median(spans, axis=0)))) / 2
+    return float(np.sqrt(np.prod(np.median(spans, axis=0)))) / 2 if spans else np.nan
 
 
 def _relief(bundle: Bundle, observations: Observations) -> float:

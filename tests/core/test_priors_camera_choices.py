@@ -28,7 +28,7 @@ def job_of(bundle=None, noise=0.1, first=None, **settings):
     clip, priors = clip_and_priors(tracks, visible)
     static = np.ones(tracks.shape[1], bool)
     return module._CameraProblem(
-        clip, priors, CamerasConfig(**settings), tracks, visible, static, FOCAL, first, {}, silent
+        clip, priors, CamerasConfig(**settings), tracks, visible, static, FOCAL, first, {}, [], silent
     )
 
 
@@ -383,7 +383,7 @@ def test_the_better_of_two_incremental_solvers(monkeypatch, colmap, own, solver,
     monkeypatch.setattr(module, "solve_with_tracks", lambda *all: made["tracks"])
     found, name = module._solve_incrementally(job)
     assert name == chosen and found is made.get(chosen)
-    assert bool(job.priors.warnings) == warned
+    assert bool(job.warnings) == warned
 
 
 def test_keyframes_get_masks_a_hundredth_wider(monkeypatch):
@@ -505,7 +505,7 @@ def solved(monkeypatch, moves, zoom=None, kind=None, explains=False, solver="dir
         module, "_pan", lambda job, turning, focal, zoom=None: calls.append(("pan", focal, zoom)) or "panned"
     )
     monkeypatch.setattr(module, "_adjusted_pan", lambda turning, focal: ("adjusted", focal))
-    return module._solve(job), job, calls, moved
+    return module._first_solution(job), job, calls, moved
 
 
 def test_the_kind_of_camera(monkeypatch):
@@ -527,7 +527,43 @@ def test_the_kind_of_camera(monkeypatch):
     for parallax, assumed in ((0.95, False), (1.05, True)):
         found, job, _, _ = solved(monkeypatch, None, parallax=parallax)
         assert found == (("adjusted", 300.0), "pan") and ("assumed" in job.statistics) == assumed
-        assert any("could not be reconstructed" in line for line in job.priors.warnings)
+        assert any("could not be reconstructed" in line for line in job.warnings)
+
+
+@pytest.mark.parametrize(
+    ("found", "direct", "tracks", "chosen"),
+    [
+        (0.85, 1.0, 1.0, ""),  # enough: nothing else is tried
+        (0.6, 0.64, 0.65, ""),
+        (0.6, 0.66, 0.65, "direct"),
+        (0.6, 0.66, 0.67, "tracks"),
+        (0.6, 0.86, 1.0, "direct"),
+        (0.6, None, 0.7, "tracks"),
+    ],
+)
+def test_cameras_of_everything_explain_more_of_the_picture(monkeypatch, found, direct, tracks, chosen):
+    """`None`: they only turn."""
+    explained = {"": found, "direct": direct, "tracks": tracks}
+    solutions = {name: solution_of(truth(frames=8, points=20)) for name in explained}
+    job = replace(
+        job_of(), static=np.zeros(120, bool), statistics={"static_tracks": 1, "static_shift_px": 2, "zoom": 3}
+    )
+    job.warnings.append("It zooms.")
+
+    def solve(other):
+        assert other.static.all() and other.settings.kind == "moving" and "zoom" not in other.statistics
+        other.statistics["solver"] = other.settings.solver
+        other.warnings.append(other.settings.solver)
+        return solutions[other.settings.solver], "pan" if explained[other.settings.solver] is None else "moving"
+
+    monkeypatch.setattr(module, "_solve", solve)
+    monkeypatch.setattr(module, "_translates", lambda job, solution: True)
+    fractions = {id(solutions[name].bundle): fraction or 1.0 for name, fraction in explained.items()}
+    monkeypatch.setattr(module, "explained_fraction", lambda bundle, *more: fractions[id(bundle)])
+    solution, kind = module._solve_everything(job, solutions[""], "pan")
+    assert solution is solutions[chosen] and kind == ("moving" if chosen else "pan")
+    assert job.warnings == ([chosen] if chosen else ["It zooms."]) and ("zoom" in job.statistics) == (not chosen)
+    assert job.statistics["explained"] == explained[chosen] and job.statistics.get("everything", False) == bool(chosen)
 
 
 def test_a_pan_is_adjusted_at_its_focal_length(monkeypatch):
@@ -589,7 +625,7 @@ def provided(monkeypatch, kind=None, first=None, unknown="", shift=2.0, static=6
     monkeypatch.setattr(module, "_why_motion_is_unknown", lambda *all: unknown)
     monkeypatch.setattr(module, "static_shift", lambda *all: shift)
     asked, solution = [], solution_of(true, noise=0.5)
-    monkeypatch.setattr(module, "_solve", lambda job: asked.append(job) or (solution, "moving"))
+    monkeypatch.setattr(module, "_first_solution", lambda job: asked.append(job) or (solution, "moving"))
     completed = []
     monkeypatch.setattr(module, "complete", lambda solution, *more: completed.append(more) or solution)
     config = replace(PriorsConfig(), cameras=CamerasConfig(kind=kind, focal=given))
@@ -679,5 +715,5 @@ def test_a_clip_without_sightings_has_no_parallax(monkeypatch):
     nothing = module._static_camera(1, 1.0, PRINCIPAL)
     monkeypatch.setattr(module, "search_focal", lambda *all, **more: (nothing, {}))
     monkeypatch.setattr(module, "_moving", lambda job, turning: (None, "none"))
-    module._solve(job)
+    module._first_solution(job)
     assert job.statistics["parallax_px"] == 0 and "assumed" not in job.statistics

@@ -92,7 +92,7 @@ def test_the_score_is_the_trusted_mean_of_e_over_e_and_noise():
     residual[0] *= 0.1
     residual[1, 2] *= 30
     trust[0, :, 5] = 0
-    found = module._score(residual, trust, 1.5)
+    found = module.score_of_residuals(residual, trust, 1.5)
     for f in range(3):
         for p in range(50):
             parts = []
@@ -123,7 +123,7 @@ def test_otsus_threshold_is_the_one_that_parts_the_classes_most():
 def test_samples_are_enlarged_between_their_places():
     rows, columns = np.mgrid[:10, :14]
     x, y = 4 * columns + 2.5, 4 * rows + 2.5  # where the samples lie: pixel 2, 6, 10, ...
-    found = module._enlarge(0.3 * x - 0.2 * y, HEIGHT, WIDTH)
+    found = module.enlarge(0.3 * x - 0.2 * y, HEIGHT, WIDTH)
     pixels_y, pixels_x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     expected = 0.3 * pixels_x.clip(2.5, 54.5) - 0.2 * pixels_y.clip(2.5, 38.5)
     np.testing.assert_allclose(found, expected, atol=1e-4)
@@ -136,7 +136,7 @@ def test_the_border_is_a_tenth_wide(rows, columns, top, side):
     expected = [
         [y < top or y >= rows - top or x < side or x >= columns - side for x in range(columns)] for y in range(rows)
     ]
-    np.testing.assert_array_equal(module._border(rows, columns), expected)
+    np.testing.assert_array_equal(module.border_of(rows, columns), expected)
 
 
 def test_flow_beyond_the_homography_of_most_points():
@@ -322,7 +322,7 @@ def scored_by_hand(pictures, flows, gaps):
     rows, columns = np.arange(2, height, 4), np.arange(2, width, 4)
     grid = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1).astype(np.float32)
     points, unit = grid.reshape(-1, 2), max(height, width) / 480
-    border = module._border(len(rows), len(columns)).ravel()
+    border = module.border_of(len(rows), len(columns)).ravel()
     longest = max((1, *signed))
 
     def lengths(gap):
@@ -352,7 +352,7 @@ def scored_by_hand(pictures, flows, gaps):
                     module.look_up(soft[t + gap], place[None, None]) for place in (background[p], points[p] + flow[p])
                 ]
                 missed[t, j, p] = abs(seen[0] - here).mean() - abs(seen[1] - here).mean()
-    score = module._score(np.linalg.norm(residual, axis=-1), trust, unit)
+    score = module.score_of_residuals(np.linalg.norm(residual, axis=-1), trust, unit)
     unexplained = score[:, border] > 0.5
     last = np.array([abs(gap) == max(gaps) for gap in signed])
     at_border = np.linalg.norm(residual[:, last][:, :, border], axis=-1)[trust[:, last][..., border] == 1]
@@ -368,7 +368,7 @@ def scored_by_hand(pictures, flows, gaps):
     if not static and unexplained.mean() > 0.15:
         some = np.arange(0, frames, 4)
         left = [module._off_parallax(residual[t], trust[t], points, unit, int(t)) for t in range(frames)]
-        forgiven = module._score(np.array(left), trust, unit)
+        forgiven = module.score_of_residuals(np.array(left), trust, unit)
         statistics["border_parallax"] = (unexplained[some] & (forgiven[some][:, border] < 0.25)).mean()
         if statistics["border_parallax"] > 0.15:
             score, statistics["parallax"] = np.sqrt(score * forgiven), True
@@ -376,7 +376,7 @@ def scored_by_hand(pictures, flows, gaps):
     shape = (frames, len(signed), len(rows), len(columns))
     score = score.reshape(frames, len(rows), len(columns))
     score = score * module._evidence(missed.reshape(shape), 0.28 * contrast)
-    return module._smooth_in_time(np.stack([module._enlarge(one, height, width) for one in score]), flows), statistics
+    return module._smooth_in_time(np.stack([module.enlarge(one, height, width) for one in score]), flows), statistics
 
 
 def filmed(kind, frames=6):

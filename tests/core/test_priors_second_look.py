@@ -31,8 +31,13 @@ def seen_by(cams, world):
 
 
 @pytest.fixture
-def passing():
+def passing(monkeypatch):
     """Priors whose mask holds a near wall (its left part) and something that walks (its right part), with tracks on both."""
+    # Flow says nothing here: tracks decide.
+    monkeypatch.setattr(second_look, "long_flows", lambda *given: {})
+    monkeypatch.setattr(
+        second_look, "flow_beyond_cameras", lambda cameras, mask, *more: np.ones_like(mask[:, ::4, ::4], float)
+    )
     rng, cams = np.random.default_rng(0), path()
     near = np.tile(
         np.stack([rng.uniform(-1.4, -0.6, 60), rng.uniform(-0.5, 0.5, 60), rng.uniform(2.2, 3, 60)], 1), (FRAMES, 1, 1)
@@ -72,7 +77,6 @@ def test_points_are_those_that_tracks_show(passing):
 def test_what_one_point_explains_is_taken_out_and_the_rest_stays(passing, monkeypatch):
     asked = {}
     monkeypatch.setattr(second_look, "densify", lambda *given, known: asked.update(known=known))
-    monkeypatch.setattr(second_look, "long_flows", lambda *given: {})
     before = passing.mask.copy()
     fraction = second_look.release_static(None, passing, PriorsConfig(), silent)
     left = np.arange(WIDTH) < WIDTH / 2 - 8
@@ -87,7 +91,6 @@ def test_what_one_point_explains_is_taken_out_and_the_rest_stays(passing, monkey
 
 def test_where_everything_stands_still_nothing_is_left_and_it_says_so(passing, monkeypatch):
     monkeypatch.setattr(second_look, "densify", lambda *given, known: None)
-    monkeypatch.setattr(second_look, "long_flows", lambda *given: {})
     passing.tracks, passing.tracks_visible = passing.tracks[:, :60], passing.tracks_visible[:, :60]
     passing.tracks_motion = passing.tracks_motion[:60]
     passing.mask[..., WIDTH // 2 :] = False
@@ -116,6 +119,33 @@ def test_nothing_is_taken_out_without_proof(passing, case):
     before = passing.mask
     assert second_look.release_static(None, passing, PriorsConfig(), silent) == 0
     assert passing.mask is before
+
+
+def test_what_flow_explains_is_taken_out_where_no_track_lasts(passing, monkeypatch):
+    monkeypatch.setattr(second_look, "densify", lambda *given, known: None)
+    passing.tracks_visible[second_look.MIN_FRAMES - 1 :] = False
+    before = np.zeros_like(passing.mask)
+    before[:, 20:60, 20:60] = before[:, 20:60, 90:140] = True
+    passing.mask, beyond = before.copy(), np.ones((FRAMES, HEIGHT // 4, WIDTH // 4), np.float32)
+    beyond[..., : WIDTH // 8] = second_look.OWN_MOTION - 0.1
+    monkeypatch.setattr(second_look, "flow_beyond_cameras", lambda *given: beyond)
+    assert second_look.release_static(None, passing, PriorsConfig(), silent) == pytest.approx(40 / 90)
+    half = np.arange(WIDTH) < WIDTH / 2
+    assert not passing.mask[..., half].any() and (passing.mask == before)[..., ~half].all()
+    passing.mask = before
+    beyond[..., 5:] = 1.0  # next to nothing: not worth new tracks
+    assert second_look.release_static(None, passing, PriorsConfig(), silent) == 0 and passing.mask is before
+
+
+@pytest.mark.parametrize(
+    ("provider", "rows", "doubted"),
+    [("user", slice(None), False), ("classical", slice(None), True), ("classical", slice(50, 70), False)],
+)
+def test_a_mask_that_fills_the_border_is_in_doubt(passing, provider, rows, doubted):
+    passing.provenance["mask"] = {"provider": provider}
+    passing.mask = np.zeros((FRAMES, HEIGHT, WIDTH), bool)
+    passing.mask[:, rows, :60] = True
+    assert second_look.mask_in_doubt(passing) == doubted
 
 
 @pytest.mark.slow
