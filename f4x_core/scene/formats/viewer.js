@@ -1,7 +1,9 @@
 // Draws one scene that plays, by the compositing rule of the raster room: projected ellipses widened by the blur of the fit,
 // alpha cut at its smallest and largest, sRGB blended from back to front. `DATA` is the page's JSON; blobs are gzip in base64.
 "use strict";
-const ALPHA_MIN = 1 / 255, ALPHA_MAX = 0.99, NEAR = 0.01, BLUR = 0.3, MARGIN = 0.3, BANDS = 65536, TEXELS = 4, COLUMNS = 256;
+const ALPHA_MIN = 1 / 255, ALPHA_MAX = 0.99, NEAR = 0.01, BLUR = 0.3, MARGIN = 0.3, TEXELS = 4, COLUMNS = 512, WIDTH = TEXELS * COLUMNS;
+const FINEST = 2, QUICK_MS = 30; // pixels a side for one of the clip's at most, and only where a frame stays below so many ms
+const OPAQUE = 0.998; // what the largest byte may stand for; 1 would never fade
 const MARKS = [[1, 0.35, 0.1], [0.1, 0.75, 1], [0.75, 0.3, 1], [0.3, 0.9, 0.3]];
 
 async function unpacked(base64) {
@@ -23,7 +25,7 @@ function splatsOf(buffer) {
     scale[i] = Math.exp(view.getUint8(start.scale + i) / 16 - 10);
   }
   for (let i = 0; i < count; i++) {
-    opacity[i] = view.getUint8(start.opacity + i) / 255;
+    opacity[i] = Math.min(view.getUint8(start.opacity + i) / 255, OPAQUE);
     let packed = view.getUint32(start.quat + 4 * i, true), rest = 1;
     const largest = packed >>> 30;
     for (let axis = 3; axis >= 0; axis--) {
@@ -68,55 +70,59 @@ function motionsAt(frame, motion) {
 }
 
 // Moves dynamic Gaussian `d` (row `row`) by the blend of its nodes; writes `mean` and `quat` of `posed`.
+const BLEND = new Float64Array(8), CONJUGATE = new Float64Array(4), SHIFT = new Float64Array(4), MOVED = new Float64Array(3);
 function carry(d, row, table, motion, splats, posed) {
-  const sum = new Float64Array(8), K = DATA.slots, first = 8 * motion.index[d * K], q = new Float64Array(8);
+  const { index, weight } = motion, K = DATA.slots, first = 8 * index[d * K], sum = BLEND.fill(0);
   for (let k = 0; k < K; k++) {
-    const at = 8 * motion.index[d * K + k];
+    const at = 8 * index[d * K + k];
     let dot = 0;
     for (let c = 0; c < 4; c++) dot += table[at + c] * table[first + c];
-    const weight = motion.weight[d * K + k] * (dot < -1e-3 ? -1 : 1);
-    for (let c = 0; c < 8; c++) sum[c] += weight * table[at + c];
+    const share = weight[d * K + k] * (dot < -1e-3 ? -1 : 1);
+    for (let c = 0; c < 8; c++) sum[c] += share * table[at + c];
   }
   const strength = motion.strength[d], sign = sum[0] < 0 && strength < 1 ? -strength : strength;
   for (let c = 0; c < 8; c++) sum[c] *= sign;
   sum[0] += 1 - strength;
-  let length = Math.hypot(sum[0], sum[1], sum[2], sum[3]);
+  let length = Math.sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2] + sum[3] * sum[3]);
   if (length < 1e-4) { sum.fill(0); length = sum[0] = 1; }
   for (let c = 0; c < 8; c++) sum[c] /= length;
-  const conjugate = [sum[0], -sum[1], -sum[2], -sum[3]], moved = [0, 0, 0];
-  multiply(sum, 4, conjugate, 0, q, 0);
-  rotate(sum, 0, splats.mean, 3 * row, moved);
-  for (let axis = 0; axis < 3; axis++) posed.mean[3 * row + axis] = moved[axis] + 2 * q[axis + 1];
+  for (let c = 0; c < 4; c++) CONJUGATE[c] = c ? -sum[c] : sum[c];
+  multiply(sum, 4, CONJUGATE, 0, SHIFT, 0);
+  rotate(sum, 0, splats.mean, 3 * row, MOVED);
+  for (let axis = 0; axis < 3; axis++) posed.mean[3 * row + axis] = MOVED[axis] + 2 * SHIFT[axis + 1];
   multiply(sum, 0, splats.quat, 4 * row, posed.quat, 4 * row);
 }
 
 function presence(span, i, time) {
-  const [a, b, c, d] = span.subarray(4 * i, 4 * i + 4);
+  const a = span[4 * i], b = span[4 * i + 1], c = span[4 * i + 2], d = span[4 * i + 3];
   if (time >= b && time <= c) return 1;
   if (time < b) return time <= a ? 0 : (time - a) / (b - a);
   return time >= d ? 0 : (d - time) / (d - c);
 }
 
-// Writes the texels of row i: centre and opacity, covariance (6), colour.
-function fill(i, posed, splats, opacity, colour, texels) {
-  const [w, x, y, z] = posed.quat.subarray(4 * i, 4 * i + 4), [a, b, c] = splats.scale.subarray(3 * i, 3 * i + 3);
-  const m = [
-    (1 - 2 * (y * y + z * z)) * a, 2 * (x * y - w * z) * b, 2 * (x * z + w * y) * c,
-    2 * (x * y + w * z) * a, (1 - 2 * (x * x + z * z)) * b, 2 * (y * z - w * x) * c,
-    2 * (x * z - w * y) * a, 2 * (y * z + w * x) * b, (1 - 2 * (x * x + y * y)) * c,
-  ];
-  const dot = (i, j) => m[i] * m[j] + m[i + 1] * m[j + 1] + m[i + 2] * m[j + 2], at = 4 * TEXELS * i;
-  texels.set(posed.mean.subarray(3 * i, 3 * i + 3), at);
-  texels.set([opacity, dot(0, 0), dot(0, 3), dot(0, 6), dot(3, 3), dot(3, 6), dot(6, 6), 0], at + 3);
-  texels.set(colour, at + 12);
+// Writes centre and covariance (6) into the texels of row i; opacity and colour have their own places there.
+function place(i, posed, { scale }, texels) {
+  const { mean, quat } = posed, w = quat[4 * i], x = quat[4 * i + 1], y = quat[4 * i + 2], z = quat[4 * i + 3];
+  const a = scale[3 * i], b = scale[3 * i + 1], c = scale[3 * i + 2], at = 4 * TEXELS * i;
+  const xa = (1 - 2 * (y * y + z * z)) * a, xb = 2 * (x * y - w * z) * b, xc = 2 * (x * z + w * y) * c;
+  const ya = 2 * (x * y + w * z) * a, yb = (1 - 2 * (x * x + z * z)) * b, yc = 2 * (y * z - w * x) * c;
+  const za = 2 * (x * z - w * y) * a, zb = 2 * (y * z + w * x) * b, zc = (1 - 2 * (x * x + y * y)) * c;
+  for (let axis = 0; axis < 3; axis++) texels[at + axis] = mean[3 * i + axis];
+  texels[at + 4] = xa * xa + xb * xb + xc * xc;
+  texels[at + 5] = xa * ya + xb * yb + xc * yc;
+  texels[at + 6] = xa * za + xb * zb + xc * zc;
+  texels[at + 7] = ya * ya + yb * yb + yc * yc;
+  texels[at + 8] = ya * za + yb * zb + yc * zc;
+  texels[at + 9] = za * za + zb * zb + zc * zc;
 }
 
 const VERTEX = `#version 300 es
 precision highp float; precision highp sampler2D;
-uniform sampler2D splats; uniform mat4 view; uniform vec4 K; uniform vec2 size; uniform float blur;
-in uint row; out vec2 offset; flat out vec3 conic; flat out vec4 paint;
+uniform sampler2D splats; uniform highp usampler2D order; uniform mat4 view; uniform vec4 K; uniform vec2 size; uniform float blur;
+out vec2 offset; flat out vec3 conic; flat out vec4 paint;
 void main() {
-  ivec2 at = ivec2(int(row % ${COLUMNS}u) * ${TEXELS}, int(row / ${COLUMNS}u));
+  int quad = gl_VertexID / 4, row = int(texelFetch(order, ivec2(quad % ${WIDTH}, quad / ${WIDTH}), 0).r);
+  ivec2 at = ivec2(row % ${COLUMNS} * ${TEXELS}, row / ${COLUMNS});
   vec4 p = texelFetch(splats, at, 0), s = texelFetch(splats, at + ivec2(1, 0), 0), r = texelFetch(splats, at + ivec2(2, 0), 0);
   paint = vec4(texelFetch(splats, at + ivec2(3, 0), 0).rgb, p.w);
   vec3 c = (view * vec4(p.xyz, 1.0)).xyz;
@@ -130,8 +136,11 @@ void main() {
   float xx = dot(a, S * a) + blur, yy = dot(b, S * b) + blur, xy = dot(a, S * b), det = xx * yy - xy * xy;
   if (det <= 0.0) return;
   conic = vec3(yy, -xy, xx) / det;
-  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
-  offset = corner * sqrt(vec2(xx, yy) * 2.0 * max(log(p.w / ${ALPHA_MIN}), 0.0));
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1 & 1) * 2.0 - 1.0;
+  float half_gap = length(vec2(0.5 * (xx - yy), xy)), large = 0.5 * (xx + yy) + half_gap, reach = 2.0 * log(p.w / ${ALPHA_MIN});
+  vec2 along = abs(xy) > 1e-6 ? normalize(vec2(xy, large - xx)) : xx < yy ? vec2(0.0, 1.0) : vec2(1.0, 0.0);
+  corner *= sqrt(vec2(large, det / large) * reach); // the ellipse's own axes: a quad as small as it can be
+  offset = corner.x * along + corner.y * vec2(-along.y, along.x);
   vec2 clip = (centre + offset) / size * 2.0 - 1.0;
   gl_Position = vec4(clip.x, -clip.y, 0.0, 1.0);
 }`;
@@ -150,23 +159,18 @@ const SHOWN = `#version 300 es
 precision highp float; uniform highp sampler2D picture; out vec4 colour;
 void main() { colour = vec4(texelFetch(picture, ivec2(gl_FragCoord.xy), 0).rgb, 1.0); }`;
 
-// Sorts rows by depth from back to front, in a worker.
+// Sorts rows by depth from back to front, in a worker: by the bits of positive floats, which rise as they do, 16 at a time.
 const SORTER = `onmessage = ({ data: { mean, z, shift } }) => {
-  const count = mean.length / 3, depth = new Float32Array(count), order = new Uint32Array(count);
-  let near = Infinity, far = -Infinity;
-  for (let i = 0; i < count; i++) {
-    depth[i] = z[0] * mean[3 * i] + z[1] * mean[3 * i + 1] + z[2] * mean[3 * i + 2] + shift;
-    if (depth[i] > ${NEAR}) { near = Math.min(near, depth[i]); far = Math.max(far, depth[i]); }
+  const count = mean.length / 3, size = Math.ceil(count / ${WIDTH}) * ${WIDTH}, depth = new Float32Array(count), bits = new Uint32Array(depth.buffer);
+  for (let i = 0; i < count; i++) depth[i] = Math.max(z[0] * mean[3 * i] + z[1] * mean[3 * i + 1] + z[2] * mean[3 * i + 2] + shift, 0);
+  let order = new Uint32Array(size).map((_, i) => i), other = new Uint32Array(size);
+  for (const places of [0, 16]) {
+    const starts = new Uint32Array(65537);
+    for (let i = 0; i < count; i++) starts[65536 - (bits[i] >>> places & 65535)]++;
+    for (let b = 0; b < 65536; b++) starts[b + 1] += starts[b];
+    for (let k = 0; k < count; k++) other[starts[65535 - (bits[order[k]] >>> places & 65535)]++] = order[k];
+    [order, other] = [other, order];
   }
-  // Bands of equal inverse depth: fine where splats are near.
-  const top = 1 / near, step = (${BANDS} - 1) / Math.max(top - 1 / far, 1e-12), band = new Uint16Array(count);
-  const starts = new Uint32Array(${BANDS} + 1);
-  for (let i = 0; i < count; i++) {
-    band[i] = depth[i] > ${NEAR} ? Math.min(Math.max((1 / depth[i] - 1 / far) * step, 0), ${BANDS} - 1) : ${BANDS} - 1;
-    starts[band[i] + 1]++;
-  }
-  for (let b = 0; b < ${BANDS}; b++) starts[b + 1] += starts[b];
-  for (let i = 0; i < count; i++) order[starts[band[i]]++] = i;
   postMessage(order, [order.buffer]);
 }`;
 
@@ -184,55 +188,78 @@ function program(gl, vertex, fragment) {
 }
 
 function texture(gl, format, width, height) {
-  gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+  const made = gl.createTexture();
+  gl.bindTexture(gl.TEXTURE_2D, made);
   gl.texStorage2D(gl.TEXTURE_2D, 1, format, width, height);
   for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, gl.NEAREST);
+  return made;
 }
 
 class Viewer {
   constructor(canvas, splats, motion) {
-    Object.assign(this, { canvas, splats, motion, frame: 0, yaw: 0, pitch: 0, mark: -1 });
+    Object.assign(this, { canvas, splats, motion, frame: 0, yaw: 0, pitch: 0, mark: -1, posedFrame: -1 });
     this.posed = { mean: splats.mean.slice(), quat: splats.quat.slice() };
     const gl = this.gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
-    if (!gl || !gl.getExtension("EXT_color_buffer_float")) throw new Error("This browser has no WebGL 2 with float pictures.");
+    if (!gl) throw new Error("This browser has no WebGL 2; use a newer one, or switch its graphics acceleration on.");
+    const fine = gl.getExtension("EXT_color_buffer_float") || gl.getExtension("EXT_color_buffer_half_float"); // phones: the second
+    this.format = fine ? gl.RGBA16F : gl.RGBA8; // 8 bits round after every splat
     this.rows = Math.max(Math.ceil(splats.count / COLUMNS), 1);
-    this.texels = new Float32Array(4 * TEXELS * COLUMNS * this.rows);
+    if (this.rows > gl.getParameter(gl.MAX_TEXTURE_SIZE)) throw new Error("More Gaussians than this browser can hold.");
+    this.texels = new Float32Array(4 * WIDTH * this.rows);
     gl.activeTexture(gl.TEXTURE0);
-    texture(gl, gl.RGBA32F, TEXELS * COLUMNS, this.rows);
+    texture(gl, gl.RGBA32F, WIDTH, this.rows);
+    gl.activeTexture(gl.TEXTURE2);
+    texture(gl, gl.R32UI, WIDTH, Math.ceil(this.rows / TEXELS));
     this.draws = program(gl, VERTEX, FRAGMENT);
     this.shows = program(gl, WHOLE, SHOWN);
-    gl.activeTexture(gl.TEXTURE1);
-    texture(gl, gl.RGBA16F, canvas.width, canvas.height); // 8 bits would round after every splat
     this.target = gl.createFramebuffer();
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
-    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, gl.getParameter(gl.TEXTURE_BINDING_2D), 0);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    const row = gl.getAttribLocation(this.draws, "row");
-    gl.enableVertexAttribArray(row);
-    gl.vertexAttribIPointer(row, 1, gl.UNSIGNED_INT, 0, 0);
-    gl.vertexAttribDivisor(row, 1);
-    this.row = row;
+    this.resize(1);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(6 * splats.count).map((_, i) => 4 * (i / 6 | 0) + [0, 1, 2, 2, 1, 3][i % 6]), gl.STATIC_DRAW);
     this.sorter = new Worker(URL.createObjectURL(new Blob([SORTER])));
-    this.pose(true);
   }
 
-  // Poses what moves at this frame, or everything, and hands it to the graphics card.
-  pose(all) {
-    const { splats, motion, gl } = this, table = motion.index.length ? motionsAt(this.frame, motion) : null;
-    const from = all || motion.span.length ? 0 : DATA.static;
-    for (let i = from; i < splats.count; i++) {
-      if (i >= DATA.static) carry(i - DATA.static, i, table, motion, splats, this.posed);
-      let opacity = splats.opacity[i];
-      if (motion.span.length) opacity = 1 - (1 - opacity) ** presence(motion.span, i, DATA.times[this.frame]);
-      let colour = splats.rgb.subarray(3 * i, 3 * i + 3);
-      if (this.mark >= 0 && motion.marks[this.mark * splats.count + i]) {
-        colour = Array.from(colour, (value, c) => 0.4 * value + 0.6 * MARKS[this.mark % MARKS.length][c]);
+  // Draws from now on with `fine` pixels a side for each of the clip's.
+  resize(fine) {
+    const { gl, canvas } = this;
+    [canvas.width, canvas.height, this.fine] = [DATA.width * fine, DATA.height * fine, fine];
+    gl.activeTexture(gl.TEXTURE1);
+    if (this.picture) gl.deleteTexture(this.picture);
+    this.picture = texture(gl, this.format, canvas.width, canvas.height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.picture, 0);
+  }
+
+  // Writes the colours of all Gaussians, those of the marked word tinted; `pose` hands them on.
+  paint() {
+    const { splats, motion, texels } = this, tint = MARKS[this.mark % MARKS.length];
+    for (let i = 0; i < splats.count; i++) {
+      const marked = this.mark >= 0 && motion.marks[this.mark * splats.count + i];
+      for (let c = 0; c < 3; c++) {
+        const value = splats.rgb[3 * i + c];
+        texels[4 * TEXELS * i + 12 + c] = marked ? 0.4 * value + 0.6 * tint[c] : value;
       }
-      fill(i, this.posed, splats, opacity, colour, this.texels);
     }
-    const row = Math.floor(from / COLUMNS);
+  }
+
+  // Poses what moves at this frame, at first everything, and hands it to the graphics card.
+  pose() {
+    const { splats, motion, gl, posed, texels } = this, table = motion.index.length ? motionsAt(this.frame, motion) : null;
+    const first = this.posedFrame < 0, fades = motion.span.length > 0, from = first || fades ? 0 : DATA.static;
+    for (let i = from; i < splats.count; i++) {
+      const moves = i >= DATA.static, at = 4 * TEXELS * i, opacity = splats.opacity[i];
+      if (moves) carry(i - DATA.static, i, table, motion, splats, posed);
+      if (moves || first) place(i, posed, splats, texels);
+      texels[at + 3] = fades ? 1 - (1 - opacity) ** presence(motion.span, i, DATA.times[this.frame]) : opacity;
+    }
+    this.posedFrame = this.frame;
+    this.upload(from);
+  }
+
+  upload(from) {
+    const { gl } = this, row = Math.floor(from / COLUMNS);
     gl.activeTexture(gl.TEXTURE0);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, row, TEXELS * COLUMNS, this.rows - row, gl.RGBA, gl.FLOAT, this.texels, 4 * TEXELS * COLUMNS * row);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, row, WIDTH, this.rows - row, gl.RGBA, gl.FLOAT, this.texels, 4 * WIDTH * row);
   }
 
   // world_to_camera (row-major 4x4) of this frame's camera, swung about the point in front of it as `trajectory.aside` does.
@@ -251,13 +278,16 @@ class Viewer {
     return [right, down, forward].flatMap((row) => [...row, -dot(row, eye)]).concat([0, 0, 0, 1]);
   }
 
-  // Draws the present frame; resolves when the picture is there.
+  // Draws the present frame, which may change meanwhile; resolves when the picture is there.
   async draw() {
-    const m = this.view(), mean = this.posed.mean;
-    this.sorter.postMessage({ mean, z: m.slice(8, 11), shift: m[11] });
+    if (this.paintedMark !== this.mark) { this.paint(); this.paintedMark = this.mark; this.posedFrame = -1; }
+    if (this.posedFrame !== this.frame) this.pose();
+    const m = this.view(), K = DATA.intrinsics[this.frame].map((value) => value * this.fine);
+    this.sorter.postMessage({ mean: this.posed.mean, z: m.slice(8, 11), shift: m[11] });
     const order = await new Promise((done) => { this.sorter.onmessage = ({ data }) => done(data); });
-    const { gl, canvas, draws } = this, uniform = (name) => gl.getUniformLocation(draws, name), K = DATA.intrinsics[this.frame];
-    gl.bufferData(gl.ARRAY_BUFFER, order, gl.DYNAMIC_DRAW);
+    const { gl, canvas, draws } = this, uniform = (name) => gl.getUniformLocation(draws, name);
+    gl.activeTexture(gl.TEXTURE2);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, order.length / WIDTH, gl.RED_INTEGER, gl.UNSIGNED_INT, order);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clearColor(0, 0, 0, 0);
@@ -266,25 +296,35 @@ class Viewer {
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.uniform1i(uniform("splats"), 0);
+    gl.uniform1i(uniform("order"), 2);
     gl.uniformMatrix4fv(uniform("view"), true, m);
     gl.uniform4f(uniform("K"), ...K);
     gl.uniform2f(uniform("size"), canvas.width, canvas.height);
-    gl.uniform1f(uniform("blur"), BLUR);
-    gl.enableVertexAttribArray(this.row);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.splats.count);
+    gl.uniform1f(uniform("blur"), BLUR * this.fine ** 2);
+    gl.drawElements(gl.TRIANGLES, 6 * this.splats.count, gl.UNSIGNED_INT, 0); // instances of four corners are slower
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.disable(gl.BLEND);
     gl.useProgram(this.shows);
     gl.uniform1i(gl.getUniformLocation(this.shows, "picture"), 1);
-    gl.disableVertexAttribArray(this.row);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+  }
+
+  // Draws again with more pixels where they would be seen and the graphics card is quick enough to play so.
+  async refine() {
+    const fine = Math.min(Math.ceil(this.canvas.getBoundingClientRect().width * devicePixelRatio / DATA.width), FINEST);
+    const finished = () => this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
+    finished();
+    const began = performance.now();
+    await this.draw();
+    finished();
+    if (fine > 1 && (performance.now() - began) * fine ** 2 < QUICK_MS) { this.resize(fine); await this.draw(); }
   }
 }
 
 // The three controls: time, dragging within the believed angle, and a button for each word.
 function control(viewer) {
-  const at = (id) => document.getElementById(id), slider = at("time"), play = at("play");
-  let dirty = false, busy = false, playing = false, started = 0;
+  const at = (id) => document.getElementById(id), slider = at("time"), play = at("play"), { canvas } = viewer;
+  let dirty = false, busy = false, playing = false, started = 0, held = null;
   const refresh = async () => {
     if (busy) { dirty = true; return; }
     busy = true;
@@ -292,57 +332,71 @@ function control(viewer) {
     busy = false;
   };
   const show = (frame) => {
+    slider.value = frame;
+    at("clock").textContent = `${(frame / DATA.fps).toFixed(1)} s`;
     if (frame === viewer.frame) return;
     viewer.frame = frame;
-    slider.value = frame;
-    viewer.pose(false);
     refresh();
   };
-  const step = (now) => {
+  const step = (now) => { // `now` may be a little before the click
     if (!playing) return;
-    show(Math.floor((now - started) / 1000 * DATA.fps) % DATA.times.length);
+    show(Math.floor(Math.max(now - started, 0) / 1000 * DATA.fps) % DATA.times.length);
     requestAnimationFrame(step);
   };
-  play.onclick = () => {
-    playing = !playing;
-    play.textContent = playing ? "Pause" : "Play";
+  const setPlaying = (wanted) => {
+    play.textContent = wanted ? "Pause" : "Play";
+    if (playing === wanted) return;
+    playing = wanted;
     started = performance.now() - viewer.frame / DATA.fps * 1000;
     requestAnimationFrame(step);
   };
+  play.onclick = () => setPlaying(!playing);
   slider.max = DATA.times.length - 1;
-  slider.oninput = () => show(Number(slider.value));
-  viewer.canvas.onpointermove = (event) => {
-    if (!event.buttons) return;
-    const yaw = viewer.yaw - event.movementX * 0.1, pitch = viewer.pitch + event.movementY * 0.1;
+  show(viewer.frame);
+  slider.oninput = () => { setPlaying(false); show(Number(slider.value)); };
+  canvas.onpointerdown = (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    held = { x: event.clientX, y: event.clientY, yaw: viewer.yaw, pitch: viewer.pitch };
+  };
+  canvas.onpointermove = (event) => { // a drag over half the picture goes all the way
+    if (!event.buttons || !held) return;
+    const turn = 2 * DATA.degrees / Math.min(canvas.clientWidth, canvas.clientHeight);
+    const yaw = held.yaw - (event.clientX - held.x) * turn, pitch = held.pitch + (event.clientY - held.y) * turn;
     const shrink = Math.min(1, DATA.degrees / Math.hypot(yaw, pitch, 1e-9));
     [viewer.yaw, viewer.pitch] = [yaw * shrink, pitch * shrink];
     refresh();
   };
-  viewer.canvas.onpointerdown = (event) => viewer.canvas.setPointerCapture(event.pointerId);
-  viewer.canvas.ondblclick = () => { viewer.yaw = viewer.pitch = 0; refresh(); };
+  canvas.ondblclick = () => { viewer.yaw = viewer.pitch = 0; refresh(); };
   DATA.words.forEach((word, index) => {
     const button = document.createElement("button");
     button.textContent = word;
-    button.onclick = () => { viewer.mark = viewer.mark === index ? -1 : index; viewer.pose(true); refresh(); };
+    button.onclick = () => {
+      viewer.mark = viewer.mark === index ? -1 : index;
+      for (const [i, other] of [...at("words").children].entries()) other.setAttribute("aria-pressed", i === viewer.mark);
+      refresh();
+    };
     at("words").append(button);
   });
+  return setPlaying;
 }
 
 async function start() {
   const canvas = document.getElementById("view"), asked = new URLSearchParams(location.hash.slice(1));
-  [canvas.width, canvas.height] = [DATA.width, DATA.height];
   const buffer = await unpacked(DATA.motion), motion = {};
   for (const [name, [kind, offset, length]] of Object.entries(DATA.layout)) {
     motion[name] = new { f: Float32Array, u: Uint32Array, b: Uint8Array }[kind](buffer, offset, length);
   }
-  const viewer = new Viewer(canvas, splatsOf(await unpacked(DATA.splats)), motion);
+  const viewer = new Viewer(canvas, splatsOf(await unpacked(DATA.splats)), motion), message = document.getElementById("message");
   viewer.frame = Math.min(Math.max(Number(asked.get("frame")) || 0, 0), DATA.times.length - 1);
   [viewer.yaw, viewer.pitch] = [Number(asked.get("yaw")) || 0, Number(asked.get("pitch")) || 0];
   viewer.mark = DATA.words.indexOf(asked.get("word"));
-  viewer.pose(true);
   await viewer.draw();
-  document.getElementById("time").value = viewer.frame;
-  if (asked.has("picture")) document.getElementById("message").textContent = canvas.toDataURL("image/png");
-  control(viewer);
+  if (asked.has("picture")) { message.textContent = canvas.toDataURL("image/png"); return; }
+  message.textContent = document.body.dataset.hint;
+  await viewer.refine();
+  const setPlaying = control(viewer);
+  setPlaying(!asked.has("frame"));
 }
-start().catch((error) => { document.getElementById("message").textContent = error.message; });
+const complain = (error) => { document.getElementById("message").textContent = error.message; };
+addEventListener("error", complain);
+start().catch(complain);
