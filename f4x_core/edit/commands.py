@@ -182,9 +182,9 @@ DELETING = (
 )
 SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
 OUT = keyword(
-    "out|away|off|[off|out of] [the|this] [screen|picture|frame|shot|scene|video|view]|out of [there|here|sight]|from sight|"
-    "from view|[out of|from] [the|this] (whole|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] "
-    "[scene|picture|video|clip|image|shot|frame]"
+    "out|away|off|[off|out of] [the|this] [screen|picture|frame|shot|scene|video|view]|out of [there|here|sight]|from "
+    "sight|from view|[out of|from] [the|this] (whole|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|"
+    "this] [scene|picture|video|clip|image|shot|frame]"
 )
 _delete, _extract = always(making.deleted), always(making.extracted)
 _command("remove everything except the dog", DELETING, _extract, who=everything_but, use=NAMED)
@@ -203,8 +203,8 @@ _command(
     colored=_in_colour,
 )
 _unwanted = keyword(
-    "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need] (to see)|there should be no|"
-    "there [should|must|shall|may] not be|there must be no|let there be no|[i|we] can do without|no"
+    "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need] (to see)|there should be "
+    "no|there [should|must|shall|may] not be|there must be no|let there be no|[i|we] can do without|no"
 )
 _command(
     "I do not want to see the dog",
@@ -222,9 +222,9 @@ _command("without the dog", "", _delete, "without", use=NAMED, without=_without)
 _ROTATING = "rotate|spin|revolve|pivot|swivel|twirl"
 SENSE = table(
     {
-        "(over) (to|toward) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise"
+        "(over) (to|toward|on|into) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise"
         "|counter clockwise|anticlockwise|anti clockwise": -1,
-        "(over) (to|toward) (the|its|his|her|their) right (side|hand side)|rightward|clockwise": 1,
+        "(over) (to|toward|on|into) (the|its|his|her|their) right (side|hand side)|rightward|clockwise": 1,
     }
 )
 FULL_TURN = table(
@@ -325,10 +325,11 @@ TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 
 
 # Time
-_motion = either(whose("motion|motions|movement|movements|action|animation"), thing)
+_motion = either(whose("motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride"), thing)
 STILL = keyword(
     "still|in place|mid [air|flight|jump|step|stride|motion|run]|in [the|its|his|her|their] tracks|in mid [air|flight|jump|"
-    "step|stride|motion|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing still|there"
+    "step|stride|motion|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing still|"
+    "there"
 )
 _STANDING = "stand still|stay still|hold still|keep still|stop moving|be still|stay in place|not move|stand"
 _command(

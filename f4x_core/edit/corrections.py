@@ -70,11 +70,15 @@ _STATES = (
     r"(?:is|are|was|isn't|aren't|is not|are not|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|hasn't|doesn't|does not|"
     r"don't|do not|keeps?|gets?|bothers?|distracts?|annoys?|spoils?|ruins?|blocks?|moves?|drives?|runs?|goes|walks?)"
 )
+_REMARK = (
+    rf"(?:(?:(?:the|that|this|these|those|my|our|its?) )?(?:[\w'-]+ ){{0,4}}?{_STATES}\b.*?|"
+    r"(?:i|we|people|nobody|no one|you)(?:'m|'re)? (?:really |just |also )?(?:not|do not|don't|dont|never|can't|cannot|can "
+    r"not|can hardly|hate|dislike|needs? (?:that|this)|wants? (?:that|this)|likes?|loves?|have|has|see|notice|think|am|are|"
+    r"is)\b.*?|there(?: is| are|'s) .*?|(?:it|that|this|he|she) \w+s (?:me|us|my|our|the (?:eye|view|viewer|mood|"
+    r"shot))\b.*?)"
+)
 _REMARKED = re.compile(
-    rf"^(?P<remark>(?:(?:the|that|this|these|those|my|our|its?) )?(?:[\w'-]+ ){{0,4}}?{_STATES}\b.*?|"
-    r"(?:i|we|people|nobody|no one|you)(?:'m|'re)? (?:really |just |also )?(?:not|do not|don't|dont|never|can't|cannot|can not|"
-    r"can hardly|hate|dislike|needs? (?:that|this)|wants? (?:that|this)|likes?|loves?|have|has|see|notice|think|am|are|"
-    r"is)\b.*?|there(?: is| are|'s) .*?)(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so "
+    rf"^(?P<remark>{_REMARK})(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so "
     r"(?:please )?)(?P<command>[^\s].*)$",
     re.IGNORECASE,
 )
@@ -86,8 +90,8 @@ _IN_OTHER_WORDS = re.compile(
 )
 _IN_PICTURE = re.compile(rf"\b(?:in|of|on) (?:the|this) (?:{PICTURE})\b")
 _WISH = re.compile(
-    r"\b(?:should|must|shall|would|could|can|want|wish|please|make|let|to be|needs? to|has to|have to|except|but|only|until|"
-    r"after|before|second|seconds|frame|frames)\b|\d|%",
+    r"\b(?:should|must|shall|would|could|can|want|wish|please|make|let|(?<!used )to be|needs? to|has to|have to|except|but|"
+    r"only|until|after|before|second|seconds|frame|frames)\b|\d|%",
     re.IGNORECASE,
 )
 """What may be part of the command itself."""
@@ -113,3 +117,45 @@ def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[st
     if len(named) == 1:  # of two, "it" may be either
         article = "" if re.match(r"(?:the|that|this|these|those|my|our|all|every)\b", named[0]) else "the "
         yield f"{article}{named[0]}: {match['command']}"
+
+
+_BREAK = re.compile(
+    r"(\s*(?:[,;:.!?…()]+(?=\s|$)|\s[-–—]+(?=\s)|\s\(|\s(?=so (?:that )?(?:it|this|that|everything) ))\s*)"
+)
+_BESIDE = re.compile(
+    rf"(?:and |but |because |since |as |well,? )?(?:{_REMARK}|so (?:that )?(?:it|this|that|everything) (?:looks?|seems?|"
+    rf"feels?) .*)",
+    re.IGNORECASE,
+)
+"""What is said beside the command and tells how it is, or what it will look like."""
+
+
+def without_remarks(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
+    """The sentence without a headline ("evening mood: dim the lamp") and what is remarked behind the command."""
+    first, *others = _BREAK.split(sentence)
+    kept, left_out = [first], False
+    for sign, part in zip(others[::2], others[1::2], strict=True):
+        if sign.strip() == ":" and kept == [first] and not _means_something(first, known):
+            kept, left_out = [part], True
+        elif part and _BESIDE.fullmatch(part) and not _WISH.search(part) and _is_harmless(part, known):
+            left_out = True
+        else:
+            kept += [sign, part]
+    if left_out:
+        yield "".join(kept)
+
+
+def _means_something(headline: str, known: Mapping[tuple[str, ...], str]) -> bool:
+    """Whether a headline says for whom, when or how much what follows is."""
+    reading = Reading.of(headline, tokenise(headline), known)
+    rules = (familiar, span, amount)
+    return bool(_WISH.search(headline)) or any(
+        rule.at(reading, at) for rule in rules for at in range(len(reading.tokens))
+    )
+
+
+def _is_harmless(remark: str, known: Mapping[tuple[str, ...], str]) -> bool:
+    """Whether a remark is about what is spoken of, or about nothing in the scene."""
+    reading = Reading.of(remark, tokenise(remark), known)
+    spoken = re.match(r"(?:so|because|since|as)? *(?:that )?(?:it|that|this|he|she|they)\b", remark, re.IGNORECASE)
+    return bool(spoken) or not any(familiar.at(reading, at) for at in range(len(reading.tokens)))

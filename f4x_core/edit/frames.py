@@ -23,6 +23,7 @@ from ..language.amounts import (
     stops,
 )
 from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
+from ..language.colour_names import COLOURS
 from ..language.colours import colour, colourish
 from ..language.grammar import (
     Mismatch,
@@ -36,7 +37,7 @@ from ..language.grammar import (
     table,
     unless,
 )
-from ..language.lexicon import every_form
+from ..language.lexicon import every_form, word_set
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import any_form
 from . import making, qualities
@@ -93,9 +94,10 @@ ADDS_NOTHING = either(
     COMMENTS,
     literal(
         "needs|requires|deserves|is in need of|calls for|is crying out "
-        "for|[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|is to|are "
-        "to|must to|to|wants to|want to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|"
-        "have])|[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
+        "for|[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|"
+        "is to|are to|must to|to|wants to|want to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|"
+        "appear|stay|end up|have])|[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|"
+        "for it to|for them to"
     ),
     literal(
         every_form("make|let|have|get|do|keep")
@@ -113,8 +115,8 @@ _led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "wi
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
     "something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|picture|"
-    "postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|"
-    "solid|some|for|but|but in|be of|from"
+    "postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|"
+    "nice|solid|some|for|but|but in|be of|from"
 )
 _a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
 _slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|touch of|bit of|dash of|little bit of")
@@ -229,9 +231,17 @@ _quality = either(
     + ~literal("tone|tones|mood|look|light|color|colors"),
     _toward + qualities.bare_look,
 )
-_becoming = literal(any_form("become", "match"))
+_becoming = unless(literal("tones|shades")) + literal(any_form("become", "match"))
+_COLOURING = {"whiten|whitewash|bleach": "white", "blacken": "black", "redden": "red", "purple up": "purple"}
+"""Verbs that say of which colour something becomes."""
 _about = ~literal("of|for|on|to|in|with|around|about|onto|over|at|from|upon|into|through|across|all over")
-_whom = ~literal("but") + ~literal("only|just|only for|just for|only with") + _about + thing
+_whom = (
+    unless(literal("over the [clip|video|film|scene|shot]"))
+    + ~literal("but")
+    + ~literal("only|just|only for|just for|only with")
+    + _about
+    + thing
+)
 _frame(
     "the dog, in red",
     as_given,
@@ -267,6 +277,13 @@ _frame(
     ),
 )
 _frame(
+    "whitewash the wall",
+    making.assigned,
+    "rgb",
+    who=_whom,
+    rgb=table({every_form(verbs): COLOURS[name] for verbs, name in _COLOURING.items()}, reserve=False),
+)
+_frame(
     "tint the dog orange",
     making.faintly,
     "verb rgb",
@@ -298,7 +315,7 @@ _QUALITIES = {
     "speed|pace|tempo|playback speed|playback rate|velocity": making.retimed,
     "brightness|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain": making.brightened,
     "contrast": making.contrasted,
-    "saturation|color saturation|color intensity|vibrance|vividness|colorfulness|chroma|color|colors": making.saturated,
+    "saturation|sat|color saturation|color intensity|vibrance|vividness|colorfulness|chroma|color|colors": making.saturated,
     "opacity|visibility|alpha": making.opacity,
     "transparency|translucency": _transparent,
     "warmth|color temperature|temperature": lambda by: making.warmed(Amount("fraction", abs(by - 1)), by > 1),
@@ -546,7 +563,7 @@ _frame(
             fraction_of("size|sizes|dimensions|scale|height|width|length|speed|pace|tempo|brightness"),
             literal("half") >> (lambda: 0.5),
         ),
-        literal("to|down to|up to|at|till") + either(fraction, percent, multiple),
+        literal("to|down to|up to|at|till") + either(fraction, percent, multiple, literal("x") + number),
         literal("in half|by half|by a half") >> (lambda: 0.5),
         _until,
     )
@@ -568,9 +585,9 @@ _frame(
         ~literal("the|all the") + colors,
         thing,
     ),
-    complaint=literal("is|are|'s|looks|look|seems|seem|feels") + qualities.rather
+    complaint=literal("is|are|'s|looks|look|seems|seem|feels|reads") + qualities.rather
     | ~literal(
-        "is|are|'s|looks|look|seems|seem|feels|appears|appear|was|it is|has|have|(is|are) ["
+        "is|are|'s|looks|look|seems|seem|feels|reads|comes across as|appears|appear|was|it is|has|have|(is|are) ["
         + every_form(
             "happen|walk|run|move|go|play|drive|stand|sit|ride|swim|fly|dance|hang|lie|jump|turn|spin|hover|float"
         )
@@ -593,9 +610,10 @@ _frame(
     verb=literal(
         any_form("delete")
         + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|"
-        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away)|bye bye|"
-        "goodbye|no more|no longer [want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|[i|we] do not [want|"
-        "need] (to [see|have])|[i|we] do not like to [see|have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
+        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away)|bye "
+        "bye|goodbye|no more|no longer [want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|[i|we] do not "
+        "[want|need] (to [see|have])|[i|we] do not like to [see|have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|"
+        "sick] of"
     ),
     out=OUT
     | literal(
@@ -680,7 +698,8 @@ _frame(
     verb=_TURNING,
     angle=ANGLE,
     sense=_sense,
-    around=literal("around|on the spot|in place|over|around its axis") >> (lambda: True),
+    around=literal("around|on the spot|in place|over|around its axis|(as) seen [from [above|the top]|in plan]")
+    >> (lambda: True),
 )
 _frame(
     "the dog, turned around",
@@ -689,9 +708,9 @@ _frame(
     who=_whom,
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     around=literal(
-        "around|(to|in|into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|looks|"
-        "points] the other way|backward|about|away|away from us|away from the camera|[its|his|her|their] back (to|toward|on) "
-        "(us|me|the camera|the viewer)"
+        "around|(to|in|into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|"
+        "looks|points] the other way|backward|about|away|away from us|away from the camera|[its|his|her|their] back (to|"
+        "toward|on) (us|me|the camera|the viewer)"
     )
     >> (lambda: True),
 )
@@ -731,15 +750,17 @@ _frame(
     around=literal("around|on the spot|in place|around its axis"),
 )
 # Places
+_STATED_AT = word_set("sits stands hangs lies lives rests is stays")
+"""Verbs that say where something is: "it sits on top of the plate" is no wish."""
 _moving = literal(
-    any_form("move")
+    "|".join(form for form in any_form("move").split("|") if form not in _STATED_AT)
     + "|(a) (little|small|slight|gentle|tiny|bit of a) [push|nudge|shove|shift|move|tug|pull|slide|bump|lift|hop]"
 )
 _ground = literal(
-    "(all the way) (down) [to|onto|until|till|toward] (it [touches|reaches|hits]) [the|its] [ground|floor|bottom]|[in|into] "
-    "the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] the [air|"
-    "sky]|a step|from where [it|he|she] is|from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away "
-    "from its place"
+    "(all the way) (down) [to|onto|until|till|toward] (it [touches|reaches|hits]) [the|its] [ground|floor|bottom]|[in|"
+    "into] the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] "
+    "the [air|sky]|a step|[from|off] where [it|he|she] is (now)|from its [place|spot|position]|along the [ground|floor]|on "
+    "the [ground|floor]|away from its place"
 )
 _far = ~literal("by|for|about|some") + distance + unless(literal(","))
 _for_it = ~literal("for|of|with|on")
@@ -1050,7 +1071,7 @@ _frame(
     making.glowing,
     "verb",
     who=_whom,
-    verb=literal(any_form("glow") + "|aglow|luminous|radiant"),
+    verb=literal(any_form("glow") + "|aglow|luminous|radiant") + ~literal("on|effect"),
     how=qualities.softly,
     rgb=~literal("in|in a|a|with|with a") + colour + ~literal("light|color"),
 )
@@ -1066,7 +1087,8 @@ _frame(
     verb=literal(any_form("swap") + "|swap of"),
     other=literal("with|for|and") + there_already,
     places=literal(
-        "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|around|over"
+        "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|around|"
+        "over"
     ),
 )
 
@@ -1087,8 +1109,8 @@ _frame(
     ),
     by=literal("to") + (percent | fraction),
     gone=literal(
-        "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|vanishes]|"
-        "until nothing is left|into thin air|more and more"
+        "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|"
+        "vanishes]|until nothing is left|into thin air|more and more"
     )
     >> (lambda: True),
 )
@@ -1117,7 +1139,8 @@ _frame(
 _untouched = literal(
     "alone|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|"
     "where they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|"
-    "in its [original|normal] [colors|color|state]|sharp|in focus|crisp"
+    "in its [original|normal] [colors|color|state]|sharp|in focus|crisp|raw|at full (opacity)|fully visible|opaque|solid|"
+    "[keeps|keep|keeping|retains] [its|his|her|their] (own|original|current) [size|place|position|color|colors|speed|look]"
 )
 _frame(
     "but leave the dog as it is",
@@ -1144,11 +1167,13 @@ _frame(
     "nothing",
     nothing=literal(
         "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
-        "colors|size|shape|position|place|speed|look|brightness]|nothing else|nobody else|no one else|nothing more|that is all|"
-        "that is it|only that|nothing other than that|keep the rest|keep everything else|leave the rest|leave everything else|"
-        "the rest stays (as it is)|(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|"
-        "move again|run again] (again|as before)|(then) [it|he|she] [goes|continues|moves|runs|carries|may go|can go] [on|"
-        "again|as before]|then (back to) normal|then back|i mean it|not more|not less|that is enough"
+        "colors|size|shape|position|place|speed|look|brightness]|nothing else|nobody else|no one else|nothing more|that is "
+        "all|that is it|only that|nothing other than that|keep the rest|keep everything else|leave the rest|leave "
+        "everything else|the rest stays (as it is)|(its|the|their) [location|position|place|size|color|colors|speed|look] "
+        "(is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let [it|him|her|them] [go on|"
+        "continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as before)|(then) [it|he|she|"
+        "they] ([is|are|can|may|will|should]) [goes|continues|moves|runs|carries|go|come|comes|be|back|walk|move|run|"
+        "continue] (back|on|again|as before)|then (back to) normal|then back|i mean it|not more|not less|that is enough"
     ),
     use=WHOLE,
 )

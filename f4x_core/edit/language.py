@@ -59,11 +59,11 @@ from ..language.times import HALF_WAY, Span, TimeExpression, span
 from ..language.verbs import VERBS, any_form
 from . import qualities
 from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command, as_given
-from .corrections import corrected, remarked
+from .corrections import corrected, remarked, without_remarks
 from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_clip, is_of_a_picture
-from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Transform
+from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Style, Transform
 from .phrases import SentenceContext, When, besides, familiar, known_thing, several_placed, thing, together, whose
 from .qualities import any_look, effect
 from .request import Request
@@ -91,9 +91,10 @@ _when = ~keyword(",") + ~keyword("but") + _then
 _slowly = ~keyword(",") + table(
     {
         "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|"
-        "more and more|step by step|(in) a gradual way|easing in and out|easing in|easing out|with (a) [soft|smooth|gentle] "
-        "[ease|easing]|with (an) [ease|easing]|with soft ends|eased|(with) (an) ease in and out|(with) easing|eased in and out|"
-        "nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth": True
+        "more and more|step by step|(in) a gradual way|easing in and out|easing in|easing out|with (a) [soft|smooth|"
+        "gentle] [ease|easing]|with (an) [ease|easing]|with soft ends|eased|(with) (an) ease in and out|(with) easing|"
+        "eased in and out|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth|(with) (a) [smooth|soft|eased] "
+        "[interpolation|motion|movement|transition] (not linear)": True
     }
 )
 _between = keyword("and|,|, and|but|while|, but|, while|and also")
@@ -106,7 +107,8 @@ _modal = keyword(
     "supposed to|are supposed to|had better"
 )
 _want = keyword("i|we") + keyword(
-    "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love to see"
+    "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love "
+    "to see"
 )
 _let = keyword("let|have|make|get")
 
@@ -334,7 +336,8 @@ def parse(
 ) -> tuple[Operation, ...]:
     """Return the operations that a sentence asks for, in order; selections are words, not yet resolved in a scene.
 
-    `copies`: those of earlier sentences -> what was copied; `earlier`: the sentence before, of which "it", "the other one" and
+    `copies`: those of earlier sentences -> what was copied; `earlier`: the sentence before, of which "it", "the other "
+    "one" and
     "the cat too" may speak. Raises `Refusal`.
     """
     sentence = request.sentence
@@ -423,7 +426,8 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
         several_placed.at(read.reading, at) for at in range(len(read.reading.tokens))
     ):
         raise Refusal(
-            "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the people'."
+            "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the "
+            "people'."
         )
     if read.only_then and any(isinstance(one, (Opacity, Delete, Extract)) for one in operations):
         raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
@@ -451,6 +455,7 @@ def _read_somehow(
         *opened(plain, _ASKED_FOR),
         *remarked(plain, known),
         *paraphrases(plain, COMMAND_VERBS),
+        *without_remarks(plain, known),
     )
     for ways in (own, dict.fromkeys(way for way in others if way not in own)):
         if reason or not (own_readings or ways is own):
@@ -616,7 +621,7 @@ def _unsure(read: Read) -> bool:
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
     parts = {word for words in reading.known for word in words}
-    lexicon = VOCABULARY | NAMES_TOO | FUNCTION_WORDS | NO_THINGS | COLOURS.keys() | SHADES.keys() | parts
+    lexicon = VOCABULARY | NAMES_TOO | FUNCTION_WORDS | NO_THINGS | EMPTY | COLOURS.keys() | SHADES.keys() | parts
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
         describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
@@ -857,7 +862,10 @@ def _placed(operations: list[Operation]) -> list[Operation]:
                 if x or z:
                     placed[-1] = replace(made, offset=(x, y, z))
                     continue
-        said_again = isinstance(made, Extract) and isinstance(one, Delete) and one.select == Not(made.select)
+        if _says_no_more(made, one):
+            continue
+        if _is_overridden(made, one):
+            placed.pop()
         opposite = (
             isinstance(made, Transform)
             and isinstance(one, Transform)
@@ -877,9 +885,30 @@ def _placed(operations: list[Operation]) -> list[Operation]:
             and made.frames[1] is not None
         ):
             one = replace(one, frames=(made.frames[1], None))  # "red until second 1, then blue"
-        if one != made and not said_again:
+        if one != made:
             placed.append(one)
     return placed
+
+
+def _says_no_more(made: Operation | None, one: Operation) -> bool:
+    """Whether an operation does nothing that the one before it did not: "keep only the dog and delete the rest"."""
+    return (
+        isinstance(made, Extract)
+        and isinstance(one, Delete | Opacity)
+        and _removes(one)
+        and one.select == Not(made.select)
+    )
+
+
+def _is_overridden(made: Operation | None, one: Operation) -> bool:
+    """Whether nothing is left to do of an operation behind the next: "hide what stands still, keep only what moves"."""
+    if isinstance(made, Delete | Opacity) and isinstance(one, Extract):
+        return _removes(made) and made.select == Not(one.select)
+    if isinstance(made, Style) and isinstance(one, Recolour):  # "the trees in autumn colors, in orange"
+        return (made.select, made.frames, "assign") == (one.select, one.frames, one.mode)
+    if isinstance(made, Transform) and isinstance(one, Transform) and made.frames is None and one.frames:
+        return one == replace(made, frames=one.frames, ease=one.ease)  # "do a full turn, over the clip"
+    return False
 
 
 def _about(moment: TimeExpression, length: Span) -> Span:
@@ -899,13 +928,14 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 
 _UNDOING = keyword(
-    "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|bring] [it|"
-    "that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|back to the (original|"
-    "normal) state|did not like that|take that back|step back|restore the original|reset everything|[ctrl|control|cmd|command] "
-    "(+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|[scrap|forget|cancel|"
-    "drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|one]|[scrap|forget|"
-    "cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put everything back|[start over|start again|back "
-    "to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
+    "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|bring] "
+    "[it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|back to the "
+    "(original|normal) state|did not like that|take that back|step back|restore the original|reset everything|[ctrl|"
+    "control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] "
+    "back|[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|"
+    "step|command|one]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put "
+    "everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the "
+    "last|this] ([change|edit|step|one])"
 )
 _ELSEWHERE = {
     **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
@@ -942,7 +972,8 @@ _NO_OPERATION = (
     ("morph crossfade", "one thing cannot turn into another; 'swap the dog and the cat' changes their places."),
     ("export save render download", "`f4x export`, `f4x render` and `f4x open` write files."),
     (
-        "better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different fancy",
+        "better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different "
+        "fancy",
         "it is not said what is to change, a color, brightness, contrast, size, place or speed?",
     ),
 )
@@ -964,8 +995,8 @@ _named_like_a_thing = Rule(
 _DOUBTFUL = (
     (
         _LENGTH,
-        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example 'two widths to "
-        "the left' or 'half its width up'.",
+        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example 'two widths "
+        "to the left' or 'half its width up'.",
     ),
     (
         keyword("[put|take|bring|get|turn] [that|this|it|them|him|her] back") + ~keyword("again|please") + _last,
@@ -1003,6 +1034,15 @@ _DOUBTFUL = (
         + silent(familiar | ~keyword("a|the|that|this") + familiar)
         + literal("on|onto|in|into|to"),
         "'Drop' may mean to move or to remove; say 'move the ball down' or 'remove the ball'.",
+    ),
+    (
+        keyword("clear|empty|clean|strip")
+        + ~keyword("out|up")
+        + ~keyword("the|my|this|that")
+        + literal(
+            "room|bedroom|street|road|table|desk|floor|stage|yard|garden|beach|field|house|scene|place|set|shelf|track"
+        ),
+        "That may mean to remove the place itself or all that is in it; say 'remove' with what has to go.",
     ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
     (
@@ -1052,8 +1092,8 @@ _UNKNOWN_WAYS = (
         keyword("[i|we] [want|need]|[i|we] would like|make [it|that|them]|give me|there should be")
         + silent(number)
         + familiar,
-        "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for example "
-        "'copy the dog twice'.",
+        "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for "
+        "example 'copy the dog twice'.",
     ),
     (
         keyword("the [first|second|third|fourth|fifth|last|next|other]") + familiar,
@@ -1159,9 +1199,11 @@ _EXAMPLES = dict.fromkeys(
         *(command.example for command in COMMANDS),
         *(example for example, *_ in _SAID_HALF),
         "isolate the dog", "fade in the dog from second 1 to 2",
-        "turn the dog into gold", "tint the sky orange", "change the color of the car to black", "copy the dog", "darken the sky",
+        "turn the dog into gold", "tint the sky orange", "change the color of the car to black", "copy the dog", "darken "
+        "the sky",
         "let a copy follow the dog half a second behind", "make the dog glow", "blur the background", "speed up the dog",
-        "increase the contrast of the dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the left",
+        "increase the contrast of the dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the "
+        "left",
     )
 )  # fmt: skip
 """Sentences that are offered to those who were not understood."""

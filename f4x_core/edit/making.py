@@ -158,7 +158,9 @@ def swapped(other: Who | None = None) -> Value:
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         pair: tuple[SelectKind, ...] = (who,) if other is None else (who, other(context))
-        if other is None and isinstance(who, Text):
+        if other is not None and isinstance(who, Text):
+            pair = (replace(who, number="any"), pair[1])
+        elif isinstance(who, Text):
             pair = tuple(replace(who, labels=(label,)) for label in who.labels)
         elif other is None and isinstance(who, Or):
             pair = who.of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -28,7 +29,7 @@ from ..language.grammar import (
     tokenise,
     unless,
 )
-from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, is_adverb, singular, word_set
+from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, PEOPLE, is_adverb, singular, word_set
 from ..language.times import END, START, Clip, Span, no_such_time
 from .operations import Duplicate, Operation
 from .selects import All, And, Beside, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text, Where
@@ -216,8 +217,8 @@ _NO_SUPERLATIVES = word_set("forest nest chest vest guest west crest priest harv
 
 
 _NOUNS = word_set(
-    "dress sail path curb stone splash sky floor coat mask head hair hand wheel cover slide park plant stick brush pan brake "
-    "kite tail wrap"
+    "dress sail path curb stone splash sky floor coat mask head hair hand wheel cover slide park plant stick brush pan "
+    "brake kite tail wrap"
 )
 """Words of the grammar that are things behind an article."""
 
@@ -308,14 +309,14 @@ def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         worn += list(colour.at(reading, start)) if start == middle + 1 and reading.word(middle) == "in" else []
         for end in dict.fromkeys(worn):
             hue = reading.word(middle) == "in" and end in colour.at(reading, start)
-            if hue or singular(reading.word(end - 1)) in _WORN:
+            if (hue and re.match(PEOPLE, label.split()[-1])) or singular(reading.word(end - 1)) in _WORN:
                 yield end, f"{label} {reading.text_of(middle, end).lower()}"
 
 
 _WORN = word_set(
     "hat cap helmet shirt jacket coat dress sweater jersey pullover hoodie scarf trousers jeans shorts pants skirt suit "
-    "uniform vest boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail horn collar top t "
-    "tie mask belt sock"
+    "uniform vest boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail horn collar "
+    "top t tie mask belt sock"
 )
 """What somebody is told by: of "the dog with the cat" nobody knows whether it is one thing or two."""
 
@@ -333,11 +334,15 @@ def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, singular(text)
 
 
+_SUBJECTS = word_set("it he she this that which who i you we they")
+"""Words behind which a verb stands: "it frightens me"."""
+
+
 def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """One unknown word without an article, which might be a verb ("and juggle"): where no label is known at all, a plural, or a
     name that the sentence gave before."""
     earlier_words = {token.text for token in reading.tokens[:at]}
-    for end, name in _stranger_at(reading, at):
+    for end, name in _stranger_at(reading, at) if reading.word(at - 1) not in _SUBJECTS else ():
         if not reading.known or name != reading.word(at) or name in earlier_words:
             yield end, name
 
@@ -392,7 +397,7 @@ def _always(select: SelectKind) -> Callable[..., Who]:
     return lambda *_: lambda context: select
 
 
-_OBJECTS = "thing|things|object|objects|item|items|part|parts|stuff|one|ones"
+_OBJECTS = "thing|things|object|objects|item|items|part|parts|stuff|one|ones|content|contents|element|elements"
 _objects = keyword(_OBJECTS)
 _known, _part, _modified, _stranger = map(_things, (_known_at, _part_at, _modified_at, _stranger_at))
 _everybody, _strangers, _bare_stranger = map(_things, (_everybody_at, _strangers_at, _bare_stranger_at))
@@ -402,8 +407,8 @@ familiar = either(_part, _known, _modified, _everybody)
 _noun = either(_part, _known, _modified, _stranger)
 _named_at_length = _article + _strangers
 WHERE: dict[str, Where] = {
-    "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer to|closer to|"
-    "adjacent to|over by|right at": "near",
+    "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer to|closer "
+    "to|adjacent to|over by|right at": "near",
     "(to the) left of|[on|at|to] the left (side|hand side) of|left from|left next to": "left",
     "(to the) right of|[on|at|to] the right (side|hand side) of|right from": "right",
     "behind|in back of|at the back of|further back than": "behind",
@@ -501,8 +506,8 @@ _WHICH = {
     "top|topmost|upper|uppermost|highest|top most": "top",
     "bottom|bottommost|lower|lowest|bottom most": "bottom",
     "middle|central|center|centermost|middlemost": "middle",
-    "nearest|closest|front|frontmost|foremost|nearer|closer": "nearest",
-    "farthest|furthest|back|rear|rearmost|most distant|backmost|hindmost": "farthest",
+    "nearest|closest|front|frontmost|foremost|nearer|closer|foreground": "nearest",
+    "farthest|furthest|back|rear|hind|rearmost|most distant|backmost|hindmost": "farthest",
     "biggest|largest|bigger|larger|tallest|longest|taller": "largest",
     "smallest|tiniest|littlest|smaller|shortest|shorter": "smallest",
 }
@@ -522,7 +527,8 @@ _WHERE = {
     f" to [{VIEWER}]|closest|nearest": "nearest",
     "(that is|which is|that are) [farther|further] (away|off|back)": "farthest",
     "(that is|which is|that are) [nearer|closer] (to us|by)": "nearest",
-    f"in the [back|background|distance|rear]|at the [back|rear]|far away|[farthest|furthest] (away) from [{VIEWER}]|"
+    f"in the [back|background|distance|rear]|at the [back|rear]|[of|from] (the) [behind|back]|far away|[farthest|furthest] "
+    f"(away) from [{VIEWER}]|"
     "farthest (away)|furthest (away)": "farthest",
 }
 _which, _where = (
@@ -652,7 +658,8 @@ _current = either(
 _everything = silent(
     either(
         keyword(
-            "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|thing]"
+            "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|"
+            "thing]"
         ),
         keyword(
             f"(the) [whole|entire|full|complete] [{PICTURE}|thing]|[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
@@ -664,10 +671,10 @@ _around = keyword(
 ) + _neighbour >> (lambda who: lambda context: Not(who(context)))
 
 
-def _the_other(context: SentenceContext) -> SelectKind:
+def _the_other(context: SentenceContext, noun: Who | None) -> SelectKind:
     """All of the kind but the one that was named last."""
     last = context.it("'the other one'")
-    if not isinstance(last, Instance | Beside):
+    if not isinstance(last, Instance | Beside) or (noun and noun(context) != last.of):
         raise Refusal("Which one is the other is not said; say for example 'the left one'.")
     context.last = And((last.of, Not(last)))
     return context.last
@@ -682,17 +689,20 @@ _cast = (
     )
 ) >> (lambda label: _thing(label, False))
 """What a thing casts, told by where it lies."""
-_other_one = keyword("[the|that] other (one)|the other [ones|two|three]") >> (lambda: _the_other)
+_other_one = keyword("[the|that] other (one)|the other [ones|two|three]") + optional(familiar) >> (
+    lambda noun: lambda context: _the_other(context, noun)
+)
 everything_else = keyword(
-    "[everything|all|anything] else|all the rest|the rest|the rest of the [picture|scene|image|video|clip]|the remainder|all "
-    "others|the (whole) rest (of it|of them|of the scene|of the picture)|the others|all (the) other [things|objects|stuff]|the "
-    "other [things|objects]"
+    f"[everything|all|anything] else|all the rest|the (whole) [rest|remainder] (of [it|them|the world|the [{PICTURE}]])|"
+    f"all "
+    "others|the others|all (the) other [things|objects|stuff]|the other [things|objects]"
 ) >> (lambda *_: lambda context: Not(context.it("'else'")))
 _everybody_else = _everybody + keyword("else") >> (
     lambda everybody: lambda context: And((everybody(context), Not(context.it("'else'"))))
 )
 _in_scene = ~keyword(
-    f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]|out of the [{PICTURE}]"
+    f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]|out of the "
+    f"[{PICTURE}]"
 )
 _named_noun = _determiner + _noun | familiar
 
@@ -798,7 +808,9 @@ def _has_own_quality_at(reading: Reading, at: int) -> dict[int, tuple[()]]:
         start -= 1
     while start > 0 and reading.word(start - 1) not in _SEPARATORS:
         start -= 1
-    return {at: ()} if _quality_at(reading, start) and _quality_at(reading, at) else {}
+    named = {reading.word(i) for i in range(start, at)} & {"the", "my", "that", "this"}
+    said = _quality_at(reading, start) or (named and reading.word(at - 1) == ",")
+    return {at: ()} if said and _quality_at(reading, at) else {}
 
 
 def _quality_at(reading: Reading, at: int) -> bool:
@@ -815,7 +827,7 @@ two_of_them_behind = (
     )
 )
 """A known noun in the plural, behind "both"."""
-two_of_them = keyword("the two|these two|those two|my two|two") + two_of_them_behind >> (
+two_of_them = ~keyword("the two|these two|those two|my two|two|the|my|both") + two_of_them_behind >> (
     lambda label: lambda context: _both(label, context)
 )
 """Two of a kind, who can change places."""
@@ -833,7 +845,9 @@ _EXCEPT = (
 )
 _the_biggest = keyword("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
 _besides = ~keyword(",") + keyword(_EXCEPT) + (_union | _the_biggest)
-everything_but = _everything + _in_scene + _besides
+everything_but = either(
+    _everything + _in_scene + _besides, keyword("[what|whatever|all that|anything that] is not") + _union
+)
 """What is spared in "everything except the dog": a `Who`."""
 
 

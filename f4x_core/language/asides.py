@@ -8,19 +8,19 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 
-from .colours import colour, colourish
-from .grammar import VOCABULARY, Reading, Token, either, literal, tokenise
+from .grammar import VOCABULARY, Token, either, literal, tokenise
 from .lexicon import FUNCTION_WORDS, singular, word_set
 
 CALLS = literal(
-    "you know what|let us say|right now|immediately|at once|straight away|this instant|i do not know|do not know|hey|hi|hello|"
-    "okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|look|listen|um|umm|uhm|uh|"
-    "er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|rather|somehow|for "
-    "now|right away|asap|for me|for us|if possible|if you [can|could|would|like|will]|when you can|again|there|in [here|there]|"
-    "around here|here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|lovely|kind of|sort of|you know|after "
-    "all|i think|i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|this time|from there|in one go|of "
-    "course|though|yeah|yes|preferably|by preference|overall|in total|all in all|first of all|firstly|secondly|thirdly|finally|"
-    "at last|completely|entirely|fully|totally|the [heck|hell|crap|shit|life] out of|and stuff|or something|out of the way"
+    "i am afraid|i fear|you know what|let us say|right now|immediately|at once|straight away|this instant|i do not know|do "
+    "not know|hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|"
+    "look|listen|um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|"
+    "probably|rather|somehow|for now|right away|asap|for me|for us|if possible|if you [can|could|would|like|will]|when you "
+    "can|again|there|in [here|there]|around here|here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|"
+    "lovely|kind of|sort of|you know|after all|i think|i guess|i feel like|i believe|[i|we] find|i would say|let me [think|"
+    "see]|this time|from there|in one go|of course|though|yeah|yes|preferably|by preference|overall|in total|all in all|"
+    "first of all|firstly|secondly|thirdly|finally|at last|completely|entirely|fully|totally|the [heck|hell|crap|shit|"
+    "life] out of|and stuff|or something|out of the way"
 )
 """Calls, interjections and hedges: they add nothing to an edit or a question."""
 ASKS = literal(
@@ -32,18 +32,19 @@ ASKS = literal(
 """Wishes that are put as questions."""
 WISHES = either(
     literal(
-        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) would [like|love|prefer] (to [see|have|get])|[i|we] would "
-        "rather have|(i want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead and|try to|help "
-        "me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|it would be [nice|"
-        "great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|your task is to|time "
-        "to|see|to see|have|to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) [want|need|like|love|after|"
-        "picture|ask for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
+        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] [like|love|prefer] (to [see|have|get]|that)|"
+        "[i|we] would [end|start|finish|begin|open] [on|with]|i wonder (about)|[i|we] would rather have|(i want|i would "
+        "like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|[make sure|ensure|"
+        "see to it|be sure] (that)|so that|in such a way that|how to|feel free to|it would be [nice|great|cool] (if)|give "
+        "me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|your task is to|time to|see|to see|have|"
+        "to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|ask "
+        "for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
     ),
     literal(
         "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|"
-        "whether)|[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|(i|"
-        "we) [am|are] after|[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would be] "
-        "(that|to)|[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|in [my|our] opinion"
+        "whether)|[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|"
+        "(i|we) [am|are] after|[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would "
+        "be] (that|to)|[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|in [my|our] opinion"
     ),
 )
 """Requests and wishes."""
@@ -54,8 +55,8 @@ COMMENTS = either(
     + literal("be|look|seem|feel|do|work")
     + ~literal("so much|much|way|a lot|even|just|really|very|far|pretty")
     + literal(
-        "nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|sweet|pretty|prettier|amazing|funny|"
-        "cooler|the trick|nicely|well"
+        "nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|sweet|pretty|prettier|amazing|"
+        "funny|cooler|the trick|nicely|well"
     )
     + ~literal("to [see|have]|if|there|here"),
     literal("[is|are|was|were] (much|way|a lot) [nicer|better|cooler|prettier]"),
@@ -63,31 +64,32 @@ COMMENTS = either(
 """What somebody thinks of the wish."""
 _UNTIL = r"(?=\s*(?:[.;!?,:]|$| and | then ))"
 _POLITE_WORDS = (
-    r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|please|so|"
-    r"kind|enough|able|to|me|us|for|with|all|at|too|much|trouble|bother|a|an|any|the|problem|work|works|manage|that|this|it|"
-    r"you|i|we|way|have|time|get|chance|moment|minute|second|feel|wish|prefer|need|know|how|there|help|sure|somehow|ask|must|"
-    r"anyhow|doable|say|easy|hard|agree|allowed|no|big|deal|permit|only|makes|sense"
+    r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|please|"
+    r"so|kind|enough|able|to|me|us|for|with|all|at|too|much|trouble|bother|a|an|any|the|problem|work|works|manage|that|"
+    r"this|it|you|i|we|way|have|time|get|chance|moment|minute|second|feel|wish|prefer|need|know|how|there|help|sure|"
+    r"somehow|ask|must|anyhow|doable|say|easy|hard|agree|allowed|no|big|deal|permit|only|makes|sense"
 )
 _NICE = (
     r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|super|"
     r"enough|neat)"
 )
 _OPENING = (
-    r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|excellent|"
-    r"lovely|brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much better|i see|"
-    r"right)"
+    r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|"
+    r"excellent|lovely|brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much "
+    r"better|i see|right)"
 )
 _PRONOUN = r"(?:i|we|you|it|he|she|they|this|that|there|my|our|nobody|everybody|everyone|people|nothing|its|your)"
 _WISHING_WORDS = (
-    "mean|means|lot|world|favor|favour|beg|command|order|request|hereby|told|said|insist|propose|suggest|recommend|hurry|if|why|"
-    "i|we|you|it|that|there|one|who|somebody|someone|would|could|might|may|can|will|shall|should|am|is|was|were|be|been|being|"
-    "do|does|did|have|has|had|not|never|like|love|prefer|want|wanted|need|wish|hope|hoping|hoped|wonder|wondering|wondered|"
-    "thinking|think|thought|suppose|guess|imagine|know|tell|ask|asking|say|see|find|figure|work|understand|clue|q|got|give|"
-    "remember|make|out|quite|really|very|ever|so|much|most|super|pretty|terribly|awfully|extremely|truly|absolutely|just|also|"
-    "grateful|glad|happy|pleased|delighted|thankful|obliged|appreciate|appreciated|curious|interested|kind|enough|nice|good|"
-    "great|cool|awesome|lovely|sweet|fun|amazing|wonderful|fantastic|brilliant|perfect|best|better|idea|a|an|any|the|to|me|us|"
-    "my|for|about|please|pardon|excuse|sorry|forgive|dear|hello|hi|hey|possible|possibly|way|chance|mind|moment|trouble|too|"
-    "rather|maybe|perhaps|happen|now|ok|okay|well|um|uh|er|erm|hmm|oh|question|quick|wait|as|at|all|of|up|still"
+    "mean|means|lot|world|favor|favour|beg|command|order|request|hereby|told|said|insist|propose|suggest|recommend|hurry|"
+    "if|why|i|we|you|it|that|there|one|who|somebody|someone|would|could|might|may|can|will|shall|should|am|is|was|were|be|"
+    "been|being|do|does|did|have|has|had|not|never|like|love|prefer|want|wanted|need|wish|hope|hoping|hoped|wonder|"
+    "wondering|wondered|thinking|think|thought|suppose|guess|imagine|know|tell|ask|asking|say|see|find|figure|work|"
+    "understand|clue|q|got|give|remember|make|out|quite|really|very|ever|so|much|most|super|pretty|terribly|awfully|"
+    "extremely|truly|absolutely|just|also|grateful|glad|happy|pleased|delighted|thankful|obliged|appreciate|appreciated|"
+    "curious|interested|kind|enough|nice|good|great|cool|awesome|lovely|sweet|fun|amazing|wonderful|fantastic|brilliant|"
+    "perfect|best|better|idea|a|an|any|the|to|me|us|my|for|about|please|pardon|excuse|sorry|forgive|dear|hello|hi|hey|"
+    "possible|possibly|way|chance|mind|moment|trouble|too|rather|maybe|perhaps|happen|now|ok|okay|well|um|uh|er|erm|hmm|oh|"
+    "question|quick|wait|as|at|all|of|up|still"
 )
 WISHING = rf"(?:(?:{_WISHING_WORDS})(?:n?['’](?:d|m|s|ll|ve|re|t))?(?:[ ,]+|\.\.+ *))+"
 """How a wish or a question begins that says only that it is one: "I'd be ever so grateful", "wouldn't it be nice"."""
@@ -105,15 +107,16 @@ _PLAIN = {
     "while": r"(?:,\s*)?\bwhile (?:you are|we are|i am|being) (?:at it|there|on it|already there)\b,?",
     "thanks": (
         r"(?:,\s*|-\s*)?\b(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|cheers|tia|much appreciated|appreciated?(?: "
-        r"it)?)\b(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) help|again|"
-        r"much|ahead of time))*"
+        r"it)?)\b(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) help|"
+        r"again|much|ahead of time))*"
     ),
     "interjection": (
         r"(?:,\s*)?\b(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|"
         r"please|jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty "
         r"please|to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|"
         r"basically|literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|absolutely|essentially|"
-        r"preferably|magically|all of them|every one of them|each of them|both of them)\b,?"
+        r"preferably|magically|nothing (?:too |that )?(?:crazy|fancy|special|wild|dramatic|major|much|strong)|no biggie|no "
+        r"big deal|all of them|every one of them|each of them|both of them)\b,?"
     ),
     "comment": (
         rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|"
@@ -133,8 +136,8 @@ _PLAIN = {
     "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
     r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
     "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:one (?:more|last|final|other) "
-    r"thing|another thing|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|for (?:a start|starters)|first "
-    r"off|first of all|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
+    r"thing|another thing|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|for (?:a start|starters)|"
+    r"first off|first of all|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
     "parenthesis": r",\s*and (?:this|that) (?:is|one is) [^,]*(?=,)",
     "pause": r",\s*(?:like|well|you know|i mean|let me think|say)\s*(?=,)",
     # reasons
@@ -148,17 +151,21 @@ _PLAIN = {
 }
 """Class -> what is dropped, on the words of a sentence with blanks between."""
 _LIKE = (
-    r"(?:,\s*)?\b(?:just |exactly |a bit |kind of )?(?:like|as) (?:in |on |at )?"
-    r"(?:a|an|the|some|those|that|these|my|your|our|they|you|we|when|fresh|ripe|in|on)\b[^,.;!?]*"
+    r"(?:,\s*)?\b(?:just |exactly |a bit |kind of )?like (?:in |on |at |from )?(?:a|an|the|some|those|that|these|my|your|"
+    r"our|they|you|we|when|fresh|ripe|in|on|from)\b[^,.;!?]*"
 )
+_LIKENED = word_set(
+    "look looks looking seem seems feel feels sound act move run walk dance be is are something more should would i we you "
+    "they do to not"
+)
+"""Words behind which "like" says what is wished for."""
 _REPORTED = (
-    r"^\s*(?:(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:needs?|wants?|likes)\b|(?:(?:my|our|the|"
-    r"a) (?:[a-z]+ )?)?(?P<speaker>[a-z]+) (?:really |just |also )?(?:wants|wanted|asked|asks|would like|prefers?|says|said|"
-    r"thinks|thought|requested|requests|insists|insisted|suggested|suggests)\b)(?: me| us| you)?(?: for| on| that| to (?:see|"
-    r"have|get))?"
+    r"^\s*(?:(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:needs?|wants?|likes)\b|(?:(?:my|our|"
+    r"the|a) (?:[a-z]+ )?)?(?P<speaker>[a-z]+) (?:really |just |also )?(?:wants|wanted|asked|asks|would like|prefers?|says|"
+    r"said|thinks|thought|requested|requests|insists|insisted|suggested|suggests)\b)(?: me| us| you)?(?: for| on| that| to "
+    r"(?:see|have|get))?"
 )
 """A wish of somebody else: "my boss wants"."""
-_COMPARED = r"(?<!look )(?<!looks )(?:,\s*)?\b(?:just |exactly )?(?:like|as) (?:in|on|from) [^,.;!?]*"
 _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |the )*([a-z]+)")
 _NUMBERS = re.compile(r"\d")
 PURPOSES = frozenset({"so", "for"})
@@ -178,7 +185,6 @@ def without_asides(
     `verbs`: those of commands, which end a reason; `is_look`: whether a word is what something can look like.
     """
     tokens = tokenise(sentence)
-    reading = Reading.of(sentence, tokens, known)
     things = {words[-1] for words in known}
     text, starts = _plain_text(tokens)
     gone: dict[int, str] = {}
@@ -195,15 +201,12 @@ def without_asides(
             leave_out(kind, found.start(), found.end())
     for found in re.finditer(_LIKE, text):
         words = found.group().replace(",", " ").split()
-        at = next((i for i, start in enumerate(starts) if start >= found.start()), 0)
         plain = not things & {form for word in words for form in (word, singular(word))} and not any(
             map(is_look, words)
         )
         goes_on = any(verb in verbs for verb in _GOES_ON.findall(found.group().lstrip(" ,")))
-        if plain and not goes_on and not _NUMBERS.search(found.group()) and _ends_in_colour(reading, at, is_look):
-            leave_out("like", found.start(), found.end())
-    for found in re.finditer(_COMPARED, text):
-        if not things & set(found.group().split()) and not _NUMBERS.search(found.group()):
+        likened = {*text[: found.start()].split()[-1:]} & _LIKENED
+        if plain and not likened and not goes_on and not _NUMBERS.search(found.group()):
             leave_out("like", found.start(), found.end())
     reported = re.match(_REPORTED, text)
     who = reported and (reported["who"] or reported["speaker"])
@@ -244,14 +247,6 @@ def cut(sentence: str, spans: list[tuple[int, int]]) -> str:
         kept, at = kept + sentence[at:start] + " ", max(end, at)
     kept = " ".join((kept + sentence[at:]).split())
     return re.sub(r"\s+([,.;!?])", r"\1", re.sub(r"^[\s,;.:!?-]+|[\s,;:-]+$", "", kept))
-
-
-def _ends_in_colour(reading: Reading, at: int, is_look: Callable[[str], bool]) -> bool:
-    """Whether a colour or a look ends before token `at`, maybe with a thing or a please behind it."""
-    rule = either(colour, colourish)
-    return any(
-        is_look(reading.word(i)) or any(i < end <= at for end in rule.at(reading, i)) for i in range(max(at - 3, 0), at)
-    )
 
 
 def _addressed(tokens: list[Token], things: set[str]) -> int:

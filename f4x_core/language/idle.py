@@ -11,24 +11,24 @@ from .lexicon import FRACTIONS, FUNCTION_WORDS, ONES, TENS, singular, word_set
 FILLED, HARMLESS, UNKNOWN = 1, 10, 1000
 """Cost of a word that is known to add nothing, of one that binds others, and of one that nobody knows."""
 BINDING = word_set(
-    "a an the this that these those my your our his her its their of in on at for with to as like so such kind sort and is are "
-    "was were be being been am would could can shall will may might must should i you we me us he she they who which there "
-    "here very really quite rather just please well now ever maybe perhaps about around along own do does using via did have "
-    "has had want need get see let it"
+    "a an the this that these those my your our his her its their of in on at for with to as like so such kind sort and is "
+    "are was were be being been am would could can shall will may might must should i you we me us he she him they them "
+    "who which there here very really quite rather just please well now ever maybe perhaps about around along own do does "
+    "using via did have has had want need get see let it"
 )
 """Words that may go along with one that nobody knows."""
 EMPTY = word_set(
     # how much somebody means it
-    "super ultra mega hyper insanely crazy ridiculously extremely incredibly awfully terribly damn damned darn bloody freaking "
-    "frickin fucking pretty truly wicked mad hella totally absolutely utterly really very quite rather literally basically "
-    "actually honestly seriously legit lowkey highkey deadass properly proper actual sheer ever "
+    "super ultra mega hyper insanely crazy ridiculously extremely incredibly awfully terribly damn damned darn bloody "
+    "freaking frickin fucking pretty truly wicked mad hella totally absolutely utterly really very quite rather literally "
+    "basically actually honestly seriously legit lowkey highkey deadass properly proper actual sheer ever "
     # how it is done: well
     "simply nicely neatly cleanly carefully kindly gladly uniformly evenly independently separately exactly precisely "
     "correctly accurately visibly noticeably clearly obviously generally typically usually somehow already altogether "
     # calls and slang
     "idk uhh umm ummm ngl tbh imo imho fr frfr rn asap lol lmao rofl omg haha hehe yo yoo bro bruh fam dude mate pal buddy "
-    "darling honey sweetie dear sir madam alexa siri uh um umm uhm er erm hm hmm mm ah oh ooh wow whoa yay ugh okay alright "
-    "like just please pls thanks cheers nah huh eh innit though maybe perhaps possibly probably anyway anyways btw"
+    "darling honey sweetie dear sir madam alexa siri uh um umm uhm er erm hm hmm mm ah oh ooh wow whoa yay ugh okay "
+    "alright like just please pls thanks cheers nah huh eh innit though maybe perhaps possibly probably anyway anyways btw"
 )
 """Words that add nothing where no phrase of the grammar takes them: in whatever sense, they change no edit and no question."""
 _ALONE = EMPTY | word_set("that this the being been to do would will overall wee lil")

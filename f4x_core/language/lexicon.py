@@ -17,19 +17,19 @@ def _table(text: str) -> dict[str, str]:
 
 
 SPELLING = _table(
-    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, nad and, annd "
-    "and, & and, pls please, plz please, plese please, pleas please, colour color, colours colors, coloured colored, colouring "
-    "coloring, colourless colorless, recolour recolor, recoloured recolored, recolouring recoloring, decolour decolor, grey "
-    "gray, greys grays, greyscale grayscale, greyish grayish, greyer grayer, centre center, towards toward, till until, til "
-    "until, onwards onward, ok okay, leftwards leftward, rightwards rightward, upwards upward, downwards downward, backwards "
-    "backward, forwards forward, afterwards afterward, outta out, wanna want, colur color, coulor color, gonna going, gimme "
-    "give, metre meter, desaturise desaturate, colourise colorize, colourize colorize, colorise colorize, greyed "
-    "grayed, u you, ur your, gotta to, wanna want, tyre tire, tyres tires, neighbour neighbor, neighbourhood "
-    "neighborhood, colourful colorful, favourite "
-    "favorite, whilst while, thru through, travelling traveling, travelled traveled, wat what, wut what, wot what, dat that, "
-    "dis this, dem them, ya you, yer your, r are, bg background, backround background, fg foreground, desat desaturate, vid "
-    "video, vids video, pic picture, pics picture, cam camera, ppl people, avg average, num number, cuz because, coz because, "
-    "cos because, bout about, n and, tho though, lil little, smol small, teensy tiny, eensy tiny, whichever which"
+    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, nad and, "
+    "annd and, & and, pls please, plz please, plese please, pleas please, colour color, colours colors, coloured colored, "
+    "colouring coloring, colourless colorless, recolour recolor, recoloured recolored, recolouring recoloring, decolour "
+    "decolor, grey gray, greys grays, greyscale grayscale, greyish grayish, greyer grayer, centre center, towards toward, "
+    "till until, til until, onwards onward, ok okay, leftwards leftward, rightwards rightward, upwards upward, downwards "
+    "downward, backwards backward, forwards forward, afterwards afterward, outta out, wanna want, colur color, coulor "
+    "color, gonna going, gimme give, metre meter, desaturise desaturate, colourise colorize, colourize colorize, colorise "
+    "colorize, greyed grayed, u you, ur your, gotta to, wanna want, tyre tire, tyres tires, neighbour neighbor, "
+    "neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru through, travelling traveling, "
+    "travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer your, r are, bg "
+    "background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics picture, "
+    "cam camera, ppl people, dist distance, avg average, num number, cuz because, coz because, cos because, bout about, n "
+    "and, tho though, lil little, smol small, teensy tiny, eensy tiny, whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
 
@@ -46,8 +46,8 @@ CONTRACTIONS: dict[str, tuple[str, ...]] = {
     for word, full in zip(words.split(), [_SHORT[short]] * len(words.split()), strict=True)
 }
 _RUN_TOGETHER = word_set(
-    "that's what's where's who's there's here's when's how's he's they're you're what're that'll it'll you'll they'll that'd "
-    "it'd you'd they'd i've we've you've they've i'm let's"
+    "he's she's that's what's where's who's there's here's when's how's he's they're you're what're that'll it'll you'll "
+    "they'll that'd it'd you'd they'd i've we've you've they've i'm let's"
 )
 """Those whose apostrophe may be left out: "its", "were", "well", "shell" and "id" are other words."""
 CONTRACTIONS |= {"let's": ("let", "us"), "i'm": ("i", "am"), "can't": ("can", "not"), "won't": ("will", "not")}
@@ -76,8 +76,8 @@ CONTRACTIONS |= {
 CONTRACTIONS |= {
     short: tuple(long.split())
     for short, long in _table(
-        "kinda kind of, sorta sort of, lotta lot of, alot a lot, abit a bit, lemme let me, gimme give me, bnw black and white, "
-        "bw black and white, tryna trying to, shan't shall not, dunno do not know"
+        "kinda kind of, sorta sort of, lotta lot of, alot a lot, abit a bit, lemme let me, gimme give me, bnw black and "
+        "white, bw black and white, tryna trying to, shan't shall not, dunno do not know"
     ).items()
 }
 """Words that stand for several, their apostrophe written or left out; any other `'s` is possessive."""
@@ -92,28 +92,30 @@ TENS = {word: 10 * i for i, word in enumerate(_TENS.split(), start=2)}
 FRACTIONS = {"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4, "fifth": 1 / 5, "tenth": 1 / 10}
 
 PLURALS = _table(
-    "people person, persons person, men man, women woman, children child, kids kid, feet foot, teeth tooth, geese goose, mice "
-    "mouse, oxen ox, policemen policeman, leaves leaf, wolves wolf, knives knife, shelves shelf, loaves loaf, calves calf, "
-    "scarves scarf, halves half, lives life, wives wife, thieves thief, hooves hoof, potatoes potato, tomatoes tomato, heroes "
-    "hero, shoes shoe, canoes canoe, toes toe, buses bus, lenses lens, vases vase, horses horse, houses house, roses rose, "
-    "noses nose, hoses hose, cases case, suitcases suitcase, blouses blouse, axes axe, movies movie, cookies cookie, pies pie, "
-    "ties tie, zombies zombie, selfies selfie, caches cache, aches ache, mustaches mustache, purses purse, nurses nurse"
+    "people person, persons person, men man, women woman, children child, kids kid, feet foot, teeth tooth, geese goose, "
+    "mice mouse, oxen ox, policemen policeman, leaves leaf, wolves wolf, knives knife, shelves shelf, loaves loaf, calves "
+    "calf, scarves scarf, halves half, lives life, wives wife, thieves thief, hooves hoof, potatoes potato, tomatoes "
+    "tomato, heroes hero, shoes shoe, canoes canoe, toes toe, buses bus, lenses lens, vases vase, horses horse, houses "
+    "house, roses rose, noses nose, hoses hose, cases case, suitcases suitcase, blouses blouse, axes axe, movies movie, "
+    "cookies cookie, pies pie, ties tie, zombies zombie, selfies selfie, caches cache, aches ache, mustaches mustache, "
+    "purses purse, nurses nurse"
 )
 """Plurals that no rule gives."""
 SYNONYMS = _table(
-    "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid child, "
-    "toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten cat, bike bicycle, auto "
-    "car, automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf cow, bull cow, "
-    "vessel boat, lawn grass, foliage leaf, audience crowd, spectators crowd, pram stroller, buggy stroller, pushchair "
-    "stroller, lorry truck, telly tv, television tv, aeroplane airplane, plane airplane, cab taxi, tram streetcar, hound dog, "
-    "bunny rabbit, biker cyclist, lass girl, youngster child, tot child, infant baby, folks people, spectator person, pavement "
-    "sidewalk, seaside sea, birdie bird, ducky duck, duckie duck, horsie horse, horsey horse, piggy pig, froggy frog, fishy "
-    "fish"
+    "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid "
+    "child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten cat, bike "
+    "bicycle, auto car, automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf "
+    "cow, bull cow, vessel boat, lawn grass, foliage leaf, audience crowd, spectators crowd, pram stroller, buggy "
+    "stroller, pushchair stroller, lorry truck, telly tv, television tv, aeroplane airplane, plane airplane, cab taxi, "
+    "tram streetcar, hound dog, bunny rabbit, biker cyclist, lass girl, youngster child, tot child, infant baby, folks "
+    "people, spectator person, pavement sidewalk, seaside sea, birdie bird, ducky duck, duckie duck, horsie horse, horsey "
+    "horse, piggy pig, froggy frog, fishy fish, onlooker person, bystander person, breakdancer dancer, ballerina dancer, "
+    "trike bicycle, scoot scooter"
 )
 """Another word -> the label that it means where a scene knows that, and not the word."""
 SINGULARS = word_set(
-    "trousers clothes stairs jeans shorts pants scissors glasses sunglasses headphones goggles tights lens series species "
-    "news bus gas canvas christmas iris"
+    "trousers clothes stands bleachers stairs jeans shorts pants scissors glasses sunglasses headphones goggles tights "
+    "lens series species news bus gas canvas christmas iris"
 )
 """Words in s that stay as they are."""
 
@@ -209,16 +211,25 @@ def plural(noun: str, count: float) -> str:
 
 
 EVERYBODY = ("person", "people", "human")
+PEOPLE = (
+    r"person|people|humans?|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|bab(?:y|ies)|boys?|girls?|guys?|lad(?:y|ies)|"
+    r"faces?|hands?|crowd|(?:bicycl|motorcycl|cycl|art|tour|guitar|pian|viol)ists?|ballerinas?|skaters?|surfers?|jockeys?|"
+    r"nurses?|(?:horse |bike )?(?:rid|driv|danc|runn|swimm|walk|work|play|passeng|teach|farm|soldi|paint|conduct|act|sail|"
+    r"sing|act|wait|danc|box|climb|jump|skat|surf|wrestl|referee|fight|photograph|bik)(?:er|or)s?|passengers?|soldiers?|"
+    r"tracers?|athletes?|cyclists?|pilots?|doctors?|cooks?|chefs?|brides?|grooms?|students?|kings?|queens?|boss(?:es)?|"
+    r"friends?|pedestrians?"
+)
+"""Names of people, as a pattern."""
 """The label that "everyone" means: the first of these that a scene knows."""
 
 _FORMS = _table(
-    "make making made, take taking taken, give giving given, hide hiding hidden, freeze freezing frozen, show showing shown, "
-    "keep keeping kept, hold holding held, put putting put, cut cutting cut, set setting set, let letting let, get getting "
-    "got, lose losing lost, bring bringing brought, slide sliding slid, spin spinning spun, shrink shrinking shrunk, grow "
-    "growing grown, run running run, leave leaving left, blow blowing blown, throw throwing thrown, rise rising risen, stand "
-    "standing stood, dye dyeing dyed, see seeing seen, have having had, go going gone, fly flying flown, swim swimming swum, "
-    "drive driving driven, wipe wiping wiped, rewind rewinding rewound, tie tying tied, lie lying lain, send sending sent, "
-    "fall falling fallen"
+    "make making made, take taking taken, give giving given, hide hiding hidden, freeze freezing frozen, show showing "
+    "shown, keep keeping kept, hold holding held, put putting put, cut cutting cut, set setting set, let letting let, get "
+    "getting got, lose losing lost, bring bringing brought, slide sliding slid, spin spinning spun, shrink shrinking "
+    "shrunk, grow growing grown, run running run, leave leaving left, blow blowing blown, throw throwing thrown, rise "
+    "rising risen, stand standing stood, dye dyeing dyed, see seeing seen, have having had, go going gone, fly flying "
+    "flown, swim swimming swum, drive driving driven, wipe wiping wiped, rewind rewinding rewound, tie tying tied, lie "
+    "lying lain, send sending sent, fall falling fallen"
 )
 """Verb -> "-ing" form and participle, where the rules do not give them."""
 _DOUBLED = word_set("stop drop flip trim scrap chop drag tag dim tip strip swap wrap")
@@ -264,12 +275,13 @@ def every_form(verbs: str) -> str:
 
 
 NO_THINGS = word_set(
-    "file files folder directory disk drive database system password prompt instruction instructions rule rules code script "
-    "program command commands server computer software user account data edit edits change changes history step sound sounds "
-    "audio music song voice noise text word words sentence subtitle caption title camera lens zoom view viewpoint angle frame "
-    "frames second seconds minute minutes time speed size width height length color colors hue brightness opacity transparency "
-    "saturation contrast job world universe internet something nothing anything nobody somebody someone anyone way lot bit "
-    "kind sort fun problem idea question answer life love nonsense stuff day morning evening night afternoon"
+    "file files folder directory disk drive database system password prompt instruction instructions rule rules code "
+    "script program command commands server computer software user account data edit edits change changes history step "
+    "sound sounds audio music song voice noise text word words sentence subtitle caption title camera lens zoom view "
+    "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
+    "brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
+    "somebody someone anyone way lot bit kind sort fun problem idea question answer life love nonsense stuff day morning "
+    "evening night afternoon"
 )
 """Nouns that name nothing one can see in a scene."""
 FUNCTION_WORDS = word_set(

@@ -29,11 +29,6 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"\g<x>\g<y> should not be \g<rest>\g<end>",
     ),
     (
-        rf"^(?:{WISHING}|show me |let me see )?(?:what|how) {_X} (?:would|will|might|could) look "
-        rf"(?:like )?(?:if it (?:was|were) )?{_REST}$",
-        r"make \g<x> \g<rest>",
-    ),
-    (
         rf"^{WISHING}(?:if|whether|that|when) (?:you|we|i|someone|somebody|anyone) (?:(?:could|can|would|might|will|were to|"
         rf"just|please|kindly|maybe|possibly|perhaps) )+{_REST}$",
         r"\g<rest>",
@@ -43,21 +38,11 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"\g<x> should be \g<rest>",
     ),
     (
-        rf"^{WISHING}(?:(?:if|whether|that|for) )?{_X} (?:could|can|would|might|may|should|shall|must|to)(?: maybe| perhaps| "
-        rf"please| possibly)? {_REST}$",
-        r"\g<x> should \g<rest>",
-    ),
-    (rf"^{WISHING}(?:if|whether|that|when) {_REST}$", r"\g<rest>"),
-    (
         rf"^(?:let me see|i want to see|i'd like to see|imagine|picture|what if"
         rf"|what about|how about|suppose) {_X} {_BE} {_REST}$",
         r"make \g<x> \g<rest>",
     ),
     (rf"^(?:what|how) would {_X} look (?:like )?{_REST}$", r"make \g<x> \g<rest>"),
-    (
-        rf"^{_X} (?:would|might|could) be (?:better|nicer|good|great|cool)(?: in| as| if it (?:was|were))? {_REST}$",
-        r"make \g<x> \g<rest>",
-    ),
     (
         rf"^(?:change|edit|alter|adjust|modify|fix|make|do|set) {_X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| looks?|"
         rf" becomes?) {_REST}$",
@@ -89,7 +74,6 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     (rf"^(?:keep|leave) {_X},? but {_REST}$", r"leave \g<x> alone and \g<rest>"),
     # Clipped
     (rf"^{_X},? (?:in|to) (?P<rest>[\w ]+?)[.!]*$", r"make \g<x> \g<rest>"),
-    (r"^(?P<noun>(?:a |an )?(?!.* (?:the|a|an|my|this|that) )[\w' -]+?)[!.]*$", r"i want a \g<noun>"),
     (r"^(?P<noun>[\w ]+?) (?:on|for|to) (?P<x>the [\w' -]+)$", r"make \g<x> \g<noun>"),
     # Everything but one
     (rf"^(?:full |all )?colou?rs? only (?:on|for|in|at) {_X}$", r"only \g<x> keeps its color"),
@@ -107,29 +91,20 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"^(?:the )?(?:only|one) thing (?:in colou?r|coloured|colored) (?:should be|is|stays) {_X}$",
         r"only \g<x> keeps its color",
     ),
-    # Copies
     # Colours
     (
         rf"^give {_X} an? (?:fresh |new |nice |thick )?(?:coat|layer|lick|splash) of (?P<rest>[\w ]+?)(?: paint| colou?r)?$",
         r"paint \g<x> \g<rest>",
     ),
     (
-        rf"^(?:change|set|make|adjust) the colou?rs? of {_X} to (?:match|fit|be like) (?:that of |those of )?{_REST}$",
-        r"match \g<x> to \g<rest>",
-    ),
-    (
-        rf"^(?:change|set|make|adjust) {_X}'s colou?rs? to (?:match|fit|be like) (?:that of |those of )?{_REST}$",
+        rf"^(?:change|set|make|adjust) (?:the colou?rs? of )?{_X}(?:'s colou?rs?)? to (?:match|fit|be like) "
+        rf"(?:that of |those of )?{_REST}$",
         r"match \g<x> to \g<rest>",
     ),
     (
         rf"^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{_COLOUR}) (?:colou?r "
         rf")?(?:of|on|in) {_X} (?:for|with|by|to|into) (?:a |an |the |some )?{_REST}$",
         r"make \g<x> \g<rest>",
-    ),
-    (
-        rf"^(?:put|copy|transfer|apply|use|take|sample) (?:the )?colou?rs? (?:of|from) {_X} "
-        rf"(?:and put (?:it|them) )?(?:on|onto|for) (?P<rest>(?:the|my|that|this) [\w' -]+)$",
-        r"match \g<rest> to \g<x>",
     ),
     # Time
     (

@@ -108,8 +108,8 @@ _part_way = either(
     keyword("halfway|half way|midway|mid way") + ~(_through | keyword("point") + ~keyword(f"of the [{_whole}]"))
     >> (lambda: HALF_WAY),
     keyword(
-        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the [halfway|half "
-        f"way|half] [point|mark] (of the [{_whole}])|mid clip|"
+        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the [halfway|"
+        f"half way|half] [point|mark] (of the [{_whole}])|mid clip|"
         "the half|half time|"
         f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
     )
@@ -119,9 +119,10 @@ _part_way = either(
 )
 """Moments that are told by how much of the clip is over."""
 _counted = ~keyword("the") + _unit + ~keyword("number|no|#") + number >> (lambda unit, x: _times(x, unit))
-_frame_number = keyword("frame") + ~keyword("number|no|#") + number >> (lambda x: TimeExpression(frames=x))
+_frame_number = keyword("frame|f|fr") + ~keyword("number|no|#") + number >> (lambda x: TimeExpression(frames=x))
 _inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
-_measured = ~literal("t (=)|time =") + (
+_at_t = literal("t (=)|time =") + number + ~keyword("s|sec") >> (lambda x: TimeExpression(seconds=x))
+_measured = _at_t | (
     either(number + _unit + ~keyword(f"{_inside}|mark"), keyword("the") + number + _unit + keyword("mark|point"))
     >> _times
 )
@@ -186,14 +187,21 @@ _pair_between = either(
     >> (lambda a, b: (TimeExpression(seconds=a), TimeExpression(seconds=b))),
 )
 _pair_from = (
-    _portion + ~keyword("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
+    _portion + ~keyword("from|since|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
 )
 _length = either(duration, optional(number, 1.0) + _unit >> _times)
-_first = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [first|opening]") + _length + ~_of_it
-_last = ~keyword("for|in|during|over|within|throughout|on|at") + keyword("the [last|final|closing]") + _length + ~_of_it
+_first = (
+    ~keyword("for|in|during|over|within|throughout|on|at") + keyword("(the) (very) [first|opening]") + _length + ~_of_it
+)
+_last = (
+    ~keyword("for|in|during|over|within|throughout|on|at")
+    + keyword("(the) (very) [last|final|closing]")
+    + _length
+    + ~_of_it
+)
 _onward = ~keyword(
-    "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) end|till the "
-    "end|for good|for the rest (of the clip|of it)|and stay so"
+    "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) end|till "
+    "the end|for good|for the rest (of the clip|of it)|and stay so"
 )
 _since = keyword(
     "from|after|since|as of|once|not before|beginning|from (about) after|"
@@ -236,9 +244,10 @@ _part = table(
         "three quarters": 0.75,
     }
 ) + ~keyword(f"of the [{_whole}]")
-_within = ~keyword("for|in|during|over|within|throughout") + keyword("the")
-_leading = _within + keyword("first|opening") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
-_closing = _within + keyword("last|final|closing") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
+_during = ~keyword("for|in|during|over|within|throughout")
+_within = _during + keyword("the")
+_leading = _during + keyword("(the) [first|opening]") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
+_closing = _during + keyword("(the) [last|final|closing]") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
 _central = _within + keyword("middle|central") + either(_part >> (lambda x: TimeExpression(clip=x)), _length) >> (
     lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))
 )
@@ -246,7 +255,7 @@ _nth_second = _within + _nth + keyword("second") >> (
     lambda n: Span(TimeExpression(seconds=n - 1), TimeExpression(seconds=n))
 )
 _loosely = keyword("[toward|near|close to|just before|shortly before|right before] the (very) end|near (the) end")
-_second_half = _within + keyword("second half") + ~keyword(f"of the [{_whole}]") >> (lambda: Span(HALF_WAY, None))
+_second_half = _during + keyword("(the) second half") + ~keyword(f"of the [{_whole}]") >> (lambda: Span(HALF_WAY, None))
 
 
 def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
@@ -254,10 +263,13 @@ def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
 
 
 _comma = ~keyword(",")
+_mid = keyword(f"in the (very) middle (of the [{_whole}])")
 span = either(
     (_pair_from | _pair_between) >> (lambda pair: Span(*pair)),
     _for + _comma + ~keyword("starting|beginning") + _begin >> (lambda length, start: _lasting(start, length)),
     _begin + _comma + _for >> _lasting,
+    either(_mid + _comma + _for, _for + _comma + _mid)
+    >> (lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))),
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
     ~keyword("from (the) [start|beginning]")
@@ -279,7 +291,7 @@ span = either(
     keyword(f"[as|when|once] the [{_whole}] [begins|starts|is starting]") >> (lambda: Span(START, None, "moment")),
     keyword(f"[as|when] the [{_whole}] [ends|is ending|is over|stops|finishes]") >> (lambda: Span(END, None, "moment")),
     keyword(
-        f"over the [course|duration|length] of the (whole|entire) [{_whole}]|over the [whole|entire|full] [{_whole}]"
+        f"over the [course|duration|length] of the (whole|entire) [{_whole}]|over the (whole|entire|full) [{_whole}]"
     )
     >> (lambda: Span(START, None)),
     keyword("for|during")
@@ -300,11 +312,11 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|scene]|"
-            "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|the whole way through|from start "
-            "to finish|from (the) beginning to (the) end|(over|for) the whole duration|[over|during|throughout] the (whole|"
-            "entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|at all times|in every frame|in all frames|"
-            "on every frame|on all frames": Span(START, None, "always")
+            "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|"
+            "scene]|throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|the whole way through|"
+            "from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|[over|during|throughout] "
+            "the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|at all times|in every frame|"
+            "in all frames|on every frame|on all frames": Span(START, None, "always")
         }
     ),
 )

@@ -394,8 +394,8 @@ distance extreme=min: thing passes-by not? | thing passes not? | close thing get
 distance: units thing together | units thing far-off | units thing far-off other | gap thing other | gap pair | gap thing
     together | gap thing | gap other | thing far-off other
 compare_size: by-factor bigger thing other | by-factor as-big thing other | who bigger thing | thing bigger
-compare_size manner=bigger: sort big thing | big thing compared-to | thing bigger-or other
-compare_speed manner=faster: sort fast thing | fast thing compared-to move?
+compare_size manner=bigger: sort big thing | big thing versus | big thing compared-to | thing bigger-or other
+compare_speed manner=faster: sort fast thing | fast thing versus | fast thing compared-to move?
 polar compare_size: thing bigger other not? | thing as-big other not? | thing as-big than not?
 compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?

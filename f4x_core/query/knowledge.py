@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..features.null import null_vector
-from ..language.lexicon import spellings
+from ..language.lexicon import PEOPLE, spellings
 from ..scene import Scene
 from .calibration import evidence
 from .inventory import known_instead, nearest_there
@@ -17,13 +17,6 @@ from .score import cosines
 from .selection import Selection
 from .smoothing import group_of
 
-PEOPLE = (
-    r"person|people|humans?|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|bab(?:y|ies)|boys?|girls?|guys?|lad(?:y|ies)|faces?"
-    r"|hands?|crowd|(?:bicycl|motorcycl|cycl|art|tour|guitar|pian|viol)ists?|ballerinas?|skaters?|surfers?|jockeys?|nurses?"
-    r"|(?:horse |bike )?(?:rid|driv|danc|runn|swimm|walk|work|play|passeng|teach|farm|soldi|paint|conduct|act|sail|sing|act|wait"
-    r"|danc|box|climb|jump|skat|surf|wrestl|referee|fight|photograph|bik)(?:er|or)s?|passengers?|soldiers?|tracers?|athletes?"
-    r"|cyclists?|pilots?|doctors?|cooks?|chefs?|brides?|grooms?|students?|kings?|queens?|boss(?:es)?|friends?|pedestrians?"
-)
 _SURFACES = (
     r"street|pavement|sidewalk|tarmac|asphalt|concrete|gravel|ground|soil|dirt|mud|beach|desert|lawn|meadow|fields?|carpet|marble"
     r"|tiles?|ceiling|shadows?"

@@ -19,6 +19,7 @@ from ..language.idle import EMPTY
 from ..language.lexicon import (
     CONTRACTIONS,
     FUNCTION_WORDS,
+    PEOPLE,
     SPELLING,
     is_adverb,
     label_of,
@@ -28,7 +29,6 @@ from ..language.lexicon import (
 )
 from ..language.times import END, START, Clip, Span, no_such_time, span
 from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
-from .knowledge import PEOPLE
 
 CAN = (
     "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
@@ -225,6 +225,7 @@ _slots: dict[str, Rule] = {
     ),
     "other": cue("to|from|of|than|and|-|with|toward|till|compared to|or") + _whom,
     "than": cue("than|as") + _names,
+    "versus": cue("vs|versus|against|or") + _names,
     "us": cue("to|from|of|for|toward") + _us,
     "pair": either(
         cue("between|in between|from") + _end + cue("and|to") + _end >> (lambda one, two: one + two),
@@ -508,7 +509,7 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     who, thing = found.get("who") or (), found.get("thing", ()) or tuple(filter(None, [row.options.get("thing")]))
     if who and len(thing) == 1:
         return None
-    other = (*found.get("other", ()), *found.get("than", ()), *pair[1:], *joined[1])
+    other = (*found.get("other", ()), *found.get("than", ()), *found.get("versus", ()), *pair[1:], *joined[1])
     named = (*who, *thing, *pair[:1], *other)
     things = _resolved(named, it)
     other = things[len(things) - len(other) :] if len(things) >= len(other) else ()

@@ -107,7 +107,8 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
     if target == "the copy":
         return by == "named"
     if target.startswith("all but "):
-        return by == "not" and _labels(select) == {_one(target[8:])}
+        spared = row.get("selected") if by == "not" and select["of"]["by"] == "current" else None
+        return by == "not" and (spared == target[8:] or _labels(select) == {_one(target[8:])})
     if by == "current":
         return row.get("selected") == target
     if "which" in slot:

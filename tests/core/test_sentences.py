@@ -23,7 +23,6 @@ REFUSED = (
     "two puppies should follow the dog, they do the same a third of a second later each",
     "erase the girl who rides",
     "cut the dog out so I can comp it on something else",
-    "time-lapse feel: speed it all up",
     "make the rider wave at the camera",
 )
 """Sentences that are not understood, and refused. None else may be, and none may be misunderstood."""
