@@ -145,14 +145,6 @@ _command(
     who=whose("hue|hues|tone"),
     rgb=~keyword("to|toward|into") + colour,
 )
-_command(
-    "remove the color of the house",
-    "remove|kill|zap|take|take out|take away|drain|strip|strip away|delete|drop|lose|get rid of|erase|suck",
-    always(making.GRAYED),
-    who=whose("color|colors|saturation|coloring"),
-    use=NAMED,
-    out=keyword("out|away"),
-)
 
 
 as_long = either(
@@ -274,7 +266,11 @@ _following = keyword(
     "him|her)|[following|trailing|lagging] (behind|after) (it|him|her)|"
     "[follow|trail] (behind|after) (it|him|her|the original)|to [follow|trail] (behind|after) (it|him|her|the original)"
 )
+TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
+"""Copies of a trail, and the time from one to the next."""
 SHIFT = either(
+    ~keyword(",") + ~keyword("each (one)") + keyword("[a bit|a little|slightly] [late|later|behind|delayed]")
+    >> (lambda: TRAIL_LAG),
     ~keyword(",")
     + _following
     + ~keyword("by|with|at|on the same path")
@@ -285,7 +281,7 @@ SHIFT = either(
     + duration
     + keyword(
         "later|behind|late|after|[after|behind] [it|him|her|itself|the original|the first (one)|the other (one)]|afterward|"
-        "delayed|in the future|too late|late"
+        "delayed|in the future|too late|late|offset (each)"
     ),
     keyword("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
     + duration,
@@ -320,8 +316,6 @@ BESIDE_IT: dict[str, Any] = {
     "shift": SHIFT,
     "called": _called_so,
 }
-TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
-"""Copies of a trail, and the time from one to the next."""
 
 
 # Time

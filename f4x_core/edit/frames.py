@@ -237,8 +237,7 @@ _COLOURING = {"whiten|whitewash|bleach": "white", "blacken": "black", "redden": 
 _about = ~literal("of|for|on|to|in|with|around|about|onto|over|at|from|upon|into|through|across|all over")
 _whom = (
     unless(literal("over the [clip|video|film|scene|shot]"))
-    + ~literal("but")
-    + ~literal("only|just|only for|just for|only with")
+    + ~(~literal("but") + literal("only|just|only for|just for|only with"))
     + _about
     + thing
 )
@@ -293,6 +292,18 @@ _frame(
     faintly=qualities.hint,
 )
 
+_frame(
+    "remove the color of the house",
+    always(making.GRAYED),
+    "verb colors",
+    who=_about + thing + ~literal("'s"),
+    use=WHOLE,
+    verb=literal(
+        every_form("remove|kill|zap|take|take out|take away|drain|strip|delete|drop|lose|get rid of|erase|suck")
+    ),
+    colors=~literal("all|all of|any") + ~literal("the|its|their") + literal("color|colors|saturation|coloring"),
+    out=literal("out|away|off|of it|from it"),
+)
 _frame(
     "the dog is gold from second 1 on",
     as_given,
@@ -610,10 +621,10 @@ _frame(
     verb=literal(
         any_form("delete")
         + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|"
-        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away)|bye "
-        "bye|goodbye|no more|no longer [want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|[i|we] do not "
-        "[want|need] (to [see|have])|[i|we] do not like to [see|have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|"
-        "sick] of"
+        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away|out|the "
+        "[scene|picture|video|clip|image|shot|frame|view])|bye bye|goodbye|no more|no longer [want|need] (to see)|[i|we] "
+        "would (rather|prefer) not (to) [have|see]|[i|we] do not [want|need] (to [see|have])|[i|we] do not like to [see|"
+        "have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
     ),
     out=OUT
     | literal(
@@ -830,7 +841,7 @@ _frame(
 )
 _frame(
     "multiply the dog by three",
-    lambda verb, times: making.copied(times=times),
+    lambda verb, times: making.copied(times=max(times - 1, 1.0)),
     "verb times",
     use=NAMED,
     who=_whom,
@@ -914,7 +925,7 @@ _frame(
         "afterimage|afterimages|ghosts|trailing copies|onion skin|onion skinning|" + any_form("follow") + "|echo effect"
     ),
     copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
-    + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
+    + literal("copies|clones|ghosts|echoes|duplicates|of it|of itself|of him|of her|ghostly copies"),
     single=either(
         ~literal("a|one|another|the|an identical|a second") + literal("copy|clone|ghost|duplicate|second one|twin"),
         literal("a second|another|an identical|one more|an extra|the same")
@@ -931,7 +942,7 @@ _frame(
     shift=SHIFT
     | ~literal("with a lag of|at|every|each|by|with|spaced")
     + duration
-    + ~literal("apart|later|behind|delay|of delay|lag|each|between them|intervals|after it"),
+    + ~literal("apart|later|behind|delay|of delay|lag|offset (each)|each|between them|intervals|after it"),
 )
 
 # Time
@@ -947,6 +958,14 @@ _frame(
         + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no "
         "movement|stop|stopped"
     ),
+)
+_frame(
+    "start it again at second 2",
+    always(making.retimed(1.0)),
+    "verb again when",
+    who=_whom,
+    verb=literal(every_form("start|resume|continue|go|move|run|play|carry|let go|unfreeze|release")),
+    again=literal("again|on|on again|moving|moving again|as before|normally"),
 )
 _frame(
     "keep the dog still",
@@ -972,9 +991,9 @@ _frame(
     "the dog, over and over from second 1 to 2",
     always(making.looped),
     "again",
-    who=_about + thing,
+    who=_about + thing + ~literal("'s"),
     use=WHOLE,
-    verb=literal(any_form("run")),
+    verb=literal(any_form("run", "loop")),
     again=literal(
         any_form("loop")
         + "|on loop|in a loop|on repeat|over and over (again)|again and again|endlessly|forever|in an endless loop|"
@@ -1047,7 +1066,7 @@ _frame(
     "the dog should be blurred",
     making.blurred,
     "verb",
-    who=_whom,
+    who=_whom | whose("edge|edges|outline|border|borders"),
     verb=literal(any_form("blur") + "|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"),
     how=qualities.softly,
 )
@@ -1107,7 +1126,9 @@ _frame(
         },
         reserve=False,
     ),
-    by=literal("to") + (percent | fraction),
+    by=literal("to") + (percent | fraction)
+    | literal("until [one|you|we|i] can [barely|hardly|only just|just about] [see|make] [it|him|her|them] (out)")
+    >> (lambda: 0.2),
     gone=literal(
         "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|"
         "vanishes]|until nothing is left|into thin air|more and more"
@@ -1121,6 +1142,16 @@ _frame(
     who=_whom,
     use=NAMED,
     verb=literal(any_form("appear")),
+)
+
+_frame(
+    "fade to black at the end",
+    making.fading_to,
+    "verb rgb",
+    who=_whom,
+    use=WHOLE,
+    verb=literal(every_form("fade|dissolve|dip|go|fade out|fade slowly")),
+    rgb=literal("to|into|out to|down to") + ~literal("a|solid|pure|full|total|complete") + colour,
 )
 
 # What refers to what was said before

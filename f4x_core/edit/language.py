@@ -63,7 +63,19 @@ from .corrections import corrected, remarked, without_remarks
 from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_clip, is_of_a_picture
-from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Style, Transform
+from .operations import (
+    Delete,
+    Duplicate,
+    Extract,
+    Freeze,
+    Match,
+    Opacity,
+    Operation,
+    Recolour,
+    Retime,
+    Style,
+    Transform,
+)
 from .phrases import SentenceContext, When, besides, familiar, known_thing, several_placed, thing, together, whose
 from .qualities import any_look, effect
 from .request import Request
@@ -94,7 +106,7 @@ _slowly = ~keyword(",") + table(
         "more and more|step by step|(in) a gradual way|easing in and out|easing in|easing out|with (a) [soft|smooth|"
         "gentle] [ease|easing]|with (an) [ease|easing]|with soft ends|eased|(with) (an) ease in and out|(with) easing|"
         "eased in and out|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth|(with) (a) [smooth|soft|eased] "
-        "[interpolation|motion|movement|transition] (not linear)": True
+        "[interpolation|motion|movement|transition] ((,) not linear)": True
     }
 )
 _between = keyword("and|,|, and|but|while|, but|, while|and also")
@@ -292,7 +304,9 @@ class _Loosely:
                 for start, end, (cost, (clause,), idle) in self._next(begin):
                     cost += done.cost + price
                     if price == _RUN_ON and not (
-                        self.reading.word(start) in _IMPERATIVES and _names(clause) and _names(done.clauses[-1][-1])
+                        (self.reading.word(start) in _IMPERATIVES or familiar.at(self.reading, start))
+                        and _names(clause)
+                        and _names(done.clauses[-1][-1])
                     ):
                         continue
                     if end not in best or cost < best[end].cost:
@@ -578,11 +592,19 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
     tokens = read.reading.tokens
     if not read.operations or _unsure(read) or 2 * len(read.idle) > sum(token.is_word for token in tokens):
         return
+    if any(_is_a_verb(read.reading, at) for at in read.idle):
+        return
     if not any("who" in piece for *_, clause in read.clauses[:1] for piece in clause.pieces):
         return  # whom it is for may be what was left out
     doubt = _without_idle(read)
     if _means(doubt.instead, read.operations, known, settled):
         raise doubt
+
+
+def _is_a_verb(reading: Reading, at: int) -> bool:
+    """Whether a word that nobody knows says what to do with something: "knit the swan a scarf"."""
+    strange = reading.word(at) not in VOCABULARY | FUNCTION_WORDS | EMPTY and reading.word(at - 1) not in _ASKED_FOR
+    return strange and reading.word(at + 1) in ("the", "my", "that", "it", "him", "her", "them")
 
 
 def _means(
@@ -740,6 +762,8 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             elif own and clause.front:
                 raise Refusal("Two times are said for one command; leave one out.")
             use = clause.command.use
+            if "who" not in piece and context.last in context.spared:  # "black and white, but leave the rose alone"
+                context.last = None
             unnamed = context.last is None and not context.selected and not context.overall
             of_clip = unnamed and _of_a_clip(clause.command, piece)
             nobody = context.last is None and "when" in piece and (use.timed or of_clip)
@@ -862,6 +886,15 @@ def _placed(operations: list[Operation]) -> list[Operation]:
                 if x or z:
                     placed[-1] = replace(made, offset=(x, y, z))
                     continue
+        if (
+            isinstance(made, Duplicate)
+            and isinstance(one, Duplicate)
+            and Named(made.name) in [*parts_of(one.select)][1:]
+        ):
+            raise Refusal("It is not said whether the copies are to be copied, too; name the thing to copy.")
+        if isinstance(made, Freeze) and isinstance(one, Retime) and one.speed == 1 and one.select == made.select:
+            placed[-1] = replace(made, until=one.frames[0] if one.frames else None)
+            continue
         if _says_no_more(made, one):
             continue
         if _is_overridden(made, one):
@@ -1198,7 +1231,7 @@ _EXAMPLES = dict.fromkeys(
     (
         *(command.example for command in COMMANDS),
         *(example for example, *_ in _SAID_HALF),
-        "isolate the dog", "fade in the dog from second 1 to 2",
+        "remove the color of the house", "isolate the dog", "fade in the dog from second 1 to 2",
         "turn the dog into gold", "tint the sky orange", "change the color of the car to black", "copy the dog", "darken "
         "the sky",
         "let a copy follow the dog half a second behind", "make the dog glow", "blur the background", "speed up the dog",

@@ -221,6 +221,21 @@ def faded(by: float = 0.0, inward: bool = False, gone: bool = False) -> Value:
     return value
 
 
+def fading_to(rgb: Colour) -> Value:
+    """To take a colour little by little; everything without a time: over the last second."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        fields = when.fading(context, inward=False)
+        if "ease" not in fields:
+            start = max(context.frames - 1 - context.fps, 0.0) if who == All() else 0.0
+            fields = {"frames": (start, None), **fields, "ease": "linear"}
+        if not any(rgb):
+            return Recolour(who, rgb, "multiply", **fields)
+        return Recolour(who, rgb, **fields)
+
+    return value
+
+
 def appearing(who: SelectKind, when: When, context: SentenceContext) -> Operation:
     """To come into view over a while; at a moment: not to be seen until then."""
     if (

@@ -94,7 +94,8 @@ degree = literal("[just|only] a hint|a [hint|notch|shade|trifle|whisker|step] (o
     {
         "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a"
         " [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen|smidgeon|skosh|pinch|dash|tick]|"
-        "slightly|somewhat|(ever) so slightly|a bit of|(by) a [little|wee|tiny] (bit) (more)": Amount("small"),
+        "slightly|somewhat|(just) barely|barely [noticeable|visible|there]|hardly noticeable|(very) [subtle|subtly|"
+        "discreetly]|(ever) so slightly|a bit of|(by) a [little|wee|tiny] (bit) (more)": Amount("small"),
         "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole lot|"
         "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit": Amount("large"),
     }
@@ -181,11 +182,11 @@ direction = (
     table(
         {
             "from (the) right to (the) left|"
-            f"left|leftward|(over|further|farther|off|out) [to|toward|on|at|onto] [the|its|my|your|his|her|their]"
+            f"left|leftward|(over|further|farther|off|out|more) [to|toward|on|at|onto|in|into] [the|its|my|your|his|her|their]"
             f" (far) left ({_SIDE})|more to the left|[further|farther|more] (to the) left": (-1, 0, 0),
             "from (the) left to (the) right|"
-            f"right|rightward|(over|further|farther|off|out) [to|toward|on|at|onto] [the|its|my|your|his|her|their] (far) "
-            f"right ({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
+            f"right|rightward|(over|further|farther|off|out|more) [to|toward|on|at|onto|in|into] [the|its|my|your|his|her|"
+            f"their] (far) right ({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
             "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off the "
             "ground|above the ground|toward the [sky|top]": (0, -1, 0),
             "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the floor": (

@@ -20,7 +20,7 @@ from .lexicon import CONTRACTIONS, FUNCTION_WORDS, SPELLING, word_set
 Ways = dict[int, tuple[Any, ...]]
 """End of a match -> its values; the first is the preferred one."""
 
-_TOKEN = re.compile(r"[-=]>|#[0-9a-f]{6}\b|#[0-9a-f]{3}\b|\d+(?:\.\d+)?|\.\d+|[^\W\d_]+(?:'[^\W\d_]+)?|\S")
+_TOKEN = re.compile(r"<?[-=]>|#[0-9a-f]{6}\b|#[0-9a-f]{3}\b|\d+(?:\.\d+)?|\.\d+|[^\W\d_]+(?:'[^\W\d_]+)?|\S")
 _RANGE = re.compile(r"(?<=[a-z])-(?=[a-z])")
 """A hyphen inside a word: it joins words ("see-through"); beside a digit it is a minus or "to"."""
 

@@ -28,7 +28,7 @@ SPELLING = _table(
     "neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru through, travelling traveling, "
     "travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer your, r are, bg "
     "background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics picture, "
-    "cam camera, ppl people, dist distance, avg average, num number, cuz because, coz because, cos because, bout about, n "
+    "cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, bout about, n "
     "and, tho though, lil little, smol small, teensy tiny, eensy tiny, whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
@@ -261,7 +261,7 @@ def inflected(verbs: str, which: int) -> Iterator[str]:
 def stated(verb: str) -> str:
     """The verb as in "the dog vanishes", "the dog turns around"."""
     head, *rest = verb.split()
-    form = "does" if head == "not" else "is" if head == "be" else head
+    form = {"not": "does", "be": "is", "have": "has"}.get(head, head)
     if form == head:
         form = head[:-1] + "ies" if head.endswith("y") and head[-2] not in "aeiou" else head
         form += "" if form != head else "es" if head.endswith(("s", "sh", "ch", "x", "o")) else "s"

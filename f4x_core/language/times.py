@@ -90,8 +90,8 @@ duration = either(
 _whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
 _edge = table(
     {
-        f"the (very) [beginning|start|first frame|outset] (of the [{_whole}])|start|beginning": START,
-        f"the (very) [end|last frame|finish] (of the [{_whole}])|end": END,
+        f"the (very) [beginning|start|first frame|outset|head|opening] (of the [{_whole}])|start|beginning": START,
+        f"the (very) [end|last frame|finish|tail|close] (of the [{_whole}])|end": END,
         "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
     }
 )
@@ -208,7 +208,7 @@ _since = keyword(
     "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
 )
 _middle_point = keyword(f"the middle (of the [{_whole}])") >> (lambda: HALF_WAY)
-_reaches = "[we|it] [reach|reaches]|the [clip|video|film|scene] [reaches|is at|gets to]"
+_reaches = "[we|it|you] [reach|reaches|hit|hits|get to|gets to|are at|is at]|the [clip|video|film|scene] [reaches|is at|gets to]"
 _at = keyword("at|@|in|on|around|exactly at|right at|when|as soon as") | keyword("once|when|as soon as") + keyword(
     _reaches
 )
@@ -300,9 +300,12 @@ span = either(
     + ~keyword("or so|or two")
     + keyword("at the (very) [start|beginning]")
     >> (lambda unit: Span(START, unit)),
-    keyword("for") + duration + ~keyword("or so") + keyword("at the (very) [start|beginning]")
+    keyword("for|over")
+    + duration
+    + ~keyword("or so")
+    + keyword(f"at the (very) [start|beginning|head] (of the [{_whole}])")
     >> (lambda length: Span(START, length)),
-    keyword("for") + duration + ~keyword("or so") + keyword("at the (very) end")
+    keyword("for|over") + duration + ~keyword("or so") + keyword(f"at the (very) [end|tail] (of the [{_whole}])")
     >> (lambda length: Span(END.plus(length, -1.0), None)),
     keyword("from|since") + keyword("the") + _nth + keyword("second") + _onward
     >> (lambda n: Span(TimeExpression(seconds=n - 1), None, "from")),

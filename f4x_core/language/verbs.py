@@ -24,50 +24,55 @@ VERBS: dict[str, str] = {
     "lessen, tone down, bring down, dial down, weaken, diminish, drop, take down, cut back, pull down, take back, pull "
     "back, dial back, ramp down, scale back, soften, ease, mute, knock down, step down, go down, minimize, tame, subdue, "
     "shrink, bump down, push down, limit, curb, moderate, attenuate, crank down, drag down",
-    "brighten": "brighten, lighten, brighten up, lighten up, illuminate, light up, light",
+    "brighten": "lift the exposure of, shed light on, lighten up, brighten, lighten, brighten up, lighten up, illuminate, "
+    "light up, light",
     "darken": "darken, dim, darken down, dim down, black out, shade",
-    "enlarge": "buff, beef up, enlarge, grow, magnify, scale up, blow up, upscale, upsize, expand, inflate, size up, "
-    "swell, swell up, puff up, bulk up, balloon, bloat, supersize, pump up, widen, zoom up, double up, broaden, get "
-    "bigger, get larger",
-    "shrink": "nerf, shorten, shrink, scale down, shrink down, downscale, downsize, minimize, size down, contract, "
+    "enlarge": "embiggen, biggen, scale it up, buff, beef up, enlarge, grow, magnify, scale up, blow up, upscale, upsize, "
+    "expand, inflate, size up, swell, swell up, puff up, bulk up, balloon, bloat, supersize, pump up, widen, zoom up, "
+    "double up, broaden, get bigger, get larger",
+    "shrink": "minify, dwarf, nerf, shorten, shrink, scale down, shrink down, downscale, downsize, minimize, size down, contract, "
     "miniaturize, reduce, compress, get smaller, dwindle, squash down, deflate, cut down",
-    "quicken": "speed up, accelerate, quicken, hasten, hurry, hurry up, rush, hustle",
+    "quicken": "fast forward, turbocharge, rev up, pick up the pace, pick up speed, speed up, accelerate, quicken, hasten, "
+    "hurry, hurry up, rush, hustle",
     "pace": "retime, remap, time remap, speed ramp, time ramp, conform",
-    "slow": "slow down, slow, decelerate, brake, calm, calm down",
-    "saturate": "saturate, enrich, liven up, enliven, perk up, spice up, vivify",
+    "slow": "slow mo, ease down, slow down, slow, decelerate, brake, calm, calm down",
+    "saturate": "boost the color of, punch up, saturate, enrich, liven up, enliven, perk up, spice up, vivify",
     "desaturate": "desaturate, decolor, decolorize, gray out, bleach out",
     "mute": "mute, dull, dull down, wash out",
     "warm": "warm, warm up",
     "cool": "cool, cool down, cool off, chill",
     "scale": "scale, resize, rescale, size",
     # visibility
-    "delete": "despawn, exorcise, get shot of, remove, delete, erase, rm, del, yeet, nix, evict, vaporize, matte out, "
-    "knock out, comp out, paint off, get rid of, eliminate, drop, lose, discard, scrap, trash, do away with, dump, ditch, "
-    "clear, banish, scratch, kill, cut, purge, rid us of, clean out, take out, cut out, edit out, wipe out, rub out, throw "
-    "out, throw away, take away, cut away, paint out, key out, clone out, crop out, pull out, kick out, chuck out, x out, "
-    "leave out, rotoscope out, strip out, strip away, clear away, clear out, rub off, wipe off, edit away, carry off, wipe "
-    "away, zap, nuke, yank, axe, bin, chuck, destroy, dispose of, dispense with, do without, exclude, omit, weed out, "
-    "airbrush out, photoshop out, strike, toss, toss out, expel, shoo away",
-    "hide": "despawn, hide, conceal, mask, mask out, make invisible, vanish, disappear, stop showing, not show, blank out, "
-    "switch off, turn off, cloak, veil, obscure, unshow, tuck away, make vanish, make disappear, suppress, camouflage, "
-    "turn invisible, toggle off, disable, deactivate",
+    "delete": "scrub, scrub out, expunge, excise, eject, oust, obliterate, annihilate, say goodbye to, wave goodbye to, "
+    "whisk away, spirit away, blot out, see off, remove from, shoo, despawn, exorcise, get shot of, remove, delete, erase, "
+    "rm, del, yeet, nix, evict, vaporize, matte out, knock out, comp out, paint off, get rid of, eliminate, drop, lose, "
+    "discard, scrap, trash, do away with, dump, ditch, clear, banish, scratch, kill, cut, purge, rid us of, clean out, "
+    "take out, cut out, edit out, wipe out, rub out, throw out, throw away, take away, cut away, paint out, key out, clone "
+    "out, crop out, pull out, kick out, chuck out, x out, leave out, rotoscope out, strip out, strip away, clear away, "
+    "clear out, rub off, wipe off, edit away, carry off, wipe away, zap, nuke, yank, axe, bin, chuck, destroy, dispose of, "
+    "dispense with, do without, exclude, omit, weed out, airbrush out, photoshop out, strike, toss, toss out, expel, shoo "
+    "away",
+    "hide": "stash, hide away, cover up, mask away, make go away, despawn, hide, conceal, mask, mask out, make invisible, "
+    "vanish, disappear, stop showing, not show, blank out, switch off, turn off, cloak, veil, obscure, unshow, tuck away, "
+    "make vanish, make disappear, suppress, camouflage, turn invisible, toggle off, disable, deactivate",
     "show": "show, reveal, unhide, turn on, switch on, toggle on, enable, reshow, bring back, restore, uncover, unmask, "
     "unveil, reappear",
-    "appear": "fade in, fade up, bring in, ease in, appear, emerge, materialize, come into view, show up, pop up, turn "
-    "up, dissolve in, come in, pop in, arise",
-    "vanish": "fade out, fade away, dissolve, fade, vanish slowly, disappear slowly, slowly vanish, slowly disappear, "
-    "melt away, evaporate, peter out, fizzle out, dwindle away, fade off, get fainter and fainter, become fainter and "
-    "fainter, grow fainter, get fainter, get more and more transparent, become more and more transparent",
+    "appear": "key in, wipe in, reveal slowly, fade in, fade up, bring in, ease in, appear, emerge, materialize, come into "
+    "view, show up, pop up, turn up, dissolve in, come in, pop in, arise",
+    "vanish": "key out slowly, wipe out slowly, wane, fade out, fade away, dissolve, fade, vanish slowly, disappear "
+    "slowly, slowly vanish, slowly disappear, melt away, evaporate, peter out, fizzle out, dwindle away, fade off, get "
+    "fainter and fainter, become fainter and fainter, grow fainter, get fainter, get more and more transparent, become "
+    "more and more transparent",
     "keep": "keep, show, show me, leave, retain, have, display, see, preserve, let me see, save, hold on to, spare",
     "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, rotoscope, roto, key, matte, crop to",
     # places
-    "move": "animate, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, slide, bring, pull, drag, "
-    "place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, drop, throw, relocate, fly, "
-    "float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, come, glide, wander, roll, hop, "
-    "step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, sink, land, offset, reposition, "
-    "ride, dance, skate, be, live, start, stay, haul, tow, boost, hoist, heave, lay, stick, park, plant, tuck, squeeze, "
-    "lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, sail, toss, fling, kick, yank, plop, set down, put down, "
-    "pick up, scroll, pan, rest, belong, climb, crawl, creep",
+    "move": "scooch over, budge up, animate, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, "
+    "slide, bring, pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, "
+    "drop, throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, "
+    "come, glide, wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, "
+    "sink, land, offset, reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, hoist, heave, lay, "
+    "stick, park, plant, tuck, squeeze, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, sail, toss, fling, "
+    "kick, yank, plop, set down, put down, pick up, scroll, pan, rest, belong, climb, crawl, creep",
     "raise": "raise, lift, float, elevate, hoist, rise, levitate, lift up, raise up, pick up, ascend, take off, soar, "
     "float up, hover",
     "lower": "lower, sink, drop, descend, let down, bring down, drop down, set down, put down, duck, dip down",
@@ -76,13 +81,15 @@ VERBS: dict[str, str] = {
     "tilt": "barrel roll, tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, cant, list",
     "topple": "tip over, knock over, topple, topple over, keel over, tip, knock",
     "face": "face, look, point, head, turn, show, aim",
-    "swap": "trade spots, swap spots, trade, flip positions, swap, exchange, switch, trade, interchange, swap places, "
-    "change places, trade places, switch places, swap positions, swap around, swap over, switch around, exchange places, "
-    "exchange positions, change positions, switch positions, flip flop, transpose",
+    "swap": "change their places, change their positions, switch their places, switch their positions, swap their places, "
+    "swap their positions, exchange their places, trade their places, trade spots, swap spots, trade, flip positions, "
+    "swap, exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap positions, "
+    "swap around, swap over, switch around, exchange places, exchange positions, change positions, switch positions, flip "
+    "flop, transpose",
     "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, "
     "sync, blend, coordinate",
     # copies
-    "copy": "copy, duplicate, clone, replicate, multiply, double up, dup, dupe, copy and paste, copy paste, duplicate "
+    "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, dup, dupe, copy and paste, copy paste, duplicate "
     "and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy",
     "add": "spawn, respawn, conjure, make, create, add, put, place, give, insert, produce, generate, set, have, get, want, "
     "show, need, stand, be, appear, duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
@@ -92,12 +99,14 @@ VERBS: dict[str, str] = {
     "leave": "leave, echo, onion skin, have, make, add, put, give, create, draw, show, let, get, drag, apply, throw in, "
     "use, need",
     # time
-    "freeze": "freeze, pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold "
-    "frame, keep still, stay put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its "
-    "tracks, hold, petrify, arrest, come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a "
-    "standstill, stop",
-    "reverse": "reverse, rewind, play backward, run backward, go backward, move backward, walk backward, invert in "
-    "time, play back to front, run in reverse, play in reverse, go in reverse, backtrack, unwind",
+    "freeze": "lock, lock in place, hit pause on, put on pause, put on hold, stop in place, stand frozen, keep frozen, "
+    "freeze, pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, "
+    "keep still, stay put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its tracks, "
+    "hold, petrify, arrest, come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, "
+    "stop",
+    "reverse": "run back, play in rewind, run in rewind, play it back, reverse, rewind, play backward, run backward, go "
+    "backward, move backward, walk backward, invert in time, play back to front, run in reverse, play in reverse, go in "
+    "reverse, backtrack, unwind",
     "run": "play, run, go, move, walk, drive, dance, jump, ride, show, swim, fly, do, happen, roll, gallop, race, act, "
     "make, render, travel, trot, jog, hop, leap, skate, drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, "
     "have, replay, play back, be, get",
@@ -106,8 +115,8 @@ VERBS: dict[str, str] = {
     "squeeze, speed up, shorten, retime, lengthen, be, run, prolong, drag out, trim, cut down, time stretch, stretch in "
     "time, make, get",
     # light
-    "blur": "blur, blur out, defocus, unfocus, soften, smudge, throw out of focus, put out of focus, unsharpen, smear, "
-    "fuzz, smooth out",
+    "blur": "anonymize, anonymise, censor, haze out, blur, blur out, defocus, unfocus, soften, smudge, throw out of focus, "
+    "put out of focus, unsharpen, smear, fuzz, smooth out",
     "glow": "bloom, light up like, glow, shine, light up, shimmer, sparkle, radiate, gleam, glisten, twinkle, glitter, "
     "beam, gleam up, emit light",
     "apply": "add, apply, put, give, use, have, get, throw, make, want, need, set, create, lay, show, slap, surround, "

@@ -214,7 +214,8 @@ _slots: dict[str, Rule] = {
     "time": either(
         cue("(in|at|on|during) the (very) last frame|when [it|the clip|the video] [ends|is over]")
         >> (lambda: Span(END, END, "moment")),
-        cue("when [it|the clip|the video] [begins|starts]") >> (lambda: Span(START, START, "moment")),
+        cue("when [it|the clip|the video|the shot|the scene] [begins|starts|opens]")
+        >> (lambda: Span(START, START, "moment")),
         generated(_span_at),
     ),
     "owner": cue("has|have|does|do|did") + _names + cue("got|have|had") >> (lambda names: names),
@@ -329,8 +330,8 @@ def read_question(
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
     text = re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
-    parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING}\b)", text)
-    parts = [part for part in parts if not _matches(_adds_nothing, part)] or parts
+    parts = re.split(rf"[?!;]+ *|\. |,?(?<!^who) and (?={_ASKING}\b)", text)
+    parts = [part for part in parts if not (_matches(_adds_nothing, part) or _SAID_AFTER.match(part))] or parts
     understood: list[Asked] = []
     for number, part in enumerate(parts):
         it: tuple[str, ...] = (selected,) if selected else ()
@@ -369,6 +370,8 @@ def read_question(
     return tuple(understood)
 
 
+_SAID_AFTER = re.compile(r"(?:i|we|my)\b(?!.*\b(?:when|where|how|what|which|who|if|whether|tell me|know)\b)")
+"""A sentence beside the question: "I can't quite tell"."""
 _THEN = {"fastest_moment": "max", "slowest_moment": "min"}
 """Kind of a question about a moment -> the speed that "how fast is it then?" asks for."""
 _TOPIC = re.compile(rf"(?P<topic>[^,:]+)[,:-] *(?:so |and |but )?(?P<question>(?:tell me |say )?{_ASKING}\b.*)")

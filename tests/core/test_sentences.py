@@ -15,7 +15,6 @@ REFUSED = (
     "loop the spin from 1 to 2 seconds",
     "stretch the jump out so that it lasts twice as long, with a soft ease",
     "the car should fade in, then fade out again at the end",
-    "fade everything to black at the end",
     "before 1 s leave it as it is, after that make the swan gold",
     "is anybody dancing?",
     "pixelate or blur the licence plate of the car",
@@ -23,7 +22,6 @@ REFUSED = (
     "two puppies should follow the dog, they do the same a third of a second later each",
     "erase the girl who rides",
     "cut the dog out so I can comp it on something else",
-    "make the rider wave at the camera",
 )
 """Sentences that are not understood, and refused. None else may be, and none may be misunderstood."""
 ROWS = sentence_cases.rows()
