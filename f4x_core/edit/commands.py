@@ -23,6 +23,7 @@ from ..language.times import TimeExpression, duration
 from . import making, qualities
 from .making import Value
 from .phrases import (
+    PICTURE,
     beside_itself,
     everything_but,
     everything_else,
@@ -174,9 +175,8 @@ DELETING = (
 )
 SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
 OUT = keyword(
-    "out|away|off|[off|out of] [the|this] [screen|picture|frame|shot|scene|video|view]|out of [there|here|sight]|from "
-    "sight|from view|[out of|from] [the|this] (whole|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|"
-    "this] [scene|picture|video|clip|image|shot|frame]"
+    f"out|away|off|[off|out of|away from] [the|this|my|our] (whole|entire) [{PICTURE}]|out of [there|here|sight]|from "
+    f"[sight|view]|from [the|this|my|our] (whole|entire) [{PICTURE}]"
 )
 _delete, _extract = always(making.deleted), always(making.extracted)
 _command("remove everything except the dog", DELETING, _extract, who=everything_but, use=NAMED)

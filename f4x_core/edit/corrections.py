@@ -74,8 +74,8 @@ _REMARK = (
     rf"(?:(?:(?:the|that|this|these|those|my|our|its?) )?(?:[\w'-]+ ){{0,4}}?{_STATES}\b.*?|"
     r"(?:i|we|people|nobody|no one|you)(?:'m|'re)? (?:really |just |also )?(?:not|do not|don't|dont|never|can't|cannot|can "
     r"not|can hardly|hate|dislike|needs? (?:that|this)|wants? (?:that|this)|likes?|loves?|have|has|see|notice|think|am|are|"
-    r"is)\b.*?|there(?: is| are|'s) .*?|(?:it|that|this|he|she) \w+s (?:me|us|my|our|the (?:eye|view|viewer|mood|"
-    r"shot))\b.*?)"
+    r"changed (?:my|our) mind|is)\b.*?|there(?: is| are|'s) .*?|(?:it|that|this|he|she) \w+s (?:me|us|my|our|the (?:eye|"
+    r"view|viewer|mood|shot))\b.*?)"
 )
 _REMARKED = re.compile(
     rf"^(?P<remark>{_REMARK})(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so "
@@ -90,8 +90,8 @@ _IN_OTHER_WORDS = re.compile(
 )
 _IN_PICTURE = re.compile(rf"\b(?:in|of|on) (?:the|this) (?:{PICTURE})\b")
 _WISH = re.compile(
-    r"\b(?:should|must|shall|would|could|can|want|wish|please|make|let|(?<!used )to be|needs? to|has to|have to|except|but|"
-    r"only|until|after|before|second|seconds|frame|frames)\b|\d|%",
+    r"\b(?:should|must|shall|would|could|can(?! hardly| barely| not|not|['’]t)|want|wish|please|make|let|(?<!used )to be|"
+    r"needs? to|has to|have to|except|but|only|until|after|before|second|seconds|frame|frames)\b|\d|%",
     re.IGNORECASE,
 )
 """What may be part of the command itself."""
@@ -105,9 +105,9 @@ def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[st
     remark, command = (
         Reading.of(text, tokenise(text), known) for text in (_IN_PICTURE.sub("", match["remark"]), match["command"])
     )
-    if not _SPOKEN_OF & {token.text for token in command.tokens}:
+    spoken = _SPOKEN_OF & {token.text for token in command.tokens}
+    if not spoken:
         yield match["command"]
-        return
     named, at = [], 0
     while at < len(remark.tokens):
         end = max((*familiar.at(remark, at), *known_thing.at(remark, at)), default=at)

@@ -64,6 +64,7 @@ from .commands import (
 )
 from .making import Value
 from .phrases import (
+    PICTURE,
     colors,
     everything_else,
     familiar,
@@ -138,7 +139,9 @@ _instead_of = ~(
     ~literal(",")
     + literal("instead of|rather than|and not|not")
     + ~literal("in")
-    + silent(colour | colourish | literal("this|that"))
+    + silent(
+        colour | colourish | literal("this|that|smaller|bigger|darker|brighter|lighter|slower|faster|warmer|cooler")
+    )
     | literal("from") + silent(colour)
 )
 _article = ~literal("a|an|some|the|pure|solid|that|this|made of|made out of|in|being|real")
@@ -628,9 +631,7 @@ _frame(
     ),
     out=OUT
     | literal(
-        "[from|off|out of] [the|this|my|our] (whole|entire) [scene|picture|video|clip|image|shot|frame|view|movie|film]|"
-        "completely|entirely|fully|for good|(in) there|in it|any more|anymore|any longer|"
-        "in [the|this|my] [scene|picture|video|clip|image|shot|frame|view|movie|film]"
+        f"completely|entirely|fully|for good|(in) there|in it|any more|anymore|any longer|in [the|this|my|our] [{PICTURE}]"
     ),
 )
 _frame(
@@ -719,9 +720,10 @@ _frame(
     who=_whom,
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     around=literal(
-        "around|(to|in|into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|"
-        "looks|points] the other way|backward|about|away|away from us|away from the camera|[its|his|her|their] back (to|"
-        "toward|on) (us|me|the camera|the viewer)"
+        "[around|round] (so (that) [it|he|she] [faces|looks|points] the [other|opposite] [way|direction|side])|(to|in|"
+        "into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|looks|points] "
+        "the other way|backward|about|away|away from us|away from the camera|[its|his|her|their] back (to|toward|on) (us|"
+        "me|the camera|the viewer)"
     )
     >> (lambda: True),
 )
@@ -775,13 +777,20 @@ _ground = literal(
 )
 _far = ~literal("by|for|about|some") + distance + unless(literal(","))
 _for_it = ~literal("for|of|with|on")
+_RUNNING = frozenset(any_form("run").split("|")) - word_set(
+    "make render let put set keep have play be get do show pass moved put"
+)
+_not_run_backward = Rule(
+    lambda reading, at: {} if reading.word(at) == "backward" and reading.word(at - 1) in _RUNNING else {at: ()}
+)
+"""What drives backward is played in reverse, not moved."""
 _frame(
     "the dog, a bit to the left",
     making.moved,
     "way",
     who=_for_it + thing,
     verb=_moving,
-    way=steps,
+    way=_not_run_backward + steps,
     far=_far,
     more=literal("more|further|farther|still|even|over"),
     ground=_ground,
@@ -1059,7 +1068,7 @@ _frame(
     who=_whom,
     verb=_doing,
     how=_bit_of
-    + literal("(gaussian|lens|soft|depth|background) [blur|blurring|defocus|bokeh|haze]")
+    + literal("(gaussian|lens|soft|depth|background|motion) [blur|blurring|defocus|bokeh|haze]")
     + ~literal("effect|filter|on|to"),
 )
 _frame(

@@ -215,9 +215,13 @@ _loose_topic = _loose_topic | _about_whom + thing + keyword(",|:|and|-|.") >> (
 )
 
 
-_number_of_item = ~literal("step|part|item|task|edit|point|number|no|#") + (
-    number + either(sign(")"), keyword(".|:"))
-) | literal("step|part|item|task|edit|point") + number + ~keyword(",")
+_number_of_item = (
+    ~literal("step|part|item|task|edit|point|number|no|#") + (number + either(sign(")"), keyword(".|:")))
+    | literal("step|part|item|task|edit|point") + number + ~keyword(",")
+    | literal("first|second|third|fourth|last")
+    + ~keyword(",")
+    + Rule(lambda reading, at: {at: ()} if reading.word(at) in _IMPERATIVES - FUNCTION_WORDS else {})
+)
 _loose_separator = either(_separator + ~silent(_number_of_item), silent(_number_of_item) >> (lambda *_: True))
 _loose_start = (
     ~keyword("and")
@@ -338,7 +342,7 @@ def _can_be_made(frame: Command, filled: dict[str, Any]) -> bool:
 _sentence = ~keyword("and") + _ends + optional(_topic) + listed(_clause, _separator) + _ends
 COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"))
 """First words of the verbs of commands."""
-_IMPERATIVES = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
+_IMPERATIVES: frozenset[str] = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
 """Those with which a command begins: not "stands" of "the man who stands left"."""
 _ASKED_FOR = frozenset(form for verb in _IMPERATIVES - FUNCTION_WORDS for form in (verb, forms(verb)[0]))
 """With which the command begins behind words that only ask for it: "would you mind making"."""
@@ -897,7 +901,7 @@ def _placed(operations: list[Operation]) -> list[Operation]:
             continue
         if _says_no_more(made, one):
             continue
-        if _is_overridden(made, one):
+        if one != made and _is_overridden(made, one):
             placed.pop()
         opposite = (
             isinstance(made, Transform)
@@ -937,8 +941,17 @@ def _is_overridden(made: Operation | None, one: Operation) -> bool:
     """Whether nothing is left to do of an operation behind the next: "hide what stands still, keep only what moves"."""
     if isinstance(made, Delete | Opacity) and isinstance(one, Extract):
         return _removes(made) and made.select == Not(one.select)
-    if isinstance(made, Style) and isinstance(one, Recolour):  # "the trees in autumn colors, in orange"
-        return (made.select, made.frames, "assign") == (one.select, one.frames, one.mode)
+    if isinstance(made, Style | Recolour) and isinstance(one, Recolour) and getattr(made, "mode", one.mode) == "assign":
+        whole = one.mode == "assign" and one.strength == 1  # "the trees in autumn colors, in orange"
+        return whole and (made.select, made.frames) == (one.select, one.frames)
+    if (
+        isinstance(made, Opacity)
+        and isinstance(one, Opacity)
+        and made.frames is None
+        and one.frames
+        and one.frames[0] == 0
+    ):
+        return one == replace(made, frames=one.frames)  # "hide the dog, and let it show up after one second"
     if isinstance(made, Transform) and isinstance(one, Transform) and made.frames is None and one.frames:
         return one == replace(made, frames=one.frames, ease=one.ease)  # "do a full turn, over the clip"
     return False
@@ -1077,6 +1090,18 @@ _DOUBTFUL = (
         ),
         "That may mean to remove the place itself or all that is in it; say 'remove' with what has to go.",
     ),
+    (
+        keyword(
+            "[turn|switch] (the|that|this) [lamp|light|lights|lantern|candle|headlights|sign|screen|tv] off|"
+            "[turn|switch] off (the|that|this) [lamp|light|lights|lantern|candle|headlights|sign|screen|tv]"
+        ),
+        "'Off' may mean dark or gone; say 'make the lamp darker' or 'hide the lamp'.",
+    ),
+    (
+        keyword("put") + (silent(known_thing) | keyword("[it|him|her|them|that|this]")) + keyword("away") + _last
+        | keyword("put away") + silent(known_thing),
+        "'Put away' may mean to move or to remove; say 'move it back' or 'remove it'.",
+    ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
     (
         keyword("some [of|other]|any of|a few (of)"),
@@ -1192,7 +1217,7 @@ def _unknown_word(reading: Reading) -> str:
     """The sentence about the first word that is in no lexicon; nothing when there is none."""
     farthest = reading.farthest + (reading.word(reading.farthest) == "'s")  # of "dog's tail" the tail is unknown
     parts = {word for words in reading.known for word in words}
-    vocabulary = VOCABULARY | FUNCTION_WORDS | COLOURS.keys() | SHADES.keys()
+    vocabulary = VOCABULARY | FUNCTION_WORDS | NO_THINGS | EMPTY | COMMAND_VERBS | COLOURS.keys() | SHADES.keys()
     for at, token in enumerate(reading.tokens[: farthest + 1]):
         if token.is_word and not {token.text, singular(token.text)} & (vocabulary | parts):
             word = reading.text_of(at, at + 1)

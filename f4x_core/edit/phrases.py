@@ -492,8 +492,7 @@ _static = either(
 ) >> _always(Not(Moving()))
 _moving_noun = either(
     ~_article + keyword("moving") + _noun,
-    ~_article
-    + _noun
+    (~_article + _noun | _everybody)
     + keyword("that|which|who")
     + keyword("is moving|are moving|moves|move|is in motion|are in motion"),
 ) >> (lambda noun: lambda context: And((noun(context), Moving())))
@@ -516,8 +515,8 @@ PICTURE = (
     "recording"
 )
 _WHERE = {
-    f"[on|at|to] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])|to the far left": "left",
-    f"[on|at|to] [the|its] (far) right (side|hand side|edge) (of [the|this] [{PICTURE}])": "right",
+    f"[on|at|to|of|in] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])|to the far left": "left",
+    f"[on|at|to|of|in] [the|its] (far) right (side|hand side|edge) (of [the|this] [{PICTURE}])": "right",
     "[farthest|furthest|closest|nearest|most] (to|on|at) (the) left": "left",
     "[farthest|furthest|closest|nearest|most] (to|on|at) (the) right": "right",
     "at the (very) top|on (the) top|on the top side": "top",

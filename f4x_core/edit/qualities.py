@@ -296,7 +296,7 @@ hint = (
     )
 )
 _strongly = optional(_small, 1.0)
-_seem = ~keyword("look|looking|looks|appear|seem|feel")
+_seem = ~keyword("look|looking|looks|looked|appear|seem|feel")
 _new_thing = literal("a|an|some")
 a_look = either(
     _seem

@@ -70,6 +70,8 @@ fraction = table(
         "a fifth|one fifth": 0.2,
         "a tenth|one tenth": 0.1,
     }
+) | generated(
+    lambda reading, at: ((end, x) for end, x in number_at(reading, at) if reading.word(at + 1) == "/" and 0 < x < 1)
 )
 multiple = either(
     number + keyword("times|x|fold"),
@@ -141,7 +143,7 @@ def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -
     more = either(compared, keyword("more") + plain, keyword("less") + plain >> (lambda upward: not upward))
     so = (
         ~keyword("just|about")
-        + keyword("as")
+        + keyword("as|so")
         + plain
         + ~(keyword("as") + ~keyword("it|they|he|she|that|this") + keyword("is|are|was|were|before|now"))
     )

@@ -32,13 +32,14 @@ ASKS = literal(
 """Wishes that are put as questions."""
 WISHES = either(
     literal(
-        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] [like|love|prefer] (to [see|have|get]|that)|"
-        "[i|we] would [end|start|finish|begin|open] [on|with]|i wonder (about)|[i|we] would rather have|(i want|i would "
-        "like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|[make sure|ensure|"
-        "see to it|be sure] (that)|so that|in such a way that|how to|feel free to|it would be [nice|great|cool] (if)|give "
-        "me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|your task is to|time to|see|to see|have|"
-        "to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|ask "
-        "for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
+        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] [like|love|prefer] (to [see|have|get]|"
+        "that|it if)|[i|we] would [end|start|finish|begin|open] [on|with]|i wonder (about)|[i|we] would rather have|(i "
+        "want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|"
+        "[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|it would be [nice|"
+        "great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|your task is to|"
+        "time to|see|to see|have|to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) [want|need|like|"
+        "love|after|picture|ask for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|"
+        "imagine (that)"
     ),
     literal(
         "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|"
@@ -48,16 +49,17 @@ WISHES = either(
     ),
 )
 """Requests and wishes."""
+_NICE = (
+    "nice|nicer|good|better|best|great|cool|cooler|fun|funny|lovely|perfect|awesome|fine|ideal|neat|sweet|pretty|prettier|amazing|"
+    "brilliant|wonderful|super|enough|nicely|well|cute|adorable|hilarious|sick|dope|epic|rad|fantastic|terrific|gorgeous"
+)
 COMMENTS = either(
     ~literal("that|it|this|which|and that")
     + literal("would|might|could|will|should")
     + ~literal("really|surely|definitely|also|probably|certainly")
     + literal("be|look|seem|feel|do|work")
     + ~literal("so much|much|way|a lot|even|just|really|very|far|pretty")
-    + literal(
-        "nice|nicer|good|better|great|cool|fun|lovely|perfect|awesome|best|fine|ideal|neat|sweet|pretty|prettier|amazing|"
-        "funny|cooler|the trick|nicely|well"
-    )
+    + literal(_NICE + "|the trick")
     + ~literal("to [see|have]|if|there|here"),
     literal("[is|are|was|were] (much|way|a lot) [nicer|better|cooler|prettier]"),
 )
@@ -68,10 +70,6 @@ _POLITE_WORDS = (
     r"so|kind|enough|able|to|me|us|for|with|all|at|too|much|trouble|bother|a|an|any|the|problem|work|works|manage|that|"
     r"this|it|you|i|we|way|have|time|get|chance|moment|minute|second|feel|wish|prefer|need|know|how|there|help|sure|"
     r"somehow|ask|must|anyhow|doable|say|easy|hard|agree|allowed|no|big|deal|permit|only|makes|sense"
-)
-_NICE = (
-    r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|super|"
-    r"enough|neat)"
 )
 _OPENING = (
     r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|"
@@ -97,6 +95,15 @@ _ASKED_AFTER = re.compile(
     rf"^{WISHING}(?:(?=(?:if|whether|when|where|how|what|which|who|why)\b)"
     r"|(?<=[,:.;] )(?=(?:is|are|does|do|did|can|could|has|was|were)\b))"
 )
+_INTERJECTIONS = (
+    r"(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|"
+    r"please|jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty "
+    r"please|to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|"
+    r"basically|literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|absolutely|essentially|"
+    r"preferably|magically|nothing (?!else|but|more|less|except|other|only)(?:too |that |so )?[a-z]+(?=[ ]*(?:[,.;!]|$))|"
+    r"no biggie|no big deal|all of them|every one of them|each of them|both of them)"
+)
+"""Words that stand for themselves."""
 _PLAIN = {
     # politeness
     "if": rf"(?:,\s*)?(?<!as )\bif (?:that|this|it|you|possible|need be|i|we|there is|not|at all|okay|allowed)\b(?: "
@@ -110,18 +117,11 @@ _PLAIN = {
         r"it)?)\b(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) help|"
         r"again|much|ahead of time))*"
     ),
-    "interjection": (
-        r"(?:,\s*)?\b(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|"
-        r"please|jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty "
-        r"please|to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|"
-        r"basically|literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|absolutely|essentially|"
-        r"preferably|magically|nothing (?:too |that )?(?:crazy|fancy|special|wild|dramatic|major|much|strong)|no biggie|no "
-        r"big deal|all of them|every one of them|each of them|both of them)\b,?"
-    ),
+    "interjection": rf",\s*\b{_INTERJECTIONS}(?=\s*(?:[,.;:!?]|$))|\b{_INTERJECTIONS}\b(?:\s*,)?",
     "comment": (
         rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|"
         rf"should)(?: (?:would|will|should|might|could|must|is|be|looks?|going to))*(?: (?:so|really|very|super|much|just|"
-        rf"way))* {_NICE}(?: (?:i think|for me|like that|that way))?{_UNTIL}"
+        rf"way))* (?:{_NICE})(?: (?:i think|for me|like that|that way))?{_UNTIL}"
     ),
     "tag": (
         r"(?:,\s*)(?:okay|right|yeah|yes|will you|would you|could you|can you|do you mind|is that okay|what do you think|"
@@ -144,8 +144,8 @@ _PLAIN = {
     "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
     "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) "
     r"[^.;!?]*",
-    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|the (?:viewer|viewers|audience)) "
-    r"[^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
+    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|[a-z]+s(?= (?:can|could|will|feel|see|"
+    r"know|get|notice))|the (?:viewer|viewers|audience)) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
     "for": r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic "
     r"effect|clarity|emphasis|my taste|my liking|my eyes|starters|example|instance)\b",
 }

@@ -11,15 +11,17 @@ from .lexicon import FRACTIONS, FUNCTION_WORDS, ONES, TENS, singular, word_set
 FILLED, HARMLESS, UNKNOWN = 1, 10, 1000
 """Cost of a word that is known to add nothing, of one that binds others, and of one that nobody knows."""
 BINDING = word_set(
-    "a an the this that these those my your our his her its their of in on at for with to as like so such kind sort and is "
-    "are was were be being been am would could can shall will may might must should i you we me us he she him they them "
-    "who which there here very really quite rather just please well now ever maybe perhaps about around along own do does "
-    "using via did have has had want need get see let it"
+    "a an the this that these those my your our his her its their of in on at for with to as so such kind sort and is are "
+    "was were be being been am would could can shall may might must should i you we me us he she him they them who which "
+    "there here very really quite rather just please well now ever even already yet exactly maybe perhaps about around "
+    "along own do does using via did have has had want need get let it from"
 )
-"""Words that may go along with one that nobody knows."""
+"""Words that may be left unexplained where nothing else fits."""
+PREPOSITIONS = word_set("of in on at for from to with as who which using via along about around")
+"""Those that tell something of what is named behind them."""
 EMPTY = word_set(
     # how much somebody means it
-    "super ultra mega hyper insanely crazy ridiculously extremely incredibly awfully terribly damn damned darn bloody "
+    "ish super ultra mega hyper insanely crazy ridiculously extremely incredibly awfully terribly damn damned darn bloody "
     "freaking frickin fucking pretty truly wicked mad hella totally absolutely utterly really very quite rather literally "
     "basically actually honestly seriously legit lowkey highkey deadass properly proper actual sheer ever "
     # how it is done: well
@@ -37,7 +39,6 @@ _MEANT = (VOCABULARY, FUNCTION_WORDS, COLOURS, SHADES, ONES, TENS, FRACTIONS)
 """Words that mean something here: negations, limits, amounts, times, directions, colours."""
 _STATING = word_set("is are was were does did has")
 """Words with which it is said or asked how something is."""
-_PREPOSITIONS = word_set("of in on at for with as who which using via along about around")
 _ARTICLES = word_set("a an some")
 _MAX_BEFORE_NOUN = 3
 
@@ -59,7 +60,7 @@ def _cost(tokens: list[Token], at: int, known: Collection[str], verbs: Collectio
         return None
     if token.text in _STATING:
         return None
-    if token.text in _PREPOSITIONS:  # what they tell would be lost: "put it on black"
+    if token.text in PREPOSITIONS:  # what they tell would be lost: "put it on black"
         return UNKNOWN
     if token.text == "and":  # between what is understood it joins two wishes
         return UNKNOWN

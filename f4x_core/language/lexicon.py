@@ -280,8 +280,8 @@ NO_THINGS = word_set(
     "sound sounds audio music song voice noise text word words sentence subtitle caption title camera lens zoom view "
     "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
     "brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
-    "somebody someone anyone way lot bit kind sort fun problem idea question answer life love nonsense stuff day morning "
-    "evening night afternoon"
+    "somebody someone anyone everyone everybody everything way lot bit kind sort fun problem idea question answer life "
+    "love nonsense stuff day morning evening night afternoon"
 )
 """Nouns that name nothing one can see in a scene."""
 FUNCTION_WORDS = word_set(

@@ -64,6 +64,11 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"make \g<x> \g<rest>",
     ),
     # What is not wanted
+    (
+        rf"^(?:i|we) (?:(?:do not|don'?t) (?:really )?(?:like|want)|hate|dislike|am not fond of) how (?P<a>[a-z]+) {_X} "
+        r"(?:is|are|looks?|seems?)(?P<rest>.*)$",
+        r"\g<x> is too \g<a>\g<rest>",
+    ),
     (rf"^(?:do not|don't) let {_X} move(?P<rest> .+)?$", r"freeze \g<x>\g<rest>"),
     # What stays as it is
     (

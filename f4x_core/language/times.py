@@ -208,7 +208,10 @@ _since = keyword(
     "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
 )
 _middle_point = keyword(f"the middle (of the [{_whole}])") >> (lambda: HALF_WAY)
-_reaches = "[we|it|you] [reach|reaches|hit|hits|get to|gets to|are at|is at]|the [clip|video|film|scene] [reaches|is at|gets to]"
+_reaches = (
+    "[we|it|you] [reach|reaches|hit|hits|get to|gets to|are at|is at]|the [clip|video|film|scene|clock|timer|time] "
+    "[reaches|hits|shows|is at|gets to]"
+)
 _at = keyword("at|@|in|on|around|exactly at|right at|when|as soon as") | keyword("once|when|as soon as") + keyword(
     _reaches
 )

@@ -15,7 +15,7 @@ from typing import Any
 from ..errors import F4xError
 from ..language.asides import without_courtesy
 from ..language.grammar import NOTHING, Doubt, Reading, Rule, covers, either, generated, matches_of, table, tokenise
-from ..language.idle import EMPTY
+from ..language.idle import BINDING, EMPTY, PREPOSITIONS
 from ..language.lexicon import (
     CONTRACTIONS,
     FUNCTION_WORDS,
@@ -288,12 +288,6 @@ _NOUN_CUES = word_set(
 CLIP_FACTS = ("frames", "long", "rate")
 """Kinds of question about the clip itself."""
 _ROWS = tuple(_rows())
-_BINDING = word_set("in at on to from for of")
-"""Prepositions that tell something of the thing behind them …"""
-_LOOSE = _BINDING | word_set(
-    "the a an it its that this these those already yet even really very quite rather so just one would exactly"
-)
-"""… and other words that may be left out where nothing else fits."""
 _EMPTY, _LOOSELY, _UNKNOWN = 3, 20, 100
 """Costs of a word that adds nothing, of such a word, and of any word."""
 _aside = generated(_aside_at)
@@ -484,7 +478,7 @@ def _gaps(reading: Reading, at: int) -> dict[int, int]:
     word = reading.word(at)
     if word in EMPTY and at + 1 < len(reading.tokens):  # at its end it asks: "what does it look like"
         ends.setdefault(at + 1, _EMPTY)
-    if word in _LOOSE and not (word in _BINDING and _name.at(reading, at + 1)):
+    if word in BINDING and not (word in PREPOSITIONS and _name.at(reading, at + 1)):
         ends.setdefault(at + 1, _LOOSELY)
     return ends | dict.fromkeys(CUES["inside"].at(reading, at), 1)
 
