@@ -6,17 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..language.amounts import (
-    Distance,
-    distance,
-    fraction,
-    fraction_of,
-    multiple,
-    number,
-    percent,
-    signed,
-    steps,
-)
+from ..language.amounts import Distance, distance, fraction, fraction_of, multiple, number, percent, signed, steps
 from ..language.colours import colour, colourish
 from ..language.grammar import Mismatch, Rule, either, keyword, listed, silent, table
 from ..language.times import TimeExpression, duration

@@ -115,8 +115,9 @@ def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[st
         named += [remark.text_of(at, end)] if end > at else []
         at = max(end, at + 1)
     if len(named) == 1:  # of two, "it" may be either
-        article = "" if re.match(r"(?:the|that|this|these|those|my|our|all|every)\b", named[0]) else "the "
-        yield f"{article}{named[0]}: {match['command']}"
+        thing = re.sub(r"^(?:an?|some) ", "", named[0])
+        article = "" if re.match(r"(?:the|that|this|these|those|my|our|all|every)\b", thing) else "the "
+        yield f"{article}{thing}: {match['command']}"
 
 
 _BREAK = re.compile(

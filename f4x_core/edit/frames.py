@@ -25,18 +25,7 @@ from ..language.amounts import (
 from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
 from ..language.colour_names import COLOURS
 from ..language.colours import colour, colourish
-from ..language.grammar import (
-    Mismatch,
-    Rule,
-    constant,
-    either,
-    listed,
-    literal,
-    optional,
-    silent,
-    table,
-    unless,
-)
+from ..language.grammar import Mismatch, Rule, constant, either, listed, literal, optional, silent, table, unless
 from ..language.lexicon import every_form, word_set
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import any_form
@@ -528,14 +517,6 @@ _until = (
 )
 
 
-_no_noun = Rule(
-    lambda reading, at: (
-        {} if reading.word(at - 1) in ("half", "the", "its", "of", "x", "%", "percent", "times", "double") else {at: ()}
-    )
-)
-"""Where "speed" may be a verb: not in "half speed"."""
-
-
 def _more(verb: Any, how: Amount | None = None, to: float | None = None, fully: bool = False) -> Value:
     make, upward = verb
     if make is making.warmed:
@@ -563,13 +544,7 @@ _frame(
     "verb",
     who=_whom
     | literal("things|time|the time|the action|the pace|the playback|all of it") >> (lambda: lambda context: All()),
-    verb=either(
-        *(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items()),
-        *(
-            _no_noun + silent(table({every_form(head): None})) + constant(made)
-            for head, made in (("speed", _SIDES["quicken"]), ("blow|puff|bump", _SIDES["enlarge"]))
-        ),
-    ),
+    verb=either(*(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items())),
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | degree,
     to=either(
         ~literal("to|down to|up to|at|by|till")
@@ -744,14 +719,7 @@ _frame(
     sense=_sense | table({"left": -1, "right": 1}, reserve=False),
     how=degree,
 )
-_frame(
-    "the dog, tilted a little",
-    _turned,
-    "verb how",
-    who=_whom,
-    verb=_TURNING,
-    how=degree,
-)
+_frame("the dog, tilted a little", _turned, "verb how", who=_whom, verb=_TURNING, how=degree)
 _frame(
     "a quarter turn to the right for the dog",
     making.rotated,
@@ -808,10 +776,7 @@ _frame(
     lambda lift, far=None: making.moved(making.UP if lift else making.DOWN, far),
     "lift",
     lift=table(
-        {
-            any_form("raise") + "|(a) (little|small|slight|gentle|tiny) lift": True,
-            any_form("lower"): False,
-        },
+        {any_form("raise") + "|(a) (little|small|slight|gentle|tiny) lift": True, any_form("lower"): False},
         reserve=False,
     ),
     far=_far,
@@ -942,7 +907,7 @@ _frame(
         + ~silent(familiar),
     )
     >> (lambda: True),
-    times=~literal("of|with") + _times,
+    times=~literal("of|with|plus|and|+") + _times,
     verb=literal(any_form("leave")),
     behind=literal(
         "behind it|behind him|behind her|after it|behind itself|behind|it|itself|him|her|the original|the first (one)|"
@@ -1016,6 +981,7 @@ _frame(
     "values",
     who=_about + thing,
     use=WHOLE,
+    verb=literal(any_form("run")),
     values=either(_pace_of, qualities.pace, qualities.backward) >> (lambda value: ((value,),)),
 )
 _frame(
@@ -1207,13 +1173,14 @@ _frame(
     "nothing",
     nothing=literal(
         "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
-        "colors|size|shape|position|place|speed|look|brightness]|nothing else|nobody else|no one else|nothing more|that is "
-        "all|that is it|only that|nothing other than that|keep the rest|keep everything else|leave the rest|leave "
-        "everything else|the rest stays (as it is)|(its|the|their) [location|position|place|size|color|colors|speed|look] "
-        "(is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let [it|him|her|them] [go on|"
-        "continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as before)|(then) [it|he|she|"
-        "they] ([is|are|can|may|will|should]) [goes|continues|moves|runs|carries|go|come|comes|be|back|walk|move|run|"
-        "continue] (back|on|again|as before)|then (back to) normal|then back|i mean it|not more|not less|that is enough"
+        "colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change])|nobody else|"
+        "no one else|nothing more|that is all|that is it|only that|nothing other than that|keep the rest|keep everything "
+        "else|leave the rest|leave everything else|the rest stays (as it is)|(its|the|their) [location|position|place|size|"
+        "color|colors|speed|look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let "
+        "[it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as "
+        "before)|(then) [it|he|she|they] ([is|are|can|may|will|should]) [goes|continues|moves|runs|carries|go|come|comes|"
+        "be|back|walk|move|run|continue] (back|on|again|as before)|then (back to) normal|then back|i mean it|not more|not "
+        "less|that is enough"
     ),
     use=WHOLE,
 )

@@ -54,7 +54,7 @@ from ..language.lexicon import (
     stated,
     word_set,
 )
-from ..language.paraphrases import in_order, opened, paraphrases
+from ..language.paraphrases import closed_up, in_order, opened, paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
 from ..language.verbs import VERBS, any_form
 from . import qualities
@@ -203,7 +203,10 @@ _ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
 _polite = keyword("please|could|can|maybe|perhaps") | ASKS
 _POLITE_BEFORE = 8
 """Words within which a request begins: "okay, now could you"."""
-_about_whom = literal("as for|about|regarding|concerning|focus on|concentrate on|take|look at|(you) see|with|for|now")
+_about_whom = literal(
+    "as for|about|regarding|concerning|focus on|concentrate on|take|select|pick|choose|click (on)|grab|go to|look at|"
+    "(you) see|with|for|now"
+)
 _topic = thing + keyword(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
 _PRONOUNS = word_set("it him her them its his their")
 _pronoun_follows = Rule(lambda reading, at: {at: ()} if any(t.text in _PRONOUNS for t in reading.tokens[at:]) else {})
@@ -228,7 +231,7 @@ _loose_start = (
     + _ends
     + ~silent(_number_of_item)
     + ~literal("first|to begin with|to start with|for starters")
-    + optional(_loose_topic)
+    + optional(_filler + _loose_topic)
 )
 _ONE_MORE, _RUN_ON = 2, 12
 """Costs of a command behind another, and of one with nothing between."""
@@ -344,6 +347,10 @@ COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"
 """First words of the verbs of commands."""
 _IMPERATIVES: frozenset[str] = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
 """Those with which a command begins: not "stands" of "the man who stands left"."""
+_PHRASAL = frozenset(
+    tuple(verb.split()) for verbs in VERBS.values() for verb in verbs.split(", ") if verb.count(" ") == 1
+)
+"""Verbs of two words, the second of which may stand behind the thing."""
 _ASKED_FOR = frozenset(form for verb in _IMPERATIVES - FUNCTION_WORDS for form in (verb, forms(verb)[0]))
 """With which the command begins behind words that only ask for it: "would you mind making"."""
 _DROPPED = word_set("please kindly thanks thank")
@@ -354,8 +361,7 @@ def parse(
 ) -> tuple[Operation, ...]:
     """Return the operations that a sentence asks for, in order; selections are words, not yet resolved in a scene.
 
-    `copies`: those of earlier sentences -> what was copied; `earlier`: the sentence before, of which "it", "the other "
-    "one" and
+    `copies`: those of earlier sentences -> what was copied; `earlier`: the sentence before, of which "it", "the other one" and
     "the cat too" may speak. Raises `Refusal`.
     """
     sentence = request.sentence
@@ -447,7 +453,7 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
             "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the "
             "people'."
         )
-    if read.only_then and any(isinstance(one, (Opacity, Delete, Extract)) for one in operations):
+    if read.only_then and any(isinstance(one, Extract | Opacity) and not _removes(one) for one in operations):
         raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
     named = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
     spare = context.spare - named
@@ -472,6 +478,7 @@ def _read_somehow(
     others = (
         *opened(plain, _ASKED_FOR),
         *remarked(plain, known),
+        *closed_up(plain, _PHRASAL),
         *paraphrases(plain, COMMAND_VERBS),
         *without_remarks(plain, known),
     )
@@ -927,34 +934,24 @@ def _placed(operations: list[Operation]) -> list[Operation]:
     return placed
 
 
-def _says_no_more(made: Operation | None, one: Operation) -> bool:
+def _says_no_more(made: Any, one: Operation) -> bool:
     """Whether an operation does nothing that the one before it did not: "keep only the dog and delete the rest"."""
     return (
         isinstance(made, Extract)
         and isinstance(one, Delete | Opacity)
-        and _removes(one)
         and one.select == Not(made.select)
+        and _removes(one)
     )
 
 
-def _is_overridden(made: Operation | None, one: Operation) -> bool:
-    """Whether nothing is left to do of an operation behind the next: "hide what stands still, keep only what moves"."""
+def _is_overridden(made: Any, one: Any) -> bool:
+    """Whether the next operation says all that this one does, or undoes it: "hide the dog, and let it show up after a second"."""
     if isinstance(made, Delete | Opacity) and isinstance(one, Extract):
         return _removes(made) and made.select == Not(one.select)
-    if isinstance(made, Style | Recolour) and isinstance(one, Recolour) and getattr(made, "mode", one.mode) == "assign":
-        whole = one.mode == "assign" and one.strength == 1  # "the trees in autumn colors, in orange"
-        return whole and (made.select, made.frames) == (one.select, one.frames)
-    if (
-        isinstance(made, Opacity)
-        and isinstance(one, Opacity)
-        and made.frames is None
-        and one.frames
-        and one.frames[0] == 0
-    ):
-        return one == replace(made, frames=one.frames)  # "hide the dog, and let it show up after one second"
-    if isinstance(made, Transform) and isinstance(one, Transform) and made.frames is None and one.frames:
-        return one == replace(made, frames=one.frames, ease=one.ease)  # "do a full turn, over the clip"
-    return False
+    if isinstance(made, Style | Recolour) and isinstance(one, Recolour) and one.mode == "assign" and one.strength == 1:
+        return getattr(made, "mode", "assign") == "assign" and (made.select, made.frames) == (one.select, one.frames)
+    timed = type(made) is type(one) and hasattr(made, "ease") and made.frames is None and one.frames is not None
+    return timed and one == replace(made, frames=one.frames, ease=one.ease)
 
 
 def _about(moment: TimeExpression, length: Span) -> Span:
@@ -1257,11 +1254,10 @@ _EXAMPLES = dict.fromkeys(
         *(command.example for command in COMMANDS),
         *(example for example, *_ in _SAID_HALF),
         "remove the color of the house", "isolate the dog", "fade in the dog from second 1 to 2",
-        "turn the dog into gold", "tint the sky orange", "change the color of the car to black", "copy the dog", "darken "
-        "the sky",
+        "turn the dog into gold", "tint the sky orange", "change the color of the car to black", "copy the dog",
+        "darken the sky",
         "let a copy follow the dog half a second behind", "make the dog glow", "blur the background", "speed up the dog",
-        "increase the contrast of the dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the "
-        "left",
+        "increase the contrast of the dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the left",
     )
 )  # fmt: skip
 """Sentences that are offered to those who were not understood."""

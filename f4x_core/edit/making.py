@@ -6,14 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from ..language.amounts import (
-    PLACES,
-    Amount,
-    Distance,
-    Steps,
-    Vector,
-    displacement,
-)
+from ..language.amounts import PLACES, Amount, Distance, Steps, Vector, displacement
 from ..language.colour_names import Colour
 from ..language.colours import GRAY
 from ..language.grammar import Mismatch, Refusal
@@ -38,13 +31,7 @@ from .operations import (
     Swap,
     Transform,
 )
-from .phrases import (
-    Place,
-    SentenceContext,
-    When,
-    Who,
-    means_something,
-)
+from .phrases import Place, SentenceContext, When, Who, means_something
 from .selects import All, Instance, Named, Not, Or, SelectKind, Text, Where
 
 Value = Callable[[SelectKind, When, SentenceContext], Operation]
@@ -417,6 +404,8 @@ def matched(source: Who) -> Value:
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         found = source(context)
+        if found == who:
+            raise Refusal("A thing cannot be matched to itself; say whose colors it is to have.")
         context.last = who  # what is spoken about is the thing that changes
         return Match(who, found, **when.coming)
 

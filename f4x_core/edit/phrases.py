@@ -526,8 +526,8 @@ _WHERE = {
     f" to [{VIEWER}]|closest|nearest": "nearest",
     "(that is|which is|that are) [farther|further] (away|off|back)": "farthest",
     "(that is|which is|that are) [nearer|closer] (to us|by)": "nearest",
-    f"in the [back|background|distance|rear]|at the [back|rear]|[of|from] (the) [behind|back]|far away|[farthest|furthest] "
-    f"(away) from [{VIEWER}]|"
+    f"in the [back|background|distance|rear]|at the [back|rear]|[of|from] (the) [behind|back]|(way|right) back there|far "
+    f"away|[farthest|furthest] (away) from [{VIEWER}]|"
     "farthest (away)|furthest (away)": "farthest",
 }
 _which, _where = (
@@ -712,6 +712,9 @@ def _with_number_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[Who,
 
 
 _kind_and_number = either(
+    keyword("everything|all|whatever|what|anything|all (the) [things|objects]|the [things|objects|stuff]")
+    >> (lambda: (lambda context: All(), True)),
+    _everybody >> (lambda who: (who, True)),
     ~_article + keyword("one|ones") >> (lambda: (SentenceContext.one, False)),
     generated(_with_number_at),
 )

@@ -33,9 +33,7 @@ from ..language.grammar import (
 )
 from ..language.lexicon import FUNCTION_WORDS, singular, word_set
 from . import making
-from .phrases import (
-    known_thing,
-)
+from .phrases import known_thing
 from .styles import STYLES
 
 _BEFORE_SHADES = word_set("in to a an into nice lovely some with")
@@ -91,12 +89,7 @@ without_colour = keyword(
     "gray scale|colorless|desaturated|without (any|its|all) color|without colors"
 ) >> (lambda: making.GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
-_SIZE = (
-    "bigger|larger|huger",
-    "smaller|tinier",
-    "big|large|huge|tall|high|wide",
-    "small|tiny|little|short",
-)
+_SIZE = ("bigger|larger|huger", "smaller|tinier", "big|large|huge|tall|high|wide", "small|tiny|little|short")
 _SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speedy", "slow|slowly")
 brightness_value = (
     either(comparison(*_BRIGHTNESS), fraction_of("brightness|light|luminance") | fraction_of("as bright"))
@@ -223,8 +216,7 @@ look_name = table(
     reserve=False,
 )
 _of_matter = table(
-    {look: look for look in ("gold", "silver", "copper", "ice", "fire", "lava", "marble", "chocolate")},
-    reserve=False,
+    {look: look for look in ("gold", "silver", "copper", "ice", "fire", "lava", "marble", "chocolate")}, reserve=False
 )
 _MAX_DESCRIBING = 2
 _look_adjective = table(

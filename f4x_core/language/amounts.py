@@ -235,28 +235,28 @@ _body = keyword(
     "size|sizes|width|widths|height|heights|length|lengths|body [width|widths|length|lengths|height|heights|size|sizes]"
 )
 _any_word = Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
+_by = ~keyword("by|for") + ~literal("about|around|roughly|approximately|some|like|say|maybe|nearly|almost|exactly")
 distance = either(
     degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
     keyword("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
-    ~keyword("by|for") + multiple + ~keyword("of") + keyword(ITS) + _body >> Distance,
-    ~keyword("by|for") + (percent + ~keyword("of") + keyword(ITS) + _body) >> Distance,
-    ~keyword("by|for") + number + _any_word + keyword("width|widths|height|heights|length|lengths") >> Distance,
-    ~keyword("by|for")
+    _by + multiple + ~keyword("of") + keyword(ITS) + _body >> Distance,
+    _by + (percent + ~keyword("of") + keyword(ITS) + _body) >> Distance,
+    _by + number + _any_word + keyword("width|widths|height|heights|length|lengths") >> Distance,
+    _by
     + number
     + ~keyword("a|of a|of|of its|of its own|its|its own|full|[times|time] [its|his|her|their] (own)")
     + _body
     >> Distance,
-    ~keyword("by|for") + fraction + keyword("a|of a|of its|of its own|its|its own|the") + _body >> Distance,
-    ~keyword("by|for") + percent + ~keyword("of") + ~keyword(ITS) + _body >> Distance,
-    ~keyword("by|for") + (keyword("a couple of") >> (lambda: 2.0)) + _body >> Distance,
-    ~keyword("by|for") + keyword("a|its|its own|their|their own|the|his|her|one full") + _body
-    >> (lambda *_: Distance(1.0)),
-    ~keyword("by|for") + number + keyword("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
-    ~keyword("by|for") + keyword("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),
+    _by + fraction + keyword("a|of a|of its|of its own|its|its own|the") + _body >> Distance,
+    _by + percent + ~keyword("of") + ~keyword(ITS) + _body >> Distance,
+    _by + (keyword("a couple of") >> (lambda: 2.0)) + _body >> Distance,
+    _by + keyword("a|its|its own|their|their own|the|his|her|one full") + _body >> (lambda *_: Distance(1.0)),
+    _by + number + keyword("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
+    _by + keyword("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),
     keyword("by") + percent >> Distance,
     keyword("by") + number >> (lambda x: Distance(x, "world")),
 )
-_step = optional(distance) + direction + optional(distance)
+_step = optional(distance) + direction + optional(distance | percent >> Distance)
 
 
 steps = either(

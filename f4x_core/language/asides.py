@@ -35,11 +35,12 @@ WISHES = either(
         "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] [like|love|prefer] (to [see|have|get]|"
         "that|it if)|[i|we] would [end|start|finish|begin|open] [on|with]|i wonder (about)|[i|we] would rather have|(i "
         "want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|"
-        "[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|it would be [nice|"
-        "great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|your task is to|"
-        "time to|see|to see|have|to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) [want|need|like|"
-        "love|after|picture|ask for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|"
-        "imagine (that)"
+        "[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|it is [necessary|"
+        "required|needed|important] (to|that)|[i|we] [search|try|aim|intend|plan|seek] to|[i|we] can not [figure out|work "
+        "out|find out|find|see] how to|it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am "
+        "trying to|[we are|i am] going to|your task is to|time to|see|to see|have|to have|to get|want|would like|[what|"
+        "all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|ask for] is|it [is|would be] (much|way) "
+        "[better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
     ),
     literal(
         "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|"
@@ -113,12 +114,13 @@ _PLAIN = {
     rf"(?:{_POLITE_WORDS}|convenient|ready|free|suits|round|around))*{_UNTIL}",
     "while": r"(?:,\s*)?\bwhile (?:you are|we are|i am|being) (?:at it|there|on it|already there)\b,?",
     "thanks": (
-        r"(?:,\s*|-\s*)?\b(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|cheers|tia|much appreciated|appreciated?(?: "
-        r"it)?)\b(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) help|"
-        r"again|much|ahead of time))*"
+        r"(?:,\s*|-\s*)?\b(?:please and )?(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|cheers|tia|much appreciated|"
+        r"appreciated?(?: it)?)\b(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|"
+        r"your) help|again|much|ahead of time))*"
     ),
     "interjection": rf",\s*\b{_INTERJECTIONS}(?=\s*(?:[,.;:!?]|$))|\b{_INTERJECTIONS}\b(?:\s*,)?",
     "comment": (
+        rf"[,.;] *(?:can|could|would|will) you (?:do|manage|handle|try) (?:it|that|this)(?: for me)?(?=[ ?.!]*$)|"
         rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|"
         rf"should)(?: (?:would|will|should|might|could|must|is|be|looks?|going to))*(?: (?:so|really|very|super|much|just|"
         rf"way))* (?:{_NICE})(?: (?:i think|for me|like that|that way))?{_UNTIL}"

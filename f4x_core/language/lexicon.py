@@ -53,7 +53,7 @@ _RUN_TOGETHER = word_set(
 CONTRACTIONS |= {"let's": ("let", "us"), "i'm": ("i", "am"), "can't": ("can", "not"), "won't": ("will", "not")}
 CONTRACTIONS |= {
     word + "n't": (word, "not")
-    for word in (
+    for word in [
         "do",
         "does",
         "did",
@@ -68,7 +68,7 @@ CONTRACTIONS |= {
         "would",
         "could",
         "must",
-    )
+    ]
 }
 CONTRACTIONS |= {
     word.replace("'", ""): parts for word, parts in CONTRACTIONS.items() if word.endswith("'t") or word in _RUN_TOGETHER
@@ -228,8 +228,8 @@ _FORMS = _table(
     "getting got, lose losing lost, bring bringing brought, slide sliding slid, spin spinning spun, shrink shrinking "
     "shrunk, grow growing grown, run running run, leave leaving left, blow blowing blown, throw throwing thrown, rise "
     "rising risen, stand standing stood, dye dyeing dyed, see seeing seen, have having had, go going gone, fly flying "
-    "flown, swim swimming swum, drive driving driven, wipe wiping wiped, rewind rewinding rewound, tie tying tied, lie "
-    "lying lain, send sending sent, fall falling fallen"
+    "flown, swim swimming swum, drive driving driven, wipe wiping wiped, rewind rewinding rewound, tie tying tied, speed "
+    "speeding sped, lie lying lain, send sending sent, fall falling fallen"
 )
 """Verb -> "-ing" form and participle, where the rules do not give them."""
 _DOUBLED = word_set("stop drop flip trim scrap chop drag tag dim tip strip swap wrap")

@@ -88,8 +88,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"only \g<x> keeps its color",
     ),
     (
-        rf"^(?:only|just|nothing but) {_X} (?:in|with|has|should have|should be in|is in|gets|stays in) (?:its |full "
-        rf")?colou?r$",
+        rf"^(?:let |make )?(?:only|just|nothing but) {_X} (?:in|with|has|have|keeps?|should have|should be in|is in|gets|"
+        rf"stays in) (?:its |full )?colou?r$",
         r"only \g<x> keeps its color",
     ),
     (
@@ -173,6 +173,23 @@ def opened(sentence: str, verbs: Collection[str]) -> Iterator[str]:
         )
         if opener and (not _NEGATED.search(before) or re.match(r"why\b|.*\bmind\b|would", before, re.IGNORECASE)):
             yield rest
+
+
+_MOST_BETWEEN = 5
+"""Words between a verb and its particle."""
+
+
+def closed_up(sentence: str, verbs: Collection[tuple[str, ...]]) -> Iterator[str]:
+    """The sentence with the particle of one of the `verbs` right behind it: "spice them up" is "spice up them"."""
+    words = sentence.split()
+    for at, verb in enumerate(words):
+        for end in range(at + 2, min(at + 2 + _MOST_BETWEEN, len(words))):
+            particle = words[end].rstrip(".,;!?")
+            if (verb.lower(), particle.lower()) in verbs:
+                sign = words[end][len(particle) :]
+                yield " ".join(
+                    [*words[: at + 1], particle, *words[at + 1 : end - 1], words[end - 1] + sign, *words[end + 1 :]]
+                )
 
 
 def paraphrases(sentence: str, verbs: Collection[str] = ()) -> Iterator[str]:

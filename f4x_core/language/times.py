@@ -82,7 +82,8 @@ def _times(x: float, unit: TimeExpression) -> TimeExpression:
 _and_a_half = _unit + keyword("and a half") >> (lambda unit: _times(1.5, unit))
 duration = either(
     number + _unit >> _times,
-    table({"half (a)|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
+    table({"half (a)|half of a": 0.5, "(a) quarter (of) (a)": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0})
+    + _unit
     >> _times,
     ~keyword("a|one") + _and_a_half,
     fraction + keyword("of a|of an|of one") + _unit >> _times,
@@ -232,6 +233,7 @@ _just_then = (
     + _at
     + ~keyword("like|say|maybe|about|around|roughly|approximately|circa|exactly|precisely")
     + moment
+    + ~keyword("[is|are|has] [over|passed|up|done]")
     | _bare
 ) + _onward
 _begin = _since_then | _just_then
@@ -257,7 +259,10 @@ _central = _within + keyword("middle|central") + either(_part >> (lambda x: Time
 _nth_second = _within + _nth + keyword("second") >> (
     lambda n: Span(TimeExpression(seconds=n - 1), TimeExpression(seconds=n))
 )
-_loosely = keyword("[toward|near|close to|just before|shortly before|right before] the (very) end|near (the) end")
+_loosely = keyword(
+    "(in|during|for|over) the [last|final|closing] [bit|part|moments]|"
+    "[toward|near|close to|just before|shortly before|right before] the (very) end|near (the) end"
+)
 _second_half = _during + keyword("(the) second half") + ~keyword(f"of the [{_whole}]") >> (lambda: Span(HALF_WAY, None))
 
 
@@ -291,7 +296,10 @@ span = either(
     _central,
     _nth_second,
     _loosely >> (lambda: Span(END, None, "moment")),
-    keyword(f"[as|when|once] the [{_whole}] [begins|starts|is starting]") >> (lambda: Span(START, None, "moment")),
+    keyword("(in|during|for|over) the [first bit|first moments|intro|opening]")
+    >> (lambda: Span(START, None, "moment")),
+    keyword(f"[as|when|once|the [moment|second|instant]] the [{_whole}] [begins|starts|is starting]")
+    >> (lambda: Span(START, None, "moment")),
     keyword(f"[as|when] the [{_whole}] [ends|is ending|is over|stops|finishes]") >> (lambda: Span(END, None, "moment")),
     keyword(
         f"over the [course|duration|length] of the (whole|entire) [{_whole}]|over the (whole|entire|full) [{_whole}]"

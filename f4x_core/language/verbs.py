@@ -64,7 +64,7 @@ VERBS: dict[str, str] = {
     "fainter and fainter, become fainter and fainter, grow fainter, get fainter, get more and more transparent, become "
     "more and more transparent",
     "keep": "keep, show, show me, leave, retain, have, display, see, preserve, let me see, save, hold on to, spare",
-    "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, rotoscope, roto, key, matte, crop to",
+    "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, rotoscope, roto, crop to",
     # places
     "move": "scooch over, budge up, animate, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, "
     "slide, bring, pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, "

@@ -156,10 +156,10 @@ remark: i|we|my|because|there
 what-is-it: [what|which] (kind of|sort of|type of) ({noun}) (is|are) [it|this|that|these|those|they] ({noun}|is|are)
     (called)|[identify|classify] [it|this|that] ({noun})|what [did|have] i (just) [{+click|select|pick|mark}] (on)|what is
     selected|what am i looking at
-contents: what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to [see|edit]|{inside})|what
-    are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what is|a list|what (all)
-    (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
-    [contents|inventory]|[what|which] (all) ({noun}) (do|did|have|can|could) {people} (can|could|all)
+contents: what am i looking at|what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to
+    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to
+    see)|what is|a list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in
+    it]|the [contents|inventory]|[what|which] (all) ({noun}) (do|did|have|can|could) {people} (can|could|all)
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun}
     (are|is|can be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}

@@ -99,7 +99,7 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
             select = {**select, "of": select["of"][:-1]}
         return {_one(word) for word in target} == _labels(select)
     if target == "all":
-        return by == "all" or (by == "current")
+        return by in ("all", "current") if "near" not in slot else by == "beside" and select["of"]["by"] == "all"
     if target == "background":
         return by == "not" and select["of"]["by"] == "moving"
     if target == "moving thing":
