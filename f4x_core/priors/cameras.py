@@ -632,7 +632,7 @@ def _interpolated(bundle: Bundle, registered: np.ndarray, frames: np.ndarray, ti
 
 def _without_outliers(bundle: Bundle, observations: Observations) -> tuple[Bundle, Observations]:
     """Drop sightings off by more than four times the median (at least 3 px), then points seen less than three times."""
-    error = np.nan_to_num(bundle.errors(observations), nan=np.inf)
+    error = np.nan_to_num(bundle.errors(observations), nan=np.inf, posinf=np.inf)
     usual = np.median(error) if len(error) else 0.0
     observations = observations.keep(error < max(3.0, 4 * usual if np.isfinite(usual) else 0.0))
     enough = np.bincount(observations.point, minlength=len(bundle.points)) >= min(3, len(bundle.center))
