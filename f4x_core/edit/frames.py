@@ -25,7 +25,7 @@ from ..language.amounts import (
 from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
 from ..language.colour_names import COLOURS
 from ..language.colours import colour, colourish
-from ..language.grammar import Mismatch, Rule, constant, either, listed, literal, optional, silent, table, unless
+from ..language.grammar import Mismatch, Rule, constant, either, here, listed, literal, optional, silent, table, unless
 from ..language.lexicon import every_form, word_set
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import any_form
@@ -76,7 +76,7 @@ def _frame(example: str, make: Any, needed: str, *, who: Rule = thing, use: Use 
     FRAMES.append(Command(example, "", make, slots, frozenset(needed.split()), who, use=use))
 
 
-_goes_on = unless(literal("and|but")) + Rule(lambda reading, at: {at: ()} if reading.word(at).isalpha() else {})
+_goes_on = unless(literal("and|but")) + here(lambda reading, at: reading.word(at).isalpha())
 ADDS_NOTHING = either(
     CALLS,
     ASKS,
@@ -101,7 +101,7 @@ ADDS_NOTHING = either(
 """Courtesies, and verbs that say no more than that something is done."""
 
 _joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
-_led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "with") else {})
+_led = here(lambda reading, at: reading.word(at) in ("at", "in", "with"))
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
     "something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|picture|"
@@ -748,9 +748,7 @@ _for_it = ~literal("for|of|with|on")
 _RUNNING = frozenset(any_form("run").split("|")) - word_set(
     "make render let put set keep have play be get do show pass moved put"
 )
-_not_run_backward = Rule(
-    lambda reading, at: {} if reading.word(at) == "backward" and reading.word(at - 1) in _RUNNING else {at: ()}
-)
+_not_run_backward = here(lambda reading, at: reading.word(at) != "backward" or reading.word(at - 1) not in _RUNNING)
 """What drives backward is played in reverse, not moved."""
 _frame(
     "the dog, a bit to the left",

@@ -31,6 +31,7 @@ from ..language.grammar import (
     bag,
     covers,
     either,
+    here,
     keyword,
     listed,
     literal,
@@ -209,7 +210,7 @@ _about_whom = literal(
 )
 _topic = thing + keyword(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
 _PRONOUNS = word_set("it him her them its his their")
-_pronoun_follows = Rule(lambda reading, at: {at: ()} if any(t.text in _PRONOUNS for t in reading.tokens[at:]) else {})
+_pronoun_follows = here(lambda reading, at: any(t.text in _PRONOUNS for t in reading.tokens[at:]))
 _loose_topic = _topic | thing + literal(",|-|->|=>|=") + _pronoun_follows >> (
     lambda who: Clause(TOPIC, ({"who": who},))
 )
@@ -223,7 +224,7 @@ _number_of_item = (
     | literal("step|part|item|task|edit|point") + number + ~keyword(",")
     | literal("first|second|third|fourth|last")
     + ~keyword(",")
-    + Rule(lambda reading, at: {at: ()} if reading.word(at) in _IMPERATIVES - FUNCTION_WORDS else {})
+    + here(lambda reading, at: reading.word(at) in _IMPERATIVES - FUNCTION_WORDS)
 )
 _loose_separator = either(_separator + ~silent(_number_of_item), silent(_number_of_item) >> (lambda *_: True))
 _loose_start = (
@@ -1023,7 +1024,7 @@ _NO_OPERATION = (
 """Words of wishes that no operation fulfils, and what is said about them."""
 _IMPOSSIBLE = {word: reason for words, reason in _NO_OPERATION for word in words.split()}
 _either = either(keyword("either"), silent(familiar) + keyword("or") + ~keyword("the|a|an") + silent(familiar))
-_last = Rule(lambda reading, at: {at: ()} if at >= len(reading.tokens) or not reading.tokens[at].is_word else {})
+_last = here(lambda reading, at: at >= len(reading.tokens) or not reading.tokens[at].is_word)
 _SHOWN_ONLY_THEN = "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'."
 _ONLY_WHEN = keyword(
     "only [after|from|until|before|between|during|for|since|while]|"

@@ -89,6 +89,10 @@ _PLAIN = str.maketrans(
 )
 
 
+_MOST_AHEAD = 40
+"""Words behind the last one that rules may look at."""
+
+
 @dataclass
 class Reading:
     """A sentence that is being matched."""
@@ -103,8 +107,14 @@ class Reading:
     """Number of a rule plus a word -> the ways to match it there."""
     barred: frozenset[int] = frozenset()
     """Ids of the frames that are not asked, because what they made of the sentence cannot be."""
+    words: list[str] = field(init=False)
+    """Texts of the tokens, and nothing behind them."""
     farthest: int = 0
     """Last word that some rule was asked at: when nothing matches, the one that was not understood."""
+
+    def __post_init__(self) -> None:
+        """List the words."""
+        self.words = [token.text for token in self.tokens] + [""] * (_MOST_AHEAD + 1)
 
     @classmethod
     def of(cls, sentence: str, tokens: list[Token], known: Mapping[tuple[str, ...], str]) -> Reading:
@@ -113,7 +123,7 @@ class Reading:
 
     def word(self, at: int) -> str:
         """Text of a token; nothing behind the last."""
-        return self.tokens[at].text if at < len(self.tokens) else ""
+        return self.words[at] if at < len(self.words) else ""
 
     def text_of(self, start: int, end: int) -> str:
         """Return tokens [start, end) as the person typed them."""
@@ -127,14 +137,19 @@ _NUMBERS = count(step=1 << 20)
 class Rule:
     """Something that can be matched at a word."""
 
-    def __init__(self, match: Callable[[Reading, int], Ways], first: frozenset[str] | None = None):
-        """`first`: the words that every match begins with one of; None where that is not known, or a match may be empty."""
-        self.match, self.first, self.number = match, first, next(_NUMBERS)
+    def __init__(
+        self, match: Callable[[Reading, int], Ways], first: frozenset[str] | None = None, may_be_empty: bool = False
+    ):
+        """`first`: the words that every match of a word or more begins with one of; None where that is not known."""
+        self.match, self.first, self.may_be_empty, self.number = match, first, may_be_empty, next(_NUMBERS)
 
     def at(self, reading: Reading, at: int) -> Ways:
         """The ways to match at word `at`, best first."""
-        if self.first is not None and reading.word(at) not in self.first:  # most rules at most words
-            reading.farthest = max(reading.farthest, at)
+        if (
+            self.first is not None and not self.may_be_empty and reading.words[at] not in self.first
+        ):  # most, at most words
+            if at > reading.farthest:
+                reading.farthest = at
             return {}
         memo, key = reading.memo, self.number + at
         ways = memo.get(key)
@@ -153,7 +168,9 @@ class Rule:
                     ways.setdefault(end, values + more)
             return ways
 
-        return Rule(match, self.first)
+        if self.first is None or not self.may_be_empty:
+            return Rule(match, self.first)
+        return Rule(match, None if other.first is None else self.first | other.first, other.may_be_empty)
 
     def __or__(self, other: Rule) -> Rule:
         """Either; this one is preferred."""
@@ -166,7 +183,7 @@ class Rule:
             ways = self.at(reading, at)
             return ways if at in ways else {**ways, at: ()}
 
-        return Rule(match)
+        return Rule(match, self.first, True)
 
     def __rshift__(self, function: Callable[..., Any]) -> Rule:
         """One value made of the values; where the function raises `Mismatch`, no match."""
@@ -180,7 +197,7 @@ class Rule:
                     continue
             return ways
 
-        return Rule(match, self.first)
+        return Rule(match, self.first, self.may_be_empty)
 
 
 class Refusal(F4xError):  # noqa: N818  # nothing went wrong
@@ -297,16 +314,16 @@ def _expanded(spec: str) -> Iterator[tuple[str, ...]]:
 
 def constant(value: Any) -> Rule:
     """Nothing, with a value."""
-    return Rule(lambda reading, at: {at: (value,)})
+    return Rule(lambda reading, at: {at: (value,)}, frozenset(), True)
 
 
-NOTHING = Rule(lambda reading, at: {at: ()})
+NOTHING = Rule(lambda reading, at: {at: ()}, frozenset(), True)
 """No word at all."""
 
 
 def silent(rule: Rule) -> Rule:
     """The rule without its values."""
-    return Rule(lambda reading, at: dict.fromkeys(rule.at(reading, at), ()), rule.first)
+    return Rule(lambda reading, at: dict.fromkeys(rule.at(reading, at), ()), rule.first, rule.may_be_empty)
 
 
 def either(*rules: Rule) -> Rule:
@@ -320,12 +337,18 @@ def either(*rules: Rule) -> Rule:
         return ways
 
     begins = [rule.first for rule in rules if rule.first is not None]
-    return Rule(match, frozenset().union(*begins) if len(begins) == len(rules) else None)
+    first = frozenset().union(*begins) if len(begins) == len(rules) else None
+    return Rule(match, first, any(rule.may_be_empty for rule in rules))
 
 
 def unless(rule: Rule) -> Rule:
     """Nothing, where the rule does not match."""
-    return Rule(lambda reading, at: {} if rule.at(reading, at) else {at: ()})
+    return Rule(lambda reading, at: {} if rule.at(reading, at) else {at: ()}, frozenset(), True)
+
+
+def here(condition: Callable[[Reading, int], Any]) -> Rule:
+    """Nothing, where the condition holds."""
+    return Rule(lambda reading, at: {at: ()} if condition(reading, at) else {}, frozenset(), True)
 
 
 def optional(rule: Rule, default: Any = None) -> Rule:
@@ -350,7 +373,7 @@ def listed(item: Rule, separator: Rule) -> Rule:
             front = following
         return {end: (ways[end],) for end in ways}
 
-    return Rule(match)
+    return Rule(match, item.first, item.may_be_empty)
 
 
 def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset(), between: Rule | None = None) -> Rule:

@@ -14,7 +14,19 @@ from typing import Any
 
 from ..errors import F4xError
 from ..language.asides import without_courtesy
-from ..language.grammar import NOTHING, Doubt, Reading, Rule, covers, either, generated, matches_of, table, tokenise
+from ..language.grammar import (
+    NOTHING,
+    Doubt,
+    Reading,
+    Rule,
+    covers,
+    either,
+    generated,
+    here,
+    matches_of,
+    table,
+    tokenise,
+)
 from ..language.idle import BINDING, EMPTY, PREPOSITIONS
 from ..language.lexicon import (
     CONTRACTIONS,
@@ -190,7 +202,7 @@ def _beside(name: str, links: str = "") -> Rule:
     return either(CUES[name] + link + _whom >> (lambda *found: (found[0] if len(found) > 1 else name, found[-1])))
 
 
-_before_article = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("the", "a", "this", "that", "us") else {})
+_before_article = here(lambda reading, at: reading.word(at) in ("the", "a", "this", "that", "us"))
 """Whether a thing follows with its article: "nearest the tree", which "the nearest tree" is not."""
 
 

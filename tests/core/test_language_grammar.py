@@ -5,33 +5,47 @@ import random
 import pytest
 
 from f4x_core.language import lexicon
-from f4x_core.language.grammar import Reading, Rule, constant, either, optional, silent, table, tokenise
+from f4x_core.language.grammar import Reading, Rule, constant, either, listed, optional, silent, table, tokenise, unless
 
 COLOUR = table({"red|dark red": "r", "blue": "b"}, words_of=set())
 THE = table({"the|a": None}, words_of=set())
 
 
 @pytest.mark.parametrize(
-    ("rule", "words"),
+    ("rule", "words", "may_be_empty"),
     [
-        (COLOUR, {"red", "dark", "blue"}),
-        (THE + COLOUR, {"the", "a"}),
-        (either(THE, COLOUR), {"the", "a", "red", "dark", "blue"}),
-        (COLOUR >> str.upper, {"red", "dark", "blue"}),
-        (silent(THE), {"the", "a"}),
-        (~THE, None),
-        (~THE + COLOUR, None),
-        (optional(THE), None),
-        (THE | constant(1), None),
-        (Rule(lambda reading, at: {at: ()}), None),
+        (COLOUR, {"red", "dark", "blue"}, False),
+        (THE + COLOUR, {"the", "a"}, False),
+        (either(THE, COLOUR), {"the", "a", "red", "dark", "blue"}, False),
+        (COLOUR >> str.upper, {"red", "dark", "blue"}, False),
+        (silent(THE), {"the", "a"}, False),
+        (~THE, {"the", "a"}, True),
+        (~THE + COLOUR, {"the", "a", "red", "dark", "blue"}, False),
+        (~THE + ~COLOUR, {"the", "a", "red", "dark", "blue"}, True),
+        (optional(THE), {"the", "a"}, True),
+        (THE | constant(1), {"the", "a"}, True),
+        (unless(THE) + COLOUR, {"red", "dark", "blue"}, False),
+        (listed(~THE + COLOUR, THE), {"the", "a", "red", "dark", "blue"}, False),
+        (Rule(lambda reading, at: {at: ()}), None, False),
+        (~THE + Rule(lambda reading, at: {at: ()}), None, False),
     ],
 )
-def test_a_rule_knows_the_words_it_begins_with(rule, words):
-    assert rule.first == words
+def test_a_rule_knows_the_words_it_begins_with(rule, words, may_be_empty):
+    assert (rule.first, rule.may_be_empty) == (words, may_be_empty)
 
 
 @pytest.mark.parametrize("sentence", ["the dark red", "dark dark", "a", "", "blue the red", "green"])
-@pytest.mark.parametrize("rule", [COLOUR, THE + COLOUR, either(THE + COLOUR, COLOUR), ~THE + (COLOUR >> str.upper)])
+@pytest.mark.parametrize(
+    "rule",
+    [
+        COLOUR,
+        THE + COLOUR,
+        either(THE + COLOUR, COLOUR),
+        ~THE + (COLOUR >> str.upper),
+        ~THE + ~COLOUR,
+        unless(THE) + COLOUR,
+    ],
+)
 def test_where_a_rule_cannot_begin_it_has_no_match_and_was_asked_all_the_same(rule, sentence):
     for at in range(len(sentence.split()) + 1):
         asked, matched = (Reading.of(sentence, tokenise(sentence), {}) for _ in range(2))
