@@ -43,7 +43,6 @@ def test_a_rule_knows_the_words_it_begins_with(rule, words, may_be_empty):
         either(THE + COLOUR, COLOUR),
         ~THE + (COLOUR >> str.upper),
         ~THE + ~COLOUR,
-        unless(THE) + COLOUR,
     ],
 )
 def test_where_a_rule_cannot_begin_it_has_no_match_and_was_asked_all_the_same(rule, sentence):
