@@ -530,6 +530,25 @@ def test_the_kind_of_camera(monkeypatch):
         assert any("could not be reconstructed" in line for line in job.warnings)
 
 
+def test_cameras_are_adjusted_until_no_frame_is_left_behind(monkeypatch):
+    true = truth(frames=8, points=120)
+    tracks, visible = project(true, 0.1)
+    every = sightings(tracks, visible, np.ones(120, bool), 120)
+    some = sightings(tracks, visible, np.ones(120, bool), 60)
+    turn = quaternion.to_matrix(quaternion.from_rotation_vector(np.array([0.0, 0.02, 0.0])))
+    rotation = true.rotation.copy()
+    rotation[7] = turn @ rotation[7]
+    lost, lens = solution_of(replace(true, rotation=rotation), noise=0.1), BundleConfig(refine_focal=False)
+    assert module._worst_frame(true, *every) < 0.3 and module._worst_frame(lost.bundle, *every) > 2
+    found = module._settled(lost, every, some, lens)
+    assert module._worst_frame(found.bundle, *every) < 0.3 and found.registered.all()
+    fine = solution_of(true, noise=0.1)
+    assert module._settled(fine, every, some, lens) is fine
+    asked = []
+    monkeypatch.setattr(module, "adjust", lambda bundle, *more: asked.append(bundle) or bundle)
+    assert module._settled(lost, every, some, lens) is lost and len(asked) == 1  # no gain: not tried again
+
+
 @pytest.mark.parametrize(
     ("found", "direct", "tracks", "chosen"),
     [
