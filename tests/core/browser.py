@@ -3,7 +3,9 @@
 import base64
 import io
 import json
+import os
 import shutil
+import signal
 import socket
 import subprocess
 import time
@@ -26,7 +28,7 @@ ARGUMENTS = (
     "--disable-component-update",
     "--disable-sync",
 )
-PATIENCE = 60.0
+PATIENCE = 120.0
 """Seconds that a busy machine may take for anything."""
 
 
@@ -40,19 +42,23 @@ class Browser:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
-        self._process = subprocess.Popen([DRIVER, f"--port={port}"], stdout=subprocess.DEVNULL)
+        self._process = subprocess.Popen([DRIVER, f"--port={port}"], stdout=subprocess.DEVNULL, start_new_session=True)
         self._address = f"http://127.0.0.1:{port}/session"
         options = {"binary": PROGRAM, "args": [*ARGUMENTS, f"--user-data-dir={self._profile}"]}
         asked = {"capabilities": {"alwaysMatch": {"goog:chromeOptions": options}}}
-        _wait_for_port(port)
-        session = self._send("POST", "", asked)["sessionId"]
-        self._address += f"/{session}"
+        try:
+            _wait_for_port(port)
+            self._address += f"/{self._send('POST', '', asked)['sessionId']}"
+        except BaseException:
+            self._stop()
+            raise
         return self
 
     def __exit__(self, *_):
-        self._send("DELETE", "")
-        self._process.terminate()
-        self._process.wait()
+        try:
+            self._send("DELETE", "")
+        finally:
+            self._stop()
 
     def open(self, address):
         """Show a page anew, also where only what follows its # is another one."""
@@ -95,6 +101,10 @@ class Browser:
         """(H,W,3) in [0, 1]: what the page's canvas shows."""
         data = self.value("document.querySelector('canvas').toDataURL('image/png')").split(",")[1]
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")) / 255
+
+    def _stop(self):
+        os.killpg(self._process.pid, signal.SIGTERM)  # the browser, too, where the driver could not end it
+        self._process.wait()
 
     def _send(self, method, path, body=None):
         data = None if body is None else json.dumps(body).encode()

@@ -102,6 +102,16 @@ def test_a_link_to_a_moment_stands_until_it_is_played(browser, tmp_path):
 
 
 @needs_browser
+def test_splats_without_time_show_no_player(browser, tmp_path):
+    export(random_scene(), tmp_path / "a.ply", [0.0], "ply")
+    main(["open", str(tmp_path / "a.ply"), "--write", str(tmp_path / "a.html")])
+    browser.open((tmp_path / "a.html").as_uri())
+    browser.wait_for(READY)
+    assert not browser.value("document.querySelector('#play, #time, #clock').checkVisibility()")
+    assert "up to 5°." in browser.wait_for("document.getElementById('message').textContent")
+
+
+@needs_browser
 def test_a_drag_turns_as_far_as_the_scene_is_believed(browser, tmp_path):
     scene = dataclasses.replace(random_scene(static=200, dynamic=100, degree=0), provenance={"believed_degrees": 6})
     write_page(scene, tmp_path / "a.html")

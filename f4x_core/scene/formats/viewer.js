@@ -353,6 +353,7 @@ function control(viewer) {
   play.onclick = () => setPlaying(!playing);
   slider.max = DATA.times.length - 1;
   show(viewer.frame);
+  for (const part of [play, slider, at("clock")]) part.hidden = DATA.times.length < 2;
   slider.oninput = () => { setPlaying(false); show(Number(slider.value)); };
   canvas.onpointerdown = (event) => {
     canvas.setPointerCapture(event.pointerId);

@@ -44,6 +44,7 @@ def write_page(scene: Scene, path: Path | str, options: PageOptions | None = Non
     """Write the base arrays of `scene` (bake its edits first) as one HTML page. Raises F4xError."""
     options = options or PageOptions()
     degrees = believed_degrees(scene) if options.degrees is None else options.degrees
+    why = ", as far as the clip tells" if options.degrees is None and scene.provenance.get("believed_degrees") else ""
     layout, motion = _joined(_motion(scene, options))
     cameras = scene.cameras
     data = {
@@ -67,7 +68,7 @@ def write_page(scene: Scene, path: Path | str, options: PageOptions | None = Non
     room = Path(__file__).parent
     page = Template((room / "viewer.html").read_text(encoding="utf-8")).substitute(
         name=html.escape(scene.name),
-        degrees=f"{degrees:.3g}",
+        reach=f"up to {degrees:.3g}°{why}",
         data=json.dumps(data).replace("<", "\\u003c"),  # a word cannot end the script
         script=(room / "viewer.js").read_text(encoding="utf-8"),
     )
