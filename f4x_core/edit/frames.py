@@ -223,7 +223,7 @@ _quality = either(
     + ~literal("tone|tones|mood|look|light|color|colors"),
     _toward + qualities.bare_look,
 )
-_becoming = unless(literal("tones|shades")) + literal(any_form("become", "match"))
+_becoming = unless(literal("tones|shades|looks|seems|feels")) + literal(any_form("become", "match"))
 _COLOURING = {"whiten|whitewash|bleach": "white", "blacken": "black", "redden": "red", "purple up": "purple"}
 """Verbs that say of which colour something becomes."""
 _about = ~literal("of|for|on|to|in|with|around|about|onto|over|at|from|upon|into|through|across|all over")
@@ -567,6 +567,11 @@ _frame(
     "the dog is too dark",
     REMARK,
     "complaint",
+    fix=~literal(",|.|;")
+    + ~literal("so")
+    + literal(
+        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust] (it|that|this|them) (down|up|back) (a bit|a little)"
+    ),
     opinion=literal("to me|for me|if you ask me|in my [opinion|eyes]"),
     who=either(
         literal("it|this|that|its")
@@ -618,7 +623,7 @@ _frame(
     verb=literal(
         any_form("hide") + "|away|off|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"
     ),
-    switch=literal(every_form("switch|turn|toggle|flip|shut")),
+    switch=literal(every_form("switch|turn|toggle|flip|shut|keep|stay|remain|leave")),
     fully=literal("from [view|sight]|completely|entirely|fully|totally|for good|permanently"),
 )
 _frame(
@@ -888,7 +893,7 @@ _frame(
     "trail",
     use=NAMED,
     who=unless(literal("a|an|the|another|one") + literal("ghost|echo|copy|clone|duplicate|twin|trail"))
-    + ~literal("of|behind|after|for")
+    + ~literal("of|behind|after|for|on|to")
     + thing,
     trail=~literal("a|an|some|the|that|which|who")
     + ~literal("fading|ghostly|faint|transparent|soft|see through")

@@ -69,6 +69,7 @@ from .operations import (
     Duplicate,
     Extract,
     Freeze,
+    Grade,
     Match,
     Opacity,
     Operation,
@@ -962,8 +963,19 @@ def _about(moment: TimeExpression, length: Span) -> Span:
     return Span(start, start.plus(far))
 
 
+def _same_way(one: Operation, other: Operation) -> bool:
+    """Whether two changes of light or color differ in how far they go alone: "let it pop, way more saturated"."""
+    a, b = one.to_json(), other.to_json()
+    if not isinstance(one, Grade) or a.keys() != b.keys() or a["select"] != b["select"]:
+        return False
+    pairs = [(a[key], b[key]) for key in ("contrast", "saturation") if key in a]
+    return bool(pairs) and all((x > 1) == (y > 1) for x, y in pairs)
+
+
 def _compatible(operations: list[Operation]) -> list[Operation]:
     """The operations; Refusal when two of them set the same thing."""
+    if all(_same_way(one, operations[-1]) for one in operations):
+        operations = operations[-1:]
     kinds = {(type(one), getattr(one, "mode", None), getattr(one, "rotate", None)) for one in operations}
     unseen = len(operations) > 1 and any(isinstance(one, Opacity) and one.factor == 0 for one in operations)
     if unseen or len(kinds) < len(operations):

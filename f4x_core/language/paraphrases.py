@@ -83,7 +83,7 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     # Everything but one
     (rf"^(?:full |all )?colou?rs? only (?:on|for|in|at) {_X}$", r"only \g<x> keeps its color"),
     (
-        rf"^(?:only |just )?{_X} in (?:full )?colou?r,? (?:and |with )?(?:everything else|the rest|all else|the others?)"
+        rf"^(?:only |just )?{_X} in (?:full )?colou?r,? (?:and |with )?(?:everything else|(?:the )?(?:rest|world|others?)|all else)"
         r"(?: in| is| stays| goes| should be)? (?:black and white|gr[ae]y|monochrome|b&w|bw|greyscale|grayscale)$",
         r"only \g<x> keeps its color",
     ),
@@ -133,11 +133,6 @@ _ORDERS: tuple[tuple[str, str], ...] = (
         r"(?:but |just |only |instead |rather )+(?P<a>[a-z]+ .+)$",
         r"leave \g<x> alone and \g<a>",
     ),
-    (
-        r"^(?P<a>.*\btoo\b.+?)[,.;]+ (?:please |so )?(?:tone|turn|bring|dial|take|fix|correct|change|lower|reduce)\b"
-        r"(?: (?:it|that|this|them))?(?: down| up| back)?(?: a bit| a little)?[.!]*$",
-        r"\g<a>",
-    ),
     (r"^(?:before|prior to) (?:you |we |i )?(?P<b>.+?), (?:please |first )?(?P<a>.+)$", r"\g<a>. \g<b>"),
     (r"^(?P<b>.+?),? but (?:only |just )?(?:after|once) (?:you |we )?(?:have |'ve )?(?P<a>.+)$", r"\g<a>. \g<b>"),
     (
@@ -147,7 +142,7 @@ _ORDERS: tuple[tuple[str, str], ...] = (
     (r"^(?P<b>.+?),? after (?:you |we )(?:have |'ve )?(?P<a>.+)$", r"\g<a>. \g<b>"),
     (r"^(?P<b>.+?),? but first,? (?P<a>.+)$", r"\g<a>. \g<b>"),
 )
-"""What is done about a complaint that is named again, and sentences whose second part is done first."""
+"""Sentences whose second part is done first."""
 _ORDER_PATTERNS, _PATTERNS = (
     tuple((re.compile(pattern, re.IGNORECASE), instead) for pattern, instead in rewritings)
     for rewritings in (_ORDERS, _REWRITINGS)

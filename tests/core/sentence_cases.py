@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from f4x_core.edit.language import parse
+from f4x_core.edit.operations import Duplicate
 from f4x_core.edit.request import Request
+from f4x_core.edit.selects import Named
 from f4x_core.errors import F4xError
 from f4x_core.fit.vocabulary import EVERYDAY
 from f4x_core.language.colour_names import COLOURS
@@ -44,7 +47,7 @@ def verdict(row: dict[str, Any]) -> str:
             ok = _questions_fit(row.get("questions", []), asked)
         else:
             request = Request(row["text"], labels, fps=FPS, frames=FRAMES, selected="selected" in row)
-            made = parse(request, earlier=(row.get("after") or [""])[-1])
+            made = parse(request, earlier=(row.get("after") or [""])[-1], copies=_copies(row, request))
             ok = _operations_fit(row.get("operations", []), list(made), row)
     except Doubt:
         return "right" if row["expect"] == "confirm" else "refused"
@@ -61,6 +64,12 @@ def verdict(row: dict[str, Any]) -> str:
     if row["category"] == "x_destructive":  # which of several is meant, the scene tells
         return "right" if ok and row["operations"][0]["target"] else "wrong"
     return "wrong"
+
+
+def _copies(row: dict[str, Any], request: Request) -> dict[Any, Any]:
+    """What the sentences before made copies of."""
+    done = (one for said in row.get("after", ()) for one in parse(replace(request, sentence=said)))
+    return {Named("copy"): one.select for one in done if isinstance(one, Duplicate)}
 
 
 def _things(row: dict[str, Any]) -> set[str]:
