@@ -9,11 +9,11 @@ from typing import Any
 from ..language.amounts import Distance, distance, fraction, fraction_of, multiple, number, percent, signed, steps
 from ..language.colours import colour, colourish
 from ..language.grammar import Mismatch, Rule, either, keyword, listed, silent, table
+from ..language.lexicon import PICTURE
 from ..language.times import TimeExpression, duration
 from . import making, qualities
 from .making import Value
 from .phrases import (
-    PICTURE,
     beside_itself,
     everything_but,
     everything_else,

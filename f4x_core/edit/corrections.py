@@ -9,9 +9,9 @@ from collections.abc import Iterator, Mapping
 from ..language.amounts import amount, direction, distance, number, percent
 from ..language.colours import colour
 from ..language.grammar import Reading, either, keyword, tokenise
-from ..language.lexicon import word_set
+from ..language.lexicon import PICTURE, word_set
 from ..language.times import duration, moment, span
-from .phrases import PICTURE, familiar, known_thing
+from .phrases import familiar, known_thing
 from .qualities import made
 
 _TAKEN_BACK = (

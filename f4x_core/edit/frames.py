@@ -26,7 +26,7 @@ from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
 from ..language.colour_names import COLOURS
 from ..language.colours import colour, colourish
 from ..language.grammar import Mismatch, Rule, constant, either, here, listed, literal, optional, silent, table, unless
-from ..language.lexicon import every_form, word_set
+from ..language.lexicon import PICTURE, every_form, word_set
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import any_form
 from . import making, qualities
@@ -53,7 +53,6 @@ from .commands import (
 )
 from .making import Value
 from .phrases import (
-    PICTURE,
     colors,
     everything_else,
     familiar,
@@ -70,10 +69,6 @@ from .selects import All, Current
 
 FRAMES: list[Command] = []
 """In the order in which they are preferred."""
-
-
-def _frame(example: str, make: Any, needed: str, *, who: Rule = thing, use: Use = USUAL, **slots: Any) -> None:
-    FRAMES.append(Command(example, "", make, slots, frozenset(needed.split()), who, use=use))
 
 
 _goes_on = unless(literal("and|but")) + here(lambda reading, at: reading.word(at).isalpha())
@@ -233,6 +228,12 @@ _whom = (
     + _about
     + thing
 )
+
+
+def _frame(example: str, make: Any, needed: str, *, who: Rule = _whom, use: Use = USUAL, **slots: Any) -> None:
+    FRAMES.append(Command(example, "", make, slots, frozenset(needed.split()), who, use=use))
+
+
 _frame(
     "the dog, in red",
     as_given,
@@ -271,14 +272,12 @@ _frame(
     "whitewash the wall",
     making.assigned,
     "rgb",
-    who=_whom,
     rgb=table({every_form(verbs): COLOURS[name] for verbs, name in _COLOURING.items()}, reserve=False),
 )
 _frame(
     "tint the dog orange",
     making.faintly,
     "verb rgb",
-    who=_whom,
     verb=literal(any_form("tint")),
     rgb=_a + ~_slight + qualities.shade_of + (colour | colourish) + qualities.colored,
     faintly=qualities.hint,
@@ -423,7 +422,6 @@ _frame(
     "the dog, half a stop up",
     lambda way, by: making.brightened(factor(by, way)),
     "way by",
-    who=_whom,
     verb=_set,
     way=table(
         {
@@ -599,7 +597,6 @@ _frame(
     "the dog has to be removed",
     always(making.deleted),
     "verb",
-    who=_whom,
     use=NAMED,
     verb=literal(
         any_form("delete")
@@ -630,7 +627,6 @@ _frame(
     "nothing but the dog",
     always(making.extracted),
     "only",
-    who=_whom,
     use=NAMED,
     verb=literal(
         any_form("keep", "isolate")
@@ -686,7 +682,6 @@ _frame(
     "the dog, turned by 20 degrees",
     _turned,
     "verb angle",
-    who=_whom,
     verb=_TURNING,
     angle=ANGLE,
     sense=_sense,
@@ -697,7 +692,6 @@ _frame(
     "the dog, turned around",
     _turned,
     "verb around",
-    who=_whom,
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     around=literal(
         "[around|round] (so (that) [it|he|she] [faces|looks|points] the [other|opposite] [way|direction|side])|(to|in|"
@@ -711,7 +705,6 @@ _frame(
     "the dog, tipped over",
     lambda: making.tilted(90.0),
     "verb",
-    who=_whom,
     verb=literal(any_form("topple")),
     over=literal("over"),
 )
@@ -719,7 +712,6 @@ _frame(
     "the dog, turned to the left",
     _turned,
     "verb sense",
-    who=_whom,
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     sense=_sense | table({"left": -1, "right": 1}, reserve=False),
     how=degree,
@@ -729,7 +721,6 @@ _frame(
     "a quarter turn to the right for the dog",
     making.rotated,
     "angle",
-    who=_whom,
     verb=literal(every_form("make|do|give|turn|perform|take")),
     angle=~literal("a|one|by") + FULL_TURN,
     sense=SENSE,
@@ -821,7 +812,6 @@ _frame(
     lambda verb, times: making.copied(times=max(times - 1, 1.0)),
     "verb times",
     use=NAMED,
-    who=_whom,
     verb=table({every_form("multiply|duplicate|clone|copy|replicate"): True}, reserve=False),
     times=literal("by") + number + unless(literal("unit|units")),
 )
@@ -940,7 +930,6 @@ _frame(
     "start it again at second 2",
     always(making.retimed(1.0)),
     "verb again when",
-    who=_whom,
     verb=literal(every_form("start|resume|continue|go|move|run|play|carry|let go|unfreeze|release")),
     again=literal("again|on|on again|moving|moving again|as before|normally"),
 )
@@ -949,7 +938,6 @@ _frame(
     always(making.frozen),
     "verb still",
     use=NAMED,
-    who=_whom,
     verb=literal(every_form("keep|hold|leave")),
     still=literal("(perfectly|completely|absolutely) [still|motionless|frozen]"),
 )
@@ -1034,7 +1022,6 @@ _frame(
     "a slight blur on the dog",
     making.blurred,
     "how",
-    who=_whom,
     verb=_doing,
     how=_bit_of
     + literal("(gaussian|lens|soft|depth|background|motion) [blur|blurring|defocus|bokeh|haze]")
@@ -1052,7 +1039,6 @@ _frame(
     "a soft blue glow around the dog",
     _haloed,
     "light",
-    who=_whom,
     verb=_doing,
     light=~literal("with")
     + _bit_of
@@ -1067,7 +1053,6 @@ _frame(
     "the dog should glow",
     making.glowing,
     "verb",
-    who=_whom,
     verb=literal(any_form("glow") + "|aglow|luminous|radiant") + ~literal("on|effect"),
     how=qualities.softly,
     rgb=~literal("in|in a|a|with|with a") + colour + ~literal("light|color"),
@@ -1094,7 +1079,6 @@ _frame(
     "the dog fades out at the end",
     making.faded,
     "verb",
-    who=_whom,
     verb=literal(any_form("vanish") + "|fade out on|a fade out"),
     inward=unless(silent(span))  # "faded out in the last second"
     + table(
@@ -1117,7 +1101,6 @@ _frame(
     "the dog appears over the first second",
     always(making.appearing),
     "verb",
-    who=_whom,
     use=NAMED,
     verb=literal(any_form("appear")),
 )
@@ -1126,7 +1109,6 @@ _frame(
     "fade to black at the end",
     making.fading_to,
     "verb rgb",
-    who=_whom,
     use=WHOLE,
     verb=literal(every_form("fade|dissolve|dip|go|fade out|fade slowly")),
     rgb=literal("to|into|out to|down to") + ~literal("a|solid|pure|full|total|complete") + colour,
@@ -1138,7 +1120,6 @@ _frame(
     AGAIN,
     "again",
     use=NAMED,
-    who=_whom,
     verb=literal("do|it|that|this|make it|apply it|apply that|go on|continue|and"),
     again=literal(
         "[do|apply|repeat] [that|this|it] (again) (but) [with|for|to|on]|too|as well|also|the same|same|likewise|the "
@@ -1164,7 +1145,6 @@ _frame(
     REMARK,
     "spared",
     use=NAMED,
-    who=_whom,
     spared=literal(
         "do not [touch|change|affect|alter|modify|edit|include|do it to|do this to|do that to]|without [touching|changing|"
         "affecting]|not|no changes to|nothing [to|on|with]|never [touch|change]|do nothing to"

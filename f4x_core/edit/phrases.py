@@ -29,7 +29,7 @@ from ..language.grammar import (
     tokenise,
     unless,
 )
-from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, PEOPLE, is_adverb, singular, word_set
+from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, PEOPLE, PICTURE, is_adverb, singular, word_set
 from ..language.times import END, START, Clip, Span, no_such_time
 from .operations import Duplicate, Operation
 from .selects import All, And, Beside, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text, Where
@@ -510,10 +510,6 @@ _WHICH = {
     "biggest|largest|bigger|larger|tallest|longest|taller": "largest",
     "smallest|tiniest|littlest|smaller|shortest|shorter": "smallest",
 }
-PICTURE = (
-    "scene|picture|image|video|clip|shot|footage|movie|film|frame|view|sequence|photo|photograph|composition|comp|screen|"
-    "recording"
-)
 _WHERE = {
     f"[on|at|to|of|in] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])|to the far left": "left",
     f"[on|at|to|of|in] [the|its] (far) right (side|hand side|edge) (of [the|this] [{PICTURE}])": "right",

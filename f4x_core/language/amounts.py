@@ -19,7 +19,7 @@ from .grammar import (
     optional,
     table,
 )
-from .lexicon import FRACTIONS, ONES, TENS
+from .lexicon import FRACTIONS, ONES, PICTURE, TENS
 
 PLACES = 3
 """Decimals that numbers worked out from words keep."""
@@ -177,9 +177,8 @@ def fraction_of(quality: str) -> Rule:
 # Which way -----------------------------------------------------------------------------------------------------------
 
 VIEWER = "camera|the camera|the viewer|the lens|me|us|here"
-_OF_IT = "picture|image|frame|screen|scene|shot|view"
 _SIDE = "side|hand side|direction|edge|hand edge|half"
-_WITHIN = ~keyword(f"of [the|this] [{_OF_IT}]|in [the|this] [{_OF_IT}]")
+_WITHIN = ~keyword(f"of [the|this] [{PICTURE}]|in [the|this] [{PICTURE}]")
 direction = (
     table(
         {

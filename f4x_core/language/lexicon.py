@@ -210,6 +210,11 @@ def plural(noun: str, count: float) -> str:
     return noun if count == 1 else f"{noun}s"
 
 
+PICTURE = (
+    "scene|picture|image|video|clip|shot|footage|movie|film|frame|view|sequence|photo|photograph|composition|comp|screen|"
+    "recording"
+)
+"""Words for what is seen."""
 EVERYBODY = ("person", "people", "human")
 PEOPLE = (
     r"person|people|humans?|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|bab(?:y|ies)|boys?|girls?|guys?|lad(?:y|ies)|"

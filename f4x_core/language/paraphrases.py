@@ -29,11 +29,6 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"\g<x>\g<y> should not be \g<rest>\g<end>",
     ),
     (
-        rf"^{WISHING}(?:if|whether|that|when) (?:you|we|i|someone|somebody|anyone) (?:(?:could|can|would|might|will|were to|"
-        rf"just|please|kindly|maybe|possibly|perhaps) )+{_REST}$",
-        r"\g<rest>",
-    ),
-    (
         rf"^(?:{WISHING}(?:if|whether|that|when)|(?:i|we) (?:really |do |just )?wish) {_X} (?:were|was|is|are|be) {_REST}$",
         r"\g<x> should be \g<rest>",
     ),

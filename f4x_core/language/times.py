@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from .amounts import PLACES, fraction, number, percent
 from .grammar import either, keyword, literal, optional, table, unless
+from .lexicon import PICTURE
 
 
 @dataclass
@@ -88,11 +89,10 @@ duration = either(
     ~keyword("a|one") + _and_a_half,
     fraction + keyword("of a|of an|of one") + _unit >> _times,
 )
-_whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
 _edge = table(
     {
-        f"the (very) [beginning|start|first frame|outset|head|opening] (of the [{_whole}])|start|beginning": START,
-        f"the (very) [end|last frame|finish|tail|close] (of the [{_whole}])|end": END,
+        f"the (very) [beginning|start|first frame|outset|head|opening] (of the [{PICTURE}])|start|beginning": START,
+        f"the (very) [end|last frame|finish|tail|close] (of the [{PICTURE}])|end": END,
         "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
     }
 )
@@ -103,25 +103,25 @@ _clock = either(
     >> (lambda h, m, s: TimeExpression(seconds=3600 * h + 60 * m + s)),
     number + keyword(":") + number + ~keyword("minutes") >> (lambda m, s: TimeExpression(seconds=60 * m + s)),
 )
-_through = keyword("(of the way) [through|in|into|along]|of the way") + ~keyword(f"the (whole) [{_whole}]|it")
-_of_it = keyword(f"of the [{_whole}]|of it")
+_through = keyword("(of the way) [through|in|into|along]|of the way") + ~keyword(f"the (whole) [{PICTURE}]|it")
+_of_it = keyword(f"of the [{PICTURE}]|of it")
 _part_way = either(
-    keyword("halfway|half way|midway|mid way") + ~(_through | keyword("point") + ~keyword(f"of the [{_whole}]"))
+    keyword("halfway|half way|midway|mid way") + ~(_through | keyword("point") + ~keyword(f"of the [{PICTURE}]"))
     >> (lambda: HALF_WAY),
     keyword(
-        f"the (very) middle of the [{_whole}]|(the) [midpoint|mid point|midway point] (of the [{_whole}])|the [halfway|"
-        f"half way|half] [point|mark] (of the [{_whole}])|mid clip|"
+        f"the (very) middle of the [{PICTURE}]|(the) [midpoint|mid point|midway point] (of the [{PICTURE}])|the [halfway|"
+        f"half way|half] [point|mark] (of the [{PICTURE}])|mid clip|"
         "the half|half time|"
-        f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
+        f"the middle of it|the [{PICTURE}] is [half|halfway] [over|through|done]"
     )
     >> (lambda: HALF_WAY),
     fraction + (_through | _of_it | keyword("of the time|through the time|in")) >> (lambda x: TimeExpression(clip=x)),
-    percent + (_through | keyword(f"of the [{_whole}]")) >> (lambda x: TimeExpression(clip=x)),
+    percent + (_through | keyword(f"of the [{PICTURE}]")) >> (lambda x: TimeExpression(clip=x)),
 )
 """Moments that are told by how much of the clip is over."""
 _counted = ~keyword("the") + _unit + ~keyword("number|no|#") + number >> (lambda unit, x: _times(x, unit))
 _frame_number = keyword("frame|f|fr") + ~keyword("number|no|#") + number >> (lambda x: TimeExpression(frames=x))
-_inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
+_inside = f"in|into (the) [{PICTURE}]|into it|in the [{PICTURE}]"
 _at_t = literal("t (=)|time =") + number + ~keyword("s|sec") >> (lambda x: TimeExpression(seconds=x))
 _measured = _at_t | (
     either(number + _unit + ~keyword(f"{_inside}|mark"), keyword("the") + number + _unit + keyword("mark|point"))
@@ -142,7 +142,7 @@ _nth = either(
 _numbered = ~keyword("the") + number + either(
     keyword("th|st|nd|rd"), keyword("th|st|nd|rd|the") + keyword("frame")
 ) >> (lambda x: TimeExpression(frames=x))
-_before_end = duration + keyword(f"before (the) end (of the [{_whole}])|from the end (of the [{_whole}])") >> (
+_before_end = duration + keyword(f"before (the) end (of the [{PICTURE}])|from the end (of the [{PICTURE}])") >> (
     lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
 )
 _second_over = keyword("the") + _nth + keyword("second") + ~keyword("is over|has passed") >> (
@@ -208,7 +208,7 @@ _since = keyword(
     "from|after|since|as of|once|not before|beginning|from (about) after|"
     "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
 )
-_middle_point = keyword(f"the middle (of the [{_whole}])") >> (lambda: HALF_WAY)
+_middle_point = keyword(f"the middle (of the [{PICTURE}])") >> (lambda: HALF_WAY)
 _reaches = (
     "[we|it|you] [reach|reaches|hit|hits|get to|gets to|are at|is at]|the [clip|video|film|scene|clock|timer|time] "
     "[reaches|hits|shows|is at|gets to]"
@@ -248,7 +248,7 @@ _part = table(
         "two thirds": 2 / 3,
         "three quarters": 0.75,
     }
-) + ~keyword(f"of the [{_whole}]")
+) + ~keyword(f"of the [{PICTURE}]")
 _during = ~keyword("for|in|during|over|within|throughout")
 _within = _during + keyword("the")
 _leading = _during + keyword("(the) [first|opening]") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
@@ -263,7 +263,9 @@ _loosely = keyword(
     "(in|during|for|over) the [last|final|closing] [bit|part|moments]|"
     "[toward|near|close to|just before|shortly before|right before] the (very) end|near (the) end"
 )
-_second_half = _during + keyword("(the) second half") + ~keyword(f"of the [{_whole}]") >> (lambda: Span(HALF_WAY, None))
+_second_half = _during + keyword("(the) second half") + ~keyword(f"of the [{PICTURE}]") >> (
+    lambda: Span(HALF_WAY, None)
+)
 
 
 def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
@@ -271,7 +273,7 @@ def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
 
 
 _comma = ~keyword(",")
-_mid = keyword(f"in the (very) middle (of the [{_whole}])")
+_mid = keyword(f"in the (very) middle (of the [{PICTURE}])")
 span = either(
     (_pair_from | _pair_between) >> (lambda pair: Span(*pair)),
     _for + _comma + ~keyword("starting|beginning") + _begin >> (lambda length, start: _lasting(start, length)),
@@ -284,7 +286,7 @@ span = either(
     + keyword("until|before|up to|up until|not after")
     + (moment | _middle_point)
     >> (lambda end: Span(START, end)),
-    keyword("by") + (_numbered | _counted | keyword(f"the (very) end (of the [{_whole}])") >> (lambda: END))
+    keyword("by") + (_numbered | _counted | keyword(f"the (very) end (of the [{PICTURE}])") >> (lambda: END))
     >> (lambda end: Span(START, end, "by")),
     keyword("before|until") + keyword("the") + _nth + keyword("second")
     >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
@@ -298,11 +300,12 @@ span = either(
     _loosely >> (lambda: Span(END, None, "moment")),
     keyword("(in|during|for|over) the [first bit|first moments|intro|opening]")
     >> (lambda: Span(START, None, "moment")),
-    keyword(f"[as|when|once|the [moment|second|instant]] the [{_whole}] [begins|starts|is starting]")
+    keyword(f"[as|when|once|the [moment|second|instant]] the [{PICTURE}] [begins|starts|is starting]")
     >> (lambda: Span(START, None, "moment")),
-    keyword(f"[as|when] the [{_whole}] [ends|is ending|is over|stops|finishes]") >> (lambda: Span(END, None, "moment")),
+    keyword(f"[as|when] the [{PICTURE}] [ends|is ending|is over|stops|finishes]")
+    >> (lambda: Span(END, None, "moment")),
     keyword(
-        f"over the [course|duration|length] of the (whole|entire) [{_whole}]|over the (whole|entire|full) [{_whole}]"
+        f"over the [course|duration|length] of the (whole|entire) [{PICTURE}]|over the (whole|entire|full) [{PICTURE}]"
     )
     >> (lambda: Span(START, None)),
     keyword("for|during")
@@ -314,9 +317,9 @@ span = either(
     keyword("for|over")
     + duration
     + ~keyword("or so")
-    + keyword(f"at the (very) [start|beginning|head] (of the [{_whole}])")
+    + keyword(f"at the (very) [start|beginning|head] (of the [{PICTURE}])")
     >> (lambda length: Span(START, length)),
-    keyword("for|over") + duration + ~keyword("or so") + keyword(f"at the (very) [end|tail] (of the [{_whole}])")
+    keyword("for|over") + duration + ~keyword("or so") + keyword(f"at the (very) [end|tail] (of the [{PICTURE}])")
     >> (lambda length: Span(END.plus(length, -1.0), None)),
     keyword("from|since") + keyword("the") + _nth + keyword("second") + _onward
     >> (lambda n: Span(TimeExpression(seconds=n - 1), None, "from")),
