@@ -347,7 +347,6 @@ _given = _values(
     ~keyword("a|an|some")
     + either(qualities.warmth_value, qualities.brightness_value, qualities.saturation_value, qualities.contrast_value)
     + keyword("tone|tones|look|feel|color|colors|light|appearance|mood|tint|touch|cast|atmosphere"),
-    known_thing + keyword("'s|'") + keyword("color|colors|coloring|look|appearance") >> making.matched,
     qualities.given_look,
     qualities.same_colour,
     qualities.opacity_value,

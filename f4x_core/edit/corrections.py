@@ -116,7 +116,7 @@ def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[st
         at = max(end, at + 1)
     if len(named) == 1:  # of two, "it" may be either
         thing = re.sub(r"^(?:an?|some) ", "", named[0])
-        article = "" if re.match(r"(?:the|that|this|these|those|my|our|all|every)\b", thing) else "the "
+        article = "" if re.match(r"(?:the|that|this|these|those|my|our|all|every)\b", thing, re.IGNORECASE) else "the "
         yield f"{article}{thing}: {match['command']}"
 
 

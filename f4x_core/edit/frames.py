@@ -85,7 +85,7 @@ ADDS_NOTHING = either(
         "for it to|for them to"
     ),
     literal(
-        every_form("make|let|have|get|do|keep")
+        every_form("make|let|have|get|do|keep|animate")
         + "|start|begin|every frame|each frame|going|in the [scene|picture|video|clip]|for good|permanently"
     ),
     literal(",|:|->|=>|=|-|!|(|)"),

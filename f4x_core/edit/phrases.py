@@ -128,7 +128,7 @@ class When:
         for time, frame, latest in ((phrase.start, start, last), (phrase.end, end, last + 1)):
             if time is not None and frame is not None and not 0 <= frame <= latest:
                 raise Refusal(no_such_time(time, context))
-        end = None if end is None or phrase.end == END else min(end, last)
+        end = None if end is None or (phrase.end == END and phrase.kind != "by") else min(end, last)
         if end is not None and end < start:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
         kind = "moment" if phrase.kind == "from" else phrase.kind
@@ -605,7 +605,7 @@ _placed = either(
     >> (lambda whole, side, share: _placed_part(side, share, whole)),
     ~keyword("the|its") + table({"top": "top", "bottom": "bottom"}) + keyword("of") + _whole
     >> (lambda side, whole: _placed_part(side, 0.5, whole)),
-    keyword("its|his|her|their") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
+    keyword("its|his|her|their|the") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
     >> (lambda side, share: _placed_part(side, share, _its)),
 )
 _he_or_she = table({"him|he": "'him'", "her|she": "'her'"}) >> (lambda word: lambda context: context.it(word))
@@ -842,7 +842,7 @@ _EXCEPT = (
     "not including|but (for)|[that|which|who] [is|are] not|save (for)|bar|leaving out|except of|beside from|outside of"
 )
 _the_biggest = keyword("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
-_besides = ~keyword(",") + keyword(_EXCEPT) + (_union | _the_biggest)
+_besides = ~keyword(",") + (keyword(_EXCEPT) + (_union | _the_biggest) | _union + keyword("excepted|aside"))
 everything_but = either(
     _everything + _in_scene + _besides, keyword("[what|whatever|all that|anything that] is not") + _union
 )

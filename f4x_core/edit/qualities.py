@@ -275,7 +275,9 @@ transformed = (
 )
 """What a thing turns to: matter, not a colour that is named like it."""
 liveliness = (
-    literal("[a little|a bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|pop|oomph|zing")
+    literal(
+        "[a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|pop|oomph|zing"
+    )
     | literal(
         "some (more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|(a) (little) pop of color|more color|some color"
     )
@@ -329,7 +331,8 @@ same_as = (
 colour_of = (
     _article + keyword("color|colors|coloring|palette|look|appearance") + keyword("of|from") + source >> making.matched
 )
-same_colour = same_as | colour_of
+_possessed = known_thing + keyword("'s|'") + keyword("color|colors|coloring|look|appearance") >> making.matched
+same_colour = same_as | colour_of | _possessed
 alike = _seem + keyword("like|similar to|the same as") + source >> making.matched
 made = either(
     colour_value,

@@ -27,7 +27,7 @@ ASKS = literal(
     "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
     "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could] [i|you|we]|"
     "is there [a|any] way to|[is it|would it be] [possible|okay|fine|all right|cool|nice|great] (to|if [you|we|i])|"
-    "see (your|their) way (clear) to|any chance [you|we] could|any chance (of|that|you [can|could])"
+    "see (your|their) way (clear) to|(is there) any chance [you|we] could|(is there) any chance (of|that|you [can|could])"
 )
 """Wishes that are put as questions."""
 WISHES = either(
@@ -52,7 +52,7 @@ WISHES = either(
 """Requests and wishes."""
 _NICE = (
     "nice|nicer|good|better|best|great|cool|cooler|fun|funny|lovely|perfect|awesome|fine|ideal|neat|sweet|pretty|prettier|amazing|"
-    "brilliant|wonderful|super|enough|nicely|well|cute|adorable|hilarious|sick|dope|epic|rad|fantastic|terrific|gorgeous"
+    "brilliant|wonderful|super|enough|nicely|well|cute|adorable|hilarious|sick|dope|epic|rad|fantastic|terrific|gorgeous|ace|stunning|decent|interesting"
 )
 COMMENTS = either(
     ~literal("that|it|this|which|and that")

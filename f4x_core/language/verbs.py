@@ -66,7 +66,7 @@ VERBS: dict[str, str] = {
     "keep": "keep, show, show me, leave, retain, have, display, see, preserve, let me see, save, hold on to, spare",
     "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, rotoscope, roto, crop to",
     # places
-    "move": "scooch over, budge up, animate, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, "
+    "move": "scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, "
     "slide, bring, pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, "
     "drop, throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, "
     "come, glide, wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, "
@@ -149,6 +149,7 @@ VOCABULARY.update(
 )
 VOCABULARY.update(
     word_set(
+        "animate teleport "
         "apply bathe colorize drench dye recolor repaint respray spray exposure contrast warmth saturation visibility "
         "vividness moved shifted pushed pulled placed dragged slid turned flipped faded painted made set put taken kept "
         "shown brought fewer wants wanted needs extra additional identical vibrance endlessly repeatedly halve double "

@@ -22,6 +22,22 @@ REFUSED = (
     "two puppies should follow the dog, they do the same a third of a second later each",
     "erase the girl who rides",
     "cut the dog out so I can comp it on something else",
+    "Roto the breakdancer out for me, I need him isolated with nothing else in the shot",
+    "3 more camels please but copy the one in front",
+    "Make warmer the light of all the room",
+    "It would be lovely if there were a second swan keeping this one company on the right.",
+    "Would that be one camel or two that I'm looking at?",
+    "give it an oil painting look but don't touch the swan",
+    "cartoon filter but JUST on the car",
+    "Anonymise the rider: his head is to be unrecognisable throughout.",
+    "Minimum separation of the two camels?",
+    "Top speed of the scooter, in km/h if the scale permits.",
+    "Relative to the audience, is the woman nearer to or farther from the lens?",
+    "make it a twin room: another bed like this one, parallel, to its left",
+    "Just checking, this one's a still interior with no movement?",
+    "8-bit pixel art shader on the player character (the man)",
+    "spawn a ghost racer: man + scooter again, 0.5s behind the originals",
+    "Has the horse got somebody riding it, or is it out there all alone?",
 )
 """Sentences that are not understood, and refused. None else may be, and none may be misunderstood."""
 ROWS = sentence_cases.rows()
