@@ -163,3 +163,32 @@ def test_every_question_names_what_its_sentence_does(text):
             assert "; ".join(told(doubt.instead)) in doubt.reason
     except Refusal:
         pass
+
+
+@pytest.mark.parametrize("command", ["make the dog red", "hide the tree from second 1 to 2"])
+@pytest.mark.parametrize(
+    "remarked",
+    ["{}, it frightens me", "evening mood: {}", "{}, so it looks like it is gone", "{}, my eyes are not what they used to be",
+     "{}, nothing fancy", "{}, like in the old films", "{}, it sits in the way", "{}. Can you do that?"],
+)  # fmt: skip
+def test_a_remark_that_wishes_nothing_is_left_out(command, remarked):
+    assert told(remarked.format(command)) == told(command)
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "make the dog red, it must bark",
+        "make the dog red, the cat is blue",
+        "make the dog red, it turns into a cat",
+        "make the dog red, my cat is too",
+        "make the dog red, I need it to dance",
+        "party mood: make the dog dance",
+        "change the dog so it looks like a cat",
+        "make the dog look like a cat",
+        "zorbl the dog red",
+    ],
+)
+def test_a_remark_that_may_be_a_wish_is_never_left_out(sentence):
+    with pytest.raises(Refusal):
+        told(sentence)

@@ -28,6 +28,13 @@ SAME = (
     ("a ghost of the bird should follow it half a second later", "let a copy follow the bird half a second behind"),
     ("add a second bird behind the first one", "put a copy of the bird behind it"),
     ("stop time at one second", "freeze everything at second 1"),
+    ("change the bird so that it is red", "make the bird red"),
+    ("instead of being red, make the bird blue", "make the bird blue"),
+    ("the bird should not be red, but blue", "make the bird blue"),
+    ("swap the bird's red for blue", "make the bird blue"),
+    ("the only thing in colour should be the bird", "only the bird keeps its color"),
+    ("perk the bird up", "perk up the bird"),
+    ("make the bird red, but first remove the car", "remove the car. make the bird red"),
     ("make the car red with its shadow", "make the car and its shadow red"),
 )
 WITHIN = {"labels": ("bird", "car"), "fps": 24.0, "frames": 72}
