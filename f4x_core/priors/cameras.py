@@ -303,7 +303,7 @@ def _settled(
 
 def _worst_frame(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> float:
     """Pixels by which the frame that fits worst misses its sightings (median), the points of the `tracks` triangulated anew."""
-    errors = np.nan_to_num(_triangulated_anew(bundle, seen, tracks).errors(seen), nan=np.inf)
+    errors = np.nan_to_num(_triangulated_anew(bundle, seen, tracks).errors(seen), nan=np.inf, posinf=np.inf)
     return max((float(np.median(errors[seen.frame == frame])) for frame in np.unique(seen.frame)), default=0.0)
 
 
