@@ -616,8 +616,11 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
 
 def _is_a_verb(reading: Reading, at: int) -> bool:
     """Whether a word that nobody knows says what to do with something: "knit the swan a scarf"."""
-    strange = reading.word(at) not in VOCABULARY | FUNCTION_WORDS | EMPTY and reading.word(at - 1) not in _ASKED_FOR
-    return strange and reading.word(at + 1) in ("the", "my", "that", "it", "him", "her", "them")
+    if reading.word(at - 1) in _ASKED_FOR or any(
+        reading.word(at) in words for words in (VOCABULARY, FUNCTION_WORDS, EMPTY)
+    ):
+        return False
+    return reading.word(at + 1) in ("the", "my", "that", "it", "him", "her", "them")
 
 
 def _means(

@@ -18,6 +18,7 @@ from ..language.grammar import (
     Rule,
     either,
     generated,
+    here,
     keyword,
     later,
     listed,
@@ -799,16 +800,16 @@ _and_also = _with_its | keyword(
 )
 
 
-def _has_own_quality_at(reading: Reading, at: int) -> dict[int, tuple[()]]:
-    """Nothing, before a thing that brings a quality of its own as the one before it does: "red cow, blue sky" are two wishes."""
+def _is_same_wish(reading: Reading, at: int) -> bool:
+    """Whether no thing follows with a quality of its own as the one before it has: "red cow, blue sky" are two wishes."""
     start = at
     while start > 0 and reading.word(start - 1) in _SEPARATORS:
         start -= 1
     while start > 0 and reading.word(start - 1) not in _SEPARATORS:
         start -= 1
     named = {reading.word(i) for i in range(start, at)} & {"the", "my", "that", "this"}
-    said = _quality_at(reading, start) or (named and reading.word(at - 1) == ",")
-    return {at: ()} if said and _quality_at(reading, at) else {}
+    qualified = _quality_at(reading, start) or (named and reading.word(at - 1) == ",")
+    return not (qualified and _quality_at(reading, at))
 
 
 def _quality_at(reading: Reading, at: int) -> bool:
@@ -832,9 +833,7 @@ two_of_them = ~keyword("the two|these two|those two|my two|two|the|my|both") + t
 _both_of_them = keyword("both") + two_of_them_behind + _in_scene >> (
     lambda label: lambda context: _both(label, context)
 )
-_union = either(
-    _both_of_them, ~keyword("both|either") + listed(_single, _and_also + unless(Rule(_has_own_quality_at))) >> _all_of
-)
+_union = either(_both_of_them, ~keyword("both|either") + listed(_single, _and_also + here(_is_same_wish)) >> _all_of)
 known_thing = ~keyword("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
 _EXCEPT = (

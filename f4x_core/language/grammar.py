@@ -341,14 +341,14 @@ def either(*rules: Rule) -> Rule:
     return Rule(match, first, any(rule.may_be_empty for rule in rules))
 
 
-def unless(rule: Rule) -> Rule:
-    """Nothing, where the rule does not match."""
-    return Rule(lambda reading, at: {} if rule.at(reading, at) else {at: ()}, frozenset(), True)
-
-
 def here(condition: Callable[[Reading, int], Any]) -> Rule:
     """Nothing, where the condition holds."""
     return Rule(lambda reading, at: {at: ()} if condition(reading, at) else {}, frozenset(), True)
+
+
+def unless(rule: Rule) -> Rule:
+    """Nothing, where the rule does not match."""
+    return here(lambda reading, at: not rule.at(reading, at))
 
 
 def optional(rule: Rule, default: Any = None) -> Rule:

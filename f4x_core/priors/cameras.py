@@ -104,7 +104,6 @@ def provide(
     `first`: what another provider found for all frames; a moving clip starts from it, and its focal length is kept.
     """
     settings = config.cameras
-    times = np.asarray(clip.times, np.float64)[clip.supervised]
     progress("cameras", 0, 4, "what moves")
     tracks, visible, static = static_tracks(priors)
     focal = (settings.focal or DEFAULT_FOCAL) * priors.width
@@ -115,6 +114,7 @@ def provide(
     shift = static_shift(tracks, visible, static)
     statistics: dict[str, Any] = {"static_tracks": int(static.sum()), "static_shift_px": _json(shift)}
     job = _CameraProblem(clip, priors, settings, tracks, visible, static, focal, first, statistics, [], progress)
+    times = job.times
     solution, kind = _solve_what_stands_still(job, shift)
     if first is None and settings.kind in (None, "moving") and mask_in_doubt(priors):
         solution, kind = _solve_everything(job, solution, kind)
@@ -492,8 +492,7 @@ def _with_sightings(job: _CameraProblem, solution: Solution) -> Solution:
     if len(solution.observations.frame):
         return solution
     seen, order = sightings(job.tracks, job.visible, job.static, 4 * SAMPLED_POINTS)
-    points, _ = triangulate(solution.bundle, seen, len(order))
-    return replace(solution, bundle=replace(solution.bundle, points=points), observations=seen)
+    return replace(solution, bundle=_triangulated_anew(solution.bundle, seen, order), observations=seen)
 
 
 def _translates(job: _CameraProblem, moved: Solution) -> bool:

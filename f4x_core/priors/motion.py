@@ -111,7 +111,7 @@ def motion_score(
 
     cv2.setRNGSeed(0)  # MAGSAC draws samples; the same clip must give the same mask
     frames, height, width = flows[1].shape[:3]
-    gaps = tuple(sign * gap for gap in gaps for sign in (1, -1) if gap < frames)
+    gaps = both_ways(gaps, frames)
     grid = pixel_grid(height, width)[STEP // 2 :: STEP, STEP // 2 :: STEP]  # (h,w,2)
     points, (rows, columns) = grid.reshape(-1, 2), grid.shape[:2]
     unit = max(height, width) / REFERENCE_WIDTH
@@ -175,6 +175,11 @@ def motion_score(
     score = score.reshape(frames, rows, columns)
     score = score * _evidence(missed.reshape(frames, -1, rows, columns), EVIDENCE_CONTRAST * contrast)
     return _smooth_in_time(np.stack(in_threads(lambda one: enlarge(one, height, width), score)), flows), statistics
+
+
+def both_ways(gaps: tuple[int, ...], frames: int) -> tuple[int, ...]:
+    """The gaps that a clip of `frames` has, ahead and back."""
+    return tuple(sign * gap for gap in gaps for sign in (1, -1) if gap < frames)
 
 
 def border_of(rows: int, columns: int) -> np.ndarray:

@@ -17,7 +17,7 @@ from ..geometry.camera import CameraPath
 from ..parallel import in_threads
 from .bundle import Bundle, Observations, rays, triangulate
 from .flow import consistent_at, length, pixel_grid
-from .motion import DOUBT, PARALLAX_PIXELS, REFERENCE_WIDTH, STEP, border_of, score_of_residuals
+from .motion import DOUBT, PARALLAX_PIXELS, REFERENCE_WIDTH, STEP, border_of, both_ways, score_of_residuals
 from .points import TRACK_OUTLIER_PX
 
 MIN_FRAMES = 8
@@ -30,6 +30,8 @@ CELL = 16
 MAX_INVERSE_DEPTH, ROUNDS = 8.0, 6
 """Largest inverse depth (1 at the median depth) at which a point may stand still, and rounds of the robust fit of it: still nearer
 to the camera, or behind it, some depth explains whatever runs along the camera's own way."""
+MIN_AHEAD = 1e-3
+"""Depth in another frame, over that in its own, below which a point counts as so near: nothing is divided by 0."""
 
 
 def fills_border(mask: np.ndarray) -> bool:
@@ -75,11 +77,10 @@ def flow_beyond_cameras(
     near = ndimage.maximum_filter(mask, (1, 2 * STEP + 1, 2 * STEP + 1))  # what lies between samples is interpolated
     inside = near[:, STEP // 2 :: STEP, STEP // 2 :: STEP]
     unit = max(height, width) / REFERENCE_WIDTH
-    signed = tuple(sign * gap for gap in gaps for sign in (1, -1) if gap < frames)
 
     def score(t: int) -> np.ndarray:
         found, points = np.ones(inside[t].shape, np.float32), grid[inside[t]]
-        there = [gap for gap in signed if 0 <= t + gap < frames]
+        there = [gap for gap in both_ways(gaps, frames) if 0 <= t + gap < frames]
         if len(points) and there:
             flow = np.stack([flows[gap][t, STEP // 2 :: STEP, STEP // 2 :: STEP][inside[t]] for gap in there])
             back = [consistent_at(points, one, flows[-gap][t + gap]) for one, gap in zip(flow, there, strict=True)]
@@ -107,12 +108,12 @@ def _left_by_depth(
     b = np.einsum("kij,kj->ki", lens, relative[:, :3, 3])[:, None]
     fixed, along = a[..., 2:] * there - a[..., :2], b[..., 2:] * there - b[..., :2]  # fixed + rho along = 0
     rho, weight = np.ones(len(here)), trust
-    left = np.zeros(trust.shape)
+    ahead, left = np.maximum(a[..., 2] + rho * b[..., 2], MIN_AHEAD), np.zeros(trust.shape)
     for _ in range(ROUNDS):
-        ahead = np.maximum(a[..., 2] + rho * b[..., 2], 1e-3)
         scaled = weight / ahead**2
         rho = -(scaled * (fixed * along).sum(-1)).sum(0) / np.maximum((scaled * (along**2).sum(-1)).sum(0), 1e-12)
         rho = np.clip(rho, 0.0, MAX_INVERSE_DEPTH)
-        left = length(fixed + rho[:, None] * along) / np.maximum(a[..., 2] + rho * b[..., 2], 1e-3)
+        ahead = np.maximum(a[..., 2] + rho * b[..., 2], MIN_AHEAD)
+        left = length(fixed + rho[:, None] * along) / ahead
         weight = trust / (1 + (left / (PARALLAX_PIXELS * unit)) ** 2)
     return left

@@ -68,7 +68,7 @@ def verdict(row: dict[str, Any]) -> str:
 
 def _copies(row: dict[str, Any], request: Request) -> dict[Any, Any]:
     """What the sentences before made copies of."""
-    done = (one for said in row.get("after", ()) for one in parse(replace(request, sentence=said)))
+    done = (one for sentence in row.get("after", ()) for one in parse(replace(request, sentence=sentence)))
     return {Named("copy"): one.select for one in done if isinstance(one, Duplicate)}
 
 
