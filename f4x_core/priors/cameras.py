@@ -25,11 +25,11 @@ from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import CameraPath
 from ..parallel import in_threads, thread_count
 from ..progress import Progress
-from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
+from .bundle import Bundle, BundleConfig, Observations, adjust, rays, resect, triangulate
 from .config import CamerasConfig, PriorsConfig
 from .flow import grey, sample, texture
 from .folder import SEEN_DEPTH
-from .mirror import DepthCues, choose_orientation, guess_inverse_distance
+from .mirror import DepthCues, choose_orientation, decide, guess_inverse_distance
 from .rigid import explained_fraction
 from .second_look import mask_in_doubt, release_static
 from .sfm import (
@@ -92,6 +92,8 @@ frames of ten other clips are within .8 px, and breakdance would lose by another
 MIN_EXPLAINED_MORE, ENOUGH_EXPLAINED = 0.05, 0.85
 """Fraction of the picture that cameras of all tracks must explain beyond what those of the static ones do, to be preferred;
 they are not looked for where so much is explained already."""
+INFINITY = 1e4
+"""Distance, in radii of the camera's path, from which the path shifts nothing by as much as a tenth of a pixel."""
 MIN_TRACKS = 12
 """With fewer static tracks than this the motion of the camera cannot be determined."""
 
@@ -312,6 +314,18 @@ def _triangulated_anew(bundle: Bundle, seen: Observations, tracks: np.ndarray) -
     return replace(bundle, points=triangulate(bundle, seen, len(tracks))[0])
 
 
+def _with_points_ahead(bundle: Bundle, seen: Observations) -> Bundle:
+    """Points that rays meet behind a camera that saw them moved to infinity: rays which diverge by no more than noise."""
+    behind = np.zeros(len(bundle.points), bool)
+    behind[seen.point[bundle.local(seen)[:, 2] <= 0]] = True
+    toward = np.zeros_like(bundle.points)
+    np.add.at(toward, seen.point, rays(bundle, seen))
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True) + 1e-300
+    middle = bundle.center.mean(0)
+    reach = np.linalg.norm(bundle.center - middle, axis=1).max()
+    return replace(bundle, points=np.where(behind[:, None], middle + INFINITY * reach * toward, bundle.points))
+
+
 def interpolation_error(bundle: Bundle, observations: Observations, times: np.ndarray) -> dict[str, float] | None:
     """How far a frame's picture shifts, in pixels, when its camera is interpolated from the other frames.
 
@@ -360,8 +374,30 @@ def _solve(job: _CameraProblem) -> tuple[Solution, str]:
     solution, kind = _first_solution(job)
     job.progress("cameras", 3, 4, "refine the path")
     if kind == "moving":
-        solution = complete(solution, job.tracks, job.visible, job.static, job.times, job.lens)
+        solution = _completed(job, solution)
     return solution, kind
+
+
+def _completed(job: _CameraProblem, solution: Solution) -> Solution:
+    """All frames of the solution, or of its rival where that explains the static tracks of all frames better.
+
+    A sample of frames hardly tells the two apart where there is little translation. On scooter-black the errors of a sample
+    differ by 2 % or 9 %, those of all frames by 40 to 60 %.
+    """
+    starts = [solution] if solution.rival is None else [solution, solution.rival]
+    found = in_threads(lambda start: complete(start, job.tracks, job.visible, job.static, job.times, job.lens), starts)
+    if len(found) == 1:
+        return found[0]
+    seen, order = sightings(job.tracks, job.visible, job.static, ADJUSTED_TRACKS)
+
+    def on_the_same_tracks(one: Solution) -> Bundle:
+        bundle = _with_points_ahead(_triangulated_anew(one.bundle, seen, order), seen)
+        return adjust(bundle, seen, replace(job.lens, iterations=10))
+
+    whole = in_threads(on_the_same_tracks, found)
+    decision = decide(whole[0], whole[1], seen, job.lens, job.cues(np.arange(len(job.tracks))))
+    job.statistics["mirror"] = decision.summary() | {"sample": job.statistics["mirror"]}
+    return found[0] if decision.bundle is whole[0] else found[1]
 
 
 def _solve_everything(job: _CameraProblem, found: Solution, kind: str) -> tuple[Solution, str]:
@@ -482,9 +518,15 @@ def _resolve_mirror(job: _CameraProblem, start: Solution) -> Solution | None:
     job.statistics["mirror"] = decision.summary()
     registered = np.zeros(len(job.tracks), bool)
     registered[frames] = np.bincount(sample.observations.frame, minlength=len(frames)) >= MIN_TRACKS
-    bundle = replace(start.bundle.with_frames(frames, decision.bundle), points=decision.bundle.points)
     observations = replace(sample.observations, frame=frames[sample.observations.frame])
-    return Solution(bundle, observations, registered)
+
+    def of_all_frames(found: Bundle, rival: Solution | None = None) -> Solution:
+        bundle = replace(start.bundle.with_frames(frames, found), points=found.points)
+        return Solution(bundle, observations, registered, rival)
+
+    if decision.rejected is None or decision.verdict == "sure":
+        return of_all_frames(decision.bundle)
+    return of_all_frames(decision.bundle, of_all_frames(decision.rejected))
 
 
 def _with_sightings(job: _CameraProblem, solution: Solution) -> Solution:

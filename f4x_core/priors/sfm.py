@@ -47,6 +47,8 @@ class Solution:
     observations: Observations
     registered: np.ndarray
     """(F,) bool."""
+    rival: Solution | None = None
+    """Nearly as good a solution that is the other way round in depth, where it is in doubt which one is right."""
 
     @property
     def error(self) -> float:

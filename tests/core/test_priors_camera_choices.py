@@ -11,8 +11,9 @@ from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import CamerasConfig, PriorsConfig
 from f4x_core.priors import cameras as module
-from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, triangulate
+from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
 from f4x_core.priors.folder import SEEN_DEPTH
+from f4x_core.priors.mirror import Decision, Evidence, mirrored
 from f4x_core.priors.sfm import FOCALS, Solution, refocused, sightings, subset
 from f4x_core.progress import silent
 
@@ -298,6 +299,54 @@ def test_more_frames_are_sampled_where_points_are_few(monkeypatch, points, per_f
     assert asked == [24, 48, 96]
 
 
+@pytest.mark.parametrize("margin", [4.7, 4.5, 0.2])
+def test_what_lost_a_doubtful_decision_stays_a_rival(margin, monkeypatch):
+    true = truth(frames=8, points=120)
+    lost = replace(true, center=true.center - 1, points=true.points + 1)
+    decision = Decision(true, True, (Evidence("it", margin, ""),), lost)
+    monkeypatch.setattr(module, "choose_orientation", lambda *asked: decision)
+    found = module._resolve_mirror(job_of(true), solution_of(true))
+    np.testing.assert_array_equal(found.bundle.center, true.center)
+    if margin > 4.6:
+        assert found.rival is None
+    else:
+        np.testing.assert_array_equal(found.rival.bundle.center, lost.center)
+        np.testing.assert_array_equal(found.rival.bundle.points, lost.points)
+        assert found.rival.observations is found.observations and found.rival.rival is None
+
+
+@pytest.mark.parametrize("chosen", ["right", "mirrored"])
+def test_of_two_rivals_the_one_that_holds_all_frames_wins(chosen):
+    true = truth(frames=12, points=120)
+    wrong = mirrored(true)
+    job = job_of(true)
+    job.statistics["mirror"] = {"verdict": "toss-up"}
+    sides = [solution_of(true), replace(solution_of(true), bundle=wrong)]
+    first, rival = sides if chosen == "right" else sides[::-1]
+    found = module._completed(job, replace(first, rival=rival))
+    points, _ = triangulate(found.bundle, observe(true), len(true.points))
+    known = np.isfinite(points).all(1)
+    assert np.corrcoef(points[known, 2], true.points[known, 2])[0, 1] > 0.9 and found.error < 0.3
+    assert job.statistics["mirror"]["sample"] == {"verdict": "toss-up"}
+    assert job.statistics["mirror"]["evidence"][0]["for"] > 0
+
+
+def test_points_that_rays_meet_behind_the_cameras_go_to_infinity():
+    true = truth(frames=8, points=120)
+    seen = observe(true)
+    behind = np.arange(120) % 3 == 0
+    points = np.where(behind[:, None], true.points * [1, 1, -1], true.points)
+    found = module._with_points_ahead(replace(true, points=points), seen)
+    np.testing.assert_array_equal(found.points[~behind], true.points[~behind])
+    sighted = behind & (np.bincount(seen.point, minlength=120) > 0)
+    assert (np.linalg.norm(found.points[sighted], axis=1) > 100 * np.linalg.norm(true.points, axis=1).max()).all()
+    far = seen.keep(sighted[seen.point])
+    mean = np.stack([rays(true, far)[far.point == point].mean(0) for point in np.flatnonzero(sighted)])
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    toward = found.points[sighted] / np.linalg.norm(found.points[sighted], axis=1, keepdims=True)
+    np.testing.assert_allclose(toward, mean, atol=1e-3)
+
+
 def test_a_mirror_image_is_decided_on_a_sample(monkeypatch):
     true = truth(frames=8, points=120)
     job, asked = job_of(true), []
@@ -307,8 +356,6 @@ def test_a_mirror_image_is_decided_on_a_sample(monkeypatch):
         return module_decision(starts[0])
 
     def module_decision(bundle):
-        from f4x_core.priors.mirror import Decision
-
         return Decision(replace(bundle, center=bundle.center + 1), False, ())
 
     monkeypatch.setattr(module, "choose_orientation", choose)
@@ -323,6 +370,7 @@ def test_a_mirror_image_is_decided_on_a_sample(monkeypatch):
     holding = np.bincount(sample.observations.frame, minlength=8)
     np.testing.assert_array_equal(found.registered, holding >= 12)
     assert job.statistics["mirror"]["chosen"] == "least error"
+    assert found.rival is None, "there was only one solution"
     turning = replace(start, bundle=replace(true, center=0 * true.center, points=3 * true.points))
     module._resolve_mirror(job, turning)
     starts = asked[1][0]

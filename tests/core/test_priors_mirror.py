@@ -125,6 +125,10 @@ def test_believed_focal_length_costs_what_it_should():
     true = ground()
     observations = observe(true, noise=0.2)
     plain = total_cost(true, observations, BundleConfig())
+    bare = [
+        total_cost(true, observations, BundleConfig(expected_focal=far), beliefs=False) for far in (FOCAL, 2 * FOCAL)
+    ]
+    assert bare[0] == bare[1] < plain
     believed = total_cost(true, observations, BundleConfig(expected_focal=FOCAL))
     doubted = total_cost(true, observations, BundleConfig(expected_focal=2 * FOCAL))
     assert believed == pytest.approx(plain)

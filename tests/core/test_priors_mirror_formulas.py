@@ -108,7 +108,8 @@ def test_the_errors_are_worth_their_logarithm():
     for shift in (0.0005, 0.5):
         other = replace(true, center=true.center + shift * np.random.default_rng(0).standard_normal(true.center.shape))
         found = module.compare_orientations(true, other, seen, config, cues(tracks, visible))
-        worth = np.log(total_cost(other, seen, config) / total_cost(true, seen, config)) / 0.025
+        costs = [total_cost(one, seen, config, beliefs=False) for one in (true, other)]
+        worth = np.log(costs[1] / costs[0]) / 0.025
         assert found[0].what == "reprojection" and found[0].log_odds == pytest.approx(min(worth, 8))
         back = module.compare_orientations(other, true, seen, config, cues(tracks, visible))
         assert back[0].log_odds == pytest.approx(max(-worth, -8))
