@@ -21,7 +21,6 @@ from .catalogue import STUDIES, names_of
 from .report_page import as_markdown, format_value
 from .runner import STUDY_FILE
 from .study import SECTIONS, read_json, write_json
-from .suites import take_over
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "results.md"
@@ -122,7 +121,6 @@ def results_page(folder: Path) -> str:
 def main() -> int:
     """Write the page, and the figures of all documents."""
     try:
-        take_over(ROOT / "build" / "suites", RESULTS)
         publish(PAGE, RESULTS, Path(sys.argv[1]) if len(sys.argv) > 1 else None)
         for page, text in [(page, page.read_text(encoding="utf-8")) for page in DOCUMENTS]:
             filled = fill_figures(text, RESULTS)

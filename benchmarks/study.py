@@ -31,7 +31,6 @@ SECTIONS = {
     "clips": "Clips",
     "datasets": "The field's data sets",
     "blender": "In Blender",
-    "tests": "Tests",
 }
 """Parts of the report, in the order of the page."""
 

@@ -29,9 +29,6 @@ SITE = ("mkdocs==1.6.1", "mkdocs-material==9.8.1", "mkdocstrings[python]==1.0.8"
 # Breaks formulas to see whether a test notices; it comes only when it is asked for.
 MUTMUT = "mutmut==3.8.1"
 EVERYDAY = ("-m", "not slow and not real")
-WHOLE = {"slow and not real": "slow", "real and not blender": "real"}
-# Where whole suites leave what they took, for `dev.py results`.
-SUITES = ROOT / "build" / "suites"
 # A process a core; four at most, because each takes a gigabyte or two. Each works through its part in order, so that what a
 # file prepares is made once, and takes over from another one at the end.
 SIDE_BY_SIDE = ("-n", "auto", "--maxprocesses", "4", "--dist", "worksteal")
@@ -44,7 +41,7 @@ VERBS = {
     "extension": "feature4x-VERSION.zip for Blender, in -o DIR; with --all with the kernels of every platform",
     "blender": "install, scripts and window in a real Blender, in a Debian of its own; says SKIPPED unless root and network allow",
     "elsewhere": "the core on linux-arm64 (QEMU), windows (Wine) and macos (looked at, not run); all, or those that are named",
-    "results": "docs/results.md and all figures from benchmarks/results/, after taking over the report in DIR and times of tests",
+    "results": "docs/results.md and all figures from benchmarks/results/, after taking over the report in DIR",
     "mutants": "formulas of a ROOM (fit, scaffold, …; none: the report's five) broken by mutmut, and which no test notices",
     "examples": "three rendered clips, fitted, as scenes, pages and Blender files, in DIR (build/examples)",
     "docs": "the documentation site with pages of all docstrings, links checked, in build/site",
@@ -114,15 +111,7 @@ def test(arguments: list[str]) -> int:
     """The everyday tests side by side; with arguments of pytest (`-m real` for the real clips) those alone, one after the other."""
     # They start some hundred processes, each of which would compile the same modules again where bytecode is not written.
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    if not arguments:
-        return run_suite("everyday", *EVERYDAY, *SIDE_BY_SIDE)
-    whole = WHOLE.get(arguments[1]) if len(arguments) == 2 and arguments[0] == "-m" else None
-    return run_suite(whole, *arguments) if whole else run(["-m", "pytest", *arguments])
-
-
-def run_suite(name: str, *arguments: str) -> int:
-    """A whole suite of tests, whose record goes to SUITES."""
-    return run(["-m", "pytest", f"--junitxml={SUITES / name}.xml", *arguments])
+    return run(["-m", "pytest", *(arguments or (*EVERYDAY, *SIDE_BY_SIDE))])
 
 
 def coverage() -> int:
@@ -205,8 +194,7 @@ def blender(arguments: list[str]) -> int:
         line = f"SKIPPED: real Blender was not tested, because {error}."
         print("!" * len(line), line, "!" * len(line), sep="\n", flush=True)
         return 0
-    chosen = ("-m", "real and blender", "tests/real")
-    return run(["-m", "pytest", *chosen, *arguments]) if arguments else run_suite("blender", *chosen)
+    return run(["-m", "pytest", "-m", "real and blender", "tests/real", *arguments])
 
 
 def elsewhere(arguments: list[str]) -> int:
