@@ -15,7 +15,7 @@ def encoder(progress: Progress) -> Encode:
     def encode(name: str, labels: list[str]) -> np.ndarray:
         if name not in loaded:
             loaded.add(name)
-            progress(f"reading the text encoder for '{', '.join(labels)}' (once)", 0, 1)
+            progress(f"reading the text encoder for '{', '.join(labels)}' (some seconds)", 0, 1)
         return encode_labels(name, labels)
 
     return encode

@@ -50,8 +50,8 @@ def summary(info: dict[str, Any]) -> dict[str, str]:
             **info["edited"]
         )
     poses = ""
-    if "poses" in info:
-        poses = "; poses exact, {kept:,} of {all:,} kept, the others repeat the frame before".format(**info["poses"])
+    if "poses" in info and info["poses"]["kept"] < info["poses"]["all"]:
+        poses = "; {kept:,} of {all:,} poses stored, the others repeat the frame before".format(**info["poses"])
     return {
         "name": info["name"],
         "frames": f"{info['frames']}, {info['held_out']} of them held out",

@@ -7,4 +7,4 @@ from ..errors import F4xError
 
 def refuse(missing: str, options: str) -> NoReturn:
     """Raise F4xError: `missing` says what is not there, `options` of `f4x distill` add it."""
-    raise F4xError(f"{missing}; add it with `f4x distill SCENE {options}`.")
+    raise F4xError(f"{missing}; `f4x distill SCENE {options}` adds what is missing.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -129,8 +129,7 @@ def select_by_prompts(
         raise F4xError("Nothing is prompted; give a point, a box or a mask on some frame.")
     size = (cameras.height, cameras.width)
     checked = {frame: check_prompt(frame, len(cameras), size, **prompt) for frame, prompt in prompts.items()}
-    what = "mask" if len(prompts) == 1 and "mask" in next(iter(prompts.values())) else "prompt"
-    label = f"{what} at {', '.join(map(str, prompts))}"
+    label = _marked_at(prompts)
     if decoder is None and all(prompt.mask is None for prompt in checked.values()):
         chosen = point_out(scene, [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)])
         if chosen is not None:
@@ -170,9 +169,13 @@ def select_by_evidence(
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
     frames = sorted({mark.frame for mark in marks})
     scores = follow_thing(scene, chosen, frames, FollowConfig(), backend, progress)
-    label = f"prompt at {', '.join(map(str, frames))}"
+    label = _marked_at(frames)
     label = label if words is None else f"{words.label}, {label}"
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
+
+
+def _marked_at(frames: Iterable[int]) -> str:
+    return f"what is marked at frame {', '.join(map(str, frames))}"
 
 
 def _selection(scene, scores, wins, threshold, span, label) -> Selection:

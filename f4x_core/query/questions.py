@@ -143,7 +143,8 @@ def answer(
     limits = (
         "words, places and motion in the scene" if labels_of(scene) else "motion in the scene, which knows no words"
     )
-    text = f"{' '.join(sentences)} (Computed from {limits}; no language model was asked.)"
+    different = " ".join(dict.fromkeys(sentences))  # what is not there is missing from every part of the question
+    text = f"{different} (Computed from {limits}; no language model was asked.)"
     return Answer(text, COMPUTED, {"views": len(views), "sightings": evidence})
 
 

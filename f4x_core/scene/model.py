@@ -345,7 +345,7 @@ class Scene:
     def require_field(self, heads: Sequence[str] = ()) -> FeatureField:
         """The feature field; F4xError where there is none, or one of `heads` is missing in it."""
         if self.features is None:
-            missing.refuse(f"{self.name}: the scene has no feature field", "--teacher text,visual --clip CLIP")
+            missing.refuse(f"{self.name}: the scene knows no words and looks yet", "--teacher text,visual --clip CLIP")
         for name in heads:
             self.features.head(name)
         return self.features

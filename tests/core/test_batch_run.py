@@ -361,13 +361,24 @@ def test_the_lock_of_a_dead_batch_is_taken_over(tmp_path, holder):
         assert json.loads(store.read(LOCK))["pid"] == os.getpid()
 
 
-def test_a_store_behind_a_url_gets_the_same_files(tmp_path):
-    fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed")
+@pytest.fixture
+def memory(monkeypatch):
+    """fsspec's file system in memory. Its readers of a file share one position, so two threads would get a part each."""
+    system = pytest.importorskip("fsspec", reason="fsspec is not installed").filesystem("memory")
+
+    def get_file(self, path, to, **_):
+        Path(to).write_bytes(self.cat_file(path))
+
+    monkeypatch.setattr(type(system), "get_file", get_file)  # of the class: every thread has an instance of its own
+    return system
+
+
+def test_a_store_behind_a_url_gets_the_same_files(tmp_path, memory):
     pattern = write_clips(tmp_path / "clips", a={"steps": 5}, b={})
     whole = contents(run(pattern, tmp_path / "whole") and tmp_path / "whole")
     place = f"memory://{tmp_path.name}"
     board = run(pattern, place)
-    store, system = open_store(place), fsspec.filesystem("memory")
+    store = open_store(place)
     published = {
         name for each in board.rows for name in store.sizes(each) if "/.batch/" not in name and "/logs/" not in name
     }
@@ -376,7 +387,7 @@ def test_a_store_behind_a_url_gets_the_same_files(tmp_path):
     with locked(store), pytest.raises(F4xError, match="another batch"), locked(open_store(place)):
         pass
     clip = f"memory://{tmp_path.name}-clips/a.clip"
-    system.pipe_file(clip.removeprefix("memory:/"), (tmp_path / "clips" / "a.clip").read_bytes())
+    memory.pipe_file(clip.removeprefix("memory:/"), (tmp_path / "clips" / "a.clip").read_bytes())
     board = run(clip, tmp_path / "out")
     assert board.rows["a"].state == "done" and board.rows["a"].row.clip.startswith("memory://")
     assert (tmp_path / "out" / "a" / "scene.f4x").read_bytes() == whole["a/scene.f4x"]

@@ -157,14 +157,14 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
     point, mask = {"points": [[3, 3]]}, {"mask": square_mask(0)}
     found = select_by_prompts(scene, {0: point, 2: point}, config=FollowConfig(lifted=0))
     np.testing.assert_array_equal(found.scores, scores)
-    assert pointed == [[0, 2]] and found.label == "prompt at 0, 2" and not found.wins.any()
+    assert pointed == [[0, 2]] and found.label == "what is marked at frame 0, 2" and not found.wins.any()
     decoder = Decoder({0: logits(0), 2: logits(2)}, {})
-    assert select_by_prompts(scene, {0: point}, decoder=decoder).label == "prompt at 0"
+    assert select_by_prompts(scene, {0: point}, decoder=decoder).label == "what is marked at frame 0"
     monkeypatch.setattr(prompts, "decoder_of", lambda scene, backend: decoder)
     for asked, label in (
-        ({0: mask}, "mask at 0"),
-        ({0: mask, 2: point}, "prompt at 0, 2"),
-        ({2: mask, 0: mask}, "prompt at 2, 0"),
+        ({0: mask}, "what is marked at frame 0"),
+        ({0: mask, 2: point}, "what is marked at frame 0, 2"),
+        ({2: mask, 0: mask}, "what is marked at frame 2, 0"),
     ):
         Lifted(monkeypatch, scene)
         monkeypatch.setattr(prompts, "point_out", lambda scene, asked: pytest.fail("a mask is no point"))

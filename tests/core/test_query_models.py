@@ -73,7 +73,7 @@ def test_questions_to_a_model_that_cannot_be_answered(scene_file, model, tmp_pat
         (scene_file, tmp_path, "what?", "no checkpoint of 'smolvlm-256m'"),
         (scene_file, tiny_models.tiny_clip(tmp_path / "clip"), "what?", "are a 'clip' model"),
         (tmp_path / "other.f4x", model, "what?", "smolvlm"),
-        (tmp_path / "plain.f4x", model, "what?", "no feature field"),
+        (tmp_path / "plain.f4x", model, "what?", "knows no words"),
     ):
         code, _, err = run(capsys, "ask", scene, question, "--model", reader)
         assert code == 2 and words in err and err.strip().splitlines()[-1].startswith("f4x ask: ")

@@ -100,7 +100,7 @@ def test_words_that_nobody_knows(scene, labels, words):
 
 
 def test_a_scene_without_field_has_no_words(plain):
-    with pytest.raises(F4xError, match=r"no feature field.*f4x distill"):
+    with pytest.raises(F4xError, match=r"knows no words.*f4x distill"):
         select_by_text(plain, ["square"])
 
 

@@ -218,6 +218,10 @@ def test_computed_answers_say_so(scene):
         ("In what order do the square and the wall start moving?", r"the square \(frame 0\)\."),
         ("When is it highest?", "^The square is highest"),
         ("Where is the square and when does it move?", "square is .* The square moves to the right from"),
+        (
+            "Where is the sky and when does it move?",
+            r"^Nothing in the scene answers to 'sky'[^.]*0\.\d+\)[^.]*\. \(Computed",
+        ),
     ],
 )
 def test_computed_answers_are_right(scene, question, words):

@@ -148,7 +148,7 @@ def test_rendered_latent_and_head():
 def test_what_is_not_there_is_told():
     with pytest.raises(F4xError, match=r"no head 'clip'.*text, visual-2.*distil"):
         render(SCENE, SCENE.cameras[0], 0.0, ("head:clip",), "torch")
-    with pytest.raises(F4xError, match="no feature field"):
+    with pytest.raises(F4xError, match="knows no words"):
         render(replace(SCENE, features=None), SCENE.cameras[0], 0.0, ("latent",), "torch")
     with pytest.raises(F4xError, match="no vocabulary for the text encoder 'minilm'"):
         SCENE.features.vocabulary("minilm")
