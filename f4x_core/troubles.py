@@ -55,7 +55,7 @@ TROUBLES = (
     Trouble(
         "F4X-CAMERA",
         "A camera file or a camera path is damaged, of another version, or contradicts itself.",
-        "Compare it with the example in docs/architecture.md (the priors folder), or leave it out.",
+        "Compare it with the example in docs/commands.md (paths), or leave it out.",
         ("f4x_core.geometry",),
     ),
     Trouble(
