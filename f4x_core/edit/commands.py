@@ -1,431 +1,1369 @@
-"""The commands of the language: a table of verbs, of what each takes, and of the operation that it makes."""
+"""The commands of the language: verb, thing, quality, amount, direction and time, wherever they stand, and what is then done.
+
+Between the phrases there may be words that add nothing; every other word has to belong to a phrase. A verb is added in
+`language.verbs`, a command by a row here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
-from ..language.amounts import Distance, distance, fraction, fraction_of, multiple, number, percent, signed, steps
+from ..language.amounts import (
+    Amount,
+    amount,
+    degree,
+    distance,
+    factor,
+    fraction,
+    fraction_of,
+    multiple,
+    number,
+    percent,
+    steps,
+    stops,
+)
+from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
+from ..language.colour_names import COLOURS
 from ..language.colours import colour, colourish
-from ..language.grammar import Mismatch, Rule, either, keyword, listed, silent, table
-from ..language.lexicon import PICTURE
-from ..language.times import TimeExpression, duration
+from ..language.grammar import (
+    Mismatch,
+    Rule,
+    constant,
+    either,
+    here,
+    keyword,
+    listed,
+    literal,
+    optional,
+    silent,
+    table,
+    unless,
+)
+from ..language.lexicon import PICTURE, every_form, word_set
+from ..language.times import TimeExpression, duration, span
+from ..language.verbs import VERBS, any_form, asked_form
 from . import making, qualities
 from .making import Value
 from .phrases import (
-    beside_itself,
+    colors,
     everything_but,
     everything_else,
+    familiar,
     known_noun,
     known_thing,
     name,
     place,
+    there_already,
     thing,
+    two_of_them,
+    two_of_them_behind,
     whose,
 )
-from .selects import All
-
-
-def REMARK() -> Value:  # it stands for what is said and asks for nothing
-    """Make nothing: "leave the dog alone"."""
-    raise Mismatch
-
-
-# Commands ------------------------------------------------------------------------------------------------------------
-
-
-def AGAIN() -> Value:  # likewise for the command before
-    """Make what was said before: "do the same with the cat"."""
-    raise Mismatch
-
-
-@dataclass(frozen=True)
-class Use:
-    """How a command may be said beside its full form."""
-
-    gapped: bool = True
-    """Its verb may be left out: "make the dog red and the cat blue"."""
-    bare: bool = True
-    """After another command "it" may be left out: "move the dog left and turn around"."""
-    whole: bool = False
-    """Without a thing it is for everything: "increase the contrast"."""
-    timed: bool = False
-    """With a time and without a thing it is for everything: "play the last second in slow motion"."""
-
-
-USUAL = Use()
-FULL = Use(gapped=False, bare=False)
-NAMED = Use(bare=False)
-TIMED = Use(timed=True)
-WHOLE = Use(whole=True)
-
-
-@dataclass(frozen=True)
-class Command:
-    """A verb, what it takes besides somebody and a time, and what it does."""
-
-    example: str
-    """A sentence that uses it; shown to those whose sentence is not understood."""
-    verbs: str
-    """Alternatives with `|`; their first words are inflected. Empty: said without a verb, or only by `itself`."""
-    make: Callable[..., Value | tuple[tuple[Value], ...]]
-    """From the values of the slots to what is done."""
-    slots: Mapping[str, Rule]
-    """By argument name of `make`, in any order; those without a value are words that add nothing to the verb."""
-    needed: frozenset[str] = frozenset()
-    """Slots without which it means nothing."""
-    who: Rule = thing
-    """The phrase for whom it is about."""
-    itself: str = ""
-    """Verbs of which the thing is the subject: "the dog should stop"."""
-    use: Use = USUAL
-
+from .selects import All, Current
+from .slots import (
+    AGAIN,
+    ANGLE,
+    BESIDE_IT,
+    FULL_TURN,
+    NAMED,
+    OUT,
+    QUALITY_WORDS,
+    REMARK,
+    SENSE,
+    SHIFT,
+    TIMED,
+    TRAIL_COPIES,
+    TRAIL_LAG,
+    USUAL,
+    WHOLE,
+    Command,
+    Use,
+    always,
+    as_given,
+    as_long,
+)
 
 COMMANDS: list[Command] = []
 """In the order in which they are preferred."""
 
 
-def _command(
-    example: str,
-    verbs: str,
-    make: Callable[..., Any],
-    needed: str = "",
-    *,
-    who: Rule = thing,
-    itself: str = "",
-    use: Use = USUAL,
-    **slots: Any,
-) -> None:
-    COMMANDS.append(Command(example, verbs, make, slots, frozenset(needed.split()), who, itself, use))
-
-
-Given = Value | tuple[tuple[Value], ...]
-"""A value, or several as `listed` gives them."""
-
-
-def always(value: Value) -> Callable[[], Value]:
-    """Make the same value, whatever is said besides."""
-    return lambda: value
-
-
-def as_given(values: Given) -> Given:
-    """Make the values themselves of a slot `values`."""
-    return values
-
-
-def _values(*rules: Rule) -> Rule:
-    return listed(either(*rules), keyword("and|,|, and|but|and also|as well as|plus|but also|and then"))
-
-
-# Colours
-_coloured = qualities.colour_value | qualities.without_colour
-_command(
-    "make the dog red",
-    "make|render|have|get",
-    as_given,
-    "values",
-    values=_values(qualities.made, keyword("in") + _coloured, keyword("gone") >> always(making.deleted)),
+_VERBS_BEHIND_TO = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
+_goes_on = unless(literal("and|but")) + here(lambda reading, at: reading.word(at).isalpha())
+ADDS_NOTHING = either(
+    CALLS,
+    ASKS,
+    WISHES,
+    COMMENTS,
+    literal(
+        "needs|requires|deserves|is in need of|calls for|is crying out "
+        "for|[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|"
+        "is to|are to|wants to|want to|is supposed to|are supposed to|might] (to) ([be|become|get|turn|go|look|"
+        "appear|stay|end up|have])|[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|"
+        "for it to|for them to"
+    ),
+    literal(
+        every_form("make|let|have|get|do|keep|animate")
+        + "|start (with)|begin (with)|every frame|each frame|going|in the [scene|picture|video|clip]|for good|permanently"
+    ),
+    literal(",|:|->|=>|=|-|!|(|)"),
+    literal("to") + here(lambda reading, at: reading.word(at) in _VERBS_BEHIND_TO),
+    literal("instead") + unless(literal("of")),
+    literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
+    + here(lambda reading, at: not reading.word(at).isalpha()),
+    literal("too") + unless(_goes_on),
+    literal("both") + unless(silent(two_of_them_behind)),
 )
-_tint = ~keyword("a|an") + ~keyword("slight|faint") + (colour | colourish)
+"""Courtesies, and verbs that say no more than that something is done."""
+
+_joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
+_led = here(lambda reading, at: reading.word(at) in ("at", "in", "with"))
+"""Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
+_toward = ~literal(
+    "something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|picture|"
+    "postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|"
+    "nice|some|for|but|but in|be of|from"
+)
+_a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
+_slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|touch of|bit of|dash of|little bit of")
+_hue = qualities.shade_of + (colour | colourish)
+_noun_of_colour = either(
+    _a + _slight + _hue + ~literal("tint|tinge|touch|shimmer|cast|wash|hue|note|tone") >> making.faintly,
+    _a + _hue + literal("tint|tinge|touch|shimmer|cast|wash|hint|note|filter|overlay|glaze|veil") >> making.faintly,
+    _a
+    + ~literal("nice|fresh|new|good|coat of|layer of|lick of|splash of|shade of|tone of")
+    + qualities.shade_of
+    + colour
+    + literal("color|paint|shade|coat|hue|coat of paint|paint job|version|one|variant|lacquer|dye|tone|tones|colors")
+    >> making.assigned,
+    ~literal("with|in|to|of|as") + ~literal("the|a") + literal("color") + ~literal(":|=|of|to") + colour
+    >> making.assigned,
+    ~literal("with|in") + literal("some") + colour >> making.assigned,
+)
+_instead_of = ~(
+    ~literal(",")
+    + literal("instead of|rather than|and not|not")
+    + ~literal("in")
+    + silent(
+        colour | colourish | literal("this|that|smaller|bigger|darker|brighter|lighter|slower|faster|warmer|cooler")
+    )
+    | literal("from") + silent(colour)
+)
+_article = ~literal("a|an|some|the|pure|solid|that|this|made of|made out of|in|being|real")
+_looked = either(
+    _toward + ~literal("pure|solid") + qualities.any_look + ~qualities.effect >> making.styled,
+    literal("like|as|of") + _article + qualities.any_look + ~qualities.effect >> making.styled,
+    ~literal("in|with") + _article + qualities.described + qualities.any_look + qualities.effect >> making.styled,
+)
+
+
+_more_opacity = (
+    either(
+        ~literal("like|about|roughly|only|just|say") + percent + literal("[visible|opacity|opaque|alpha|visibility]"),
+        literal("see through|transparent|translucent")
+        + ~literal(",|like|about|say|so")
+        + percent
+        + literal("visible|opacity|opaque"),
+        literal("opacity|alpha|visibility")
+        + ~literal("of|to|at|=|is|down to")
+        + (percent | fraction | number >> qualities.as_fraction),
+        percent + literal("transparency|see through|transparent|translucency") >> (lambda x: 1 - x),
+        literal("transparency|translucency") + ~literal("of|to|at|=|is") + (percent | fraction) >> (lambda x: 1 - x),
+    )
+    >> making.opacity
+)
+_pace_of = either(
+    ~literal("at|with|in|to")
+    + (
+        fraction
+        | table(
+            {"three quarter": 0.75, "quarter": 0.25, "two third": 2 / 3, "one third": 1 / 3, "half": 0.5}, reserve=False
+        )
+    )
+    + literal("speed|the speed|pace|tempo|of [the|its] speed")
+    >> making.retimed,
+    ~literal("at|with|in|to") + (percent | multiple | number + literal("x")) + literal("speed|pace|tempo")
+    >> making.retimed,
+    multiple + table({"slower": -1, "faster": 1}) >> (lambda x, way: making.retimed(x if way > 0 or x < 1 else 1 / x)),
+    literal("(on|in|at|a) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]")
+    >> (lambda: making.retimed(0.5)),
+    literal("in fast forward|fast forward|fast motion|in fast motion|time lapse|timelapse")
+    >> (lambda: making.retimed(2.0)),
+)
+_size_of = (
+    either(
+        ~literal("at|to|in")
+        + ~literal("a")
+        + (multiple | percent | number + literal("x"))
+        + ~literal("of")
+        + ~literal("its|the|their|his|her|original|normal")
+        + ~literal("original|normal|current")
+        + literal("size|scale|as big|as large|as tall")
+        + ~literal("[it|he|she|they] [is|are|was|were] (now|at the moment|before)"),
+        ~literal("at|to|in")
+        + literal("a")
+        + (fraction | percent)
+        + literal("of [its|the|their|his|her] (original|normal|current) [size|height]"),
+        literal("to the size of") + multiple,
+        ~literal("at|to")
+        + (percent | multiple)
+        + literal("of what it [is|was] (now|before)|of [it|itself]|as it [is|was] (now)"),
+    )
+    >> making.scaled
+)
+_quality = either(
+    qualities.transformed,
+    qualities.given_look,
+    _toward
+    + qualities.made
+    + ~literal("tone|tones|mood|look|light|feel|color|colors|feeling|picture|image|clip|video|scene|shot|footage"),
+    _toward + qualities.without_colour,
+    _noun_of_colour,
+    _looked,
+    _more_opacity,
+    _pace_of,
+    _size_of,
+    qualities.pace,
+    _toward + qualities.backward,
+    _toward + qualities.opacity_value,
+    qualities.liveliness,
+    qualities.pop,
+    ~literal("in|into|to|with")
+    + ~literal("the|a|an|some|that|this")
+    + qualities.described
+    + qualities.scene_look
+    + ~qualities.effect
+    >> making.styled,
+    ~literal("a|the|more|really|very|rather|quite|nice and|pretty|in a|feel|look|looking|feeling")
+    + qualities.simply
+    + ~literal("tone|tones|mood|look|light|color|colors"),
+    _toward + qualities.bare_look,
+)
+_becoming = unless(literal("tones|shades|looks|seems|feels")) + literal(any_form("become", "match"))
+_COLOURING = {
+    "whiten|whitewash|bleach|white out": "white",
+    "blacken|black out": "black",
+    "redden": "red",
+    "purple up": "purple",
+}
+"""Verbs that say of which colour something becomes."""
+_about = ~literal("of|for|on|to|in|with|around|about|onto|over|at|from|upon|into|through|across|all over")
+_whom = (
+    unless(literal("over the [clip|video|film|scene|shot]"))
+    + ~(~literal("but") + literal("only|just|only for|just for|only with"))
+    + _about
+    + thing
+)
+
+
+def _command(example: str, make: Any, needed: str, *, who: Rule = _whom, use: Use = USUAL, **slots: Any) -> None:
+    COMMANDS.append(Command(example, make, slots, frozenset(needed.split()), who, use))
+
+
+# What stays as it is
+_untouched = literal(
+    "alone|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|"
+    "where they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|"
+    "in its [original|normal] [colors|color|state]|sharp|in focus|crisp|raw|at full (opacity)|fully visible|opaque|solid|"
+    "[keeps|keep|keeping|retains] [its|his|her|their] (own|original|current) [size|place|position|color|colors|speed|look]"
+)
+_command(
+    "but leave the dog as it is",
+    REMARK,
+    "spared",
+    use=NAMED,
+    verb=literal(every_form("leave|keep|let|stay|remain")),
+    spared=_untouched,
+)
+_command(
+    "do not touch the dog",
+    REMARK,
+    "spared",
+    use=NAMED,
+    spared=literal(
+        "do not [touch|change|affect|alter|modify|edit|include|do it to|do this to|do that to]|without [touching|changing|"
+        "affecting]|no changes to|nothing [to|on|with]|never [touch|change]|do nothing to"
+    )
+    | literal("not") + here(lambda reading, at: thing.at(reading, at)),
+)
+# Colours and looks
+_command(
+    "match the dog to the cat",
+    making.matched,
+    "verb source",
+    who=whose("color|colors|coloring|look") | thing,
+    verb=literal(any_form("match")),
+    source=literal("to|with|and|from")
+    + ~literal("the [color|colors|coloring|look] of|that of|those of")
+    + known_thing
+    + ~(literal("'s|'") + ~literal("color|colors|coloring")),
+    wise=literal("(in) [color|colors]|color wise|in terms of color"),
+)
 _command(
     "shift the hue of the car to red",
-    "shift|change|turn|set|rotate|move|make|adjust",
     making.hued,
     "rgb",
+    use=NAMED,
     who=whose("hue|hues|tone"),
+    verb=literal(any_form("set", "become")),
     rgb=~keyword("to|toward|into") + colour,
 )
-
-
-as_long = either(
-    multiple + keyword("as long") >> making.stretched,
-    multiple + keyword("longer") >> making.stretched,
-    ~keyword("to|by") + ~keyword("a factor of") + fraction_of("length|duration|time") >> making.stretched,
-    keyword("by") + ~keyword("a factor of") + (multiple | number) >> making.stretched,
-)
-_command("make the dog take twice as long", "", lambda by: by, "by", itself="take|last", by=as_long)
-
-# Opacity
-_again = keyword("again|once more|back")
-_command("show the dog again", "show|reveal", making.shown, again=_again >> (lambda: True))
-_command(
-    "bring the dog back", "bring", always(making.opacity(making.SHOWN)), "back", back=keyword("back|back again|back in")
-)
-_to_fraction = keyword("to") + either(percent, fraction, number) + ~keyword("opacity") | keyword("by") + percent >> (
-    lambda x: 1 - x
-)
-_command("fade the background", "fade", lambda by=0.5: making.faded(by), itself="fade", by=_to_fraction)
-
-
-# Taking out, and leaving alone
-DELETING = (
-    "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with|dump|ditch"
-    "|clear|banish|scratch|kill|cut|purge|rid us of"
-)
-SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
-OUT = keyword(
-    f"out|away|off|[off|out of|away from] [the|this|my|our] (whole|entire) [{PICTURE}]|out of [there|here|sight]|from "
-    f"[sight|view]|from [the|this|my|our] (whole|entire) [{PICTURE}]"
-)
-_delete, _extract = always(making.deleted), always(making.extracted)
-_command("remove everything except the dog", DELETING, _extract, who=everything_but, use=NAMED)
-_command("remove the car", DELETING, _delete, itself="go away|be gone|not be there|not be visible|get lost", use=NAMED)
-_command("take the car out", SPLIT, _delete, "out", use=NAMED, out=OUT)
-KEEPING = "keep|show|show me|leave|retain|have|display|see|preserve|let me see"
-ONLY = keyword("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
-_in_colour = keyword("in (full) [color|colors]|colored")
-_command(
-    "show only the dog in color",
-    KEEPING,
-    always(making.rest_grayed),
-    "only colored",
-    use=NAMED,
-    only=ONLY,
-    colored=_in_colour,
-)
-_unwanted = keyword(
-    "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need] (to see)|there should be "
-    "no|there [should|must|shall|may] not be|there must be no|let there be no|[i|we] can do without|no"
-)
-_command(
-    "I do not want to see the dog",
-    "",
-    _delete,
-    "unwanted",
-    use=FULL,
-    unwanted=_unwanted,
-    there=keyword("in [the|this] [scene|picture|video|clip|image|shot]|any more|anymore|there|any longer"),
-)
-_without = keyword("(the|this) [scene|picture|video|clip|image] (but) without|without|no more|minus")
-_command("without the dog", "", _delete, "without", use=NAMED, without=_without)
-
-# Moving and turning
-_ROTATING = "rotate|spin|revolve|pivot|swivel|twirl"
-SENSE = table(
-    {
-        "(over) (to|toward|on|into) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise"
-        "|counter clockwise|anticlockwise|anti clockwise": -1,
-        "(over) (to|toward|on|into) (the|its|his|her|their) right (side|hand side)|rightward|clockwise": 1,
-    }
-)
-FULL_TURN = table(
-    {
-        "(a) half (a) [turn|rotation|spin|circle|revolution]|u turn|a 180": 180.0,
-        "(a) quarter (of a) [turn|rotation|spin|circle]|(a) right angle": 90.0,
-        "(a) three quarter turn|three quarters of a turn": 270.0,
-        "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution]|a [turn|spin|rotation]|(a) 360|full "
-        "360": 360.0,
-        "two (full) [turns|rotations|spins]": 720.0,
-        "three (full) [turns|rotations|spins]": 1080.0,
-    },
-    reserve=False,
-)
-_so_often = table(
-    {
-        "180|[halfway|half way] (around)": 180.0,
-        "360|all the way around|once (around|completely)|around once|one [full|complete|whole] time": 360.0,
-        "twice|two times": 720.0,
-        "three times": 1080.0,
-        "quarter": 90.0,
-    },
-    reserve=False,
-)
-_by = ~keyword("by|through|for")
-ANGLE = either(
-    _by + signed + keyword("degrees|degree|deg|°|º"),
-    ~keyword("by") + signed,
-    _by + ~keyword("a|one") + (FULL_TURN | _so_often),
-)
-_axis = keyword(
-    "[around|about|on] [its|his|her|their|the] (own) (vertical) axis|[around|about] the vertical|in place|on the spot"
-)
-_command(
-    "rotate the dog by 90 degrees", _ROTATING, making.rotated, itself=_ROTATING, angle=ANGLE, sense=SENSE, axis=_axis
-)
-
-# Copies
-_lagging = (
-    ~keyword(",")
-    + ~keyword("but|that is|which is|that|which|by")
-    + ~keyword("delayed|lagging|trailing|starting|running|runs|run|comes|come|plays|play|moves|move|starts|start")
-    + ~keyword("by")
-)
-_following = keyword(
-    "that [follows|trails|chases|lags|runs|walks|moves] (behind|after) (it|"
-    "him|her)|[following|trailing|lagging] (behind|after) (it|him|her)|"
-    "[follow|trail] (behind|after) (it|him|her|the original)|to [follow|trail] (behind|after) (it|him|her|the original)"
-)
-TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
-"""Copies of a trail, and the time from one to the next."""
-SHIFT = either(
-    ~keyword(",") + ~keyword("each (one)") + keyword("[a bit|a little|slightly] [late|later|behind|delayed]")
-    >> (lambda: TRAIL_LAG),
-    ~keyword(",")
-    + _following
-    + ~keyword("by|with|at|on the same path")
-    + ~keyword("a delay of|a distance of")
-    + duration
-    + ~keyword("later|behind|after (it)|behind it|of delay|delay|afterward|on its path|along (its|the same) path"),
-    _lagging
-    + duration
-    + keyword(
-        "later|behind|late|after|[after|behind] [it|him|her|itself|the original|the first (one)|the other (one)]|afterward|"
-        "delayed|in the future|too late|late|offset (each)"
-    ),
-    keyword("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
-    + duration,
-    keyword("with (a)")
-    + duration
-    + keyword("delay|lag|between [them|each|the copies|each of them]|in between|apart|of delay|of lag"),
-    _lagging + duration + keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
-    >> (lambda length: length.plus(length, -2.0)),
-)
-_in_a_row = keyword(
-    "in a row|in a line|side by side|next to each other|one after another|one after the other|beside each other"
-)
-_called_so = ~keyword(",") + keyword("called|named|by the name of") + name
-_apart = distance + keyword("apart") | ~keyword("by") + number + keyword("apart") >> Distance
-_another_size = (
-    ~keyword(",")
-    + ~keyword("but|and|only|that is|at")
-    + either(
-        qualities.size_value,
-        qualities.sized,
-        qualities.brightness_value,
-        qualities.opacity_value,
-        ~keyword("in") + qualities.colour_value,
-    )
-)
-BESIDE_IT: dict[str, Any] = {
-    "changed": _another_size,
-    "own": place | beside_itself,
-    "way": ~keyword(",") + steps,
-    "far": ~keyword(",") + _apart | distance,
-    "row": _in_a_row,
-    "shift": SHIFT,
-    "called": _called_so,
-}
-
-
-# Time
-_motion = either(whose("motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride"), thing)
-STILL = keyword(
-    "still|in place|mid [air|flight|jump|step|stride|motion|run]|in [the|its|his|her|their] tracks|in mid [air|flight|jump|"
-    "step|stride|motion|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing still|"
-    "there"
-)
-_STANDING = "stand still|stay still|hold still|keep still|stop moving|be still|stay in place|not move|stand"
-_command(
-    "stop the dog at frame 30",
-    "stop|freeze|pause|hold|halt|immobilize|stop moving",
-    always(making.frozen),
-    use=TIMED,
-    itself=f"stop|freeze|pause|halt|{_STANDING}",
-    still=STILL,
-)
-_command(
-    "play the dog at half speed",
-    "play|run|show|put|set|render|play back|replay|move|drive|do",
-    as_given,
-    "values",
-    who=_motion,
-    use=TIMED,
-    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll"
-    "|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
-    values=_values(
-        number + keyword("x") >> making.retimed,
-        keyword("at") + percent >> making.retimed,
-        ~keyword("in|at") + qualities.pace,
-        qualities.backward,
-        keyword("in") + _coloured,
-        qualities.a_look,
-    ),
-)
-# Looks, colours of others, names
-_given = _values(
-    ~keyword("a|an|some")
-    + either(qualities.warmth_value, qualities.brightness_value, qualities.saturation_value, qualities.contrast_value)
-    + keyword("tone|tones|look|feel|color|colors|light|appearance|mood|tint|touch|cast|atmosphere"),
-    qualities.given_look,
-    qualities.same_colour,
-    qualities.opacity_value,
-    keyword("a coat of") + colour + keyword("paint") >> making.assigned,
-    ~keyword("a|an") + colour + keyword("color|look|coloring|paint job|coat of paint|paint") >> making.assigned,
-    _tint + keyword("tint|tinge|touch") >> making.faintly,
-    ~keyword("a|an") + colour + keyword("hue") >> making.hued,
-    keyword("the color") + qualities.colour_value,
-)
-_command("give the dog a golden look", "give", as_given, "values", who=~keyword("to") + thing, values=_given)
-_with = keyword("to|with|and") + ~keyword("the [color|colors|coloring|look] of|that of|those of") + known_thing
-_matching = _with + ~(keyword("'s|'") + ~keyword("color|colors|coloring"))
-for _who in (whose("color|colors|coloring|look"), thing):
-    _command(
-        "match the dog to the cat",
-        "match|color match|adapt|adjust",
-        making.matched,
-        "source",
-        who=_who,
-        source=_matching,
-    )
-_called = ~keyword("as|to") + name
-_command(
-    "call the dog rex",
-    "call|name|label|tag|dub|nickname",
-    making.named,
-    "called",
-    use=Use(gapped=False),
-    called=_called,
-)
-
-# What is said in passing, and commands without a verb
-TOPIC = Command("the dog: make it red", "", REMARK, {})
-_remark = keyword("alone|as it is|as they are|as is|untouched|unchanged|as it was|the way it is|out of it|in peace")
 _command(
     "make the dog red",
-    "leave|keep",
-    REMARK,
-    "remark",
-    use=FULL,
-    who=either(thing, keyword("it") >> (lambda: lambda context: context.last or All())),
-    remark=_remark,
-)
-QUALITY_WORDS = (
-    "washed out|faded|lifeless|bland|ugly|weird|odd|bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
-    "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
-)
-_keeps = keyword("keeps|keep|retains|stays|stay|remains") + keyword(
-    "(its|their|his|her) [color|colors]|colored|in color"
+    as_given,
+    "values",
+    who=either(
+        _whom,
+        _about
+        + whose("color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint"),
+    ),
+    verb=_becoming,
+    more=literal("still|even|even more|a step|one more time"),
+    rest=literal("instead of|rather than|not") + ~literal("a|an|the|that") + silent(colour) + literal("one|ones"),
+    values=listed(_quality + _instead_of, _joined | _led),
 )
 _command(
+    "the colors should pop",
+    as_given,
+    "values",
+    who=_about + either(whose("color|colors"), ~literal("the|all the|all") + colors),
+    verb=_becoming,
+    values=listed(
+        either(
+            qualities.warmth_value,
+            qualities.saturation_value,
+            qualities.contrast_value,
+            qualities.brightness_value,
+            qualities.pop,
+            qualities.simply,
+        ),
+        _joined,
+    ),
+)
+_command(
+    "whitewash the wall",
+    making.assigned,
+    "rgb",
+    rgb=table({every_form(verbs): COLOURS[name] for verbs, name in _COLOURING.items()}, reserve=False),
+)
+_command(
+    "tint the dog orange",
+    making.faintly,
+    "verb rgb",
+    verb=literal(any_form("tint")),
+    rgb=_a + ~_slight + qualities.shade_of + (colour | colourish) + qualities.colored,
+    faintly=qualities.hint,
+)
+
+_in_color = literal("in (full|its) [color|colors]|colored")
+_only = literal("only|just|nothing but|solely|nothing except|nothing else but|nothing other than|no one but")
+_command(
     "only the dog keeps its color",
-    "",
     always(making.rest_grayed),
     "only keeps",
-    use=FULL,
-    only=ONLY,
-    keeps=_keeps,
-    rest=~keyword(",|and")
+    use=NAMED,
+    verb=literal(any_form("keep", "show") + "|let"),
+    only=_only,
+    keeps=literal(
+        "[keeps|keep|retains|stays|stay|remains|remain|has|have] (its|their|his|her) [color|colors|colored|in color]"
+    )
+    | _in_color,
+    rest=~_joined
     + silent(everything_else)
-    + keyword("goes|go|turns|becomes|is|should be|should go|gets|turn|become")
+    + ~literal("goes|go|turns|becomes|is|should be|should go|gets|turn|become|stays|in")
     + silent(qualities.without_colour | colour),
 )
-_changed = either(
-    qualities.size_value,
-    qualities.pace_value,
-    qualities.brightness_value,
-    qualities.saturation_value,
-    qualities.warmth_value,
-    qualities.contrast_value,
+_command(
+    "remove the color of the house",
+    always(making.GRAYED),
+    "verb colors",
+    who=_about + thing + ~literal("'s"),
+    use=WHOLE,
+    verb=literal(
+        every_form("remove|kill|zap|take|take out|take away|drain|strip|delete|drop|lose|get rid of|erase|suck")
+    ),
+    colors=~literal("all|all of|any") + ~literal("the|its|their") + literal("color|colors|saturation|coloring"),
+    out=literal("out|away|off|of it|from it"),
+)
+_command(
+    "the dog is gold from second 1 on",
+    as_given,
+    "values state when",
+    who=thing,
+    state=literal("is|are|was|being"),
+    values=listed(_quality, _joined),
 )
 _command(
     "a bigger dog",
-    "",
     as_given,
     "values",
-    use=FULL,
+    use=NAMED,
     who=known_noun,
-    values=~keyword("a|an|some|the") + either(_changed, qualities.sized) >> (lambda value: ((value,),)),
+    verb=literal(any_form("add", "become")),
+    values=~literal("a|an|some|the")
+    + either(
+        qualities.size_value,
+        qualities.pace_value,
+        qualities.brightness_value,
+        qualities.saturation_value,
+        qualities.warmth_value,
+        qualities.contrast_value,
+        qualities.sized,
+    )
+    >> (lambda value: ((value,),)),
 )
 
-# Trails
+# More and less of a quality
+
+
+def _transparent(by: float) -> Value:
+    """So many times as transparent, where what is solid is one."""
+    return making.opacity(max(2 - by, 0.0))
+
+
+_QUALITIES = {
+    "size|scale|dimensions": making.scaled,
+    "speed|pace|tempo|playback speed|playback rate|velocity": making.retimed,
+    "brightness|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain": making.brightened,
+    "contrast": making.contrasted,
+    "saturation|sat|color saturation|color intensity|vibrance|vividness|colorfulness|chroma|color|colors": making.saturated,
+    "opacity|visibility|alpha": making.opacity,
+    "transparency|translucency": _transparent,
+    "warmth|color temperature|temperature": lambda by: making.warmed(Amount("fraction", abs(by - 1)), by > 1),
+    "blur|blurriness|softness": lambda by: making.blurred(Amount("large" if by > 1.5 else "small")) if by > 1 else None,
+}
+_way = table(
+    {
+        any_form("more")
+        + "|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|greater|"
+        "bigger": True,
+        any_form("less") + "|out|back|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer": False,
+    },
+    reserve=False,
+)
+_times_as_much = table(
+    {
+        every_form("double up"): 2.0,
+        every_form("halve|cut in half|slash in half") + "|half": 0.5,
+        every_form("triple|treble"): 3.0,
+        every_form("quadruple"): 4.0,
+    },
+    reserve=False,
+)
+_too = ~literal("far|way|much|a bit|a little|rather|really|still|just") + table(
+    {
+        "too [high|much|strong|big|large|great|heavy|intense]": False,
+        "too [low|little|weak|small|faint]": True,
+        "not [high|much|strong|big|large] enough|not enough|lacks|lack|lacking|is short of|is missing|misses": True,
+    },
+    reserve=False,
+)
+_to_value = (
+    literal("to|at|=|:|be|of|is")
+    + ~literal("about|around|exactly|only")
+    + either(percent, multiple, number)
+    + ~literal("of [its|the|their] (original|current|normal|present) (value|size|speed|brightness|level)")
+)
+"""What a quality comes to."""
+
+
+def _made(value: Value | None) -> Value:
+    if value is None:
+        raise Mismatch
+    return value
+
+
+def _changed(
+    quality: Any,
+    way: bool | None = None,
+    how: Amount | None = None,
+    to: float | None = None,
+    too: bool | None = None,
+    times: float | None = None,
+    particle: bool | None = None,
+    level: float | None = None,
+    off: float | None = None,
+) -> Value:
+    if off is not None:  # "take 20 % off the speed"
+        if (way, how, to, too, times, particle, level) != (None,) * 7:
+            raise Mismatch
+        return _made(quality(1 - off))
+    if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
+        if (how, to, too, times) != (None, None, None, None):
+            raise Mismatch
+        if level > 1 and (way, particle) != (None, None):  # 150 % more is rarely meant
+            raise Mismatch
+        to, how = (level, None) if way is None and particle is None else (None, Amount("fraction", level))
+        way = particle if way is None else way
+    if particle is not None and particle is not way:
+        raise Mismatch
+    if times is None and how is not None and how.kind == "times" and way is too is to is None:
+        times = how.value  # "twice the size"
+    if times is not None:
+        if (way, too, to) != (None, None, None):
+            raise Mismatch
+        return _made(quality(times))
+    if to is not None and quality in (making.opacity, _transparent) and to > making.SHOWN:
+        to /= 100
+    if to is not None:
+        if (way is not None and how is not None) or to > making.SHOWN:
+            raise Mismatch
+        return making.opacity(1 - to) if quality is _transparent else _made(quality(to))
+    upward = way if way is not None else too
+    if upward is None:
+        raise Mismatch
+    return _made(quality(factor(how, upward)))
+
+
+_LEAST_PERCENTS = 5
+"""Numbers from this on are percents: "contrast 20", "scale 1.5"."""
+
+
+def _percents(x: float) -> float:
+    """A number of a slider from 0 to 100, or a factor below 5; Mismatch for others."""
+    if x > 100:
+        raise Mismatch
+    return x if x < _LEAST_PERCENTS else x / 100
+
+
+_set = literal(any_form("set"))
+_command(
+    "lift the dog by half a stop",
+    lambda way, by: making.brightened(factor(by, way)),
+    "way by",
+    verb=_set,
+    way=table(
+        {
+            "[raise|lift|push|bring|expose|pull|open|come|go] up|up|over|brighter|lighter|more|raise|lift|push|+|higher": True,
+            "[drop|pull|bring|knock|take|come|go] [down|back]|down|under|darker|dimmer|less|drop|lower|back|-": False,
+        },
+        reserve=False,
+    ),
+    by=~literal("by|a") + stops,
+)
+_command(
+    "crush the blacks of the dog",
+    lambda verb, tones, how=None: making.contrasted(factor(how, verb is tones)),
+    "verb tones",
+    who=_about + thing,
+    use=WHOLE,
+    verb=table(
+        {
+            "[lift|lifts|lifting|raise|raising|brighten|brightening|boost|boosting|open up|bring up|push up|bring "
+            "out|blow out]": False,
+            "[crush|crushing|deepen|deepening|darken|darkening|lower|lowering|drop|dropping|pull down|bring "
+            "down|press|sink]": True,
+            "[recover|tame|bring down|pull back|tone down|soften]": True,
+        },
+        reserve=False,
+    ),
+    tones=~literal("the|its|all the")
+    + table(
+        {
+            "blacks|darks|lows|shadows|black point|black level|dark tones": True,
+            "whites|highlights|highs|white point": False,
+        },
+        reserve=False,
+    ),
+    how=amount,
+    more=literal("a bit|more|down|up|out"),
+)
+_command(
+    "deeper blacks for the dog",
+    always(making.contrasted(factor(None, True))),
+    "tones",
+    who=_about + thing,
+    use=WHOLE,
+    tones=~literal("the")
+    + literal(
+        "blacker blacks|deeper blacks|darker blacks|darker shadows|whiter whites|blacks [blacker|deeper|darker]|whites "
+        "[whiter|brighter]"
+    ),
+)
+_command(
+    "increase the contrast of the dog",
+    _changed,
+    "quality",
+    who=_whom + ~literal("only|alone") | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
+    use=WHOLE,
+    verb=_set,
+    quality=~literal("punch|oomph|bite|kick|pop|boost")
+    + ~literal("the|a|'s|some|of|in|to")
+    + ~literal("the")
+    + ~literal("overall|whole|entire|general")
+    + table(_QUALITIES, reserve=False)
+    + ~literal("level|value|slider|amount|setting"),
+    way=_way,
+    level=percent | number + unless(literal("x|times|stop|stops")) >> _percents,
+    how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | literal("way") >> (lambda: Amount("large")),
+    off=percent + literal("off|off of|away from"),
+    to=_to_value,
+    particle=table({"up": True, "down": False}, reserve=False),
+    times=_times_as_much,
+    too=~literal("is|are|has|have|looks") + _too,
+)
+_muted = lambda by: making.saturated(by)  # noqa: E731
+_SIDES: dict[str, tuple[Any, bool | None]] = {
+    "brighten": (making.brightened, True),
+    "darken": (making.brightened, False),
+    "enlarge": (making.scaled, True),
+    "shrink": (making.scaled, False),
+    "quicken": (making.retimed, True),
+    "slow": (making.retimed, False),
+    "pace": (making.retimed, None),
+    "saturate": (making.saturated, True),
+    "desaturate": (making.saturated, False),
+    "mute": (_muted, False),
+    "warm": (making.warmed, True),
+    "cool": (making.warmed, False),
+    "scale": (making.scaled, None),
+}
+"""Sense of a verb -> what it makes more or less."""
+_until = (
+    literal("until [it|he|she|they] [is|are]")
+    + multiple
+    + literal("as [big|tall|large|high|long|wide|small|fast|bright]")
+)
+
+
+def _more(verb: Any, how: Amount | None = None, to: float | None = None, fully: bool = False) -> Value:
+    make, upward = verb
+    if make is making.warmed:
+        if to is not None or fully:
+            raise Mismatch
+        return making.warmed(how, upward)
+    if fully:
+        if make is not making.saturated or upward:
+            raise Mismatch
+        return making.GRAYED
+    if to is not None:
+        return make(to)
+    if make is making.saturated and not upward and how is None:
+        return making.GRAYED
+    if upward is None:
+        if how is None or how.kind not in ("times", "fraction"):
+            raise Mismatch
+        return make(how.value)
+    return make(factor(how, upward))
+
+
+_command(
+    "darken the sky",
+    _more,
+    "verb",
+    who=_whom
+    | literal("things|time|the time|the action|the pace|the playback|all of it") >> (lambda: lambda context: All()),
+    verb=either(*(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items())),
+    how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | degree,
+    to=either(
+        ~literal("to|down to|up to|at|by|till")
+        + either(
+            fraction_of("size|sizes|dimensions|scale|height|width|length|speed|pace|tempo|brightness"),
+            literal("half") >> (lambda: 0.5),
+        ),
+        literal("to|down to|up to|at|till") + either(fraction, percent, multiple, literal("x") + number),
+        literal("in half|by half|by a half") >> (lambda: 0.5),
+        _until,
+    )
+    + ~literal(
+        "of [its|the|their|his|her] (original|normal|present|current) [size|speed|brightness|pace]|"
+        "[size|speed|the size|the speed|its size|opacity]"
+    ),
+    particle=literal("(right|way) [up|down]|off|in size|in tempo|more|even more|further"),
+    fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
+)
+_command(
+    "the dog is too dark",
+    REMARK,
+    "complaint",
+    fix=~literal(",|.|;")
+    + ~literal("so")
+    + literal(
+        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust] (it|that|this|them) (down|up|back) (a bit|a little)"
+    ),
+    opinion=literal("to me|for me|if you ask me|in my [opinion|eyes]"),
+    who=either(
+        literal("it|this|that|its")
+        >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
+        ~literal("the|all the") + colors,
+        ~literal("the") + literal("white balance|color temperature|exposure|overall look|overall color|grade|lighting")
+        >> (lambda: lambda context: making.noted(context, All())),
+        thing,
+    ),
+    complaint=literal("is|are|'s|looks|look|seems|seem|feels|reads") + qualities.rather
+    | ~literal(
+        "is|are|'s|looks|look|seems|seem|feels|reads|comes across as|appears|appear|was|it is|has|have|(is|are) ["
+        + every_form(
+            "happen|walk|run|move|go|play|drive|stand|sit|ride|swim|fly|dance|hang|lie|jump|turn|spin|hover|float"
+        )
+        + "]"
+    )
+    + either(
+        qualities.too_much,
+        silent(~literal("a bit|a little|much|way|far|so|very|rather|quite|really|too") + literal(QUALITY_WORDS))
+        >> (lambda: None),
+    ),
+)
+
+# Taking out
+_command(
+    "remove everything except the dog",
+    always(making.extracted),
+    "verb",
+    use=NAMED,
+    who=everything_but,
+    verb=literal(asked_form("delete")) + ~OUT,
+)
+_command(
+    "without the dog",
+    always(making.deleted),
+    "without",
+    use=NAMED,
+    verb=literal(every_form("make|show|play|have|see|want|need|like")),
+    without=keyword(
+        "(the|this) [scene|picture|video|clip|image] (but) without|without|minus|no more|[i|we] no longer [want|need] (to "
+        "see)|there should be no|there must be no|let there be no|[i|we] can do without|[i|we] (really) do not "
+        "[want|need|like] (to [see|have])"
+    )
+    | literal("no") + unless(literal(",|.|the|that|this|it|wait|not|need"))
+    | literal("should not be there|is not to be there|there [should|must|shall|may] not be|is no longer there"),
+    out=literal(
+        "in [the|this] [scene|picture|video|clip|image|shot]|any more|anymore|there|any longer|in [it|here|there]"
+    ),
+)
+_command(
+    "take the car out",
+    always(making.deleted),
+    "verb out",
+    use=NAMED,
+    verb=literal(asked_form("take")),
+    out=OUT,
+)
+_command(
+    "delete the car",
+    always(making.deleted),
+    "verb",
+    use=NAMED,
+    verb=literal(
+        asked_form("delete")
+        + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|"
+        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away|out|the "
+        "[scene|picture|video|clip|image|shot|frame|view])|bye bye|goodbye|no more|no longer [want|need] (to see)|[i|we] "
+        "would (rather|prefer) not (to) [have|see]|[i|we] do not [want|need] (to [see|have])|[i|we] do not like to [see|"
+        "have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
+    ),
+    out=OUT
+    | literal(
+        f"completely|entirely|fully|for good|(in) there|in it|any more|anymore|any longer|in [the|this|my|our] [{PICTURE}]"
+    ),
+)
+_command(
+    "hide the car from second 1 on",
+    always(making.opacity(0.0)),
+    "verb",
+    use=NAMED,
+    who=_whom | _about + whose("visibility|display"),
+    verb=literal(
+        any_form("hide") + "|away|off|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"
+    ),
+    switch=literal(every_form("switch|turn|toggle|flip|shut|keep|stay|remain|leave")),
+    fully=literal("from [view|sight]|completely|entirely|fully|totally|for good|permanently"),
+)
+_command(
+    "keep only the dog",
+    always(making.extracted),
+    "only",
+    use=NAMED,
+    verb=literal(
+        any_form("keep", "isolate")
+        + "|standing|want|be left|stay|remain|remains|left|lift|lift out|visible|there|in it"
+    ),
+    only=~literal("on")
+    + literal(
+        any_form("isolate")
+        + "|[i|we] (only|just) [want|need] (to see) only|[i|we] [only|just] [want|need|would like] (to see)|"
+        "only|just|nothing but|solely|nothing except|alone|on [its|his|her|their] own|by itself|all by itself|"
+        "soloed|nothing else|and nothing else|no one else|and nobody else|exclusively"
+    ),
+    on=literal(
+        "[on|onto|over|against] (a|an) (plain|empty|blank|black|white|transparent|clean) "
+        "[background|black|nothing|alpha]|with alpha"
+    ),
+    rest=~_joined + literal(any_form("delete", "hide")) + silent(everything_else)
+    | silent(everything_else)
+    + ~literal("should|must|has to|can|is to")
+    + literal("go|be gone|gone|away|disappear|vanish|out|removed|be removed|be deleted|deleted|hidden|be hidden|goes"),
+)
+
+# Showing again
+_again = literal("again|once more|back|back again|back in")
+_command(
+    "show the dog again",
+    making.shown,
+    "verb",
+    use=NAMED,
+    verb=literal(any_form("show")),
+    again=_again >> (lambda: True),
+)
+_command(
+    "bring the dog back",
+    always(making.opacity(making.SHOWN)),
+    "verb back",
+    use=NAMED,
+    verb=literal(every_form("bring")),
+    back=_again,
+)
+# Turning
+_axis = literal(
+    "[around|about|on] [its|his|her|their|the] (own) (vertical) axis|[around|about] the vertical (axis)|in place|on the spot"
+)
+_sense = SENSE | table(
+    {
+        "[to|and] face [left|the left]|facing left|so (that) [it|he|she] [faces|looks] left": -1,
+        "[to|and] face [right|the right]|facing right|so (that) [it|he|she] [faces|looks] right": 1,
+    },
+    reserve=False,
+)
+_TURNING = table(
+    {
+        any_form("rotate", "turn") + "|rotation|a [turn|rotation|spin|twist]": making.rotated,
+        any_form("tilt"): making.tilted,
+    },
+    reserve=False,
+)
+
+
+def _turned(
+    verb: Any, angle: float | None = None, sense: int | None = None, around: bool = False, how: Amount | None = None
+) -> Value:
+    if angle is None and sense is None and not around and how is None and verb is making.tilted:
+        raise Mismatch
+    if angle is None:
+        angle = 180.0 if around else 90.0 if verb is making.rotated else making.TILT
+        if how is not None:
+            angle = 15.0 if how.kind == "small" else 120.0
+    return verb(angle, sense or 1)
+
+
+_command("rotate the dog", always(making.rotated()), "verb", verb=literal(any_form("rotate")), axis=_axis)
+_command(
+    "turn the dog by 20 degrees",
+    _turned,
+    "verb angle",
+    verb=_TURNING,
+    angle=ANGLE,
+    sense=_sense,
+    around=(literal("around|(as) seen [from [above|the top]|in plan]") | _axis) >> (lambda: True),
+)
+_command(
+    "turn the dog around",
+    _turned,
+    "verb around",
+    verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
+    around=literal(
+        "[around|round] (so (that) [it|he|she] [faces|looks|points] the [other|opposite] [way|direction|side])|(to|in|"
+        "into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|looks|points] "
+        "the other way|backward|about|away|away from us|away from the camera|[its|his|her|their] back (to|toward|on) (us|"
+        "me|the camera|the viewer)"
+    )
+    >> (lambda: True),
+)
+_command(
+    "tip the dog over",
+    lambda: making.tilted(90.0),
+    "verb",
+    verb=literal(any_form("topple")),
+    over=literal("over"),
+)
+_command(
+    "turn the dog to the left",
+    _turned,
+    "verb sense",
+    verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
+    sense=_sense | table({"left": -1, "right": 1}, reserve=False),
+    how=degree,
+)
+_command("tilt the dog a little", _turned, "verb how", who=_whom, verb=_TURNING, how=degree)
+_command(
+    "a quarter turn to the right for the dog",
+    making.rotated,
+    "angle",
+    verb=literal(every_form("make|do|give|turn|perform|take")),
+    angle=~literal("a|one|by") + FULL_TURN,
+    sense=SENSE,
+    around=literal("around|on the spot|in place|around its axis"),
+)
+# Places
+_STATED_AT = word_set("sits stands hangs lies lives rests is stays")
+"""Verbs that say where something is: "it sits on top of the plate" is no wish."""
+_moving = literal(
+    "|".join(form for form in any_form("move").split("|") if form not in _STATED_AT)
+    + "|(a) (little|small|slight|gentle|tiny|bit of a) [push|nudge|shove|shift|move|tug|pull|slide|bump|lift|hop]"
+)
+_ground = literal(
+    "([to|from] [the|its] [left|right] (hand) (side)) of where [it|he|she] [is|was|stands] (now)|from [the|its] [left|right] "
+    "(hand) (side)|above (the) ground|in [z|depth]|along z|(all the way) (down) [to|onto|until|till|toward] (it [touches|"
+    "reaches|hits]) [the|its] [ground|floor|bottom]|[in|"
+    "into] the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] "
+    "the [air|sky]|a step|[from|off] where [it|he|she] is (now)|from its [place|spot|position]|along the [ground|floor]|on "
+    "the [ground|floor]|away from its place"
+)
+_far = ~literal("by|for|about|some") + distance + unless(literal(","))
+_for_it = ~literal("for|of|with|on")
+_RUNNING = frozenset(any_form("run").split("|")) - word_set(
+    "make render let put set keep have play be get do show pass moved put"
+)
+_not_run_backward = here(lambda reading, at: reading.word(at) != "backward" or reading.word(at - 1) not in _RUNNING)
+"""What drives backward is played in reverse, not moved."""
+_command(
+    "move the dog to the left",
+    making.moved,
+    "way",
+    who=_for_it + thing,
+    verb=_moving,
+    way=_not_run_backward + steps,
+    far=_far,
+    more=literal("more|further|farther|still|even|over"),
+    ground=_ground,
+)
+_command(
+    "put the dog behind the bush",
+    making.placed,
+    "place",
+    who=_for_it + there_already,
+    verb=unless(literal(every_form("drop"))) + (_moving | literal(every_form("pop"))),
+    place=~literal("over|right|back|directly|straight|to|somewhere|down|up|just|a bit|a little|slightly") + place,
+)
+_command(
+    "raise the dog by half its height",
+    lambda lift, far=None: making.moved(making.UP if lift else making.DOWN, far),
+    "lift",
+    lift=table(
+        {any_form("raise") + "|(a) (little|small|slight|gentle|tiny) lift": True, any_form("lower"): False},
+        reserve=False,
+    ),
+    far=_far,
+    ground=_ground,
+)
+# Copies
+_times = either(
+    number + ~literal("x|times"),
+    literal("another|one more|a second|an extra|a new|a further|an additional|one other|a")
+    + unless(literal("shade|tone|color|look|kind|version of"))
+    >> (lambda: 1.0),
+    literal("x") + number,
+    table({"once": 1.0, "twice": 2.0, "two times": 2.0, "thrice": 3.0}),
+)
+_copy_noun = literal(
+    "copy|copies|clone|clones|duplicate|duplicates|replica|replicas|double|twin|doubles|twins|duplication|instances|"
+    "version|versions"
+) + ~literal("of")
+_changed_copy = BESIDE_IT["changed"] + unless(literal("to|bit|further|more")) | ~literal("a|another|one") + either(
+    qualities.size_value, qualities.sized, qualities.colour_value, qualities.brightness_value
+) + unless(unless(literal("copy|clone|duplicate|one|twin")))
+_copy_place = {**BESIDE_IT, "changed": _changed_copy}
+_command(
+    "copy the dog to the left",
+    making.copied,
+    "copy",
+    who=~literal("of|for") + thing,
+    copy=either(
+        literal(any_form("copy")),
+        ~literal("more|extra|other|identical|additional|new") + _copy_noun,
+        literal("[more|another|extra|second] [one of|ones of]|one more of|more of"),
+    ),
+    verb=literal(any_form("add")),
+    times=_times,
+    **_copy_place,
+)
+_command(
+    "multiply the dog by three",
+    lambda verb, times: making.copied(times=max(times - 1, 1.0)),
+    "verb times",
+    use=NAMED,
+    verb=table({every_form("multiply|duplicate|clone|copy|replicate"): True}, reserve=False),
+    times=literal("by") + number + unless(literal("unit|units")),
+)
+_command(
+    "add another dog",
+    making.copied,
+    "times",
+    use=NAMED,
+    who=~literal("of") + known_thing,
+    verb=literal(any_form("add") + "|there is|there are|be there"),
+    times=either(
+        number + literal("more|other|extra|additional|further"),
+        literal("another|one more|a second|an extra|an additional|a further") >> (lambda: 1.0),
+        literal("the same|same") + unless(unless(silent(familiar))) >> (lambda: 1.0),
+    ),
+    **_copy_place,
+)
+
+_command(
+    "three dogs instead of one",
+    lambda times, only: making.copied(times=times - 1),
+    "times only",
+    use=NAMED,
+    who=known_noun,
+    verb=literal(any_form("add", "become") + "|there should be|there are|let there be"),
+    times=number,
+    only=~literal(",")
+    + literal("instead of (just|only) (a) (single) one|instead of one|rather than one|not one|out of one")
+    >> (lambda: True),
+)
+_command(
+    "I want the dog twice",
+    lambda times, verb=None: making.copied(times=times - 1),
+    "verb times",
+    use=NAMED,
+    who=known_thing,
+    verb=literal(every_form("have|see|want|need|appear|exist") + "|be there|there should be|like (to have)"),
+    times=table(
+        {"twice|two times|double": 2.0, "thrice|three times|triple": 3.0, "four times": 4.0, "five times": 5.0}
+    ),
+)
+_command(
+    "put the dog where the cat is and the cat where the dog is",
+    making.swapped,
+    "other",
+    use=NAMED,
+    who=known_thing,
+    verb=literal(any_form("move")),
+    other=literal("where")
+    + known_thing
+    + literal("is|are|stands|was")
+    + _joined
+    + either(
+        silent(~literal(any_form("move")) + known_thing)
+        + literal("where")
+        + silent(known_thing)
+        + literal("is|are|stands|was"),
+        literal("vice versa|the other way (around|round)|the reverse"),
+    ),
+)
+
+
+def _trail(times: float | None = None, shift: TimeExpression = TRAIL_LAG, single: bool = False) -> Any:
+    return making.copied(times=times or (1.0 if single else TRAIL_COPIES), shift=shift)
+
+
+_command(
+    "let a copy follow the dog half a second behind",
+    _trail,
+    "trail",
+    use=NAMED,
+    who=unless(literal("a|an|the|another|one") + literal("ghost|echo|copy|clone|duplicate|twin|trail"))
+    + ~literal("of|behind|after|for|on|to")
+    + thing,
+    trail=~literal("a|an|some|the|that|which|who")
+    + ~literal("fading|ghostly|faint|transparent|soft|see through")
+    + literal(
+        "trail|trails|[motion|ghost|light] [trail|trails]|streaks|motion streaks|ghosting|echoing|trailing|echo|echoes|"
+        "afterimage|afterimages|ghosts|trailing copies|onion skin|onion skinning|" + any_form("follow") + "|echo effect"
+    ),
+    copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
+    + literal("copies|clones|ghosts|echoes|duplicates|of it|of itself|of him|of her|ghostly copies"),
+    single=either(
+        ~literal("a|one|another|the|an identical|a second") + literal("copy|clone|ghost|duplicate|second one|twin"),
+        literal("a second|another|an identical|one more|an extra|the same")
+        + unless(literal("copy|ghost|clone|one"))
+        + ~silent(familiar),
+    )
+    >> (lambda: True),
+    times=~literal("of|with|plus|and|+") + _times,
+    verb=literal(any_form("leave")),
+    behind=literal(
+        "behind it|behind him|behind her|after it|behind itself|behind|it|itself|him|her|the original|the first (one)|"
+        "the real one"
+    ),
+    shift=SHIFT
+    | ~literal("with a lag of|at|every|each|by|with|spaced")
+    + duration
+    + ~literal("apart|later|behind|delay|of delay|lag|offset (each)|each|between them|intervals|after it"),
+)
+
+# Time
+_motion = whose(
+    "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall"
+)
+_command(
+    "freeze the dog at frame 30",
+    always(making.frozen),
+    "verb",
+    who=_about + thing,
+    use=WHOLE,
+    lead=literal(every_form("bring|come")),
+    verb=literal(
+        any_form("freeze")
+        + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no "
+        "movement|stop|stopped"
+    ),
+)
+_command(
+    "start it again at second 2",
+    always(making.retimed(1.0)),
+    "verb again when",
+    verb=literal(every_form("start|resume|continue|go|move|run|play|carry|let go|unfreeze|release")),
+    again=literal("again|on|on again|moving|moving again|as before|normally"),
+)
+_command(
+    "keep the dog still",
+    always(making.frozen),
+    "verb still",
+    use=NAMED,
+    verb=literal(every_form("keep|hold|leave")),
+    still=literal("(perfectly|completely|absolutely) [still|motionless|frozen]"),
+)
+_command(
+    "play the dog in reverse",
+    always(making.reversed),
+    "verb",
+    who=_motion | _about + thing,
+    use=WHOLE,
+    verb=either(
+        literal(any_form("reverse") + "|backward|in reverse|reversed|the other way around in time"),
+        literal(any_form("run")) + silent(qualities.backward),
+    ),
+)
+_command(
+    "repeat the dog from second 1 to 2",
+    always(making.looped),
+    "again",
+    who=_about + thing + ~literal("'s"),
+    use=WHOLE,
+    verb=literal(any_form("run", "loop")),
+    again=literal(
+        any_form("loop")
+        + "|on loop|in a loop|on repeat|over and over (again)|again and again|endlessly|forever|in an endless loop|"
+        "as a loop|a loop|repeatedly|looping"
+    ),
+    motion=literal("motion of|the motion of|the movement of|the part|part|of|the bit"),
+)
+_command(
+    "play the dog at 2x",
+    making.retimed,
+    "verb by",
+    who=_motion | _about + thing,
+    use=TIMED,
+    verb=literal(any_form("run")),
+    by=~literal("at|with|in|to") + (number + literal("x") | literal("x") + number)
+    | literal("at|to") + percent + unless(literal("transparent|visible|opacity|opaque|of")),
+)
+_command(
+    "2x, first half",
+    making.retimed,
+    "by when",
+    who=Rule(lambda reading, at: {}, frozenset()),
+    use=TIMED,
+    by=~literal("at|play at|run at") + (number + literal("x") | literal("x") + number),
+)
+_command(
+    "slow motion, please",
+    as_given,
+    "values",
+    who=_motion | _about + thing,
+    use=WHOLE,
+    verb=literal(any_form("run")),
+    values=either(_pace_of, qualities.pace, qualities.backward) >> (lambda value: ((value,),)),
+)
+_command(
+    "the clip should be twice as long",
+    as_given,
+    "values",
+    who=literal("the (whole|entire)|this|my|our|a")
+    + literal("clip|video|scene|movie|film|shot|footage|sequence|animation|thing")
+    >> (lambda: lambda context: making.noted(context, All()))
+    | _whom + ~literal("'s") + ~literal("motion|movement|action"),
+    verb=literal(any_form("last")),
+    values=as_long >> (lambda value: ((value,),)),
+)
+_command(
+    "the movement of the dog should take three seconds",
+    making.lasting,
+    "verb to",
+    who=~literal("the") + _whom + ~literal("'s") + ~literal("motion|movement|action"),
+    use=WHOLE,
+    verb=literal(any_form("last")),
+    to=~literal("to|into|over|for|out to|down to|up to|exactly") + duration + ~literal("long|in total|instead"),
+    motion=literal("the motion of|the movement of|the duration of|the length of|the action of|the time of"),
+)
+
+# Colours of others, names
+_ENDING = word_set("and then but so please now")
+"""Words behind a name that are no part of it."""
+_command(
+    "call the dog rex",
+    making.named,
+    "verb called",
+    verb=literal(every_form("call|name|label|tag|dub|nickname")),
+    called=~literal("as|to")
+    + here(lambda reading, at: reading.word(at - 1) not in ("the", "my", "that", "this"))
+    + name
+    + here(lambda reading, at: not reading.word(at).isalpha() or reading.word(at) in _ENDING),
+)
+
+# Focus, light
+_bit_of = ~literal("some|a|an|a bit of|a little|a touch of|the") + optional(
+    table(
+        {
+            "(very) [slight|soft|light|gentle|little|subtle|small|faint|tiny|mild]|touch of|hint of|bit of": Amount(
+                "small"
+            ),
+            "(very) [strong|heavy|thick|bright|intense|big|huge|hard|massive]|lot of": Amount("large"),
+        },
+        reserve=False,
+    )
+)
+_doing = literal(any_form("apply"))
+
+
+def _haloed(light: tuple[Amount | None, Any], rgb: Any = None) -> Value:
+    how, own = light
+    if own is not None and rgb is not None:
+        raise Mismatch
+    return making.glowing(how, own or rgb)
+
+
+_command(
+    "put a slight blur on the dog",
+    making.blurred,
+    "how",
+    verb=_doing,
+    how=_bit_of
+    + literal("(gaussian|lens|soft|depth|background|motion) [blur|blurring|defocus|bokeh|haze]")
+    + ~literal("effect|filter|on|to"),
+)
+_command(
+    "blur the background",
+    making.blurred,
+    "verb",
+    who=_whom | whose("edge|edges|outline|border|borders"),
+    verb=literal(any_form("blur") + "|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"),
+    how=qualities.softly,
+)
+_command(
+    "add a soft blue glow around the dog",
+    _haloed,
+    "light",
+    verb=_doing,
+    light=~literal("with")
+    + _bit_of
+    + qualities.shade_of
+    + optional(colour)
+    + literal("(neon|light) [glow|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance] (of light)")
+    + ~literal("effect")
+    >> (lambda how, rgb: (how, rgb)),
+    rgb=~literal("in|in a|with") + colour + ~literal("light|color"),
+)
+_command(
+    "make the dog glow",
+    making.glowing,
+    "verb",
+    verb=literal(any_form("glow") + "|aglow|luminous|radiant") + ~literal("on|effect"),
+    how=qualities.softly,
+    rgb=~literal("in|in a|a|with|with a") + colour + ~literal("light|color"),
+)
+
+# Two things
+_command(
+    "swap the dog and the cat",
+    making.swapped,
+    "verb",
+    use=NAMED,
+    who=~literal("(the) [places|positions|spots|locations|place|position] [of|between]|between|of")
+    + (two_of_them | thing),
+    verb=literal(any_form("swap") + "|swap of"),
+    other=literal("with|for|and") + there_already,
+    places=literal(
+        "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|around|"
+        "over"
+    ),
+)
+
+
+# Opacity that comes and goes
+_BOTH_WAYS = word_set("in out up away")
+
+
+def _below_one(x: float) -> float:
+    if x >= 1:
+        raise Mismatch
+    return x
+
+
+_command(
+    "fade the background",
+    lambda by=0.5: making.faded(by),
+    "verb",
+    verb=literal(every_form("fade")) + here(lambda reading, at: _BOTH_WAYS.isdisjoint(reading.words[at : at + 6])),
+    by=literal("to") + (percent | fraction | number >> _below_one) + ~literal("opacity|visibility")
+    | literal("by") + percent >> (lambda x: 1 - x),
+)
+_command(
+    "fade out the dog",
+    making.faded,
+    "verb",
+    verb=literal(any_form("vanish") + "|fade out on|a fade out"),
+    inward=unless(silent(span))  # "faded out in the last second"
+    + table(
+        {
+            "in|up|into view|in from nothing|in from black": True,
+            "out|away|from view|to nothing|to zero|into nothing|completely": False,
+        },
+        reserve=False,
+    ),
+    by=literal("to") + (percent | fraction)
+    | literal("until [one|you|we|i] can [barely|hardly|only just|just about] [see|make] [it|him|her|them] (out)")
+    >> (lambda: 0.2),
+    gone=literal(
+        "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|"
+        "vanishes]|until nothing is left|into thin air|more and more"
+    )
+    >> (lambda: True),
+)
+_command(
+    "fade in the dog from second 1 to 2",
+    always(making.appearing),
+    "verb",
+    use=NAMED,
+    verb=literal(any_form("appear")),
+)
+
+_command(
+    "fade to black at the end",
+    making.fading_to,
+    "verb rgb",
+    use=WHOLE,
+    verb=literal(every_form("fade|dissolve|dip|go|fade out|fade slowly")),
+    rgb=literal("to|into|out to|down to") + ~literal("a|solid|pure|full|total|complete") + colour,
+)
+
+# What refers to what was said before
+_command(
+    "the cat too",
+    AGAIN,
+    "again",
+    use=NAMED,
+    verb=literal("do|it|that|this|make it|apply it|apply that|go on|continue|and"),
+    again=literal(
+        "again (but) [with|for|to|on]|ditto (for|with|on)|[do|apply|repeat] [that|this|it] (again) (but) [with|for|to|on]"
+        "|too|as well|also|the same|same|likewise|the "
+        "same thing|same thing|the same way|same again"
+    ),
+)
+_command(
+    "and nothing else",
+    REMARK,
+    "nothing",
+    nothing=literal(
+        "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
+        "colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change])|nobody else|"
+        "no one else|nothing more|that is all|that is it|only that|nothing other than that|keep the rest|keep everything "
+        "else|leave the rest|leave everything else|the rest stays (as it is)|(its|the|their) [location|position|place|size|"
+        "color|colors|speed|look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let "
+        "[it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as "
+        "before)|(then) [it|he|she|they] ([is|are|can|may|will|should]) [goes|continues|moves|runs|carries|go|come|comes|"
+        "be|back|walk|move|run|continue] (back|on|again|as before)|then (back to) normal|then back|i mean it|not more|not "
+        "less|that is enough"
+    ),
+    use=WHOLE,
+)

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher, get_close_matches
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..errors import F4xError
 from ..language.amounts import number
@@ -20,30 +20,22 @@ from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
 from ..language.grammar import (
     NAMES_TOO,
-    NOTHING,
     VOCABULARY,
     Doubt,
-    Mismatch,
+    Final,
     Reading,
     Refusal,
     Rule,
     Token,
-    bag,
-    covers,
     either,
     here,
     keyword,
-    listed,
     literal,
-    matches_of,
-    optional,
-    sign,
     silent,
-    table,
     tokenise,
     unless,
 )
-from ..language.idle import EMPTY, UNKNOWN, idle_gaps
+from ..language.idle import EMPTY, UNKNOWN
 from ..language.lexicon import (
     FUNCTION_WORDS,
     NO_THINGS,
@@ -52,17 +44,17 @@ from ..language.lexicon import (
     inflected,
     misspelt,
     singular,
-    stated,
     word_set,
+    written,
 )
 from ..language.paraphrases import closed_up, in_order, opened, paraphrases
-from ..language.times import HALF_WAY, Span, TimeExpression, span
-from ..language.verbs import VERBS, any_form
+from ..language.times import HALF_WAY, Span, TimeExpression
+from ..language.verbs import VERBS
 from . import qualities
-from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command, as_given
+from .clauses import COMMAND_VERBS, IMPERATIVES, OF_ALL, Clauses, Search, arguments
+from .commands import COMMANDS
 from .corrections import corrected, remarked, without_remarks
 from .description import describe
-from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_clip, is_of_a_picture
 from .operations import (
     Delete,
@@ -78,282 +70,27 @@ from .operations import (
     Style,
     Transform,
 )
-from .phrases import SentenceContext, When, besides, familiar, known_thing, several_placed, thing, together, whose
+from .phrases import SentenceContext, When, familiar, known_thing, several_placed, thing, together, whose
 from .qualities import any_look, effect
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
+from .slots import AGAIN, REMARK, Command
 from .styles import STYLES
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
 MAX_BARRED = 3
-"""Frames that fit a sentence and cannot be carried out, before it is given up."""
+"""Commands that fit a sentence and cannot be carried out, before it is given up."""
 
 
-class Clause(NamedTuple):
-    """A verb with everything it applies to."""
-
-    command: Command
-    pieces: tuple[dict[str, Any], ...]
-    """Slots of each who: "make [the dog red] and [the cat blue]"."""
-    front: Span | None = None
-    """A time before the verb; it also holds for what follows with "and"."""
-
-
-_then = either(span, keyword("only|just") + span, span + ~keyword(",") + keyword("only|alone"))
-_when = ~keyword(",") + ~keyword("but") + _then
-_slowly = ~keyword(",") + table(
-    {
-        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|"
-        "more and more|step by step|(in) a gradual way|easing in and out|easing in|easing out|with (a) [soft|smooth|"
-        "gentle] [ease|easing]|with (an) [ease|easing]|with soft ends|eased|(with) (an) ease in and out|(with) easing|"
-        "eased in and out|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth|(with) (a) [smooth|soft|eased] "
-        "[interpolation|motion|movement|transition] ((,) not linear)": True
-    }
-)
-_between = keyword("and|,|, and|but|while|, but|, while|and also")
-_afterward = keyword(
-    "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, "
-    "after that"
-)
-_modal = keyword(
-    "should|must|shall|ought to|has got to|have got to|should rather|has to|have to|needs to|need to|is to|are to|will|is "
-    "supposed to|are supposed to|had better"
-)
-_want = keyword("i|we") + keyword(
-    "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love "
-    "to see"
-)
-_let = keyword("let|have|make|get")
-
-
-def _telling(filled: dict[str, Any]) -> dict[str, Any]:
-    """Slots that say more than who: "and the cat" alone belongs to the list before it."""
-    if filled.keys() <= {"who", "slowly", "besides"}:
-        raise Mismatch
-    return filled
-
-
-def _of(command: Command) -> Rule:
-    """The clauses of a command: by its verb, of a subject, in the passive."""
-    slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides}
-    alone = command.use.bare or command.use.whole
-    first = bag({"who": command.who, **slots}, command.needed | (frozenset() if alone else {"who"}))
-    more = bag({"who": command.who, **slots}, command.needed | {"who"}) >> _telling
-    own = bag(slots, command.needed)
-
-    def of_subject(who: Any, filled: dict[str, Any]) -> tuple[dict[str, Any]]:
-        return ({**filled, "who": who},)
-
-    def verb(which: int, verbs: str = command.verbs) -> Rule:
-        return keyword("|".join(inflected(verbs, which)))
-
-    ways = []
-    if command.verbs or not command.itself:
-        phrase = (verb(1) if command.verbs else NOTHING) + first >> (lambda one: (one,))
-        ways.append(phrase)
-        if command.use.gapped and command.needed:  # "make the dog red, then blue after one second"
-            later = bag(slots, command.needed) >> (lambda filled: {**filled, "later": True})
-            ways.append(
-                phrase + listed(_afterward + later, NOTHING)
-                >> (lambda pieces, rest: pieces + tuple(one for (one,) in rest))
-            )
-        if command.use.gapped:
-            elsewhen = bag(slots, command.needed | {"when"}) >> (lambda filled: {**filled, "later": True})
-            ways.append(
-                phrase + listed(_between + elsewhen, NOTHING)
-                >> (lambda pieces, rest: pieces + tuple(one for (one,) in rest))
-            )
-            others = _between + listed(more, _between) >> (lambda pieces: tuple(piece for (piece,) in pieces))
-            ways.append(phrase + others >> (lambda pieces, rest: pieces + rest))
-    subject = command.who
-    if command.itself:
-        itself = verb(0, command.itself) + own
-        states = table({"|".join(map(stated, command.itself.split("|"))): None}, reserve=False)
-        ways += [
-            subject + states + own >> of_subject,
-            states + own >> (lambda filled: (filled,)),  # "the car stops and turns around"
-            (_let | _want) + subject + ~keyword("to") + itself >> of_subject,
-            subject + _modal + itself >> of_subject,
-        ]
-    if command is COMMANDS[0]:  # how it is, which is no wish, unless a time is named
-        ways.append(
-            subject + keyword("is|are") + own >> (lambda who, filled: ({**filled, "who": who, "stated": True},))
-        )
-    return either(*ways) >> (lambda pieces: Clause(command, pieces))
-
-
-_filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
-_tail = silent(~ADDS_NOTHING)
-_core = either(*(_of(command) for command in COMMANDS))
-_clause = (
-    either(
-        _filler + _core,
-        _filler + silent(_slowly) + _core
-        >> (lambda clause: clause._replace(pieces=tuple({**one, "slowly": True} for one in clause.pieces))),
-        _filler + span + ~keyword(",|:") + _filler + _core >> (lambda front, clause: clause._replace(front=front)),
-    )
-    + ~keyword(",")
-    + _tail
-)
-_SOFT, _HARD = (
-    ", and also|, and|and also|and|,|but|, but|plus",
-    ".|;|!|then|and then|, then|, and then|after that|and after that|, after that",
-)
-_separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
-_ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
 _polite = keyword("please|could|can|maybe|perhaps") | ASKS
 _POLITE_BEFORE = 8
 """Words within which a request begins: "okay, now could you"."""
-_about_whom = literal(
-    "as for|about|regarding|concerning|focus on|concentrate on|take|select|pick|choose|click (on)|grab|go to|look at|"
-    "(you) see|with|for|now"
-)
-_topic = thing + keyword(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
-_PRONOUNS = word_set("it him her them its his their")
-_pronoun_follows = here(lambda reading, at: any(t.text in _PRONOUNS for t in reading.tokens[at:]))
-_loose_topic = _topic | thing + literal(",|-|->|=>|=") + _pronoun_follows >> (
-    lambda who: Clause(TOPIC, ({"who": who},))
-)
-_loose_topic = _loose_topic | _about_whom + thing + keyword(",|:|and|-|.") >> (
-    lambda who: Clause(TOPIC, ({"who": who},))
-)
-
-
-_number_of_item = (
-    ~literal("step|part|item|task|edit|point|number|no|#") + (number + either(sign(")"), keyword(".|:")))
-    | literal("step|part|item|task|edit|point") + number + ~keyword(",")
-    | literal("first|second|third|fourth|last")
-    + ~keyword(",")
-    + here(lambda reading, at: reading.word(at) in _IMPERATIVES - FUNCTION_WORDS)
-)
-_loose_separator = either(_separator + ~silent(_number_of_item), silent(_number_of_item) >> (lambda *_: True))
-_loose_start = (
-    ~keyword("and")
-    + _ends
-    + ~silent(_number_of_item)
-    + ~literal("first|to begin with|to start with|for starters")
-    + optional(_filler + _loose_topic)
-)
-_ONE_MORE, _RUN_ON = 2, 12
-"""Costs of a command behind another, and of one with nothing between."""
-_any_order: list[tuple[Command, dict[str, Rule], frozenset[str]]] = [
-    (
-        frame,
-        {"who": frame.who, **frame.slots, "when": _when, "slowly": _slowly, "besides": besides},
-        frame.needed | (frozenset() if frame.use.bare or frame.use.whole else {"who"}),
-    )
-    for frame in FRAMES
-]
-"""Frames, their slots, which stand in any order with idle words between, and those without which they are not meant."""
-_FRAMED = frozenset(map(id, FRAMES))
-_front = span + ~keyword(",|:")
-
-
-class Found(NamedTuple):
-    """A clause, or several with their separators, and what their idle words cost."""
-
-    cost: float
-    clauses: tuple[Any, ...]
-    idle: tuple[int, ...] = ()
-
-
-class _Loosely:
-    """The ways to read a sentence with idle words."""
-
-    def __init__(self, reading: Reading, known: Collection[str]):
-        """`known`: last words of labels."""
-        self.reading, self.end = reading, len(reading.tokens)
-        self.gaps = idle_gaps(reading, ADDS_NOTHING, known, COMMAND_VERBS)
-        fitting = [(frame, needed, matches_of(slots, reading)) for frame, slots, needed in _any_order]
-        self.frames = [
-            (order, frame, needed, matches)
-            for order, (frame, needed, matches) in enumerate(fitting)
-            if needed <= matches.keys() and id(frame) not in reading.barred
-        ]
-        self.at: dict[int, dict[int, Found]] = {}
-
-    def _clauses(self, start: int) -> dict[int, Found]:
-        """The cheapest clause from a word to each later one; one of the table is preferred."""
-        if start not in self.at:
-            best = {end: Found(-1, (clause,)) for end, (clause,) in _clause.at(self.reading, start).items()}
-            for order, frame, needed, matches in self.frames:
-                for end, found in covers(list(matches), needed, matches, self.gaps, start).items():
-                    for cost, values, idle in found:
-                        price = cost + order / 1000
-                        if end in best and price >= best[end].cost:
-                            break
-                        if _can_be_made(frame, values):
-                            best[end] = Found(price, (Clause(frame, (values,)),), idle)
-                            break
-            self.at[start] = best
-        return self.at[start]
-
-    def _next(self, begin: int) -> Iterator[tuple[int, int, Found]]:
-        """(first word, end, clause) of what may stand at a word, also with a time before it."""
-        yield from ((begin, end, found) for end, found in self._clauses(begin).items())
-        for start, (front,) in _front.at(self.reading, begin).items():
-            for end, found in self._clauses(start).items():
-                yield start, end, found._replace(clauses=(found.clauses[0]._replace(front=front),))
-
-    def sentence(self) -> Found | None:
-        """The cheapest reading of the whole; none where there is none."""
-        best: dict[int, Found] = {}
-        for end, (topic,) in _loose_start.at(self.reading, 0).items():
-            best[end] = Found(0, () if topic is None else ((topic,),))
-        for at in range(self.end):
-            if at not in best:
-                continue
-            done = best[at]
-            starts: dict[int, tuple[float, tuple[bool, ...]]] = {at: (0, ())}
-            if _commands(done):
-                starts = {at: (_RUN_ON, ())}
-                starts |= {e: (_ONE_MORE, found) for e, found in _loose_separator.at(self.reading, at).items()}
-            for begin, (price, hard) in starts.items():
-                for start, end, (cost, (clause,), idle) in self._next(begin):
-                    cost += done.cost + price
-                    if price == _RUN_ON and not (
-                        (self.reading.word(start) in _IMPERATIVES or familiar.at(self.reading, start))
-                        and _names(clause)
-                        and _names(done.clauses[-1][-1])
-                    ):
-                        continue
-                    if end not in best or cost < best[end].cost:
-                        best[end] = Found(cost, (*done.clauses, (*hard, clause)), done.idle + idle)
-        whole = [found for at, found in best.items() if self.end in _ends.at(self.reading, at) and _commands(found)]
-        return min(whole, key=lambda found: found.cost, default=None)
-
-
-def _names(clause: Clause) -> bool:
-    """Whether a clause says whom it is for."""
-    return "who" in clause.pieces[0]
-
-
-def _commands(found: Found) -> bool:
-    """Whether there is a clause that is no mere topic."""
-    return any(clause.command is not TOPIC for *_, clause in found.clauses)
-
-
-def _can_be_made(frame: Command, filled: dict[str, Any]) -> bool:
-    """Whether the values of a frame go together."""
-    if frame.make in (REMARK, AGAIN):
-        return True
-    with suppress(Refusal, Mismatch):
-        frame.make(**_arguments(filled))
-        return True
-    return False
-
-
-_sentence = ~keyword("and") + _ends + optional(_topic) + listed(_clause, _separator) + _ends
-COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"))
-"""First words of the verbs of commands."""
-_IMPERATIVES: frozenset[str] = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
-"""Those with which a command begins: not "stands" of "the man who stands left"."""
 _PHRASAL = frozenset(
     tuple(verb.split()) for verbs in VERBS.values() for verb in verbs.split(", ") if verb.count(" ") == 1
 )
 """Verbs of two words, the second of which may stand behind the thing."""
-_ASKED_FOR = frozenset(form for verb in _IMPERATIVES - FUNCTION_WORDS for form in (verb, forms(verb)[0]))
+_ASKED_FOR = frozenset(form for verb in IMPERATIVES - FUNCTION_WORDS for form in (verb, forms(verb)[0]))
 """With which the command begins behind words that only ask for it: "would you mind making"."""
 _DROPPED = word_set("please kindly thanks thank")
 
@@ -366,11 +103,11 @@ def parse(
     `copies`: those of earlier sentences -> what was copied; `earlier`: the sentence before, of which "it", "the other one" and
     "the cat too" may speak. Raises `Refusal`.
     """
-    sentence = request.sentence
-    if len(sentence) > MAX_CHARACTERS:
+    if len(request.sentence) > MAX_CHARACTERS:
         raise Refusal(
-            f"The sentence has {len(sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
+            f"The sentence has {len(request.sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
         )
+    sentence = written(request.sentence)
     known = _known((*request.labels, *request.names))
 
     def settled(read: Read) -> tuple[Operation, ...]:
@@ -413,9 +150,6 @@ def parse(
     raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
 
 
-Clauses = tuple[tuple[Any, ...], ...]
-
-
 @dataclass(frozen=True)
 class Read:
     """A sentence that was matched, or not."""
@@ -455,7 +189,9 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
             "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the "
             "people'."
         )
-    if read.only_then and any(isinstance(one, Extract | Opacity) and not _removes(one) for one in operations):
+    if read.only_then and any(
+        isinstance(one, Extract) or (isinstance(one, Opacity) and not _removes(one)) for one in operations
+    ):
         raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
     named = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
     spare = context.spare - named
@@ -469,8 +205,8 @@ def _read_somehow(
 ) -> Read:
     """A sentence with its words and clauses, or another way to say it where that is understood and it is not itself.
 
-    What no command of the table fits is read once more with its words in any order, and counts where `settled` can carry it out:
-    first the sentence's own words, then other ways to say it. `guess`: words that nobody knows may be left out.
+    A reading counts where `settled` can carry it out: first of the sentence's own words, then of other ways to say it.
+    `guess`: words that nobody knows may be left out.
     """
     plain, _ = _plainly(sentence, known)
     own = dict.fromkeys((*corrected(sentence, known), *in_order(sentence), plain, sentence))
@@ -494,16 +230,13 @@ def _read_somehow(
             except Refusal as refusal:
                 first = first or refusal
                 continue
-            read = _matched(reading, _sentence)
-            if read.clauses:
-                return read
             readings.append(reading)
-            first = first or read
+            first = first or Read(reading)
         own_readings = own_readings or readings
         for reading in sorted(
             readings, key=lambda reading: (reading.sentence in (plain, sentence)) + (reading.sentence != plain)
         ):
-            loose, why = _read_loosely(reading, known, settled, guess)
+            loose, why = _matched(reading, known, settled, guess)
             reason = reason or why
             if loose:
                 return loose
@@ -513,13 +246,13 @@ def _read_somehow(
     return replace(first, reason=reason)
 
 
-def _read_loosely(
+def _matched(
     reading: Reading, known: Mapping[tuple[str, ...], str], settled: Settle | None, guess: bool
 ) -> tuple[Read | None, str]:
     """The reading with the cheapest idle words that can be carried out, and why others cannot."""
     reason = ""
     for _ in range(MAX_BARRED + 1):
-        found = _Loosely(reading, {words[-1] for words in known}).sentence()
+        found = Search(reading, {words[-1] for words in known}).sentence()
         if found is None or (found.cost > UNKNOWN / 2 and not guess):
             break
         read = Read(reading, found.clauses, idle=found.idle)
@@ -527,12 +260,12 @@ def _read_loosely(
             return read if settled is None else replace(read, operations=settled(read)), reason
         except Refusal as refusal:
             reason = reason or ("" if found.idle else refusal.reason)
+            if isinstance(refusal, Final):
+                break
         except F4xError:
             break
-        framed = {id(clause.command) for *_, clause in read.clauses} & _FRAMED
-        if not framed:
-            break
-        reading = replace(reading, barred=reading.barred | framed)  # another frame may do
+        tried = frozenset(id(clause.command) for clause in read.clauses)
+        reading = replace(reading, barred=reading.barred | tried)  # another command may do
     return None, reason
 
 
@@ -560,15 +293,6 @@ def _is_picture(token: Token) -> bool:
     return len(token.text) == 1 and (
         token.text in "[]{}*~" or unicodedata.category(token.text) in ("So", "Sk", "Mn", "Cn")
     )
-
-
-def _matched(reading: Reading, rule: Rule) -> Read:
-    """The clauses of a sentence by `rule`."""
-    found = rule.at(reading, 0).get(len(reading.tokens))
-    if found is None:
-        return Read(reading)
-    topic, clauses = found
-    return Read(reading, (*([] if topic is None else [(topic,)]), *clauses))
 
 
 def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
@@ -607,7 +331,7 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
         return
     if any(_is_a_verb(read.reading, at) for at in read.idle):
         return
-    if not any("who" in piece for *_, clause in read.clauses[:1] for piece in clause.pieces):
+    if "who" not in read.clauses[0].slots:
         return  # whom it is for may be what was left out
     doubt = _without_idle(read)
     if _means(doubt.instead, read.operations, known, settled):
@@ -656,6 +380,12 @@ def _unsure(read: Read) -> bool:
     return any(rule.at(read.reading, at) for rule, _ in _DOUBTFUL for at in range(len(read.reading.tokens)))
 
 
+_SPOKEN_OF = word_set(
+    "background foreground everything everyone everybody selection shadow reflection original surroundings"
+)
+"""Words for whom or what a command is for, which are labels of no scene."""
+
+
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
     parts = {word for words in reading.known for word in words}
@@ -664,7 +394,7 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
         describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
         if token.is_word and not describes and not {token.text, singular(token.text)} & lexicon:
-            meant = misspelt(token.text, parts) or (None if understood else misspelt(token.text, lexicon))
+            meant = misspelt(token.text, parts | _SPOKEN_OF) or (None if understood else misspelt(token.text, lexicon))
             if meant:
                 return token, meant
     return None
@@ -723,15 +453,6 @@ def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
     return known
 
 
-_OF_ALL = ("who", "when", "later", "slowly", "besides", "stated")
-"""Slots that every command has."""
-
-
-def _arguments(piece: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a piece that its command makes something of."""
-    return {name: value for name, value in piece.items() if name not in _OF_ALL and value is not None}
-
-
 def _clauses_before(earlier: str, known: Mapping[tuple[str, ...], str]) -> Clauses:
     """The clauses of the sentence before; none where there is none or it is not understood."""
     try:
@@ -751,91 +472,101 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Said | None:
         context.last, context.they = then.last, then.they
         if isinstance(context.last, Named) and context.last.name in then.copies:
             context.last = next(reversed([*context.earlier]), then.copies[context.last.name])
-    done = [
-        (clause.command, piece)
-        for *_, clause in clauses
-        for piece in clause.pieces
-        if clause.command.make is not REMARK
-    ]
-    return next((one for one in reversed(done) if one[0].make is not AGAIN), None)
+    done = [clause for clause in clauses if clause.command.make not in (REMARK, AGAIN)]
+    return (done[-1].command, done[-1].slots) if done else None
 
 
 def _operations(clauses: Clauses, context: SentenceContext, before: Said | None = None) -> Iterator[Operation]:
-    """The operations of clauses, each of which may follow (whether its separator is hard); `before`: the command before them."""
+    """The operations of clauses; `before`: the command before them."""
     front: Span | None = None
-    for *separators, clause in _shared(clauses):
-        if any(separators):
-            front = None
-        front = clause.front or front
-        last = None if "later" in clause.pieces[-1] else clause.pieces[-1].get("when")
-        topics: list[SelectKind] = []
-        for piece in clause.pieces:
-            if clause.command.make is REMARK and not {"who", "complaint"} & piece.keys():
-                continue
+    topics: list[SelectKind] = []
+    for at, clause in enumerate(clauses := _shared(clauses)):
+        command, piece = clause.command, clause.slots
+        if command.make is REMARK and not {"who", "complaint"} & piece.keys():
+            continue
+        front = clause.front or (None if clause.hard else front)
+        own = piece.get("when")
+        if own and clause.front and clause.front.kind == "moment" and own.kind == "length":
+            own = _about(clause.front.start, own)
+        elif own and clause.front:
+            raise Refusal("Two times are said for one command; leave one out.")
+        who, assumed = _whom(command, piece, context)
+        if "stated" in piece and not (own or front):
+            raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
+        if command.make is REMARK:
+            if assumed and not _of_a_clip(command, piece):
+                raise Refusal("It is not said who is so; name a thing, or say 'it' for what is selected.")
+            _remarked(who, piece, context)
+            continue
+        if command.make is AGAIN:
+            if before is None:
+                raise Refusal("Nothing was said before that could be done again; say what is to be done.")
+            own_words = {name: value for name, value in piece.items() if name in OF_ALL}
+            command, piece = before[0], {**before[1], **own_words}
             own = piece.get("when")
-            if own and clause.front and clause.front.kind == "moment" and own.kind == "length":
-                own = _about(clause.front.start, own)
-            elif own and clause.front:
-                raise Refusal("Two times are said for one command; leave one out.")
-            use = clause.command.use
-            if "who" not in piece and context.last in context.spared:  # "black and white, but leave the rose alone"
-                context.last = None
-            unnamed = context.last is None and not context.selected and not context.overall
-            of_clip = unnamed and _of_a_clip(clause.command, piece)
-            nobody = context.last is None and "when" in piece and (use.timed or of_clip)
-            if "who" not in piece and ((use.whole and not context.selected) or nobody or "besides" in piece):
-                context.last = All()
-            context.overall = context.overall or use.whole or use.timed or of_clip
-            who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
-            assumed = who is None
-            context.last = context.last or who
-            if who is None:
-                who = Current() if context.selected and use.bare else All()
-            if "besides" in piece:
-                spared = Not(piece["besides"](context))
-                context.last = who = spared if who == All() else And((who, spared))
-            if "stated" in piece and not (own or front):
-                raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
-            if clause.command.make is REMARK:
-                if assumed and not _of_a_clip(clause.command, piece):
-                    raise Refusal("It is not said who is so; name a thing, or say 'it' for what is selected.")
-                _remarked(who, piece, context)
-                continue
-            command = clause.command
-            if command.make is AGAIN:
-                if before is None:
-                    raise Refusal("Nothing was said before that could be done again; say what is to be done.")
-                own_words = {name: value for name, value in piece.items() if name in _OF_ALL}
-                command, piece = before[0], {**before[1], **own_words}
-                own = piece.get("when")
-            before = command, piece
-            topics.append(who)
-            made = command.make(**_arguments(piece))
-            settled = When.of(own or front or last, context, "slowly" in piece)
-            values = made if isinstance(made, tuple) else ((made,),)
-            operations = _compatible([value(who, settled, context) for (value,) in values])
-            of_all = who == All() and not all(map(is_of_a_picture, operations))
-            if assumed and (of_all or any(isinstance(one, Match | Delete | Extract) for one in operations)):
-                raise Refusal(
-                    "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."
-                )
-            for operation in operations:
-                if operation.select == THE_COPY and context.last is not None:
-                    operation = replace(operation, select=context.last)  # type: ignore[arg-type]  # of a copy
-                elif isinstance(operation, Duplicate):
-                    operation, topics[-1] = context.copied(operation)
-                yield operation
-        context.they = together(topics) if topics else None
+        before = command, piece
+        topics = [*topics, who] if clause.gapped else [who]
+        settled = When.of(own or front or _time_behind(clauses, at), context, "slowly" in piece)
+        for operation in _made(command, piece, who, settled, context, assumed):
+            if operation.select == THE_COPY and context.last is not None:
+                operation = replace(operation, select=context.last)  # type: ignore[arg-type]  # of a copy
+            elif isinstance(operation, Duplicate):
+                operation, topics[-1] = context.copied(operation)
+            yield operation
+        context.they = together(topics)
+
+
+def _whom(command: Command, piece: Mapping[str, Any], context: SentenceContext) -> tuple[SelectKind, bool]:
+    """Whom a command is for, and whether that is only assumed."""
+    use = command.use
+    if "who" not in piece and context.last in context.spared:  # "black and white, but leave the rose alone"
+        context.last = None
+    unnamed = context.last is None and not context.selected and not context.overall
+    of_clip = unnamed and _of_a_clip(command, piece)
+    nobody = context.last is None and "when" in piece and (use.timed or of_clip)
+    if "who" not in piece and ((use.whole and not context.selected) or nobody or "besides" in piece):
+        context.last = All()
+    context.overall = context.overall or use.whole or use.timed or of_clip
+    who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
+    assumed = who is None
+    context.last = context.last or who
+    if who is None:
+        who = Current() if context.selected and use.bare else All()
+    if "besides" in piece:
+        spared = Not(piece["besides"](context))
+        context.last = who = spared if who == All() else And((who, spared))
+    return who, assumed
+
+
+def _time_behind(clauses: Clauses, at: int) -> Span | None:
+    """The time at the end of a list without verbs, which holds for all of it: "the dog red and the cat blue from second 2"."""
+    end = at
+    while end + 1 < len(clauses) and clauses[end + 1].gapped:
+        end += 1
+    return clauses[end].slots.get("when") if "who" in clauses[end].slots else None
+
+
+def _made(
+    command: Command, piece: Mapping[str, Any], who: SelectKind, when: When, context: SentenceContext, assumed: bool
+) -> list[Operation]:
+    """The operations of one command; Refusal where it is not said for whom something strong is done."""
+    made = command.make(**arguments(piece))
+    values = made if isinstance(made, tuple) else ((made,),)
+    operations = _compatible([value(who, when, context) for (value,) in values])
+    of_all = who == All() and not all(map(is_of_a_picture, operations))
+    if assumed and (of_all or any(isinstance(one, Match | Delete | Extract) for one in operations)):
+        raise Refusal("It is not said whom or what the command is for; name a thing, or say 'it' for what is selected.")
+    return operations
 
 
 def _shared(clauses: Clauses) -> Clauses:
     """The clauses, those with a verb alone for whom the next names: "darken and blur the sky"."""
     shared = list(clauses)
     for at in range(len(clauses) - 1, 0, -1):
-        (*before, verb), (*hard, following) = shared[at - 1], shared[at]
-        (piece, *more), to = verb.pieces, following.pieces[0]
-        if not (more or any(hard) or "who" in piece or verb.command.use.whole) and "verb" in piece and "who" in to:
-            shared[at - 1] = (*before, verb._replace(pieces=({**piece, "who": to["who"]},)))
+        verb, following = shared[at - 1], shared[at]
+        alone = "verb" in verb.slots and "who" not in verb.slots and not verb.command.use.whole
+        if alone and not following.hard and "who" in following.slots:
+            shared[at - 1] = verb._replace(slots={**verb.slots, "who": following.slots["who"]})
     return tuple(shared)
 
 
@@ -844,7 +575,7 @@ def _of_a_clip(command: Command, piece: Mapping[str, Any]) -> bool:
     made = (
         piece.get("complaint")
         if command.make is REMARK
-        else command.make is not AGAIN and command.make(**_arguments(piece))
+        else command.make is not AGAIN and command.make(**arguments(piece))
     )
     if not made:
         return False
@@ -867,7 +598,10 @@ def _remarked(who: SelectKind, piece: Mapping[str, Any], context: SentenceContex
         context.spared.append(who)
     if piece.get("complaint"):
         context.last = who
-        context.complaints.append(piece["complaint"](who, When(), context))
+        helps = piece["complaint"](who, When(), context)
+        if who == All() and isinstance(helps, Transform):
+            raise Refusal("The clip itself has no size and no place to change; say which thing is meant.")
+        context.complaints.append(helps)
 
 
 def _sparing(operation: Operation, spared: Sequence[SelectKind]) -> Operation:
@@ -956,6 +690,8 @@ def _is_overridden(made: Any, one: Any) -> bool:
     if isinstance(made, Style | Recolour) and isinstance(one, Recolour) and one.mode == "assign" and one.strength == 1:
         return getattr(made, "mode", "assign") == "assign" and (made.select, made.frames) == (one.select, one.frames)
     timed = type(made) is type(one) and hasattr(made, "ease") and made.frames is None and one.frames is not None
+    if isinstance(one, Opacity) and one.inward:  # "start with the boat invisible and let it fade in"
+        made = replace(made, inward=True) if isinstance(made, Opacity) else made
     return timed and one == replace(made, frames=one.frames, ease=one.ease)
 
 
@@ -982,7 +718,7 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
     kinds = {(type(one), getattr(one, "mode", None), getattr(one, "rotate", None)) for one in operations}
     unseen = len(operations) > 1 and any(isinstance(one, Opacity) and one.factor == 0 for one in operations)
     if unseen or len(kinds) < len(operations):
-        raise Refusal("Two things are said that exclude one another, as 'red and blue' do; say one of them.")
+        raise Final("Two things are said that exclude one another, as 'red and blue' do; say one of them.")
     return operations
 
 
@@ -1090,8 +826,11 @@ _DOUBTFUL = (
     ),
     (
         keyword("drop|drops|dropping")
-        + silent(familiar | ~keyword("a|the|that|this") + familiar)
-        + literal("on|onto|in|into|to"),
+        + silent(
+            unless(~literal("the|its") + literal("shadow|reflection"))
+            + (familiar | ~keyword("a|the|that|this") + familiar)
+        )
+        + literal("on|onto|in|into|to|under|beside|behind|next to"),
         "'Drop' may mean to move or to remove; say 'move the ball down' or 'remove the ball'.",
     ),
     (
@@ -1109,6 +848,23 @@ _DOUBTFUL = (
             "[turn|switch] off (the|that|this) [lamp|light|lights|lantern|candle|headlights|sign|screen|tv]"
         ),
         "'Off' may mean dark or gone; say 'make the lamp darker' or 'hide the lamp'.",
+    ),
+    (
+        keyword("[kill|cut] (the|that|this|all the) [lamp|light|lights|lantern|candle|headlights|sign]"),
+        "'Kill' may mean dark or gone; say 'make the lamp darker' or 'hide the lamp'.",
+    ),
+    (
+        keyword("[mute|silence|unmute]")
+        + silent(
+            ~keyword("all")
+            + unless(~literal("the|its|all|all the") + literal("color|colors|tone|tones|saturation"))
+            + known_thing
+        ),
+        "A scene has no sound; say for example 'desaturate the car' if its colors are meant.",
+    ),
+    (
+        literal("used to [be|have|look|stand|move]"),
+        "That says how it was; say what is to be done, for example 'make the dog red'.",
     ),
     (
         keyword("put") + (silent(known_thing) | keyword("[it|him|her|them|that|this]")) + keyword("away") + _last
@@ -1263,44 +1019,34 @@ _SAID_HALF = (
     ("move the dog to the left", VERBS["move"], "way", thing),
     ("put the dog behind the bush", VERBS["move"], "place", thing),
     ("match the dog to the cat", "match", "source", thing),
+    ("call the dog rex", "call, name, label, tag", "called", thing),
 )
 """(Example, verbs, slot that is needed, whom it is for) of commands that are read in any order."""
 _EXAMPLES = dict.fromkeys(
     (
-        *(command.example for command in COMMANDS),
+        *(command.example for command in COMMANDS if command.make not in (REMARK, AGAIN)),
         *(example for example, *_ in _SAID_HALF),
-        "remove the color of the house", "isolate the dog", "fade in the dog from second 1 to 2",
-        "turn the dog into gold", "tint the sky orange", "change the color of the car to black", "copy the dog",
-        "darken the sky",
-        "let a copy follow the dog half a second behind", "make the dog glow", "blur the background", "speed up the dog",
-        "increase the contrast of the dog", "swap the dog and the cat", "fade out the dog", "put a copy of the car to the left",
+        *("isolate the dog", "turn the dog into gold", "speed up the dog", "paint the car blue"),
     )
-)  # fmt: skip
+)
 """Sentences that are offered to those who were not understood."""
 _beginnings = [
-    (command, verb, verb + command.who)
-    for command in (
-        *(
-            Command(example, verbs.replace(", ", "|"), as_given, {}, frozenset({slot}), who)
-            for example, verbs, slot, who in _SAID_HALF
-        ),
-        *COMMANDS,
-    )
-    if command.verbs and command.needed <= _UNSAID.keys()
-    for verb in [keyword("|".join(inflected(command.verbs, 1)))]
+    (example, slot, verb, verb + who)
+    for example, verbs, slot, who in _SAID_HALF
+    for verb in [keyword("|".join(inflected(verbs.replace(", ", "|"), 1)))]
 ]
-"""Commands with the rules of their verb, and of the verb and whom it is for."""
+"""Examples with the slot that is needed and the rules of their verb, and of the verb and whom it is for."""
 
 
 def _lacking(reading: Reading) -> str:
     """Return what the last command of a sentence lacks, as part of a message; nothing where it lacks nothing that has a name."""
     end = len(reading.tokens)
     for at in range(end):
-        for command, verb, verb_and_who in _beginnings:
+        for example, slot, verb, verb_and_who in _beginnings:
             whole = end in verb_and_who.at(reading, at)
-            if (whole and command.needed) or end in verb.at(reading, at):
-                unsaid = " and ".join(_UNSAID[slot] for slot in sorted(command.needed if whole else {"who"}))
-                return f"after '{reading.text_of(at, end)}' it is not said {unsaid}, as in '{command.example}'"
+            if whole or end in verb.at(reading, at):
+                unsaid = _UNSAID[slot if whole else "who"]
+                return f"after '{reading.text_of(at, end)}' it is not said {unsaid}, as in '{example}'"
     return ""
 
 

@@ -13,6 +13,7 @@ from ..language.colours import PURE_COLOURS, colour
 from ..language.grammar import (
     NOTHING,
     VOCABULARY,
+    Final,
     Reading,
     Refusal,
     Rule,
@@ -79,7 +80,7 @@ class SentenceContext(Clip):
         if self.last is None and not self.selected and self.overall and word in ("'it'", "'its'"):
             return All()
         if self.last is None and not self.selected:
-            raise Refusal(f"Nothing is named or selected that {word} could be; name a thing or select one.")
+            raise Final(f"Nothing is named or selected that {word} could be; name a thing or select one.")
         return self.last or Current()
 
     def one(self) -> SelectKind:
@@ -167,6 +168,8 @@ class When:
             return {"frames": self.frames}
         if self.slowly and self.frames is None:
             return {"frames": (0.0, None)}
+        if self.edge is not None and self.edge[0] > 0:  # "at the end": so that it can be seen
+            return {"frames": self.edge}
         if self.kind == "moment" and self.frames is not None and not self.slowly:
             return {"frames": (self.frames[0], self.frames[0]), "ease": "step"}
         return self._frames
@@ -276,12 +279,16 @@ def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 yield end, f"{reading.text_of(at, before).lower()} {label}"
 
 
+_PARTS_IN_ING = word_set("wing ring earring lining railing clothing building painting string spring ceiling coating")
+
+
 def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known part of a known whole: "roof of the house"."""
     for middle, part in _known_at(reading, at):
         if reading.word(middle) == "'s":  # a part that no label has is the scene's to know
             for end, stranger in _stranger_at(reading, middle + 1):
-                yield end, f"{reading.text_of(at, middle).lower()}'s {stranger}"
+                if not stranger.endswith("ing") or stranger in _PARTS_IN_ING:  # "the dog's barking" is none
+                    yield end, f"{reading.text_of(at, middle).lower()}'s {stranger}"
         if reading.word(middle) == "of":
             whole = middle + 1 + (reading.word(middle + 1) in ("the", "a", "an", "that", "this", "my"))
             strangers = _stranger_at(reading, whole) if whole > middle + 1 else ()
@@ -369,7 +376,7 @@ _article = keyword(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|every|each|any|all|all (of) [the|these|those|my]|both|"
     "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
 )
-_determiner = either(_article + ~_several, _several)
+_determiner = _article + ~_several
 
 
 def _things(match: Callable[[Reading, int], Iterator[tuple[int, str]]]) -> Rule:
@@ -406,6 +413,12 @@ _part_of_known = _article + _things(_part_of_known_at)
 familiar = either(_part, _known, _modified, _everybody)
 """A noun that the scene knows."""
 _noun = either(_part, _known, _modified, _stranger)
+_determined = either(
+    _determiner + _noun,
+    here(lambda reading, at: not reading.known) + _several + _noun,
+    _several + either(_part, _known, _modified),
+)
+"""A noun with its article or number; what nobody knows with a number alone might be copies, echoes, times."""
 _named_at_length = _article + _strangers
 WHERE: dict[str, Where] = {
     "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer to|closer "
@@ -574,9 +587,10 @@ _place = (
     + number
     + ~sign(")")
 )
+_seen_then = keyword("in|at|of|on") + keyword("frame") + number
 _point = keyword(
     "(the|that|this) [thing|object|item|spot|point|part]|(the) pixel|what is|whatever is|what you see|the one"
-) + keyword("at|on|under") + _place + optional(keyword("in|at|of|on") + keyword("frame") + number) >> (
+) + keyword("at|on|under") + _place + optional(_seen_then) + unless(_seen_then) >> (
     lambda x, y, seen: lambda context: Point(context.present if seen is None else _frame(seen, context), x, y)
 )
 _SIDE_OF = {
@@ -700,7 +714,7 @@ _in_scene = ~keyword(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]|out of the "
     f"[{PICTURE}]"
 )
-_named_noun = _determiner + _noun | familiar
+_named_noun = _determined | familiar
 
 
 def _with_number_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[Who, bool]]]:
@@ -715,14 +729,14 @@ _kind_and_number = either(
     ~_article + keyword("one|ones") >> (lambda: (SentenceContext.one, False)),
     generated(_with_number_at),
 )
-_stood = _kind_and_number + _stands + table(WHERE, reserve=False) + (familiar | _determiner + _noun | _instance) >> (
+_stood = _kind_and_number + _stands + table(WHERE, reserve=False) + (familiar | _determined | _instance) >> (
     lambda kind, where, other: _standing(kind[0], kind[1], where, other)
 )
 """A thing told by how it stands to another."""
 _whole_thing: Rule = either(
-    familiar, _determiner + _noun, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
+    familiar, _determined, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
 )
-_one_thing: Rule = either(familiar, _determiner + _noun, _instance, _it, _copy, _original, _part_of_known)
+_one_thing: Rule = either(familiar, _determined, _instance, _it, _copy, _original, _part_of_known)
 _definite = (
     either(
         _placed,
@@ -733,7 +747,7 @@ _definite = (
         _static,
         _point,
         familiar,
-        _determiner + _noun,
+        _determined,
         _instance,
         _moving_noun,
         _still_noun,
@@ -861,7 +875,7 @@ def _without(kind: Who, rest: Who) -> Who:
     return who
 
 
-besides = _besides
+besides = here(lambda reading, at: reading.word(at - 1) not in ("everything", "all", "anything", "everyone")) + _besides
 """Whom a command leaves out, said at its end: "move everything down except the dog"."""
 known_noun = either(_part, _known, _modified)
 """A noun alone: the copies of it in "let a second dog follow"."""

@@ -61,6 +61,7 @@ _named_shade = Rule(
             | {word for words in reading.known for word in words}
         )
         and colour.at(reading, at + 1)
+        and not colour.at(reading, at)
         else {}
     )
 )
@@ -118,10 +119,15 @@ warmth_value = either(
 )
 pop = keyword(
     "pop|pop more|pop out|stand out|stand out more|come alive|(more|really) vivid|(very) saturated|(very) colorful|vibrant"
-) >> (lambda: making.saturated(factor(None, True)))
+) + unless(known_thing) >> (lambda: making.saturated(factor(None, True)))
 sized = either(
     ~keyword("very|really|quite")
-    + table({"tiny|small|little|minute|miniature": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0})
+    + table(
+        {
+            "tiny|small|little|minute|miniature|teeny tiny|teeny weeny|teeny|itty bitty|tiny weeny": 0.5,
+            "huge|giant|enormous|gigantic|big|large|massive": 2.0,
+        }
+    )
     >> making.scaled
 )
 softly = either(
@@ -275,9 +281,7 @@ transformed = (
 )
 """What a thing turns to: matter, not a colour that is named like it."""
 liveliness = (
-    literal(
-        "[a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|pop|oomph|zing"
-    )
+    literal("[a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|oomph|zing")
     | literal(
         "some (more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|(a) (little) pop of color|more color|some color"
     )
@@ -366,7 +370,7 @@ _TOO = {
     "small|tiny|little|short": (making.scaled(_MORE), making.scaled(_LESS)),
     "fast|quick|quickly|hectic|rapid": (making.retimed(_LESS), making.retimed(_MORE)),
     "slow|slowly|sluggish": (making.retimed(_MORE), making.retimed(_LESS)),
-    "colorful|saturated|vivid|garish|gaudy|loud|strong|intense": (making.saturated(_LESS), making.saturated(_MORE)),
+    "colorful|saturated|vivid|garish|gaudy|strong|intense": (making.saturated(_LESS), making.saturated(_MORE)),
     "pale|dull|washed out|muted|faded|desaturated": (making.saturated(_MORE), making.saturated(_LESS)),
     "flat": (making.contrasted(_MORE), making.contrasted(_LESS)),
     "contrasty|harsh|hard": (making.contrasted(_LESS), making.contrasted(_MORE)),

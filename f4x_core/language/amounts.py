@@ -75,6 +75,7 @@ fraction = table(
 )
 multiple = either(
     number + keyword("times|x|fold"),
+    literal("x") + number,
     table({"twice|double|doubly|two times|two fold": 2.0, "thrice|triple": 3.0, "quadruple": 4.0}),
     fraction,
 )
@@ -182,12 +183,12 @@ _WITHIN = ~keyword(f"of [the|this] [{PICTURE}]|in [the|this] [{PICTURE}]")
 direction = (
     table(
         {
-            "from (the) right to (the) left|"
-            f"left|leftward|(over|further|farther|off|out|more) [to|toward|on|at|onto|in|into] [the|its|my|your|his|her|their]"
+            "from (the) right to (the) left|(to) [screen|camera|frame|stage] left|in (the) direction of (the) left|"
+            f"left|leftward|(over|further|farther|off|out|more) [to|toward|on|at|onto|in|into] (the|its|my|your|his|her|their)"
             f" (far) left ({_SIDE})|more to the left|[further|farther|more] (to the) left": (-1, 0, 0),
-            "from (the) left to (the) right|"
-            f"right|rightward|(over|further|farther|off|out|more) [to|toward|on|at|onto|in|into] [the|its|my|your|his|her|"
-            f"their] (far) right ({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
+            "from (the) left to (the) right|(to) [screen|camera|frame|stage] right|in (the) direction of (the) right|"
+            f"right|rightward|(over|further|farther|off|out|more) [to|toward|on|at|onto|in|into] (the|its|my|your|his|her|"
+            f"their) (far) right ({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
             "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off the "
             "ground|above the ground|toward the [sky|top]": (0, -1, 0),
             "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the floor": (

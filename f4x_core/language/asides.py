@@ -77,7 +77,6 @@ _OPENING = (
     r"excellent|lovely|brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much "
     r"better|i see|right)"
 )
-_PRONOUN = r"(?:i|we|you|it|he|she|they|this|that|there|my|our|nobody|everybody|everyone|people|nothing|its|your)"
 _WISHING_WORDS = (
     "mean|means|lot|world|favor|favour|beg|command|order|request|hereby|told|said|insist|propose|suggest|recommend|hurry|"
     "if|why|i|we|you|it|that|there|one|who|somebody|someone|would|could|might|may|can|will|shall|should|am|is|was|were|be|"
@@ -161,6 +160,8 @@ _LIKENED = word_set(
     "they do to not"
 )
 """Words behind which "like" says what is wished for."""
+_MOST_COMPARED = 5
+"""Words of "like an ant", which is no ant of the scene."""
 _REPORTED = (
     r"^\s*(?:(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:needs?|wants?|likes)\b|(?:(?:my|our|"
     r"the|a) (?:[a-z]+ )?)?(?P<speaker>[a-z]+) (?:really |just |also )?(?:wants|wanted|asked|asks|would like|prefers?|says|"
@@ -203,9 +204,9 @@ def without_asides(
             leave_out(kind, found.start(), found.end())
     for found in re.finditer(_LIKE, text):
         words = found.group().replace(",", " ").split()
-        plain = not things & {form for word in words for form in (word, singular(word))} and not any(
-            map(is_look, words)
-        )
+        compared = words[1:2] and words[1] in ("a", "an") and len(words) < _MOST_COMPARED
+        named = things & {form for word in words for form in (word, singular(word))}
+        plain = (compared or not named) and not any(map(is_look, words))
         goes_on = any(verb in verbs for verb in _GOES_ON.findall(found.group().lstrip(" ,")))
         likened = {*text[: found.start()].split()[-1:]} & _LIKENED
         if plain and not likened and not goes_on and not _NUMBERS.search(found.group()):

@@ -8,7 +8,7 @@ Rules are joined as in `the + colour | number`; `~rule` may be absent; `rule >> 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import count, groupby, product
 from operator import itemgetter
@@ -105,6 +105,8 @@ class Reading:
     """Words of the longest of them."""
     memo: dict[int, Ways] = field(default_factory=dict)
     """Number of a rule plus a word -> the ways to match it there."""
+    places: dict[int, dict[int, list[tuple[int, Any]]]] = field(default_factory=dict)
+    """Number of a rule that is a slot -> where it matches."""
     barred: frozenset[int] = frozenset()
     """Ids of the frames that are not asked, because what they made of the sentence cannot be."""
     words: list[str] = field(init=False)
@@ -209,6 +211,10 @@ class Refusal(F4xError):  # noqa: N818  # nothing went wrong
         super().__init__(reason + hint)
         self.reason = reason
         self.nearest = nearest
+
+
+class Final(Refusal):
+    """A sentence that is understood and cannot be carried out, so that no other reading of it is looked for."""
 
 
 class Doubt(Refusal):
@@ -376,53 +382,30 @@ def listed(item: Rule, separator: Rule) -> Rule:
     return Rule(match, item.first, item.may_be_empty)
 
 
-def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset(), between: Rule | None = None) -> Rule:
-    """The slots in any order, each at most once, those in `needed` for sure: one value, a dict (None: no value).
-
-    What `between` matches may stand at any place between them, as often as one likes.
-    """
-    names = list(slots)
-
-    def match(reading: Reading, at: int) -> Ways:
-        ways: Ways = {}
-        seen: set[tuple[int, frozenset[str]]] = set()
-
-        def go_on(position: int, filled: dict[str, Any]) -> None:
-            state = (position, frozenset(filled))
-            if state in seen:
-                return
-            seen.add(state)
-            for name in names:
-                if name not in filled:
-                    for end, values in slots[name].at(reading, position).items():
-                        if end > position:
-                            go_on(end, {**filled, name: values[0] if values else None})
-            for end in between.at(reading, position) if between else ():
-                if end > position:
-                    go_on(end, filled)
-            if needed <= filled.keys() and (filled or between is None):
-                ways.setdefault(position, (filled,))
-
-        go_on(at, {})
-        return ways
-
-    return Rule(match)
-
-
 Matches = dict[int, list[tuple[int, Any]]]
 """Word where a slot matches -> its (end, value)."""
 Gaps = list[dict[int, int]]
 """Per word: where words that no slot explains end -> what leaving them unexplained costs."""
 
 
-def matches_of(slots: Mapping[str, Rule], reading: Reading) -> dict[str, Matches]:
-    """Where each slot matches words of a sentence; none of those that match nowhere."""
-    found: dict[str, Matches] = {}
-    for name, rule in slots.items():
+def matches_of(slots: Mapping[str, Rule], needed: frozenset[str], reading: Reading) -> dict[str, Matches]:
+    """Where each slot matches words of a sentence; none of those that match nowhere, and none at all where one in `needed` does."""
+    if not all(_places_of(slots[name], reading) for name in needed):
+        return {}
+    return {name: found for name, rule in slots.items() if (found := _places_of(rule, reading))}
+
+
+def _places_of(rule: Rule, reading: Reading) -> Matches:
+    """Where a rule matches words of a sentence; many slots have the same rule."""
+    found = reading.places.get(rule.number)
+    if found is None:
+        found = reading.places[rule.number] = {}
+        if rule.first is not None and rule.first.isdisjoint(reading.words):
+            return found
         for at in range(len(reading.tokens)):
-            for end, values in rule.at(reading, at).items():
-                if end > at:
-                    found.setdefault(name, {}).setdefault(at, []).append((end, values[0] if values else None))
+            ways = [(end, values[0] if values else None) for end, values in rule.at(reading, at).items() if end > at]
+            if ways:
+                found[at] = ways
     return found
 
 
@@ -441,10 +424,10 @@ class Cover(NamedTuple):
 
 
 def covers(
-    slots: Sequence[str], needed: frozenset[str], matches: Mapping[str, Matches], gaps: Gaps, start: int = 0
+    matches: Mapping[str, Matches], needed: frozenset[str], gaps: Gaps, start: int = 0
 ) -> dict[int, list[Cover]]:
-    """The covers from word `start` to each later one, cheapest first, by `slots`, each at most once, those in `needed` for sure."""
-    bits = {name: 1 << number for number, name in enumerate(slots) if name in matches}
+    """The covers from word `start` to each later one, cheapest first: each slot at most once, those in `needed` for sure."""
+    bits = {name: 1 << number for number, name in enumerate(matches)}
     if not needed <= bits.keys():
         return {}
     wanted = sum(bits[name] for name in needed)

@@ -58,6 +58,8 @@ def _cost(tokens: list[Token], at: int, known: Collection[str], verbs: Collectio
         return None if following & set(known) else HARMLESS
     if token.text == "the" and at + 1 < len(tokens) and tokens[at + 1].text in verbs:  # "the spin" is a thing
         return None
+    if token.text == "the" and _is_coloured_thing(tokens[at + 1 : at + 3], known):
+        return None
     if token.text in _STATING:
         return None
     if token.text in PREPOSITIONS:  # what they tell would be lost: "put it on black"
@@ -70,13 +72,71 @@ def _cost(tokens: list[Token], at: int, known: Collection[str], verbs: Collectio
     return None if meant else UNKNOWN
 
 
+def _is_coloured_thing(tokens: list[Token], known: Collection[str]) -> bool:
+    """Whether a colour and a thing stand there: of "the blue car" the colour says which car."""
+    return (
+        len(tokens) == 2
+        and tokens[0].text in COLOURS
+        and not {tokens[1].text, singular(tokens[1].text)}.isdisjoint(known)
+    )
+
+
+_SIGNS = frozenset(",.;!?():-")
+_ASIDE = 30
+"""Cost of words between signs that wish nothing."""
+_LEADING = word_set("for so as")
+"""Words with which a reason begins, also where no comma stands before it."""
+_WISHING = word_set(
+    "not no never only except but without unless if than before after until till from while and then or both other others "
+    "rest left right up down back away forward closer nearer first last second seconds frame frames half end start "
+    "beginning it them him her now again same more less everything everyone all too way much"
+)
+"""Words with which an aside could mean something for the command."""
+
+
+def _asides(reading: Reading, known: Collection[str], imperatives: Collection[str]) -> dict[int, int]:
+    """Where what somebody says beside the command begins -> its end: words between signs, or a reason, with no thing, verb, amount,
+    time, colour or negation in them, of which the grammar does not know at least one."""
+    words, found, end = [token.text for token in reading.tokens], {}, len(reading.tokens)
+    strange = [_is_strange(word, known) for word in words]
+    harmless = [strange[at] or not _could_mean(words[at], known, imperatives) for at in range(end)]
+    for at in range(end):
+        behind_sign = at == 0 or words[at - 1] in _SIGNS
+        if not (behind_sign or words[at] in _LEADING):
+            continue
+        stop = next((i for i in range(at, end) if words[i] in _SIGNS), end)
+        if stop > at and all(harmless[at:stop]) and any(strange[at:stop]) and (at or stop < end):
+            found[at] = stop
+    return found
+
+
+def _is_strange(word: str, known: Collection[str]) -> bool:
+    """Whether nothing in the grammar knows a word."""
+    forms = {word, singular(word)}
+    return word.isalpha() and forms.isdisjoint(known) and all(forms.isdisjoint(words) for words in (*_MEANT, EMPTY))
+
+
+def _could_mean(word: str, known: Collection[str], imperatives: Collection[str]) -> bool:
+    """Whether a word may be part of a command."""
+    forms = {word, singular(word)}
+    values = (COLOURS, SHADES, ONES, TENS, FRACTIONS, known, _WISHING)
+    meant = not all(forms.isdisjoint(words) for words in values)
+    meant = meant or (
+        (word in imperatives or not forms.isdisjoint(VOCABULARY)) and word not in BINDING | FUNCTION_WORDS
+    )
+    return meant or not word.isalpha()
+
+
 def idle_gaps(
-    reading: Reading, adds_nothing: Rule, known: Collection[str], verbs: Collection[str]
+    reading: Reading, adds_nothing: Rule, known: Collection[str], verbs: Collection[str], imperatives: Collection[str]
 ) -> list[dict[int, int]]:
     """Per word: where words that nothing explains end -> what they cost."""
     gaps: list[dict[int, int]] = []
+    asides = _asides(reading, known, imperatives)
     for at in range(len(reading.tokens)):
         ends = {end: FILLED * (end - at) for end in adds_nothing.at(reading, at) if end > at}
         cost = _cost(reading.tokens, at, known, verbs)
+        if at in asides:
+            ends.setdefault(asides[at], _ASIDE if at else FILLED * asides[at])
         gaps.append(ends if cost is None else {at + 1: cost} | ends)
     return gaps

@@ -29,9 +29,31 @@ SPELLING = _table(
     "travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer your, r are, bg "
     "background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics picture, "
     "cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, bout about, n "
-    "and, tho though, lil little, smol small, teensy tiny, eensy tiny, whichever which"
+    "and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, "
+    "loc location, spd speed, dupe copy, dup copy, ctr center, percents percent, bcuz because, opac opacity, "
+    "backgrnd background, foregrnd foreground, whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
+
+_WRITTEN: tuple[tuple[str, str], ...] = (
+    (r"[,.]?\s*\b(?:comma)\b", ","),
+    (r"[.]?\s*\b(?:full stop|new line|new paragraph|newline)\b|\s+period(?=[\s.]*$)", "."),
+    (r"[?]?\s*\bquestion mark\b", "?"),
+    (r"[!]?\s*\bexclamation (?:mark|point)\b", "!"),
+    (r"\btoo (?=the\b|my\b|its\b)", "to "),
+    (
+        r"(?<![\w.])(?:the )?([a-z_]+)[.](?=(?:colou?r|opacity|alpha|scale|size|speed|brightness|saturation|contrast|hue)\b)",
+        r"the \1's ",
+    ),
+)
+
+
+def written(sentence: str) -> str:
+    """The sentence with signs for those that were dictated ("comma"), and with what was typed for "to" or "the car's" in words."""
+    for pattern, instead in _WRITTEN:
+        sentence = re.sub(pattern, instead, sentence, flags=re.IGNORECASE)
+    return sentence
+
 
 _SHORT = {"'s": "is", "'re": "are", "'ll": "will", "'d": "would", "'ve": "have"}
 CONTRACTIONS: dict[str, tuple[str, ...]] = {

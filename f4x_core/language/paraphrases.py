@@ -17,9 +17,8 @@ _X = r"(?P<x>(?:the |my |that |this |all |both )?[\w' -]+?)"
 _REST = r"(?P<rest>.+)"
 _OR = r"(?:{})".format
 _COLOUR = "|".join(sorted(COLOURS))
+_SAYS = _OR("must|should|can|may|not|never|is|are|has|have|needs?|wants?|gets?|becomes?|turns?|goes")
 _BE = _OR("is|are|was|were|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be")
-_GONE = _OR("gone|away|out|off|hidden|invisible")
-_TIMED = _OR("after|before|from|until|till|between|during|at|in|for|over|once|when")
 
 _REWRITINGS: tuple[tuple[str, str], ...] = (
     # Asking and wishing
@@ -42,6 +41,22 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"^(?:change|edit|alter|adjust|modify|fix|make|do|set) {_X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| looks?|"
         rf" becomes?) {_REST}$",
         r"make \g<x> \g<rest>",
+    ),
+    (
+        rf"^(?P<verb>turn|rotate|flip|spin|swivel|face) {_X},? (?:so |such )?(?:that )?(?:it|he|she|they)(?:'s| is| are)? "
+        rf"(?:looks?|faces?|points?|looking|facing|pointing|turned) {_REST}$",
+        r"turn \g<x> \g<rest>",
+    ),
+    (
+        rf"^(?:(?:can|could|would|may|should) )?(?:{_OR('move|put|shift|place|get|take|slide|bring')} {_X}|"
+        rf"{_X.replace('<x>', '<y>')} be {_OR('moved|put|shifted|placed|brought|taken')}),? (?:so |such )?that "
+        rf"(?:it|he|she|they) (?:is|are|stands?|sits?|lies?|hangs?|rests?|ends up) (?:standing |sitting )?{_REST}$",
+        r"put \g<x>\g<y> \g<rest>",
+    ),
+    (
+        rf"^.*\bcolou?r (?:is|=|:) (?P<c>#[0-9a-f]{{6}}|(?:\w+ )?(?:{_COLOUR}))\b[ ,.;:-]+(?:please |so |and |can you |now )*"
+        rf"(?:put|use|apply|slap|get) (?:that|it|this)(?: colou?r)? (?:on|for|to|onto) {_REST}$",
+        r"make \g<rest> \g<c>",
     ),
     (
         r"^(?:change|turn|make|transform|convert) (?:the |my |that |this )?(?P<x>[\w ]+?) (?:in)?to an? (?P<rest>[\w "
@@ -73,8 +88,11 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     ),
     (rf"^(?:keep|leave) {_X},? but {_REST}$", r"leave \g<x> alone and \g<rest>"),
     # Clipped
-    (rf"^{_X},? (?:in|to) (?P<rest>[\w ]+?)[.!]*$", r"make \g<x> \g<rest>"),
-    (r"^(?P<noun>[\w ]+?) (?:on|for|to) (?P<x>the [\w' -]+)$", r"make \g<x> \g<noun>"),
+    (
+        r"^(?P<x>(?:(?!\b(?:then|let|start|but|and (?:let|have|make|then))\b)[\w' -])+?),? (?:in|to) (?P<rest>[\w ]+?)[.!]*$",
+        r"make \g<x> \g<rest>",
+    ),
+    (rf"^(?P<noun>[\w ]+?) (?:on|for|to) (?P<x>the (?:(?!\b{_SAYS}\b)[\w' -])+)$", r"make \g<x> \g<noun>"),
     # Everything but one
     (rf"^(?:full |all )?colou?rs? only (?:on|for|in|at) {_X}$", r"only \g<x> keeps its color"),
     (

@@ -272,6 +272,10 @@ def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
     return Span(start, start.plus(length))
 
 
+def _only_then(start: TimeExpression) -> Span:
+    return Span(start, None, "moment") if start in (START, END) else Span(start, start)
+
+
 _comma = ~keyword(",")
 _mid = keyword(f"in the (very) middle (of the [{PICTURE}])")
 span = either(
@@ -290,8 +294,8 @@ span = either(
     >> (lambda end: Span(START, end, "by")),
     keyword("before|until") + keyword("the") + _nth + keyword("second")
     >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
-    ~keyword("only|just") + _just_then + keyword("only|alone") >> (lambda start: Span(start, start)),
-    keyword("only|just") + _just_then >> (lambda start: Span(start, start)),
+    ~keyword("only|just") + _just_then + keyword("only|alone") >> _only_then,
+    keyword("only|just") + _just_then >> _only_then,
     _leading,
     _closing,
     _second_half,
@@ -329,7 +333,7 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|"
+            "always|all the time|the whole time|[for|during|throughout] the [whole|entire] [clip|video|time|film|"
             "scene]|throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|the whole way through|"
             "from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|[over|during|throughout] "
             "the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|at all times|in every frame|"

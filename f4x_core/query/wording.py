@@ -38,6 +38,7 @@ from ..language.lexicon import (
     misspelt,
     spellings,
     word_set,
+    written,
 )
 from ..language.times import END, START, Clip, Span, no_such_time, span
 from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
@@ -328,7 +329,7 @@ def read_question(
     def called(words: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(label_of(word, labels) for word in words)
 
-    text = " ".join(question.lower().replace("’", "'").split())
+    text = " ".join(written(question).lower().replace("’", "'").split())
     text = re.sub(
         r"[a-z]+", lambda word: " ".join(CONTRACTIONS.get(word[0], (word[0],))), text
     )  # "whats the dog doing"
@@ -475,10 +476,12 @@ def _readings(
 ) -> Iterator[tuple[float, Asked]]:
     """(cost, question) of every row that covers the sentence, the cheapest first; `whatever`: any words may be left out."""
     tokens = range(len(reading.tokens))
-    matches = matches_of(_slots, reading)
+    matches = matches_of(_slots, frozenset(), reading)
     gaps = [_gaps(reading, at) | ({at + 1: _UNKNOWN} if whatever else {}) for at in tokens]
-    found_by = ((row, covers(row.slots, row.needed, matches, gaps).get(len(gaps), (None,))[0]) for row in _ROWS)
-    fitting = [(row, cover) for row, cover in found_by if cover]
+    found_by = (
+        (row, covers({slot: matches[slot] for slot in row.slots if slot in matches}, row.needed, gaps)) for row in _ROWS
+    )
+    fitting = [(row, found[len(gaps)][0]) for row, found in found_by if len(gaps) in found]
     for row, (cost, found, _) in sorted(fitting, key=lambda one: (one[1].cost, -len(one[0].needed))):
         if asked := _asked(row, found, clip, it):
             yield cost - len(row.needed) / 10, asked

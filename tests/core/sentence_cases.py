@@ -14,12 +14,13 @@ from f4x_core.edit.request import Request
 from f4x_core.edit.selects import Named
 from f4x_core.errors import F4xError
 from f4x_core.fit.vocabulary import EVERYDAY
-from f4x_core.language.colour_names import COLOURS
+from f4x_core.language.colour_names import COLOURS, SHADES, shaded
 from f4x_core.language.grammar import Doubt
 from f4x_core.language.lexicon import singular
 from f4x_core.query.wording import read_question
 
 WORK = Path(__file__).parents[1] / "data" / "sentences_work.json"
+OPENED = WORK.with_name("sentences_opened.json")
 FPS, FRAMES = 24.0, 72
 AWAY = {
     "left": (0, -1),
@@ -235,11 +236,14 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
         named = COLOURS.get(spelled.replace(" ", ""))
         if named is None and not spelled.startswith("#"):
             shade, base = spelled.split()
-            named = COLOURS.get(shade + base) or COLOURS[base]
+            named = shaded(shade, COLOURS[base]) if shade in SHADES else COLOURS[base]
         if op == "recolour":
             mode = made.get("mode", "assign")
             if mode == "add":
-                ok = slot.get("strength") == "slight" and made["rgb"][0] > 0
+                ok = (
+                    slot.get("strength") == "slight"
+                    and sum(a * (b - 0.5) for a, b in zip(made["rgb"], named or (), strict=True)) > 0
+                )
             else:
                 ok = named is None or max(abs(a - b) for a, b in zip(named, made["rgb"], strict=True)) < 0.2
             if slot.get("strength") == "slight":
@@ -397,7 +401,7 @@ def _operations_fit(wanted: list[dict[str, Any]], made: list[Any], row: dict[str
 
 KINDS = {
     "when_moves": {"motion"}, "moving": {"motion"}, "happens": {"things", "motion", "does"}, "list": {"things"},
-    "duration": {"long"}, "when_visible": {"seen", "always", "seeing", "enter", "leave"}, "direction": {"way"},
+    "duration": {"long", "frames"}, "when_visible": {"seen", "always", "seeing", "enter", "leave"}, "direction": {"way"},
     "travelled": {"far"}, "speed": {"fast"}, "present": {"seen"}, "when_stops": {"motion", "stops"}, "still": {"still"},
     "moves": {"motion", "stops"}, "where": {"where", "side"},
 }  # fmt: skip

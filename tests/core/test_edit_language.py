@@ -17,6 +17,7 @@ from f4x_core.edit.making import SHOWN
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Transform, read_operation
 from f4x_core.edit.request import Request
 from f4x_core.edit.selects import Current, Ids, Instance, Named, Not, Or, Text
+from f4x_core.edit.slots import AGAIN, REMARK
 from f4x_core.errors import F4xError
 from f4x_core.language.colour_names import COLOURS
 from f4x_core.language.grammar import VOCABULARY
@@ -100,7 +101,9 @@ def test_a_refusal_names_the_word_and_offers_commands():
         say("delte the dog")
 
 
-@pytest.mark.parametrize("example", sorted({command.example for command in COMMANDS}))
+@pytest.mark.parametrize(
+    "example", sorted({command.example for command in COMMANDS if command.make not in (REMARK, AGAIN)})
+)
 def test_every_example_is_understood(example):
     assert say(example)
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from f4x_core.edit.language import COMMAND_VERBS, Refusal, describe, parse
+from f4x_core.edit.clauses import COMMAND_VERBS, IMPERATIVES
+from f4x_core.edit.language import Refusal, describe, parse
 from f4x_core.edit.operations import Delete
 from f4x_core.edit.request import Request
 from f4x_core.language.grammar import NOTHING, Doubt, Reading, tokenise
@@ -144,7 +145,7 @@ WORDS = st.sampled_from(
 @given(st.lists(WORDS, min_size=2, max_size=14).map(" ".join))
 def test_no_number_negation_limit_or_thing_is_left_unexplained(text):
     tokens = tokenise(text)
-    gaps = idle_gaps(Reading.of(text, tokens, {}), NOTHING, LABELS, COMMAND_VERBS)
+    gaps = idle_gaps(Reading.of(text, tokens, {}), NOTHING, LABELS, COMMAND_VERBS, IMPERATIVES)
     for at, ends in enumerate(gaps):
         word = tokens[at].text
         if re.fullmatch(r"\d+|%|not|except|without|only|unless|if|left|right|second|half|red|dog|cat|make", word):

@@ -1,0 +1,244 @@
+"""The search for what a sentence says: clauses, each a command with its slots in any order and idle words between."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+from ..language.amounts import number
+from ..language.grammar import (
+    NOTHING,
+    Mismatch,
+    Reading,
+    Refusal,
+    Rule,
+    covers,
+    either,
+    here,
+    keyword,
+    listed,
+    literal,
+    matches_of,
+    optional,
+    sign,
+    silent,
+    table,
+)
+from ..language.idle import EMPTY, idle_gaps
+from ..language.lexicon import FUNCTION_WORDS, word_set
+from ..language.times import Span, span
+from ..language.verbs import VERBS, any_form
+from .commands import ADDS_NOTHING, COMMANDS
+from .phrases import besides, known_thing, thing
+from .slots import AGAIN, REMARK, TOPIC, Command
+
+
+class Clause(NamedTuple):
+    """A command with what it applies to."""
+
+    command: Command
+    slots: dict[str, Any]
+    front: Span | None = None
+    """A time before the command; it also holds for what follows with "and"."""
+    hard: bool = False
+    """It begins a sentence of its own or comes after what was said before: ". ", "then"."""
+    gapped: bool = False
+    """Its verb is that of the clause before: "make the dog red and [the cat blue]"."""
+
+
+Clauses = tuple[Clause, ...]
+COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"))
+"""First words of the verbs of commands."""
+IMPERATIVES: frozenset[str] = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
+"""Those with which a command begins: not "stands" of "the man who stands left"."""
+
+
+_then = either(span, keyword("only|just") + span, span + ~keyword(",") + keyword("only|alone"))
+_when = ~keyword(",") + ~keyword("but") + _then
+_slowly = ~keyword(",") + table(
+    {
+        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|"
+        "more and more|step by step|(in) a gradual way|easing in and out|easing in|easing out|with (a) [soft|smooth|"
+        "gentle] [ease|easing]|with (an) [ease|easing]|with soft ends|eased|(with) (an) ease in and out|(with) easing|"
+        "eased in and out|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth|(with) (a) [smooth|soft|eased] "
+        "[interpolation|motion|movement|transition] ((,) not linear)": True
+    }
+)
+_filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
+_SOFT, _HARD = (
+    ", and also|, and|and also|and|,|but|, but|plus",
+    ".|;|!|then|and then|, then|, and then|after that|and after that|, after that",
+)
+_separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
+_ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
+_about_whom = literal(
+    "as for|about|regarding|concerning|focus on|concentrate on|take|select|pick|choose|click (on)|grab|go to|look at|"
+    "(you) see|with|for|now"
+)
+_PRONOUNS = word_set("it him her them its his their they he she")
+_pronoun_follows = here(lambda reading, at: any(t.text in _PRONOUNS for t in reading.tokens[at:]))
+_topic_before = either(
+    _about_whom
+    + thing
+    + here(lambda reading, at: reading.word(at) in IMPERATIVES and reading.word(at + 1) in _PRONOUNS),
+    thing + keyword(":"),
+    thing + literal(",|-|->|=>|=") + _pronoun_follows,
+    _about_whom + thing + keyword(",|:|and|-|."),
+) >> (lambda who: Clause(TOPIC, {"who": who}))
+
+
+_number_of_item = (
+    ~literal("step|part|item|task|edit|point|number|no|#") + (number + either(sign(")"), keyword(".|:")))
+    | literal("step|part|item|task|edit|point") + number + ~keyword(",")
+    | literal("first|second|third|fourth|last")
+    + ~keyword(",")
+    + here(lambda reading, at: reading.word(at) in IMPERATIVES - FUNCTION_WORDS)
+)
+_separator_or_number = either(_separator + ~silent(_number_of_item), silent(_number_of_item) >> (lambda *_: True))
+_start = (
+    ~keyword("and|while|as")
+    + _ends
+    + ~silent(_number_of_item)
+    + ~literal("first|to begin with|to start with|for starters")
+    + optional(_filler + _topic_before)
+)
+_ONE_MORE, _RUN_ON, _IN_FRONT = 2, 12, 0.1
+"""Costs of a command behind another, and of one with nothing between; what a time before a command is better than one within."""
+_JOINING = EMPTY | word_set("also too then just now please only")
+"""Words before the verb of a clause."""
+_any_order: list[tuple[Command, dict[str, Rule], frozenset[str]]] = [
+    (
+        command,
+        {"who": command.who, **command.slots, "when": _when, "slowly": _slowly, "besides": besides},
+        command.needed | (frozenset() if command.use.bare or command.use.whole else {"who"}),
+    )
+    for command in COMMANDS
+]
+"""Commands, their slots, which stand in any order with idle words between, and those without which they are not meant."""
+_front = span + ~keyword(",|:")
+
+
+class Found(NamedTuple):
+    """A clause, or several, and what their idle words cost."""
+
+    cost: float
+    clauses: Clauses
+    idle: tuple[int, ...] = ()
+
+
+class Search:
+    """The ways to read a sentence, with idle words between its phrases."""
+
+    def __init__(self, reading: Reading, known: Collection[str]):
+        """`known`: last words of labels."""
+        self.reading, self.end = reading, len(reading.tokens)
+        self.gaps = idle_gaps(reading, ADDS_NOTHING, known, COMMAND_VERBS, IMPERATIVES)
+        self.commands = [
+            (order, command, needed, matches)
+            for order, (command, slots, needed) in enumerate(_any_order)
+            if id(command) not in reading.barred and (matches := matches_of(slots, command.needed, reading))
+        ]
+        self.at: dict[tuple[int, int], dict[int, Found]] = {}
+
+    def _clauses(self, start: int, before: Clause | None) -> dict[int, Found]:
+        """The cheapest clause from a word to each later one; the verb may be that of the clause `before`."""
+        key = start, id(before and before.command)
+        if key not in self.at:
+            best: dict[int, Found] = {}
+            for order, command, needed, matches in self.commands:
+                said = {"verb": before.slots["verb"]} if before and _lends(before, command) else {}
+                for given in ({}, said) if said else ({},):
+                    for end, found in covers(matches, needed - given.keys(), self.gaps, start).items():
+                        for cost, values, idle in found:
+                            price = cost + order / 1000 + bool(given)
+                            if end in best and price >= best[end].cost:
+                                break
+                            if (not given or _says_more(values, needed)) and _can_be_made(command, {**given, **values}):
+                                best[end] = Found(price, (Clause(command, {**given, **values}),), idle)
+                                break
+            self.at[key] = best
+        return self.at[key]
+
+    def _next(self, begin: int, before: Clause | None) -> Iterator[tuple[int, int, Found]]:
+        """(first word, end, clause) of what may stand at a word, also with a time before it."""
+        yield from ((begin, end, found) for end, found in self._clauses(begin, before).items())
+        for start, (front,) in _front.at(self.reading, begin).items():
+            for end, found in self._clauses(start, before).items():
+                clause = found.clauses[0]._replace(front=front)
+                twice = "when" in clause.slots and (front.kind, clause.slots["when"].kind) != ("moment", "length")
+                yield (
+                    start,
+                    end,
+                    found._replace(cost=found.cost + (_ONE_MORE if twice else -_IN_FRONT), clauses=(clause,)),
+                )
+
+    def _is_gapped(self, start: int) -> bool:
+        """Whether a clause begins with no verb."""
+        words = (word for word in self.reading.words[start:] if word not in _JOINING)
+        return next(words) not in COMMAND_VERBS
+
+    def sentence(self) -> Found | None:
+        """The cheapest reading of the whole; none where there is none."""
+        best: dict[int, Found] = {}
+        for end, (topic,) in _start.at(self.reading, 0).items():
+            best[end] = Found(0, () if topic is None else (topic,))
+        for at in range(self.end):
+            if at not in best:
+                continue
+            done = best[at]
+            starts: dict[int, tuple[float, bool]] = {at: (0, False)}
+            if _commands(done):
+                starts = {at: (_RUN_ON, False)}
+                starts |= {e: (_ONE_MORE, hard) for e, (hard,) in _separator_or_number.at(self.reading, at).items()}
+            for begin, (price, hard) in starts.items():
+                for start, end, (cost, (clause,), idle) in self._next(
+                    begin, done.clauses[-1] if _commands(done) else None
+                ):
+                    cost += done.cost + price
+                    if price == _RUN_ON and not (
+                        (self.reading.word(start) in IMPERATIVES or known_thing.at(self.reading, start))
+                        and "who" in clause.slots
+                        and "who" in done.clauses[-1].slots
+                    ):
+                        continue
+                    if end not in best or cost < best[end].cost:
+                        gapped = _commands(done) and not hard and clause.front is None and self._is_gapped(start)
+                        clause = clause._replace(hard=hard, gapped=gapped)
+                        best[end] = Found(cost, (*done.clauses, clause), done.idle + idle)
+        whole = [found for at, found in best.items() if self.end in _ends.at(self.reading, at) and _commands(found)]
+        return min(whole, key=lambda found: found.cost, default=None)
+
+
+def _lends(before: Clause, command: Command) -> bool:
+    """Whether a clause that follows may do without the verb of the command, which is said already."""
+    return command is before.command and "verb" in command.needed & before.slots.keys()
+
+
+def _says_more(slots: Mapping[str, Any], needed: frozenset[str]) -> bool:
+    """Whether slots say more than whom: "and the cat" alone belongs to the clause before it."""
+    return bool(slots.keys() & ((needed | {"when"}) - {"verb", "who"}))
+
+
+def _commands(found: Found) -> bool:
+    """Whether there is a clause that is no mere topic."""
+    return any(clause.command is not TOPIC for clause in found.clauses)
+
+
+def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
+    """Whether the values of a command go together."""
+    if command.make in (REMARK, AGAIN):
+        return True
+    with suppress(Refusal, Mismatch):
+        command.make(**arguments(filled))
+        return True
+    return False
+
+
+OF_ALL = ("who", "when", "slowly", "besides", "stated")
+"""Slots that every command has."""
+
+
+def arguments(piece: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a piece that its command makes something of."""
+    return {name: value for name, value in piece.items() if name not in OF_ALL and value is not None}

@@ -1,0 +1,206 @@
+"""What a command is, and the phrases that several commands share: angles, ways, delays, where a copy goes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..language.amounts import Distance, distance, fraction_of, multiple, number, signed, steps
+from ..language.grammar import Mismatch, Rule, either, here, keyword, table
+from ..language.lexicon import PICTURE
+from ..language.times import TimeExpression, duration
+from . import making, qualities
+from .making import Value
+from .phrases import (
+    beside_itself,
+    name,
+    place,
+    thing,
+)
+
+
+def REMARK() -> Value:  # it stands for what is said and asks for nothing
+    """Make nothing: "leave the dog alone"."""
+    raise Mismatch
+
+
+def AGAIN() -> Value:  # likewise for the command before
+    """Make what was said before: "do the same with the cat"."""
+    raise Mismatch
+
+
+@dataclass(frozen=True)
+class Use:
+    """How a command may be said beside its full form."""
+
+    bare: bool = True
+    """After another command "it" may be left out: "move the dog left and turn around"."""
+    whole: bool = False
+    """Without a thing it is for everything: "increase the contrast"."""
+    timed: bool = False
+    """With a time and without a thing it is for everything: "play the last second in slow motion"."""
+
+
+USUAL = Use()
+NAMED = Use(bare=False)
+TIMED = Use(timed=True)
+WHOLE = Use(whole=True)
+
+
+@dataclass(frozen=True)
+class Command:
+    """What may be said besides somebody and a time, and what is then done."""
+
+    example: str
+    """A sentence that uses it."""
+    make: Callable[..., Value | tuple[tuple[Value], ...]]
+    """From the values of the slots to what is done."""
+    slots: Mapping[str, Rule]
+    """By argument name of `make`, in any order; those without a value are words that belong to the command and add nothing."""
+    needed: frozenset[str] = frozenset()
+    """Slots without which it means nothing."""
+    who: Rule = thing
+    """The phrase for whom it is about."""
+    use: Use = USUAL
+
+
+Given = Value | tuple[tuple[Value], ...]
+"""A value, or several as `listed` gives them."""
+
+
+def always(value: Value) -> Callable[[], Value]:
+    """Make the same value, whatever is said besides."""
+    return lambda: value
+
+
+def as_given(values: Given) -> Given:
+    """Make the values themselves of a slot `values`."""
+    return values
+
+
+as_long = either(
+    multiple + keyword("as long") >> making.stretched,
+    multiple + keyword("longer") >> making.stretched,
+    ~keyword("to|by") + ~keyword("a factor of") + fraction_of("length|duration|time") >> making.stretched,
+    keyword("by") + ~keyword("a factor of") + (multiple | number) >> making.stretched,
+)
+OUT = keyword(
+    f"out|away|off|[off|out of|away from] [the|this|my|our] (whole|entire) [{PICTURE}]|out of [there|here|sight]|from "
+    f"[sight|view]|from [the|this|my|our] (whole|entire) [{PICTURE}]"
+)
+
+# Moving and turning
+SENSE = table(
+    {
+        "(over) (to|toward|on|into) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise"
+        "|counter clockwise|anticlockwise|anti clockwise": -1,
+        "(over) (to|toward|on|into) (the|its|his|her|their) right (side|hand side)|rightward|clockwise": 1,
+    }
+)
+FULL_TURN = table(
+    {
+        "(a) half (a) [turn|rotation|spin|circle|revolution]|u turn|a 180": 180.0,
+        "(a) quarter (of a) [turn|rotation|spin|circle]|(a) right angle": 90.0,
+        "(a) three quarter turn|three quarters of a turn": 270.0,
+        "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution]|a [turn|spin|rotation]|(a) 360|full "
+        "360": 360.0,
+        "two (full) [turns|rotations|spins]": 720.0,
+        "three (full) [turns|rotations|spins]": 1080.0,
+    },
+    reserve=False,
+)
+_so_often = table(
+    {
+        "180|[halfway|half way] (around)": 180.0,
+        "360|all the way around|once (around|completely)|around once|one [full|complete|whole] time": 360.0,
+        "twice|two times": 720.0,
+        "three times": 1080.0,
+        "quarter": 90.0,
+    },
+    reserve=False,
+)
+_by = ~keyword("by|through|for")
+ANGLE = either(
+    _by + signed + keyword("degrees|degree|deg|°|º"),
+    ~keyword("by") + here(lambda reading, at: reading.word(at - 1) != ":") + signed,
+    _by + ~keyword("a|one") + (FULL_TURN | _so_often),
+)
+# Copies
+_lagging = (
+    ~keyword(",")
+    + ~keyword("but|that is|which is|that|which|by")
+    + ~keyword("delayed|lagging|trailing|starting|running|runs|run|comes|come|plays|play|moves|move|starts|start")
+    + ~keyword("by")
+)
+_following = keyword(
+    "(that) [follow|trail|chase|follows|trails|chases|lags|runs|walks|moves|following|trailing|lagging|chasing|tailing|"
+    "shadowing] (behind|after) [it|him|her|the first (one)|the original|the other]|that [follows|trails|lags]|"
+    "[following|trailing|lagging] (behind|after)|"
+    "[follow|trail] (behind|after) (it|him|her|the original)|to [follow|trail] (behind|after) (it|him|her|the original)"
+)
+TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
+"""Copies of a trail, and the time from one to the next."""
+SHIFT = either(
+    ~keyword(",") + ~keyword("each (one)") + keyword("[a bit|a little|slightly] [late|later|behind|delayed]")
+    >> (lambda: TRAIL_LAG),
+    ~keyword(",")
+    + _following
+    + ~keyword("by|with|at|on the same path")
+    + ~keyword("a delay of|a distance of")
+    + duration
+    + ~keyword("later|behind|after (it)|behind it|of delay|delay|afterward|on its path|along (its|the same) path"),
+    _lagging
+    + duration
+    + keyword(
+        "later|behind|late|after|[after|behind] [it|him|her|itself|the original|the first (one)|the other (one)]|afterward|"
+        "delayed|in the future|too late|late|offset (each)"
+    ),
+    keyword("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
+    + duration,
+    keyword("with (a)")
+    + duration
+    + keyword("delay|lag|between [them|each|the copies|each of them]|in between|apart|of delay|of lag"),
+    ~keyword(",")
+    + ~keyword("and|then")
+    + keyword("[offset|delay|shift|slip|push|lag|start] [it|the copy|that|them|him|her] (back|late|later)")
+    + ~keyword("by|with")
+    + duration
+    + ~keyword("later|late|in time"),
+    ~keyword(",") + _following + ~keyword("on the same path") >> (lambda: TRAIL_LAG),
+    _lagging + duration + keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
+    >> (lambda length: length.plus(length, -2.0)),
+)
+_in_a_row = keyword(
+    "in a row|in a line|side by side|next to each other|one after another|one after the other|beside each other"
+)
+_called_so = ~keyword(",") + keyword("called|named|by the name of") + name
+_apart = distance + keyword("apart") | ~keyword("by") + number + keyword("apart") >> Distance
+_another_size = (
+    ~keyword(",")
+    + ~keyword("but|and|only|that is|at")
+    + either(
+        qualities.size_value,
+        qualities.sized,
+        qualities.brightness_value,
+        qualities.opacity_value,
+        ~keyword("in") + qualities.colour_value,
+    )
+)
+BESIDE_IT: dict[str, Any] = {
+    "changed": _another_size,
+    "own": place | beside_itself,
+    "way": ~keyword(",") + steps,
+    "far": ~keyword(",") + _apart | distance,
+    "row": _in_a_row,
+    "shift": SHIFT,
+    "called": _called_so,
+}
+
+
+# What is said in passing, and commands without a verb
+TOPIC = Command("the dog: make it red", REMARK, {})
+QUALITY_WORDS = (
+    "washed out|faded|lifeless|bland|ugly|weird|odd|bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
+    "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
+)
