@@ -155,7 +155,8 @@ def docs() -> int:
     os.environ.setdefault("NO_MKDOCS_2_WARNING", "1")  # the theme's advertisement of its successor
     code = code or run(["-m", "mkdocs", "build", "--strict", "--quiet"])
     if code == 0:
-        print(f"{ROOT / 'build' / 'site' / 'index.html'}")
+        site = ROOT / "build" / "site"
+        print(f"{site / 'index.html'}; its search needs a server: python3 -m http.server -d {site}")
     return code
 
 
