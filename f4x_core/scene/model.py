@@ -164,6 +164,11 @@ class DynamicSet(StaticSet):
             raise F4xError("dynamic/weight does not sum to 1 for every Gaussian")
 
 
+def _as_drawn(means: np.ndarray, quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and unit rotations in float32."""
+    return means.astype(np.float32, copy=False), quaternion.normalize(quats).astype(np.float32, copy=False)
+
+
 def faded(opacity: np.ndarray, presence: np.ndarray) -> np.ndarray:
     """Return the opacity (N,) of Gaussians that are present in part (`presence (N,)` in [0, 1]): `1 - (1 - opacity)^presence`.
 
@@ -314,16 +319,17 @@ class Scene:
         Dynamic ones follow the dual-quaternion blend of their nodes' motion from their own reference time to `time`:
         x' = R x + t, R_g' = R R_g; scale and SH stay, opacity is `faded` where there is a span. An absent Gaussian has opacity 0.
         """
-        means, quats = self.static.means, self.static.quats
+        means, quats = self._standing
         if len(self.dynamic):
-            moved = self._carried(time)
+            moved = _as_drawn(*self._carried(time))
             means, quats = (np.concatenate(parts) for parts in zip((means, quats), moved, strict=True))
         there = {"opacities": faded(self._constant["opacities"], self.presence(time))} if self.fades else {}
-        return PosedSplats(
-            means=means.astype(np.float32, copy=False),
-            quats=quaternion.normalize(quats).astype(np.float32, copy=False),
-            **self._constant | there,
-        )
+        return PosedSplats(means=means, quats=quats, **self._constant | there)
+
+    @cached_property
+    def _standing(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centres and unit rotations of the static set; to normalise them anew for each time took half of `posed`."""
+        return _as_drawn(self.static.means, self.static.quats)
 
     def _carried(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Centres and rotations of the dynamic set at `time`, also of Gaussians that are absent then."""
