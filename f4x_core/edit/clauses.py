@@ -68,7 +68,7 @@ _slowly = ~keyword(",") + table(
 _filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
 _SOFT, _HARD = (
     ", and also|, and|and also|and|,|but|, but|plus",
-    ".|;|!|then|and then|, then|, and then|after that|and after that|, after that",
+    ".|;|!|then|and then|, then|, and then|afterward|, afterward|and afterward|thereafter|after that|and after that|, after that",
 )
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
 _ends = silent(~listed(keyword(".|;|!|,"), NOTHING))

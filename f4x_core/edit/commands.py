@@ -103,11 +103,13 @@ ADDS_NOTHING = either(
     ),
     literal(
         every_form("make|let|have|get|do|keep|animate")
-        + "|start (with)|begin (with)|every frame|each frame|going|in the [scene|picture|video|clip]|for good|permanently"
+        + "|start (with)|begin (with)|every frame|each frame|going|real quick|super quick|"
+        "in the [scene|picture|video|clip]|for good|permanently"
     ),
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("to") + here(lambda reading, at: reading.word(at) in _VERBS_BEHIND_TO),
     literal("instead") + unless(literal("of")),
+    literal("afterward|after that|from then on|thereafter") + here(lambda reading, at: at == len(reading.tokens)),
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
     + here(lambda reading, at: not reading.word(at).isalpha()),
     literal("too") + unless(_goes_on),
@@ -297,6 +299,14 @@ _command(
     + known_thing
     + ~(literal("'s|'") + ~literal("color|colors|coloring")),
     wise=literal("(in) [color|colors]|color wise|in terms of color"),
+)
+_command(
+    "copy the color of the cat to the dog",
+    as_given,
+    "verb values",
+    who=literal("to|onto|on|over to|for|into") + thing,
+    verb=literal(every_form("copy|transfer|carry|bring|take|carry over|copy over|lend|sample")),
+    values=qualities.same_colour + ~literal("over|across") >> (lambda value: ((value,),)),
 )
 _command(
     "shift the hue of the car to red",
@@ -1194,9 +1204,11 @@ _command(
     "call the dog rex",
     making.named,
     "verb called",
+    use=NAMED,
     verb=literal(every_form("call|name|label|tag|dub|nickname")),
     called=~literal("as|to")
     + here(lambda reading, at: reading.word(at - 1) not in ("the", "my", "that", "this"))
+    + unless(here(lambda reading, at: reading.word(at) in _VERBS_BEHIND_TO))
     + name
     + here(lambda reading, at: not reading.word(at).isalpha() or reading.word(at) in _ENDING),
 )

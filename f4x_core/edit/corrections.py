@@ -69,7 +69,7 @@ def corrected(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[s
 _STATES = (
     r"(?:is|are|was|isn't|aren't|is not|are not|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|hasn't|doesn't|does not|"
     r"don't|do not|[a-z]+s (?:me|us|my|our)|"
-    r"keeps?|gets?|bothers?|distracts?|annoys?|spoils?|ruins?|blocks?|moves?|drives?|runs?|goes|walks?)"
+    r"hates?|dislikes?|detests?|keeps?|gets?|bothers?|distracts?|annoys?|spoils?|ruins?|blocks?|moves?|drives?|runs?|goes|walks?)"
 )
 _REMARK = (
     rf"(?:(?:(?:the|that|this|these|those|my|our|its?) )?(?:[\w'-]+ ){{0,4}}?{_STATES}\b.*?|"

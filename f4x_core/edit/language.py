@@ -74,7 +74,7 @@ from .phrases import SentenceContext, When, familiar, known_thing, several_place
 from .qualities import any_look, effect
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
-from .slots import AGAIN, REMARK, Command
+from .slots import AGAIN, REMARK, TOPIC, Command
 from .styles import STYLES
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
@@ -560,8 +560,10 @@ def _made(
 
 
 def _shared(clauses: Clauses) -> Clauses:
-    """The clauses, those with a verb alone for whom the next names: "darken and blur the sky"."""
+    """The clauses: a verb alone is for whom the next names ("darken and blur the sky"), the first for the topic."""
     shared = list(clauses)
+    if shared and shared[0].command is TOPIC and shared[1:] and "who" not in shared[1].slots:
+        shared[1] = shared[1]._replace(slots={**shared[1].slots, "who": shared[0].slots["who"]})
     for at in range(len(clauses) - 1, 0, -1):
         verb, following = shared[at - 1], shared[at]
         alone = "verb" in verb.slots and "who" not in verb.slots and not verb.command.use.whole

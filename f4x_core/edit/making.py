@@ -291,6 +291,8 @@ def placed(place: Place) -> Value:
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         beside = place.other(context)
+        if beside == who and isinstance(who, Named) and who.name in context.copies:
+            beside = context.copies[who.name]  # "copy the dog and put the copy behind it"
         if beside == who:
             raise Refusal("A thing cannot go beside itself; say beside whom.")
         context.last = who

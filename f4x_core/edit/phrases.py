@@ -875,7 +875,7 @@ def _without(kind: Who, rest: Who) -> Who:
     return who
 
 
-besides = here(lambda reading, at: reading.word(at - 1) not in ("everything", "all", "anything", "everyone")) + _besides
+besides = here(lambda reading, at: reading.word(at - 1) not in ("everything", "all", "anything")) + _besides
 """Whom a command leaves out, said at its end: "move everything down except the dog"."""
 known_noun = either(_part, _known, _modified)
 """A noun alone: the copies of it in "let a second dog follow"."""

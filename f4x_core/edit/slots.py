@@ -168,6 +168,10 @@ SHIFT = either(
     + duration
     + ~keyword("later|late|in time"),
     ~keyword(",") + _following + ~keyword("on the same path") >> (lambda: TRAIL_LAG),
+    ~keyword(",")
+    + ~keyword("each")
+    + duration
+    + keyword("apart|between them|in between|from each other|from one another"),
     _lagging + duration + keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
     >> (lambda length: length.plus(length, -2.0)),
 )

@@ -134,6 +134,7 @@ _PLAIN = {
     ),
     "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of "
     r"(?:color|colors|size|speed|look|style)\b",
+    "greeting": r"^\s*(?:hi|hello|hey)(?: (?:all|there|everyone|everybody|folks|guys|team))?\b\s*[,.!]*",
     "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
     r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
     "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:one (?:more|last|final|other) "
@@ -147,7 +148,8 @@ _PLAIN = {
     r"[^.;!?]*",
     "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|[a-z]+s(?= (?:can|could|will|feel|see|"
     r"know|get|notice))|the (?:viewer|viewers|audience)) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
-    "for": r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic "
+    "for": r"(?:,\s*)?\bfor (?:[a-z]+ ){1,3}(?:reasons?|purposes?|sake)\b|"
+    r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic "
     r"effect|clarity|emphasis|my taste|my liking|my eyes|starters|example|instance)\b",
 }
 """Class -> what is dropped, on the words of a sentence with blanks between."""

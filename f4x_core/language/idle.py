@@ -22,6 +22,7 @@ PREPOSITIONS = word_set("of in on at for from to with as who which using via alo
 EMPTY = word_set(
     # how much somebody means it
     "ish super ultra mega hyper insanely crazy ridiculously extremely incredibly awfully terribly damn damned darn bloody "
+    "af asf duper "
     "freaking frickin fucking pretty truly wicked mad hella totally absolutely utterly really very quite rather literally "
     "basically actually honestly seriously legit lowkey highkey deadass properly proper actual sheer ever "
     # how it is done: well

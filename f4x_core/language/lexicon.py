@@ -40,6 +40,8 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"[.]?\s*\b(?:full stop|new line|new paragraph|newline)\b|\s+period(?=[\s.]*$)", "."),
     (r"[?]?\s*\bquestion mark\b", "?"),
     (r"[!]?\s*\bexclamation (?:mark|point)\b", "!"),
+    (r"\bmost near\b", "nearest"),
+    (r"\bmost close\b", "closest"),
     (r"\btoo (?=the\b|my\b|its\b)", "to "),
     (
         r"(?<![\w.])(?:the )?([a-z_]+)[.](?=(?:colou?r|opacity|alpha|scale|size|speed|brightness|saturation|contrast|hue)\b)",

@@ -333,7 +333,8 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|the whole time|[for|during|throughout] the [whole|entire] [clip|video|time|film|"
+            "always|all the time|the whole time|[for|during|throughout] the [whole|entire] [clip|video|time|film|shot|"
+            "footage|movie|sequence|"
             "scene]|throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|the whole way through|"
             "from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|[over|during|throughout] "
             "the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|at all times|in every frame|"

@@ -377,7 +377,9 @@ def read_question(
     return tuple(understood)
 
 
-_SAID_AFTER = re.compile(r"(?:i|we|my)\b(?!.*\b(?:when|where|how|what|which|who|if|whether|tell me|know)\b)")
+_SAID_AFTER = re.compile(
+    r"(?:i|we|my|can not|cannot|could not|do not)\b(?!.*\b(?:when|where|how|what|which|who|if|whether|tell me|know)\b)"
+)
 """A sentence beside the question: "I can't quite tell"."""
 _THEN = {"fastest_moment": "max", "slowest_moment": "min"}
 """Kind of a question about a moment -> the speed that "how fast is it then?" asks for."""
@@ -428,6 +430,8 @@ def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
     )
     if asked is None:
         asked = next(filter(None, (_understood(rest, clip, it) for rest in _behind_remarks(text))), None)
+    if asked is None and (plain := _REASON.sub("", text)) != text:
+        asked = _understood(plain, clip, it)
     if asked is None:
         instead = re.sub(
             r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else misspelt(m[0], _ASKING_WORDS) or m[0], text
@@ -440,6 +444,8 @@ def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
     return [asked]
 
 
+_REASON = re.compile(r",? (?:please,? )?for (?:the|my|our|a|an|your) [a-z]+(?: [a-z]+)?$")
+"""What the answer is for: "for the brand guide"."""
 _REMARK_END = re.compile(rf"(?:[,:;]|\s-|\bbut\b|\band\b)\s*(?:(?:i )?(?:was|am) wondering )?(?={_ASKING}\b)")
 _REMARKING = re.compile(
     r"(?:(?:so|ok|okay|hello|hi|hey|well|just|and|but|quick)\b[ ,]*)*(?:i|we|my|our|this|it|sorry|pardon|out of|"
