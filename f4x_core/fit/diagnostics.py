@@ -345,7 +345,7 @@ def _quality_curve(history: Sequence[Mapping[str, float]]) -> str:
 def _survival(priors: Priors) -> str:
     if priors.tracks_visible is None:
         return ""
-    figure, (axis,) = page.plot("share of tracks still followed", "frames since first seen", "share")
+    figure, (axis,) = page.plot("fraction of tracks still followed", "frames since first seen", "fraction")
     axis.plot(track_survival(priors.tracks_visible), color=page.TEAL, label=f"all {priors.tracks_visible.shape[1]:,}")
     if priors.tracks_motion is not None and (moving := priors.tracks_motion > 0.5).any():
         survival = track_survival(priors.tracks_visible[:, moving])

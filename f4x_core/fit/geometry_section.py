@@ -71,7 +71,9 @@ def _way_round(way: WayRound | None) -> tuple[str, str]:
             "not compared",
             "no mirrored solution was tried: the camera does not move or was given, or the priors are older",
         )
-    return f"{way.verdict}, {way.odds}", f"the solution {way.chosen} against the one with near and far exchanged"
+    least = way.chosen == "least error"
+    chosen = "the solution with less error" if least else "the solution with more error, which the depth cues prefer"
+    return f"{way.verdict}, {way.odds}", f"{chosen}, against the one with near and far exchanged"
 
 
 def _clues(way: WayRound | None) -> str:
