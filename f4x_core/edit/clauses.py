@@ -147,8 +147,8 @@ class Search:
         if key not in self.at:
             best: dict[int, Found] = {}
             for order, command, needed, matches in self.commands:
-                said = {"verb": before.slots["verb"]} if before and _lends(before, command) else {}
-                for given in ({}, said) if said else ({},):
+                lent = {"verb": before.slots["verb"]} if before and _lends(before, command) else {}
+                for given in ({}, lent) if lent else ({},):
                     for end, found in covers(matches, needed - given.keys(), self.gaps, start).items():
                         for cost, values, idle in found:
                             price = cost + order / 1000 + bool(given)

@@ -611,7 +611,13 @@ _command(
     times=_times_as_much,
     too=~literal("is|are|has|have|looks") + _too,
 )
-_muted = lambda by: making.saturated(by)  # noqa: E731
+
+
+def _muted(by: float) -> Value:
+    """Less saturated, where `making.saturated` without an amount means gray."""
+    return making.saturated(by)
+
+
 _SIDES: dict[str, tuple[Any, bool | None]] = {
     "brighten": (making.brightened, True),
     "darken": (making.brightened, False),

@@ -12,12 +12,7 @@ from ..language.lexicon import PICTURE
 from ..language.times import TimeExpression, duration
 from . import making, qualities
 from .making import Value
-from .phrases import (
-    beside_itself,
-    name,
-    place,
-    thing,
-)
+from .phrases import beside_itself, name, place, thing
 
 
 def REMARK() -> Value:  # it stands for what is said and asks for nothing
@@ -28,6 +23,10 @@ def REMARK() -> Value:  # it stands for what is said and asks for nothing
 def AGAIN() -> Value:  # likewise for the command before
     """Make what was said before: "do the same with the cat"."""
     raise Mismatch
+
+
+Given = Value | tuple[tuple[Value], ...]
+"""A value, or several as `listed` gives them."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class Command:
 
     example: str
     """A sentence that uses it."""
-    make: Callable[..., Value | tuple[tuple[Value], ...]]
+    make: Callable[..., Given]
     """From the values of the slots to what is done."""
     slots: Mapping[str, Rule]
     """By argument name of `make`, in any order; those without a value are words that belong to the command and add nothing."""
@@ -63,10 +62,6 @@ class Command:
     who: Rule = thing
     """The phrase for whom it is about."""
     use: Use = USUAL
-
-
-Given = Value | tuple[tuple[Value], ...]
-"""A value, or several as `listed` gives them."""
 
 
 def always(value: Value) -> Callable[[], Value]:

@@ -72,7 +72,9 @@ def _way_round(way: WayRound | None) -> tuple[str, str]:
             "no mirrored solution was tried: the camera does not move or was given, or the priors are older",
         )
     least = way.chosen == "least error"
-    chosen = "the solution with less error" if least else "the solution with more error, which the depth cues prefer"
+    chosen = (
+        "the solution that fits better" if least else "the solution that fits less well, which the depth cues prefer"
+    )
     return f"{way.verdict}, {way.odds}", f"{chosen}, against the one with near and far exchanged"
 
 

@@ -108,7 +108,7 @@ class Reading:
     places: dict[int, dict[int, list[tuple[int, Any]]]] = field(default_factory=dict)
     """Number of a rule that is a slot -> where it matches."""
     barred: frozenset[int] = frozenset()
-    """Ids of the frames that are not asked, because what they made of the sentence cannot be."""
+    """Ids of the commands that are not asked, because what they made of the sentence cannot be."""
     words: list[str] = field(init=False)
     """Texts of the tokens, and nothing behind them."""
     farthest: int = 0

@@ -182,9 +182,10 @@ def choose_orientation(
     return decide(first, second, observations, config, cues)
 
 
-def decide(one: Bundle, other: Bundle, observations: Observations, config: BundleConfig, cues: DepthCues) -> Decision:
-    """Choose between two solutions of the same observations, the one with less error where nothing else tells them apart."""
-    first, second = sorted((one, other), key=lambda bundle: total_cost(bundle, observations, config))
+def decide(
+    first: Bundle, second: Bundle, observations: Observations, config: BundleConfig, cues: DepthCues
+) -> Decision:
+    """Choose between two solutions of the same observations, the `first` of which costs less (`total_cost`)."""
     evidence = compare_orientations(first, second, observations, config, cues)
     if sum(item.log_odds for item in evidence) >= 0:
         return Decision(first, False, tuple(evidence), second)

@@ -322,11 +322,16 @@ def adjust_known(
     return replace(bundle.with_frames(frames, part), points=xyz)
 
 
+def mean_directions(bundle: Bundle, observations: Observations) -> np.ndarray:
+    """Unit mean directions of the sightings of each point in the world, `(P, 3)`; 0 for a point that nobody sees."""
+    directions = np.zeros_like(bundle.points)
+    np.add.at(directions, observations.point, rays(bundle, observations))
+    return directions / (np.linalg.norm(directions, axis=1, keepdims=True) + 1e-12)
+
+
 def _on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
     """Points at distance 1 in the mean direction of their sightings: a world without depth."""
-    points = np.zeros_like(bundle.points)
-    np.add.at(points, observations.point, rays(bundle, observations))
-    return replace(bundle, points=points / (np.linalg.norm(points, axis=1, keepdims=True) + 1e-12))
+    return replace(bundle, points=mean_directions(bundle, observations))
 
 
 def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.ndarray]:

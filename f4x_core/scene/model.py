@@ -319,7 +319,7 @@ class Scene:
         Dynamic ones follow the dual-quaternion blend of their nodes' motion from their own reference time to `time`:
         x' = R x + t, R_g' = R R_g; scale and SH stay, opacity is `faded` where there is a span. An absent Gaussian has opacity 0.
         """
-        means, quats = self._standing
+        means, quats = self._static_poses
         if len(self.dynamic):
             moved = _as_drawn(*self._carried(time))
             means, quats = (np.concatenate(parts) for parts in zip((means, quats), moved, strict=True))
@@ -327,7 +327,7 @@ class Scene:
         return PosedSplats(means=means, quats=quats, **self._constant | there)
 
     @cached_property
-    def _standing(self) -> tuple[np.ndarray, np.ndarray]:
+    def _static_poses(self) -> tuple[np.ndarray, np.ndarray]:
         """Centres and unit rotations of the static set; to normalise them anew for each time took half of `posed`."""
         return _as_drawn(self.static.means, self.static.quats)
 
