@@ -30,10 +30,10 @@ def require_values(row: Row) -> None:
 
         length = row.window or LENGTH
         plan_windows(0, length, length, OVERLAP if row.overlap is None else row.overlap)
-    moments = [path for path in row.paths if path.startswith("frozen:")]
+    moments = [path for path in row.paths if path.startswith(("frozen:", "bullet:"))]
     last = declared_frames(row)[0] - 1 if moments else -1
     for path in moments:
-        if 0 <= last < float(path.removeprefix("frozen:")):
+        if 0 <= last < float(path.partition(":")[2]):
             raise F4xError(f"paths has {path}, {row.clip} has frames 0 to {last}; choose one of them.")
     if ChatServer.from_environment() is None:  # a model understands more than the grammar
         _require_sentences(row)

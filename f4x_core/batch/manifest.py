@@ -34,8 +34,10 @@ PARENT, STEM = "{parent}", "{stem}"
 """Placeholders in a name for the folder that contains the clip, and for the clip's file name."""
 MIN_VALUES = {"threads": 1, "parts": 1, "seed": 0, "width": 2, "hold_out": 2, "window": 0}
 """Column -> minimum value; the command line has the same limits."""
-PATHS = re.compile(r"original|orbit|frozen:\d+(\.\d+)?|.+\.json")
+PATHS = re.compile(r"original|orbit|stabilise|(frozen|bullet):\d+(\.\d+)?|slow:([1-9]\d?(\.\d+)?|100)|.+\.json")
 """Valid entries of the column `paths`."""
+KNOWN_PATHS = ("original", "orbit", "stabilise", "slow:FACTOR", "bullet:T", "frozen:T", "FILE.json")
+"""The same for people."""
 BACKENDS = ("auto", *CPU_BACKENDS)
 """What `backend` takes."""
 PAGE = "index.html"
@@ -90,7 +92,7 @@ class Row(Record):
     edits: tuple[str, ...] = ()
     """Edits in order: sentences, or JSON files of operations."""
     paths: tuple[str, ...] = ("original",)
-    """Camera paths to render: original, orbit, frozen:T, or a JSON file."""
+    """Camera paths to render: original, orbit, stabilise, slow:FACTOR, bullet:T, frozen:T, or a JSON file."""
     channels: tuple[str, ...] = ("rgb",)
     """Channels to render."""
     parts: int = 1
@@ -112,7 +114,7 @@ class Row(Record):
             ("exports", FORMATS, FORMATS.__contains__),
             ("features", TEACHERS, TEACHERS.__contains__),
             ("channels", drawn, lambda name: name in drawn or name.startswith("mask:")),
-            ("paths", ("original", "orbit", "frozen:T", "FILE.json"), PATHS.fullmatch),
+            ("paths", KNOWN_PATHS, PATHS.fullmatch),
             ("backend", BACKENDS, BACKENDS.__contains__),
         ):
             value = getattr(self, column)

@@ -161,8 +161,8 @@ def _eval(verbs: Verbs) -> None:
     sub = add_verb(verbs, "eval", "Measure a scene against its clip.")
     sub.add_argument("scene", type=scene_argument)
     edits_option(sub)
-    sub.add_argument("--clip", type=path_argument, required=True)
-    sub.add_argument("--frames", metavar="A:B:S")
+    sub.add_argument("--clip", type=path_argument, required=True, help="the clip that was fitted")
+    sub.add_argument("--frames", metavar="A:B:S", help="as for the fit")
     sub.add_argument("--refine-camera", action="store_true", help="also refine the camera on each held-out frame")
     sub.add_argument(
         "--baselines", action="store_true", help="also score the nearest frame and the half-way flow blend"
@@ -171,7 +171,7 @@ def _eval(verbs: Verbs) -> None:
         "--truth", type=path_argument, metavar="DIR", help="rendered clip with truth: cameras and unseen views"
     )
     sub.add_argument("--joints", type=path_argument, help="hand-set joints (JSON): track accuracy of the fitted scene")
-    sub.add_argument("--masks", metavar="DIR", help="masks of the animal, for the joints' scale")
+    sub.add_argument("--masks", metavar="DIR", help="masks of what moves: scores of it alone, and the joints' scale")
     backend_option(sub)
 
 

@@ -95,9 +95,10 @@ def evaluate(
     """
     cameras = scene.cameras
     if len(clip) != len(cameras) or (clip.width, clip.height) != (cameras.width, cameras.height):
+        fitted = scene.provenance.get("frames")
         raise F4xError(
             f"{clip.source}: the clip has {len(clip)} frames of {clip.width}x{clip.height}, the scene {len(cameras)} of"
-            f" {cameras.width}x{cameras.height}; give the same --frames and --width as for the fit."
+            f" {cameras.width}x{cameras.height}; give the clip that was fitted{f', with --frames {fitted}' if fitted else ''}."
         )
     held_out = set(scene.held_out)
     frames: list[dict[str, Any]] = []

@@ -193,7 +193,8 @@ _possessed = _names + ~cue("'s|'")
 
 def _span_at(reading: Reading, at: int) -> Iterator[tuple[int, Span]]:
     for end, (found,) in span.at(reading, at).items():
-        if found.kind not in ("always", "length") and reading.word(end - 1) != "here":
+        alone = "only" in (reading.word(at), reading.word(end - 1))  # what holds at other times is not computed
+        if found.kind not in ("always", "length") and reading.word(end - 1) != "here" and not alone:
             yield end, found
 
 
@@ -649,9 +650,9 @@ def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
     if not it and not _PRONOUNS.isdisjoint(words) and _understood(text, clip, ("it",)):
         return Unanswerable(f"I do not know what is meant here, as nothing is selected or was named before; {CAN}.")
-    negation = re.search(_NEGATION, text)
-    if negation and subject == "that":
-        subject = f"what '{negation[0]}' asks for here"
+    limit = re.search(rf"{_NEGATION}|\bonly\b", text)
+    if limit and subject == "that":
+        subject = f"what '{limit[0]}' asks for here"
     strange = next((word for word in words if is_adverb(word)), "")
     last = [word for word in words if word not in _ASKING_WORDS][-1:]
     if not strange and last and re.search(rf"(?<!\ba )(?<!\ban )(?<!\bthe )\b{last[0]}$", text):

@@ -99,6 +99,11 @@ def test_a_folder_called_images_has_the_name_of_the_one_it_lies_in(tmp_path):
         ("l.csv", "clip,width\na.mp4,-5\n", "line 2: width is -5; give 2 or more"),
         ("l.csv", "clip,frames\na.mp4,9:3\n", "line 2: frames '9:3' select nothing"),
         ("l.csv", "clip,paths\na.mp4,orbitt\n", "line 2: paths has 'orbitt', near it is 'orbit'"),
+        (
+            "l.csv",
+            "clip,paths\na.mp4,slow:0\n",
+            "line 2: paths has 'slow:0'; known: original, orbit, stabilise, slow:FACTOR",
+        ),
         ("l.csv", "clip,channels\na.mp4,rgb;normalz\n", "line 2: channels has 'normalz'; known: rgb"),
         ("l.csv", "clip,channels\na.mp4,latent\n", "line 2: channels has 'latent'"),
         (
@@ -149,7 +154,7 @@ FULL = Row(
     vocabulary=("dog", "cat"),
     queries=("big dog",),
     edits=("make the dog red", "wide.json"),
-    paths=("original", "frozen:3", "mine.json"),
+    paths=("original", "stabilise", "slow:2.5", "bullet:1", "frozen:3", "mine.json"),
     parts=2,
     exports=("usd", "ply"),
 )
@@ -269,8 +274,9 @@ def test_frames_and_files_are_looked_at_before_any_task(tmp_path):
     assert "cannot be read as a video" in declared_frames(Row(noise))[1]
     require_values(Row(clip, paths=("frozen:7", "absent.json"), edits=("absent.json",)))
     require_values(Row(noise, paths=("frozen:7",)))
-    with pytest.raises(F4xError, match=r"paths has frozen:7, .*clip has frames 0 to 3"):
-        require_values(Row(clip, frames="0:8:2", paths=("frozen:7",)))
+    for path in ("frozen:7", "bullet:7"):
+        with pytest.raises(F4xError, match=rf"paths has {path}, .*clip has frames 0 to 3"):
+            require_values(Row(clip, frames="0:8:2", paths=(path,)))
     broken = write(tmp_path / "broken.json", "[{}]")
     for row in (Row(clip, edits=(broken,)), Row(clip, paths=(broken,))):
         with pytest.raises(F4xError, match=r"broken\.json"):

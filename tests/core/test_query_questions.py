@@ -245,6 +245,7 @@ def test_computed_answers_are_right(scene, question, words):
         ("Where was this filmed?", "not know what 'filmed' means"),
         ("Where is the zebra?", "lacks 'zebra'"),
         ("When does the square not move?", "cannot tell what 'not' asks for here"),
+        ("Does the square move only at frame 3?", "cannot tell what 'only' asks for here"),
         ("Is there anything but a square?", "cannot tell"),
         ("Is there nothing but a square?", "cannot tell"),
         ("Are there other squares?", "not know what 'other' means"),
