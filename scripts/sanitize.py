@@ -188,7 +188,7 @@ def exercise_with_torch() -> None:
             depth, alpha = (torch.rand(height, width, requires_grad=True) for _ in range(2))
             scores = torch.rand(2, height, width).half()
             maps = FrameMaps((255 * target).byte(), torch.rand(height, width), *scores)
-            frame_losses((image, depth, alpha), maps, FrameFactors(0.3, 3, 1, 1, 1), 2, threads).backward()
+            frame_losses((image, depth, alpha), maps, FrameFactors(0.3, 3, 1, 1, 1), threads).backward()
         for shape in ((1,), (9, 3), (3000, 1, 3), (700, 15, 3)):
             value = torch.randn(shape, requires_grad=True)
             adam = torch.optim.Adam([{"params": [value], "name": "means"}])

@@ -259,9 +259,6 @@ class FitConfig:
     """Every n-th step carries the track loss."""
     rough_every: int = 2
     """Every n-th step carries the roughness of depth, n times as heavy."""
-    structure_in_turn: bool = False
-    """SSIM compares one colour a step, each in turn, not all three: a tenth of a step less. Used frames, one seed, off -> on:
-    car-shadow 32.46 -> 32.47 dB, drift-straight 27.51 -> 27.36, scooter-black 24.89 -> 24.82."""
     motion_every: int = 2
     """Every n-th step carries the physics-inspired losses, n times as heavy."""
     shifts: tuple[int, ...] = (1, 3, 8)

@@ -122,7 +122,6 @@ class _Losses:
             (output.channels, output.depth, output.alpha),
             FrameMaps(data.rgb[frame], data.depth[frame], data.confidence[frame], data.motion[frame]),
             FrameFactors(weights.ssim, weights.moving, weights.depth, rough, weights.mask),
-            self._compared_channel(rendered),
             self.model.kernels.threads,
         )
 
@@ -131,11 +130,7 @@ class _Losses:
         weights = self.config.losses
         target = rendered.data.rgb[rendered.frame].float() / 255
         attention = 1 + (weights.moving - 1) * rendered.motion  # (H,W)
-        return rgb_loss(rendered.rgb, target, attention, weights.ssim, channel=self._compared_channel(rendered))
-
-    def _compared_channel(self, rendered: Rendered) -> int | None:
-        """The colour whose structure is compared, None for all."""
-        return rendered.step % 3 if self.config.structure_in_turn else None
+        return rgb_loss(rendered.rgb, target, attention, weights.ssim)
 
     def depth(self, rendered: Rendered) -> Tensor:
         """Inverse depth against the prior's, by its confidence."""

@@ -63,22 +63,19 @@ def rgb_loss(
     weight: Tensor,
     ssim_weight: float,
     kernels: Kernels = TORCH,
-    channel: int | None = None,
 ) -> Tensor:
     """L1 (summed over channels) + `ssim_weight` * (1 - SSIM), both averaged over pixels with `weight` (H,W).
 
-    Images (H,W,3) in [0,1]. SSIM is its mean over channels, or that of one `channel`. The compiled library compares them where
+    Images (H,W,3) in [0,1]. SSIM is its mean over channels. The compiled library compares them where
     `kernels` say so (float32 on the CPU).
     """
     if kernels.native and ssim_weight:
-        compared = -1 if channel is None else channel
-        comparison = Comparison(_window(image.dtype), SSIM_C1, SSIM_C2, ssim_weight, kernels.threads, compared)
+        comparison = Comparison(_window(image.dtype), SSIM_C1, SSIM_C2, ssim_weight, kernels.threads)
         total = NativePictureLoss.apply(image, target, weight, comparison)
         return total / weight.sum().clamp_min(MIN_WEIGHT)
     loss = masked_l1(image, target, weight)
     if ssim_weight:
-        channels = slice(None) if channel is None else slice(channel, channel + 1)
-        unlike = ((1 - ssim_map(image[..., channels], target[..., channels]).mean(0)) * weight).sum()
+        unlike = ((1 - ssim_map(image, target).mean(0)) * weight).sum()
         loss = loss + ssim_weight * unlike / weight.sum().clamp_min(MIN_WEIGHT)
     return loss
 
@@ -94,20 +91,18 @@ class FrameFactors(NamedTuple):
 
 
 def frame_losses(
-    rendered: tuple[Tensor, Tensor, Tensor], maps: FrameMaps, factors: FrameFactors, channel: int | None, threads: int
+    rendered: tuple[Tensor, Tensor, Tensor], maps: FrameMaps, factors: FrameFactors, threads: int
 ) -> Tensor:
     """Weighted sum of the losses that compare channels (H,W,C), depth and alpha (H,W) with a frame, by the compiled library.
 
-    Channels are rgb and, with a weight of the mask, the alpha of what moves; others send no gradient. SSIM is that of one
-    `channel`, or its mean. What is compared, and the plain form of each loss, is in `loss_terms`.
+    Channels are rgb and, with a weight of the mask, the alpha of what moves; others send no gradient. What is compared, and
+    the plain form of each loss, is in `loss_terms`.
     """
     step = roughness_step(*maps.prior.shape) if factors.roughness else 0
     weights = FrameWeights(
         factors.moving, factors.depth, factors.roughness, factors.mask, step, plain=PLAIN, min_depth=MIN_DEPTH
     )
-    comparison = Comparison(
-        _window(torch.float32), SSIM_C1, SSIM_C2, factors.ssim, threads, -1 if channel is None else channel
-    )
+    comparison = Comparison(_window(torch.float32), SSIM_C1, SSIM_C2, factors.ssim, threads)
     return NativeFrameLosses.apply(*rendered, maps, weights, comparison, MIN_WEIGHT)
 
 

@@ -24,14 +24,12 @@ class Comparison(NamedTuple):
     structure: float
     """Weight of 1 - SSIM beside the L1."""
     threads: int
-    compared: int = -1
-    """The channel whose structure is compared; -1 for all."""
 
 
 class NativePictureLoss(torch.autograd.Function):
     """Sum over pixels of `weight` (H,W) times the L1 over channels and `structure` (1 - SSIM) of two images (H,W,C).
 
-    SSIM is its mean over channels, or that of one. The gradient to the image is made on the way, because the result is a
+    SSIM is its mean over channels. The gradient to the image is made on the way, because the result is a
     scalar; there is none to the target.
     """
 

@@ -11,13 +11,12 @@
 // Mirrored field by field in picture.py.
 struct Picture {
     int32_t width, height, channels, threads;
-    int32_t compared;               // channel whose structure is compared; -1 for all
     int64_t stride;                 // floats between two pixels of the picture
     const float *image, *target;    // (H, W, stride) of which the first C are read, (H, W, C)
     const float* weight;            // (H, W)
     const float* window;            // (11,)
     float c1, c2;
-    float structure;                // weight of 1 - SSIM (mean over compared channels) beside the L1
+    float structure;                // weight of 1 - SSIM (mean over channels) beside the L1
     float factor;                   // of the gradient
     int64_t gradient_stride;        // floats between two pixels of the gradient
     float* gradient;                // (H, W, gradient_stride) of which the first C are written; may be null
@@ -33,7 +32,6 @@ constexpr int HALF = 5, MAPS = 4, SLOPES = 3;
 struct Plan {
     const Picture& p;
     int pitch;       // floats of a row
-    int first, compared;  // channels whose structure is compared
     float* across;   // rows of MAPS maps blurred across
     float* slopes;   // rows of SLOPES derivatives, also blurred across
 };
@@ -66,12 +64,10 @@ F4X_API int32_t f4x_picture_loss(const Picture* problem, double* total) {
     try {
         // Kept by the calling thread, so that a training loop does not fault in fresh pages at every step.
         static thread_local Buffer<float> across, slopes;
-        const int height = problem->height, first = std::max(problem->compared, 0);
-        const int compared = problem->compared < 0 ? problem->channels : 1;
-        const int rows = height * compared, pitch = (problem->width + 7) / 8 * 8 + 16;
+        const int height = problem->height, rows = height * problem->channels, pitch = (problem->width + 7) / 8 * 8 + 16;
         across.resize(size_t(rows) * MAPS * pitch);
         if (problem->gradient) slopes.resize(size_t(rows) * SLOPES * pitch);
-        Plan plan{*problem, pitch, first, compared, across, slopes};
+        Plan plan{*problem, pitch, across, slopes};
         std::vector<double> apart(height), unlike(rows);  // summed in a fixed order: the same for every number of threads
         each_row(plan, height, [&](int y, float* scratch) { apart[y] = kernels().apart_row(plan, y, scratch); });
         each_row(plan, rows, [&](int row, float* scratch) { kernels().blur_row(plan, row, scratch); });
@@ -80,7 +76,7 @@ F4X_API int32_t f4x_picture_loss(const Picture* problem, double* total) {
             each_row(plan, rows, [&](int row, float* scratch) { kernels().gradient_row(plan, row, scratch); });
         *total = 0;
         for (const double each : unlike) *total += each;
-        *total *= double(problem->structure) / compared;
+        *total *= double(problem->structure) / problem->channels;
         for (const double each : apart) *total += each;
         return 0;
     } catch (const std::exception&) {
@@ -157,7 +153,7 @@ F4X_TARGET double apart_row(Plan& plan, int y, float* scratch) {
 // Blurs the row's maps across.
 F4X_TARGET void blur_row(Plan& plan, int row, float* scratch) {
     const Picture& p = plan.p;
-    const int channel = plan.first + row / p.height, y = row % p.height, pitch = plan.pitch;
+    const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
     std::memset(scratch, 0, sizeof(float) * MAPS * pitch);
     const float* image = p.image + int64_t(y) * p.width * p.stride + channel;
     const float* target = p.target + int64_t(y) * p.width * p.channels + channel;
@@ -220,10 +216,10 @@ F4X_TARGET void gradient_row(Plan& plan, int row, float* scratch) {
         blur_down<SLOPES>(p.window, plan.slopes, pitch, channel, y, p.height, x, slope);
         for (int m = 0; m < SLOPES; ++m) store(scratch + m * pitch + x, slope[m]);
     }
-    const float* image = p.image + int64_t(y) * p.width * p.stride + plan.first + channel;
-    const float* target = p.target + int64_t(y) * p.width * p.channels + plan.first + channel;
-    float* out = p.gradient + int64_t(y) * p.width * p.gradient_stride + plan.first + channel;
-    const float share = p.factor * p.structure / plan.compared;
+    const float* image = p.image + int64_t(y) * p.width * p.stride + channel;
+    const float* target = p.target + int64_t(y) * p.width * p.channels + channel;
+    float* out = p.gradient + int64_t(y) * p.width * p.gradient_stride + channel;
+    const float share = p.factor * p.structure / p.channels;
     for (int x = 0; x < p.width; ++x) {
         const float a = image[x * p.stride], b = target[x * p.channels];
         out[x * p.gradient_stride] += share * (scratch[x] + 2 * a * scratch[pitch + x] + b * scratch[2 * pitch + x]);

@@ -6,7 +6,7 @@ _PIXELS = ("height", "width", "channels")
 PICTURE = Struct(
     "Picture",
     {
-        **dict.fromkeys(("width", "height", "channels", "threads", "compared"), INT32),
+        **dict.fromkeys(("width", "height", "channels", "threads"), INT32),
         "stride": INT64,
         "image": Array("float32", _PIXELS, strides=("width*stride", "stride", 1)),
         "target": Array("float32", _PIXELS),

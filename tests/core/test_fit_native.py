@@ -79,24 +79,11 @@ def test_the_picture_loss_is_that_of_the_formula(height, width, threads):
     assert relative(torch.autograd.grad(loss, fast)[0], torch.autograd.grad(expected, plain)[0]) < 1e-5
 
 
-@pytest.mark.parametrize("channel", [0, 2])
-def test_the_structure_of_one_channel_is_that_of_the_formula(channel):
-    generator = torch.Generator().manual_seed(7)
-    image, target = torch.rand(2, 21, 34, 3, generator=generator)
-    weight = torch.rand(21, 34, generator=generator)
-    fast, plain = image.clone().requires_grad_(), image.double().requires_grad_()
-    loss = rgb_loss(fast, target, weight, 0.5, Kernels(True, 2), channel)
-    expected = rgb_loss(plain, target.double(), weight.double(), 0.5, channel=channel)
-    assert float(loss.detach()) == pytest.approx(float(expected.detach()), rel=2e-6)
-    assert float(loss.detach()) != pytest.approx(float(rgb_loss(image, target, weight, 0.5)), rel=1e-4)
-    assert relative(torch.autograd.grad(loss, fast)[0], torch.autograd.grad(expected, plain)[0]) < 1e-5
-
-
-def losses_written_out(channels, depth, alpha, maps, factors, channel):
+def losses_written_out(channels, depth, alpha, maps, factors):
     """The sum that `frame_losses` makes, by the plain form of each loss."""
     target, motion, confidence = maps.frame.to(channels) / 255, maps.motion.to(channels), maps.confidence.to(channels)
     attention, unsure = 1 + (factors.moving - 1) * motion, (1 - confidence) * (1 - motion)
-    loss = rgb_loss(channels[..., :3], target, attention, factors.ssim, channel=channel)
+    loss = rgb_loss(channels[..., :3], target, attention, factors.ssim)
     loss = loss + factors.depth * depth_loss(depth, alpha, maps.prior.to(channels), confidence)
     if factors.roughness:
         loss = loss + factors.roughness * depth_roughness(depth, alpha, target, unsure)
@@ -130,12 +117,12 @@ def test_the_losses_of_a_frame_in_one_go_are_those_of_their_formulas(height, wid
     factors = FrameFactors(ssim=0.3, moving=3.0, depth=0.4, roughness=rough, mask=0.2)
     fast, plain = ([each.to(dtype).requires_grad_() for each in rendered] for dtype in (torch.float32, torch.float64))
     fast = [each.clone().detach().requires_grad_() for each in fast]
-    loss, expected = frame_losses(tuple(fast), maps, factors, 1, 3), losses_written_out(*plain, maps, factors, 1)
+    loss, expected = frame_losses(tuple(fast), maps, factors, 3), losses_written_out(*plain, maps, factors)
     assert float(loss.detach()) == pytest.approx(float(expected.detach()), rel=2e-6)
     got, wanted = torch.autograd.grad(3 * loss, fast), torch.autograd.grad(3 * expected, plain)
     for g, w in zip(got, wanted, strict=True):
         assert relative(g, w) < 5e-6
-    again = [torch.autograd.grad(3 * frame_losses(tuple(fast), maps, factors, 1, n), fast) for n in (1, 2)]
+    again = [torch.autograd.grad(3 * frame_losses(tuple(fast), maps, factors, n), fast) for n in (1, 2)]
     assert all(torch.equal(a, b) for other in again for a, b in zip(got, other, strict=True))
 
 

@@ -81,7 +81,6 @@ def picture_loss(given):
         height=height,
         channels=channels,
         threads=2,
-        compared=-1,
         stride=channels,
         **{name: given[name] for name in ("image", "target", "weight", "window")},
         c1=c1,
