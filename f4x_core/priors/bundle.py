@@ -250,12 +250,16 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
     return problem.bundle(origin, unit, bundle.zoom is not None or config.refine_zoom)
 
 
-def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig, beliefs: bool = True) -> float:
-    """Cost that `adjust` minimises, per observation (px^2): robust squared error and, with `beliefs`, priors."""
+def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:
+    """Cost that `adjust` minimises, per observation (px^2): robust squared error and what is believed of lens and world."""
     problem = _Problem.of(bundle, bundle.center[len(bundle.center) // 2], _unit(bundle)).centred()
     cost = _costs(problem, observations, config).sum()
-    believed = _prior_cost(problem, config, cost) if beliefs else 0.0
-    return (cost + believed) / max(len(observations.frame), 1)
+    return (cost + _prior_cost(problem, config, cost)) / max(len(observations.frame), 1)
+
+
+def sighting_costs(bundle: Bundle, observations: Observations, config: BundleConfig) -> np.ndarray:
+    """Robust squared error of every sighting, `(O,)` px^2, by its weight."""
+    return observations.weight * _robust((bundle.residuals(observations) ** 2).sum(1), config)
 
 
 def resect(

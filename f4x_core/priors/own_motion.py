@@ -16,7 +16,7 @@ from scipy.stats import spearmanr
 
 from ..geometry.arrays import evenly_spaced
 from .bundle import Bundle, BundleConfig, Observations, resect, total_cost, triangulate
-from .mirror import ERROR_SCALE, MIN_SAMPLES, adjust_coarse_to_fine, mirrored
+from .mirror import MIN_SAMPLES, adjust_coarse_to_fine, mirrored
 from .sfm import sightings, solve_rotations
 
 MAX_POINTS, MAX_FRAMES = 300, 24
@@ -36,6 +36,8 @@ NARROW = 0.35
 """Points seen from less than this fraction of the usual angle are left out: their depth is noise."""
 MIN_BULGE = 0.15
 """Rank correlation of nearness and distance from the outline that the chosen one of two mirror images must have."""
+ERROR_SCALE = 0.025
+"""Relative difference of the robust squared error that is worth one unit of log-odds."""
 BULGE_WEIGHT = 6.0
 """Log-odds where nearness grows from the outline to the middle in one solution and falls in the other."""
 LITTLE_TURN, STEADY = np.deg2rad(20.0), 0.8

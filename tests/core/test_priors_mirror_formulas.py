@@ -11,7 +11,7 @@ from test_priors_mirror import cues, ground
 
 from f4x_core.geometry import quaternion
 from f4x_core.priors import mirror as module
-from f4x_core.priors.bundle import BundleConfig, Observations, total_cost, triangulate
+from f4x_core.priors.bundle import BundleConfig, Observations, sighting_costs, triangulate
 from f4x_core.priors.mirror import Decision, DepthCues, Evidence
 
 
@@ -101,15 +101,21 @@ def test_the_other_way_round_is_compared_with_the_best(monkeypatch):
     assert summary["evidence"] == [{"what": "a", "for": 1.23, "detail": "d"}, {"what": "b", "for": -0.3, "detail": "e"}]
 
 
-def test_the_errors_are_worth_their_logarithm():
+def test_errors_count_by_their_standard_error_over_the_parts_of_the_picture():
     true = ground()
     seen, config = observe(true, noise=0.3), BundleConfig()
     tracks, visible = project(true, noise=0.3)
     for shift in (0.0005, 0.5):
         other = replace(true, center=true.center + shift * np.random.default_rng(0).standard_normal(true.center.shape))
         found = module.compare_orientations(true, other, seen, config, cues(tracks, visible))
-        costs = [total_cost(one, seen, config, beliefs=False) for one in (true, other)]
-        worth = np.log(costs[1] / costs[0]) / 0.025
+        gains = sighting_costs(other, seen, config) - sighting_costs(true, seen, config)
+        parts: dict[tuple[int, int], float] = {}
+        for point in np.unique(seen.point):
+            x, y = seen.uv[seen.point == point].mean(0)
+            part = (min(int(x / WIDTH * 8), 7), min(int(y / HEIGHT * 5), 4))
+            parts[part] = parts.get(part, 0.0) + gains[seen.point == point].sum()
+        sums = np.array(list(parts.values()))
+        worth = 0.4 * sums.mean() / (sums.std(ddof=1) / np.sqrt(len(sums)))
         assert found[0].what == "reprojection" and found[0].log_odds == pytest.approx(min(worth, 8))
         back = module.compare_orientations(other, true, seen, config, cues(tracks, visible))
         assert back[0].log_odds == pytest.approx(max(-worth, -8))
