@@ -15,7 +15,7 @@ from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.language.lexicon import spellings
 from ..f4x_core.progress import Progress
-from ..f4x_core.query.inventory import known_instead
+from ..f4x_core.query.inventory import instead
 from ..f4x_core.query.knowledge import refuse_unknown
 from ..f4x_core.query.labels import words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
@@ -63,8 +63,8 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
             refuse_unknown(scene, label)
         known = {label.lower() for label in labels_of(scene)}
         unknown = [word for word in (*labels, *(negatives or ())) if known.isdisjoint(spellings(word))]
-        near = known_instead(scene, unknown) if known and unknown else []
-        hint = f" Nearest labels that it knows: {', '.join(near)}." if near else ""
+        told = instead(scene, unknown)[1] if known and unknown else ""
+        hint = f" {told[0].upper()}{told[1:]}." if told else ""
         if known and unknown and find_interpreter():
             look_up(scene_object, unknown)
             line = f"The worker adds {', '.join(unknown)} to the scene; query again when the job is done.{hint}"

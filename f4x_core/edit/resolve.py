@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import F4xError
 from ..language.compounds import head_of, names_another
 from ..query.connected_objects import part_of, pick_object, split_objects, stand_to, width_along
-from ..query.inventory import labels_of, nearest_there
+from ..query.inventory import instead, labels_of
 from ..query.knowledge import refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted
@@ -295,11 +295,10 @@ class Resolver:
                 f"In the scene '{scene.name}' there is only one of {whom(words)}, so nobody is left of {whom(select)}."
             )
         best = float(self.selection(scene, words).scores.max(initial=0))
-        near = nearest_there(scene, words.labels, self.encode)
-        hint = f"; nearest labels: {', '.join(near)}" if near else ""
+        _, hint = instead(scene, words.labels, self.encode)
         return (
             f"In the scene '{scene.name}' nothing is called '{', '.join(words.labels)}' with a probability of"
-            f" {words.threshold:g} or more (best: {best:.2f}){hint}."
+            f" {words.threshold:g} or more (best: {best:.2f}){hint and f'; {hint}'}."
         )
 
 

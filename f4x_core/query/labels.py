@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import F4xError
-from ..language.lexicon import spellings
+from ..language.lexicon import misspelt, spellings
 from ..scene import Scene
 from ..scene.field import FieldHead
 
@@ -118,8 +117,8 @@ def _encoder(name: str) -> TextEncoder:
 
 def unknown_label(scene: Scene, label: str, known: Sequence[str], encoder: str) -> str:
     """The sentence about a label that the vocabulary lacks."""
-    near = get_close_matches(label, known, 3, 0.6)
-    hint = f"; near it are {', '.join(near)}" if near else ""
+    meant = misspelt(label, known)
+    hint = f"; near it is {meant}" if meant else ""
     return (
         f"{scene.name}: the scene's vocabulary of {len(known)} labels lacks '{label}'{hint}; add it with"
         f' `f4x distill SCENE --vocabulary "{label}"` where the text encoder {encoder} is installed.'

@@ -19,7 +19,7 @@ from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
 from .chat import ChatServer, image_part
-from .inventory import find, labels_of, nearest_there, things_there
+from .inventory import find, instead, labels_of, things_there
 from .knowledge import unknown_kind
 from .labels import Encode
 from .measures import Comparison, Measured, measure, single_ones, times_of
@@ -431,9 +431,8 @@ def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: E
 
 def _absent(scene: Scene, sighting: Sighting, encode: Encode | None, yes: str) -> str:
     """The sentence about a thing that is not there, after "Yes" or "No" where that is wanted."""
-    near = nearest_there(scene, [sighting.label], encode)
-    holds = f"; it answers to {', '.join(near)}" if near else ""
-    what = f"nothing in the scene answers to '{sighting.label}' (best: {sighting.best:.2f}){holds}."
+    _, hint = instead(scene, [sighting.label], encode)
+    what = f"nothing in the scene answers to '{sighting.label}' (best: {sighting.best:.2f}){hint and f'; {hint}'}."
     return f"{yes}: {what}" if yes else what[0].upper() + what[1:]
 
 

@@ -205,8 +205,8 @@ noted["near"] = refused(ops.query_text, text="sqare")
 noted["far"] = refused(ops.query_text, text="goat")
 """
     noted, _ = perform(folder, START + script)
-    assert "Nearest labels that it knows: square" in noted["near"]
-    assert "Nearest labels that it knows: " in noted["far"] and "wall" in noted["far"]
+    assert "Nearest labels: square" in noted["near"]
+    assert "The scene answers to " in noted["far"] and "wall" in noted["far"]
     assert "f4x" not in noted["far"] and "--" not in noted["far"]
 
 

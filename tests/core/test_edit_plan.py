@@ -98,7 +98,7 @@ def test_colours_of_both_sides_are_settled_or_told(scene):
         (Delete(Text(("zebra",))), "lacks 'zebra'"),
         (
             Delete(Text(("grass",), threshold=0.9)),
-            "In the scene 'labelled' nothing is called 'grass'.*nearest labels: .*wall",
+            "In the scene 'labelled' nothing is called 'grass'.*the scene answers to .*wall",
         ),
         (Delete(Instance(Text(("grass",), threshold=0.9), "left")), "nothing is called 'grass'"),
         (Delete(And((SQUARE, Not(SQUARE)))), "nothing|empty"),

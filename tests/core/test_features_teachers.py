@@ -14,6 +14,7 @@ from f4x_core.cli import main
 from f4x_core.clip import Clip, write_images
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.features import offline, teachers, text, weights
+from f4x_core.features.minilm import MAX_TOKENS
 from f4x_core.features.precomputed import LIMIT
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size, resize_map
 from f4x_core.features.spec import FeatureSpec
@@ -223,6 +224,44 @@ def test_minilm_knows_words(minilm):
     assert vectors[0] @ vectors[1] > 0.5 > vectors[0] @ vectors[2]
     alone = minilm.encode(["dog"])
     np.testing.assert_allclose(vectors[1], alone[0], atol=1e-5)  # the company in a batch does not matter
+
+
+def test_minilm_is_what_transformers_make_of_its_weights(minilm):
+    transformers = pytest.importorskip("transformers")
+    folder = weights.local_path("minilm")
+    tokenizer = transformers.AutoTokenizer.from_pretrained(folder, local_files_only=True)
+    network = transformers.AutoModel.from_pretrained(folder, local_files_only=True).eval()
+    sentences = [
+        "dog",
+        "a Golden-Retriever's nose",
+        "l'\u00e9t\u00e9",
+        "\u4f60\u597d dog",
+        "\u0391\u03a3\u03a3",
+        "x" * 150,
+        "$5 a\tcup\ufffd",
+    ]
+    for sentence in sentences:
+        tokens = tokenizer([sentence], return_tensors="pt")
+        assert minilm.tokens(sentence) == tokens["input_ids"][0].tolist()
+        with torch.inference_mode():
+            hidden = network(**tokens).last_hidden_state[0].mean(0).numpy()
+        np.testing.assert_allclose(minilm.embed([sentence])[0], hidden, atol=1e-5)
+    together = minilm.embed(sentences)
+    np.testing.assert_allclose(together, np.concatenate([minilm.embed([one]) for one in sentences]), atol=1e-5)
+    assert len(minilm.tokens("dog " * 500)) == MAX_TOKENS
+
+
+@pytest.mark.parametrize("spoilt", ["config.json", "vocab.txt", "model.safetensors"])
+def test_a_spoilt_text_encoder_is_told(tmp_path, spoilt):
+    folder = weights.local_path("minilm")
+    for name in ("config.json", "vocab.txt", "model.safetensors"):
+        (tmp_path / name).symlink_to(folder / name)
+    text.load_text_encoder("minilm", tmp_path)
+    for content in (b"", b"{}", b"\xff" * 64):
+        (tmp_path / spoilt).unlink()
+        (tmp_path / spoilt).write_bytes(content)
+        with pytest.raises(F4xError, match="not a readable text encoder"):
+            text.load_text_encoder("minilm", tmp_path)
 
 
 def test_imagenet_names_are_in_the_order_of_the_logits():

@@ -155,7 +155,7 @@ def test_bench_finds_no_change_in_the_pictures(folder, capsys, tmp_path):
 def test_a_word_that_nobody_answers_to_is_told_with_what_is_there(folder, capsys):
     code, out, _ = run(capsys, "query", folder / "scene.f4x", "--text", "sky", "--not", "wall,square")
     assert code == 0 and out.strip().count("\n") == 0
-    assert re.match(r"sky: nothing in the scene answers to it with 0\.5 or more .*it answers to .*square", out)
+    assert re.match(r"sky: nothing in the scene answers to it with 0\.5 or more .*the scene answers to .*square", out)
     code, out, _ = run(capsys, "query", folder / "scene.f4x", "--text", "sky", "--not", "wall,square", "--json")
     told = json.loads(out)
     assert code == 0 and told["chosen"] == 0 and set(told["there"]) == {"square", "wall"} and told["note"] in out
@@ -180,7 +180,7 @@ def test_compounds_are_what_edits_take_them_for(folder, capsys, monkeypatch):
     # It says square to the encoder, and is a wall.
     code, out, _ = run(capsys, *query, "square wall", "--not", "square,sky", "--json")
     assert code == 0 and json.loads(out)["chosen"] == json.loads(out)["static"]
-    assert "reading the text encoder for 'square wall' (some seconds)" in run(capsys, *query, "square wall")[2]
+    assert "reading the text encoder for 'square wall'" in run(capsys, *query, "square wall")[2]
 
 
 def test_names_that_edits_gave_are_found(capsys, tmp_path):

@@ -1,5 +1,7 @@
 """What a teacher does not know is refused in one sentence, everywhere; answers that are another label's name it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,10 @@ from f4x_core.edit.resolve import EditorState, Resolver
 from f4x_core.edit.selects import Text
 from f4x_core.errors import F4xError
 from f4x_core.query import knowledge
+from f4x_core.query.inventory import instead, nearest_labels
 from f4x_core.query.knowledge import UNKNOWN, refuse_evidence_of_another, refuse_unknown, unknown_kind
 from f4x_core.query.selection import Selection
+from f4x_core.scene import Vocabulary
 
 from .labelled_scene import labelled_scene
 
@@ -64,11 +68,38 @@ def test_they_are_refused_in_the_same_sentence_by_words_and_in_sentences(scene):
             ask()
         said.append(str(error.value))
     assert len(set(said)) == 1
-    assert (
-        "knows no people; click on the thing or draw a box" in said[0] and "Nearest labels that it shows: " in said[0]
-    )
+    assert "knows no people; click on the thing or draw a box" in said[0] and "; the scene answers to " in said[0]
     refuse_unknown(scene, "square")
     assert by_words(scene, ["square"])["square"].chosen.any()
+
+
+def test_labels_are_called_near_where_they_are():
+    labels = ("square", "wall", *(f"thing {i}" for i in range(30)))
+    vectors = np.zeros((len(labels), 8), np.float32)
+    vectors[2:, 2:] = np.random.default_rng(0).normal(size=(30, 6))
+    vectors[0, 0] = vectors[1, 1] = 1
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    scene = labelled_scene()
+    field = replace(scene.require_field(), vocabularies={"words": Vocabulary(labels, vectors.astype(np.float16))})
+    scene = replace(scene, features=field)
+    meanings = {"rhomb": vectors[0], "barrier": vectors[1], "music": vectors[9], "sqaure": vectors[9]}
+
+    def near(words, there=labels):
+        return nearest_labels(scene, words, there, lambda encoder, asked: np.stack([meanings[word] for word in asked]))
+
+    assert near(["rhomb"]) == ["square"]
+    assert near(["rhomb", "barrier"], labels[:2]) == ["square", "wall"]
+    assert near(["music"], labels[:2]) == []
+    assert near(["sqaure"], labels[:2]) == ["square"]  # by its letters
+    assert near(["rhomb"], labels[1:2]) == []
+    with pytest.raises(F4xError, match="lacks 'rhomb'"):
+        nearest_labels(scene, ["rhomb"], labels)
+
+
+def test_without_a_vector_only_spelling_is_near(scene):
+    assert instead(scene, ["sqaure"]) == (["square"], "nearest labels: square")
+    labels, told = instead(scene, ["zebra"])
+    assert sorted(labels) == ["square", "wall"] and told == f"the scene answers to {', '.join(labels)}"
 
 
 def test_other_teachers_are_not_asked_what_they_know():

