@@ -98,7 +98,7 @@ ADDS_NOTHING = either(
         "needs|requires|deserves|is in need of|calls for|is crying out "
         "for|[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|"
         "is to|are to|wants to|want to|is supposed to|are supposed to|might] (to) ([be|become|get|turn|go|look|"
-        "appear|stay|end up|have])|[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|"
+        "appear|stay|end up|have])|[become|becomes|becoming|being|be|were|gets|ends up|end up|ending up|comes out|stays] (as)|"
         "for it to|for them to"
     ),
     literal(
@@ -265,7 +265,8 @@ def _command(example: str, make: Any, needed: str, *, who: Rule = _whom, use: Us
 _untouched = literal(
     "alone|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|"
     "where they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|"
-    "in its [original|normal] [colors|color|state]|sharp|in focus|crisp|raw|at full (opacity)|fully visible|opaque|solid|"
+    "in (full|its) (original|normal) [colors|color|state]|colored|sharp|in focus|crisp|raw|at full (opacity)|fully "
+    "visible|opaque|solid|"
     "[keeps|keep|keeping|retains] [its|his|her|their] (own|original|current) [size|place|position|color|colors|speed|look]"
 )
 _command(
@@ -386,10 +387,13 @@ _command(
     "remove the color of the house",
     always(making.GRAYED),
     "verb colors",
-    who=_about + thing + ~literal("'s"),
+    who=(_about | literal("out of")) + thing + ~literal("'s"),
     use=WHOLE,
     verb=literal(
-        every_form("remove|kill|zap|take|take out|take away|drain|strip|delete|drop|lose|get rid of|erase|suck")
+        every_form(
+            "remove|kill|zap|take|take out|take away|drain|strip|delete|drop|lose|get rid of|erase|suck|knock|pull|wash|"
+            "bleach|leach|wring|squeeze|draw|bring"
+        )
     ),
     colors=~literal("all|all of|any") + ~literal("the|its|their") + literal("color|colors|saturation|coloring"),
     out=literal("out|away|off|of it|from it"),
@@ -684,7 +688,10 @@ _command(
         "of [its|the|their|his|her] (original|normal|present|current) [size|speed|brightness|pace]|"
         "[size|speed|the size|the speed|its size|opacity]"
     ),
-    particle=literal("(right|way) [up|down]|off|in size|in tempo|more|even more|further"),
+    particle=literal(
+        "(right|way) [up|down]|off|in size|in tempo|more|even more|further|"
+        "[from|about|around|at|on] [its|the|their|his|her] [base|bottom|feet|foot|ground]"
+    ),
     fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
 _command(
@@ -954,7 +961,10 @@ _command(
     lambda lift, far=None: making.moved(making.UP if lift else making.DOWN, far),
     "lift",
     lift=table(
-        {any_form("raise") + "|(a) (little|small|slight|gentle|tiny) lift": True, any_form("lower"): False},
+        {
+            asked_form("raise") + "|rises|floats|(a) (little|small|slight|gentle|tiny) lift": True,
+            any_form("lower"): False,
+        },
         reserve=False,
     ),
     far=_far,
@@ -962,7 +972,7 @@ _command(
 )
 # Copies
 _times = either(
-    number + ~literal("x|times"),
+    ~literal("like|about|say|maybe|some") + number + ~literal("x|times|of [them|it|him|her|these|those]"),
     literal("another|one more|a second|an extra|a new|a further|an additional|one other|a")
     + unless(literal("shade|tone|color|look|kind|version of"))
     >> (lambda: 1.0),
@@ -984,7 +994,10 @@ _command(
     who=~literal("of|for") + thing,
     copy=either(
         literal(any_form("copy")),
-        ~literal("more|extra|other|identical|additional|new") + _copy_noun,
+        ~literal(
+            "more|extra|other|identical|additional|new|delayed|lagging|late|trailing|following|second|single|ghostly"
+        )
+        + _copy_noun,
         literal("[more|another|extra|second] [one of|ones of]|one more of|more of"),
     ),
     verb=literal(any_form("add")),
@@ -1144,7 +1157,7 @@ _command(
     "repeat the dog from second 1 to 2",
     always(making.looped),
     "again",
-    who=_about + thing + ~literal("'s"),
+    who=_motion | _about + thing + ~literal("'s"),
     use=WHOLE,
     verb=literal(any_form("run", "loop")),
     again=literal(
@@ -1316,11 +1329,12 @@ _command(
     by=literal("to") + (percent | fraction | number >> _below_one) + ~literal("opacity|visibility")
     | literal("by") + percent >> (lambda x: 1 - x),
 )
+_fading = ~literal("a|some") + ~literal("slow|gentle|soft|quick|smooth|nice|long|short|gradual")
 _command(
     "fade out the dog",
     making.faded,
     "verb",
-    verb=literal(any_form("vanish") + "|fade out on|a fade out"),
+    verb=_fading + literal(any_form("vanish")),
     inward=unless(silent(span))  # "faded out in the last second"
     + table(
         {
@@ -1333,7 +1347,8 @@ _command(
     | literal("until [one|you|we|i] can [barely|hardly|only just|just about] [see|make] [it|him|her|them] (out)")
     >> (lambda: 0.2),
     gone=literal(
-        "until [it|he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|"
+        "from (fully|completely) [opaque|visible|solid|100 %] to [nothing|invisible|transparent|zero|0 %|0]|until [it|"
+        "he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|"
         "vanishes]|until nothing is left|into thin air|more and more"
     )
     >> (lambda: True),
@@ -1343,7 +1358,7 @@ _command(
     always(making.appearing),
     "verb",
     use=NAMED,
-    verb=literal(any_form("appear")),
+    verb=_fading + literal(any_form("appear")),
 )
 
 _command(
@@ -1374,7 +1389,8 @@ _command(
     "nothing",
     nothing=literal(
         "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
-        "colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change])|nobody else|"
+        "colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change]) ([in|on|"
+        "within] (the|this) [" + PICTURE + "]|left|visible|there)|nobody else|"
         "no one else|nothing more|that is all|that is it|only that|nothing other than that|keep the rest|keep everything "
         "else|leave the rest|leave everything else|the rest stays (as it is)|(its|the|their) [location|position|place|size|"
         "color|colors|speed|look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let "

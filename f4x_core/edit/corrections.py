@@ -18,7 +18,7 @@ _TAKEN_BACK = (
     r"(?:[,.;]|\s[-–—]+|\.\.+|…)?\s*\b(?:(?:er+|uh+|um+|oh|sorry|oops|ah),?\s*)*"
     r"(?:no wait|no,? no|wait,? no|hang on|hold on|wait|scratch that|strike that|i mean|i meant|i'm sorry|sorry|correction|"
     r"or rather|or better|make (?:that|it)|no,? make (?:that|it)|actually,?(?: make (?:it|that)| no)?|no)\b\s*"
-    r"(?:[,:]|\.+|…)?\s*(?:(?:i mean|i meant|make (?:it|that)|no|rather|actually|it should be|better)\b,?\s*)*"
+    r"(?:[,:]|\.+|…)?\s*(?:(?:i mean|i meant|make (?:it|that)|no|rather|actually|it should be|better|sorry|wait|oops)\b,?\s*)*"
 )
 _CORRECTION = re.compile(rf"^(?P<first>.+?){_TAKEN_BACK}(?P<last>\S.*)$", re.IGNORECASE)
 _AFTERTHOUGHT = re.compile(
@@ -60,6 +60,9 @@ def corrected(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[s
             at = min(start for stop, start in places if stop == end)
             tail = first[before.tokens[end - 1].end :]
             yield f"{first[: before.tokens[at].start]}{last}{tail}"
+    of_a_kind = re.match(r"^(.*)\b(?:the|that|this|my) [a-z]+$", first, re.IGNORECASE)
+    if of_a_kind and len(behind.tokens) in known_thing.at(behind, 0):  # "the right, no, the left camel"
+        yield of_a_kind[1] + last
     spoken = {token.text for token in behind.tokens}
     of_something = any(familiar.at(behind, at) for at in range(len(behind.tokens)))
     if not _SPOKEN_OF & spoken and of_something:  # of whom "it" speaks is in what came before

@@ -26,6 +26,7 @@ from ..language.grammar import (
     Reading,
     Refusal,
     Rule,
+    Slip,
     Token,
     either,
     here,
@@ -42,6 +43,7 @@ from ..language.lexicon import (
     SYNONYMS,
     forms,
     inflected,
+    is_slip,
     misspelt,
     singular,
     word_set,
@@ -90,7 +92,9 @@ _PHRASAL = frozenset(
     tuple(verb.split()) for verbs in VERBS.values() for verb in verbs.split(", ") if verb.count(" ") == 1
 )
 """Verbs of two words, the second of which may stand behind the thing."""
-_ASKED_FOR = frozenset(form for verb in IMPERATIVES - FUNCTION_WORDS for form in (verb, forms(verb)[0]))
+_ASKED_FOR = frozenset(
+    form for verb in (IMPERATIVES - FUNCTION_WORDS) | {"have", "let"} for form in (verb, forms(verb)[0])
+)
 """With which the command begins behind words that only ask for it: "would you mind making"."""
 _DROPPED = word_set("please kindly thanks thank")
 
@@ -305,8 +309,11 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
     text = read.reading.sentence if read.clauses else sentence
     instead = re.sub(rf"\b{re.escape(typed)}\b", word, text, count=1)
     better = _read_somehow(instead, known, settled)
-    if (better.clauses and not better.idle) or _slip(better.reading, False):
-        raise Doubt(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
+    whole = bool(better.clauses) and not better.idle
+    if whole or _slip(better.reading, False):
+        thing = any(word in words for words in known)
+        sure = whole and not thing and is_slip(wrong.text, word) and not any(map(_removes, better.operations))
+        raise (Slip if sure else Doubt)(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
 def _ask_about_purpose(
@@ -729,8 +736,10 @@ _UNDOING = keyword(
     "[it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|back to the "
     "(original|normal) state|did not like that|take that back|step back|restore the original|reset everything|[ctrl|"
     "control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] "
-    "back|[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|"
-    "step|command|one]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put "
+    "back|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|reverse|roll back|undo] [my|the|"
+    "that|this|your] (very) [last|previous] (two|three|four|few|couple of|2|3|4|5) [change|edit|"
+    "step|command|one|changes|edits|steps|commands|things]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|"
+    "that|this|everything|all)|put "
     "everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the "
     "last|this] ([change|edit|step|one])"
 )
@@ -827,13 +836,17 @@ _DOUBTFUL = (
         "'Hide' may mean to place or to make invisible; say 'put the dog behind the bush' or 'make the dog invisible'.",
     ),
     (
-        keyword("drop|drops|dropping")
+        literal("drop|drops|dropping|cut|cutting|scratch|strike|dump|break|smash|burn|shoot|tear|rip")
         + silent(
-            unless(~literal("the|its") + literal("shadow|reflection"))
-            + (familiar | ~keyword("a|the|that|this") + familiar)
+            (familiar | ~keyword("a|the|that|this|my") + familiar)
+            + here(lambda reading, at: singular(reading.word(at - 1)) not in ("shadow", "reflection"))
         )
-        + literal("on|onto|in|into|to|under|beside|behind|next to"),
-        "'Drop' may mean to move or to remove; say 'move the ball down' or 'remove the ball'.",
+        + unless(literal("'s|out|away|off|from|loose|free|apart|down|entirely|completely|altogether")),
+        "That may mean to remove or to do something else; say 'remove the ball' if it should be gone, or 'move the ball down'.",
+    ),
+    (
+        literal("[take|takes|taking] off") + unless(~literal("the|its|his|her|that|all") + thing),
+        "'Take off' may mean to rise or to remove; say 'raise the bird' or 'remove the bird'.",
     ),
     (
         keyword("clear|empty|clean|strip")

@@ -421,8 +421,8 @@ _determined = either(
 """A noun with its article or number; what nobody knows with a number alone might be copies, echoes, times."""
 _named_at_length = _article + _strangers
 WHERE: dict[str, Where] = {
-    "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer to|closer "
-    "to|adjacent to|over by|right at": "near",
+    "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer (to)|closer "
+    "(to)|adjacent to|over by|right at": "near",
     "(to the) left of|[on|at|to] the left (side|hand side) of|left from|left next to": "left",
     "(to the) right of|[on|at|to] the right (side|hand side) of|right from": "right",
     "behind|in back of|at the back of|further back than": "behind",

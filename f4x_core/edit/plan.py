@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
-from ..language.grammar import Doubt, Refusal
+from ..language.grammar import Doubt, Refusal, Slip
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.inventory import things_there
@@ -150,7 +150,7 @@ def read_sentence(
             earlier = next((edit.sentence for edit in reversed(of(scene).edits) if edit.enabled), "")
             return language.parse(request, copies=_copies(scene), earlier=earlier), GRAMMAR, notes
         except Doubt as doubt:  # each round knows one word more
-            if not context.agreed:
+            if not (context.agreed or isinstance(doubt, Slip)):
                 raise
             request, notes = replace(request, sentence=doubt.instead), (*notes, f"Read as '{doubt.instead}'.")
 

@@ -241,7 +241,7 @@ _look_adjective = table(
         "chocolatey|chocolaty": "chocolate",
         "ghostly|ghostlike": "ghost",
         "marbled": "marble",
-        "sepia|sepia toned": "sepia",
+        "sepia|sepia toned|(old) [brown|brownish|yellowed] [photograph|photo|picture]": "sepia",
         "neon": "neon",
     },
     reserve=False,

@@ -188,7 +188,7 @@ _another_size = (
 )
 BESIDE_IT: dict[str, Any] = {
     "changed": _another_size,
-    "own": place | beside_itself,
+    "own": beside_itself | place,
     "way": ~keyword(",") + steps,
     "far": ~keyword(",") + _apart | distance,
     "row": _in_a_row,

@@ -235,7 +235,9 @@ _body = keyword(
     "size|sizes|width|widths|height|heights|length|lengths|body [width|widths|length|lengths|height|heights|size|sizes]"
 )
 _any_word = Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
-_by = ~keyword("by|for") + ~literal("about|around|roughly|approximately|some|like|say|maybe|nearly|almost|exactly")
+_by = ~keyword("(with) (an|a) [offset|distance|gap|spacing] of|at a distance of|offset by|by|for") + ~literal(
+    "about|around|roughly|approximately|some|like|say|maybe|nearly|almost|exactly"
+)
 distance = either(
     degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
     keyword("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),

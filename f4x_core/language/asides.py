@@ -32,7 +32,8 @@ ASKS = literal(
 """Wishes that are put as questions."""
 WISHES = either(
     literal(
-        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] [like|love|prefer] (to [see|have|get]|"
+        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] [like|love|prefer|rather|sooner] (to "
+        "[see|have|get]|"
         "that|it if)|[i|we] would [end|start|finish|begin|open] [on|with]|i wonder (about)|[i|we] would rather have|(i "
         "want|i would like|i need) you|you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|"
         "[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|it is [necessary|"
@@ -52,7 +53,8 @@ WISHES = either(
 """Requests and wishes."""
 _NICE = (
     "nice|nicer|good|better|best|great|cool|cooler|fun|funny|lovely|perfect|awesome|fine|ideal|neat|sweet|pretty|prettier|amazing|"
-    "brilliant|wonderful|super|enough|nicely|well|cute|adorable|hilarious|sick|dope|epic|rad|fantastic|terrific|gorgeous|ace|stunning|decent|interesting"
+    "brilliant|wonderful|super|enough|nicely|well|cute|adorable|hilarious|sick|dope|epic|rad|fantastic|terrific|"
+    "gorgeous|ace|stunning|decent|interesting"
 )
 COMMENTS = either(
     ~literal("that|it|this|which|and that")
@@ -65,6 +67,12 @@ COMMENTS = either(
     literal("[is|are|was|were] (much|way|a lot) [nicer|better|cooler|prettier]"),
 )
 """What somebody thinks of the wish."""
+_CALLED = (
+    r"(?:my )?(?:love|darling|dear|dearie|dearest|honey|hon|sweetie|sweetheart|babe|pal|mate|buddy|bro|bruh|dude|boss|chief|"
+    r"friend|sir|madam|ma am|guys|folks|team|everyone|everybody|computer|assistant|old chap|old boy|quick|quickly|asap|"
+    r"pronto|stat|now|then|already|would you|will you|could you)"
+)
+"""Who is called behind a comma, or hurried."""
 _UNTIL = r"(?=\s*(?:[.;!?,:]|$| and | then ))"
 _POLITE_WORDS = (
     r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|please|"
@@ -87,7 +95,10 @@ _WISHING_WORDS = (
     "curious|interested|kind|enough|nice|good|great|cool|awesome|lovely|sweet|fun|amazing|wonderful|fantastic|brilliant|"
     "perfect|best|better|idea|a|an|any|the|to|me|us|my|for|about|please|pardon|excuse|sorry|forgive|dear|hello|hi|hey|"
     "possible|possibly|way|chance|mind|moment|trouble|too|rather|maybe|perhaps|happen|now|ok|okay|well|um|uh|er|erm|hmm|oh|"
-    "question|quick|wait|as|at|all|of|up|still"
+    "question|quick|wait|as|at|all|of|up|still|obliged|feasible|doable|conceivable|permissible|permitted|acceptable|able|"
+    "request|requesting|trouble|troubling|bother|bothering|humbly|kindly|politely|feel|free|inclined|manage|arrange|willing|"
+    "might|must|hear|care|telling|tell|explain|explaining|show|showing|let|letting|inform|opinion|dare|allow|allowed|"
+    "apologise|apologize|need|needs|required|desire|desired|ideal|ideally"
 )
 WISHING = rf"(?:(?:{_WISHING_WORDS})(?:n?['’](?:d|m|s|ll|ve|re|t))?(?:[ ,]+|\.\.+ *))+"
 """How a wish or a question begins that says only that it is one: "I'd be ever so grateful", "wouldn't it be nice"."""
@@ -106,8 +117,9 @@ _INTERJECTIONS = (
 """Words that stand for themselves."""
 _PLAIN = {
     # politeness
-    "if": rf"(?:,\s*)?(?<!as )\bif (?:that|this|it|you|possible|need be|i|we|there is|not|at all|okay|allowed)\b(?: "
-    rf"(?:{_POLITE_WORDS}))*{_UNTIL}",
+    "if": rf"(?:,\s*)?(?<!as )\b(?:if|provided|providing|assuming|supposing|in case|as long as)(?: that)? (?:that|this|it|you|"
+    rf"possible|need be|i|we|there is|there are|not|any|at all|okay|allowed|one)\b(?: "
+    rf"(?:{_POLITE_WORDS}|one|any|such|there|exists?|finds?|sees?|spot|anywhere))*{_UNTIL}",
     "when": rf"(?:,\s*)?\b(?:when|whenever|as soon as|once) (?:you|it) "
     rf"(?:get|have|can|could|like|find|is|are|feel|suits)\b(?: "
     rf"(?:{_POLITE_WORDS}|convenient|ready|free|suits|round|around))*{_UNTIL}",
@@ -134,6 +146,16 @@ _PLAIN = {
     ),
     "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of "
     r"(?:color|colors|size|speed|look|style)\b",
+    "apology": r"^\s*(?:(?:i|we) )?(?:(?:do|must|really|humbly|am|very|so|terribly) )*(?:apologi[sz]e|beg (?:your |you )?"
+    r"pardon|sorry|excuse me|pardon(?: me)?|forgive me|my bad|oops)\b(?: (?:for|to|about|that) "
+    r"[^,.;]*?)?\s*[,.;:!-]+\s*(?:but\b,?)?",
+    "said": r"(?:^|[,.;])\s*(?:(?:but|so|and|now|yes|okay)\b,?\s*)?(?:i|we) (?:know (?:i|we) )?(?:said|wrote|typed|"
+    r"asked for|told you"
+    r")\b [\w # ]{1,40}?,? but\b,?(?: now\b)?",
+    "vocative": rf"(?:,\s*{_CALLED})+\s*(?=[?.!]*\s*$)",
+    "no": r"^\s*(?:no\b[ ,.!]*)+(?=(?:not|do not|i|leave)\b)",
+    "hurry": r"^\s*(?:hurry(?: up)?|come on|go on|quick|now then|right then|chop chop|look lively)\b\s*(?:[,.!]|"
+    r"and\b)\s*(?:and\b)?",
     "greeting": r"^\s*(?:hi|hello|hey)(?: (?:all|there|everyone|everybody|folks|guys|team))?\b\s*[,.!]*",
     "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
     r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
@@ -146,9 +168,12 @@ _PLAIN = {
     "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
     "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) "
     r"[^.;!?]*",
-    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|[a-z]+s(?= (?:can|could|will|feel|see|"
-    r"know|get|notice))|the (?:viewer|viewers|audience)) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
-    "for": r"(?:,\s*)?\bfor (?:[a-z]+ ){1,3}(?:reasons?|purposes?|sake)\b|"
+    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|nobody|no one|anyone|one|(?:my|our|your|the|"
+    r"every|no) \w+|"
+    r"[a-z]+s(?= (?:can|could|will|feel|see|know|get|notice))) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
+    "to": r"^\s*(?:and |so )?to (?!the\b|my\b|an?\b|me\b|us\b|its?\b)[a-z]+ [^,.;]*,",
+    "for": r"(?:,\s*)?\bfor (?:[a-z]+ ){1,4}(?:reasons?|purposes?|sake|looks?|feel|feeling|effect|mood|vibes?|atmosphere|"
+    r"impression|drama|clarity|kicks)\b|(?:,\s*)?\b(?:just )?for (?:kicks|laughs|giggles|sport|show)\b|"
     r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic "
     r"effect|clarity|emphasis|my taste|my liking|my eyes|starters|example|instance)\b",
 }
@@ -173,11 +198,11 @@ _REPORTED = (
 """A wish of somebody else: "my boss wants"."""
 _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |the )*([a-z]+)")
 _NUMBERS = re.compile(r"\d")
-PURPOSES = frozenset({"so", "for"})
+PURPOSES = frozenset({"so", "for", "to"})
 """Classes that may say what is meant to become of a thing."""
-_COURTESIES = ("opening", "ordering", "if", "thanks", "interjection", "pause")
+_COURTESIES = ("opening", "ordering", "if", "thanks", "interjection", "pause", "apology", "vocative", "hurry")
 """Classes that questions have, too."""
-_CLAUSES = frozenset({"because", "so", "for"})
+_CLAUSES = PURPOSES | {"because"}
 _ADDRESSED = word_set("please could can would will may make let i we you do turn have give")
 """What a request begins with behind somebody's name."""
 

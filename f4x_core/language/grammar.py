@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count, groupby, product
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -21,8 +21,8 @@ Ways = dict[int, tuple[Any, ...]]
 """End of a match -> its values; the first is the preferred one."""
 
 _TOKEN = re.compile(r"<?[-=]>|#[0-9a-f]{6}\b|#[0-9a-f]{3}\b|\d+(?:\.\d+)?|\.\d+|[^\W\d_]+(?:'[^\W\d_]+)?|\S")
-_RANGE = re.compile(r"(?<=[a-z])-(?=[a-z])")
-"""A hyphen inside a word: it joins words ("see-through"); beside a digit it is a minus or "to"."""
+_RANGE = re.compile(r"(?<=[a-z])(?<!\d[a-z])-(?=[a-z])")
+"""A hyphen inside a word: it joins words ("see-through"); behind a number it is a minus or "to" ("2s-end")."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def tokenise(sentence: str) -> list[Token]:
             cut = text.index("'")
             tokens += [Token(text[:cut], start, start + cut), Token(text[cut:], start + cut, end)]
     runs = [list(run) for _, run in groupby(tokens, key=lambda token: token.text)]
-    return [token for run in runs for token in (run[:1] if _is_stressed(run) else run)]
+    return [t for run in runs for t in ([replace(run[0], end=run[-1].end)] if _is_stressed(run) else run)]
 
 
 def _is_stressed(run: list[Token]) -> bool:
@@ -85,7 +85,21 @@ def _unstretched(word: str) -> str:
 
 
 _PLAIN = str.maketrans(
-    {"’": "'", "‘": "'", "`": "'", "“": '"', "”": '"', "–": "-", "—": "-", "−": "-", "×": "x", "\n": ";"}
+    {
+        "’": "'",
+        "‘": "'",
+        "`": "'",
+        "“": '"',
+        "”": '"',
+        "–": "-",
+        "—": "-",
+        "−": "-",
+        "×": "x",
+        "\n": ";",
+        "→": "=",
+        "➜": "=",
+        "⇒": "=",
+    }
 )
 
 
@@ -224,6 +238,10 @@ class Doubt(Refusal):
         """`instead`: the sentence that was probably meant."""
         super().__init__(reason)
         self.instead = instead
+
+
+class Slip(Doubt):
+    """A word of the language itself that is misspelt, where nothing would be removed: it is mended, and that is said."""
 
 
 class Mismatch(Exception):  # noqa: N818  # it never leaves the grammar

@@ -59,27 +59,30 @@ def _cost(tokens: list[Token], at: int, known: Collection[str], verbs: Collectio
         return None if following & set(known) else HARMLESS
     if token.text == "the" and at + 1 < len(tokens) and tokens[at + 1].text in verbs:  # "the spin" is a thing
         return None
-    if token.text == "the" and _is_coloured_thing(tokens[at + 1 : at + 3], known):
+    if token.text == "the" and _is_described(tokens[at + 1 : at + 3], known):
         return None
     if token.text in _STATING:
         return None
-    if token.text in PREPOSITIONS:  # what they tell would be lost: "put it on black"
-        return UNKNOWN
+    if token.text in PREPOSITIONS:  # what they tell would be lost: "put it on black"; not so "turn of 90 degrees"
+        return HARMLESS if _is_amount(tokens[at + 1 : at + 2]) else UNKNOWN
     if token.text == "and":  # between what is understood it joins two wishes
         return UNKNOWN
     if token.text in _ALONE or token.text in BINDING:
+        return HARMLESS
+    if at and tokens[at - 1].text in ("go", "goes", "going") and _is_strange(token.text, known):  # "go vroom"
         return HARMLESS
     meant = token.text in verbs or any(form in words for words in _MEANT for form in forms)
     return None if meant else UNKNOWN
 
 
-def _is_coloured_thing(tokens: list[Token], known: Collection[str]) -> bool:
-    """Whether a colour and a thing stand there: of "the blue car" the colour says which car."""
-    return (
-        len(tokens) == 2
-        and tokens[0].text in COLOURS
-        and not {tokens[1].text, singular(tokens[1].text)}.isdisjoint(known)
-    )
+def _is_described(tokens: list[Token], known: Collection[str]) -> bool:
+    """Whether a word and a thing stand there: "blue" and "little" of "the blue car", "the little dog" say which."""
+    things = [bool({token.text, singular(token.text)} & set(known)) for token in tokens]
+    return things == [False, True] and tokens[0].is_word
+
+
+def _is_amount(tokens: list[Token]) -> bool:
+    return any(token.text[0].isdecimal() or token.text in ONES or token.text in TENS for token in tokens)
 
 
 _SIGNS = frozenset(",.;!?():-")

@@ -30,7 +30,7 @@ SPELLING = _table(
     "background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics picture, "
     "cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, bout about, n "
     "and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, "
-    "loc location, spd speed, dupe copy, dup copy, ctr center, percents percent, bcuz because, opac opacity, "
+    "loc location, spd speed, dupe copy, dup copy, ctr center, percents percent, bcuz because, em them, opac opacity, "
     "backgrnd background, foregrnd foreground, whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
@@ -210,6 +210,15 @@ def _typed(word: str, other: str) -> bool:
     """Whether fingers turn `other` into `word`; another letter in the middle of a word makes another word: rider, river."""
     wrong = [(a, b) for a, b in zip(word, other, strict=False) if a != b]
     return len(word) != len(other) or len(wrong) != 1 or _beside(*wrong[0])
+
+
+def is_slip(word: str, other: str) -> bool:
+    """Whether fingers slipped for sure: two letters are swapped, or one is too many or missing, within a word of five or more."""
+    swapped = len(word) == len(other) and sorted(word) == sorted(other)
+    within = word[:1] + word[-1:] == other[:1] + other[-1:]
+    return (
+        min(len(word), len(other)) > 4 and within and slips(word, other) == 1 and (swapped or len(word) != len(other))
+    )
 
 
 def misspelt(word: str, known: Iterable[str]) -> str | None:

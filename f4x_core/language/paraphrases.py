@@ -115,7 +115,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"paint \g<x> \g<rest>",
     ),
     (
-        rf"^(?:change|set|make|adjust) (?:the colou?rs? of )?{_X}(?:'s colou?rs?)? to (?:match|fit|be like) "
+        rf"^(?:change|set|make|adjust|grade|tweak|shift|correct|bring|get|alter|tune|modify|balance) (?:the colou?rs? "
+        rf"of )?{_X}(?:'s colou?rs?)? to (?:match|fit|be like) "
         rf"(?:that of |those of )?{_REST}$",
         r"match \g<x> to \g<rest>",
     ),
@@ -174,8 +175,10 @@ _NEGATED = re.compile(r"n't\b|n’t\b|\bnot\b|\bnever\b", re.IGNORECASE)
 
 def opened(sentence: str, verbs: Collection[str]) -> Iterator[str]:
     """The command behind words that only ask for it: "do me a favour and …", "is it at all possible to …", "why don't you …"."""
+    if asked := re.match(rf"{WISHING}(?:if|that|whether|for) (?P<rest>.+)$", sentence, re.IGNORECASE):
+        yield asked["rest"]
     for word in re.finditer(r"[A-Za-z]+", sentence):
-        before, rest = sentence[: word.start()], sentence[word.start() :]
+        before, rest = sentence[: word.start()], sentence[word.start() :].rstrip("? ")
         opener = word[0].lower() in verbs and re.fullmatch(
             rf"{WISHING}(?:(?:and|to|of|if|we|so|kind|:)[ ,:]*)*", before, re.IGNORECASE
         )
@@ -185,6 +188,8 @@ def opened(sentence: str, verbs: Collection[str]) -> Iterator[str]:
 
 _MOST_BETWEEN = 5
 """Words between a verb and its particle."""
+_MOST_FRAGMENTED = 8
+"""Words of what is said in fragments: "blue. the bus. now."."""
 
 
 def closed_up(sentence: str, verbs: Collection[tuple[str, ...]]) -> Iterator[str]:
@@ -208,6 +213,8 @@ def paraphrases(sentence: str, verbs: Collection[str] = ()) -> Iterator[str]:
     tried = {sentence, plain}
     if plain != sentence:
         yield plain
+    if len(plain.split()) < _MOST_FRAGMENTED and "." in plain:
+        yield re.sub(r"\.(?= )", ",", plain)
     for pattern, instead in _PATTERNS:
         match = pattern.match(plain)
         if match and "noun" in match.groupdict() and plain.split()[0].lower() in verbs:

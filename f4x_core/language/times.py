@@ -160,7 +160,7 @@ moment = either(
     _clock,
     _part_way,
 )
-_to = keyword("to|-|until|up to|through|and|thru|up until|till|up till")
+_to = keyword("(right|through|all the way|on) [to|until|till|up to|up until]|-|through|and|up till")
 _pair = either(
     moment + _to + moment >> (lambda a, b: (a, b)),
     ~keyword("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
@@ -192,10 +192,13 @@ _pair_from = (
 )
 _length = either(duration, optional(number, 1.0) + _unit >> _times)
 _first = (
-    ~keyword("for|in|during|over|within|throughout|on|at") + keyword("(the) (very) [first|opening]") + _length + ~_of_it
+    ~keyword("for|in|during|over|within|throughout|on|at|across")
+    + keyword("(the) (very) [first|opening]")
+    + _length
+    + ~_of_it
 )
 _last = (
-    ~keyword("for|in|during|over|within|throughout|on|at")
+    ~keyword("for|in|during|over|within|throughout|on|at|across")
     + keyword("(the) (very) [last|final|closing]")
     + _length
     + ~_of_it
@@ -249,7 +252,7 @@ _part = table(
         "three quarters": 0.75,
     }
 ) + ~keyword(f"of the [{PICTURE}]")
-_during = ~keyword("for|in|during|over|within|throughout")
+_during = ~keyword("for|in|during|over|within|throughout|across")
 _within = _during + keyword("the")
 _leading = _during + keyword("(the) [first|opening]") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
 _closing = _during + keyword("(the) [last|final|closing]") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))

@@ -9,7 +9,8 @@ from .lexicon import every_form, forms, inflected, word_set
 
 VERBS: dict[str, str] = {
     # appearance
-    "become": "highlight, try, try out, test, make, turn, render, change, convert, transform, give, paint, repaint, color, "
+    "become": "lerp, interpolate, tween, ramp, blend, highlight, try, try out, test, make, turn, render, change, "
+    "convert, transform, give, paint, repaint, color, "
     "recolor, dye, spray, respray, spray paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, "
     "adjust, display, look, feel, become, have, go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, "
     "decorate, slap, splash, splatter, throw, smear, brush, lacquer, style, restyle, redo, colorize, tone, transition, morph, "
@@ -17,7 +18,7 @@ VERBS: dict[str, str] = {
     "go with, opt for, fill, flood, soak, grade, reskin, retexture, recolorise, reshade, dunk, varnish, shift over, bring "
     "over, kit out, repurpose, slather, daub, tart up, jazz up, doll up, deck out",
     "tint": "tint, tinge, tone, wash, stain slightly, suffuse, hint",
-    "set": "dip, whack, set, change, make, turn, put, bring, adjust, take, get, give, have, need, show, apply, use, keep, "
+    "set": "trim, dip, whack, set, change, make, turn, put, bring, adjust, take, get, give, have, need, show, apply, use, keep, "
     "correct, modify, tweak, fix, move, pull, push, dial, drag, slide, crank, pump, knock, ramp, kick, jack, tone, want, could "
     "use, can use, could do with, deserve, go, run, let, play",
     "more": "whack, increase, raise, boost, crank, push, pump, kick, jack, ramp, turn up, bump up, crank up, pump up, dial "
@@ -133,7 +134,8 @@ VERBS: dict[str, str] = {
     "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, dup, dupe, copy and paste, copy paste, "
     "duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, photostat, xerox, "
     "clone stamp, rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, reduplicate, ghost copy, cookie cut",
-    "add": "spawn, respawn, conjure, make, create, add, put, place, give, insert, produce, generate, set, have, get, want, "
+    "add": "comp, comp in, instantiate, instance, spawn, respawn, conjure, make, create, add, put, place, give, insert, "
+    "produce, generate, set, have, get, want, "
     "show, need, stand, be, appear, duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
     "follow": "follow, come after, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come "
     "behind, follow behind, drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue, "

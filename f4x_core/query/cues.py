@@ -37,9 +37,8 @@ def _inflected(verbs: str) -> Iterator[tuple[str, str]]:
 
 _CUES = """
 clips: (little|short|whole|entire) [clip|video|film|movie|footage|sequence|recording|scene|shot]
-pictures: {clips}|picture|image|view|frame|room|world|screen|sight|reconstruction
-noun:
-    label|labels|word|words|name|names|class|classes|thing|things|object|objects|one|ones|item|items|element|elements|stuff|
+pictures: {clips}|plate|comp|composition|picture|image|view|frame|room|world|screen|sight|reconstruction
+noun: label|labels|word|words|name|names|class|classes|thing|things|object|objects|one|ones|item|items|element|elements|stuff|
     mover|of (them) all|of all (of them)
 people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
 moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage|timecode|timestamp|(time)
@@ -49,8 +48,8 @@ inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|i
     entire|this whole|all of the) {pictures}
 see: see|found|{+find|spot|recognize|recognise|detect}|notice|make out|observe|look for
 counted: [do|does|did|can|could] {people} (can|could) count
-looking: (do|does|did|can|could|would) {people} (can|could) (ever|also|first|last|still|really|actually) {see}|[have|has]
-    ({people}) got|got|[can|could] be [seen|found|spotted]
+looking: (do|does|did|can|could|would) {people} (can|could|get to|still get to) (ever|also|first|last|still|really|actually)
+    {see}|[have|has] ({people}) got|got|[can|could] be [seen|found|spotted]
 direction: left|right
 in-view: in view|on screen|on the screen|on view|in sight|on camera|in shot
 now: first|last|still|also|ever|actually|clearly
@@ -58,13 +57,13 @@ at: (at|in|on|from|since|until|to|by|during|for|between|over|around) (exactly|ab
 picture-shows: [the|this] {pictures} [show|have|contain|include|shows|has|contains|includes]
 its: its|his|her|their|the
 at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) {its} (very)|at|reach|reaches|be|have|has|come|comes|get|gets
-plainly: dynamic|{+move|travel|come}|go|goes|going|went|came|in motion|on the move|[move|moves|moving]
-    [around|about]|({its}) [movement|motion]|[has|have|having] (any) [motion|movement]
+plainly: dynamic|{+move|travel|come}|go|goes|going|went|came|in motion|on the move|[move|moves|moving] [around|about]|({its})
+    [movement|motion]|[has|have|having] (any) [motion|movement]
 stands: {+stand|stay|remain|keep|lie|sit|hide}|sitting|painted|located|placed|found|situated|positioned
 rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on the spot]|(all) (of) (the)
     [static|stationary|motionless|unmoving|immobile|still|fixed] {noun}|still|at
-    rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at
-    rest]|where it is|in place|not in motion|without moving
+    rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at rest]|where it
+    is|in place|not in motion|without moving
 set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going|set out|sets out
 stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full)
     [stop|halt|standstill|rest]|[stand|stands|stay|stays|remain|remains|standing|staying] still
@@ -72,24 +71,23 @@ big-er: more [big|large|wide|long|tall]|bigger|larger|wider|longer|broader|thick
 small-er: smaller|tinier|narrower|littler
 half: side|half|part|third|hand side
 what: what|who|which|who and what|what and who|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other)
-    {noun}|which of [the|these|those|all the|them|all] (different) ({noun}|two)|which of the two|the {noun}
-    [which|that]|what else|what (is) (it) that|(the) [things|objects]
-when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it
-    take|is it|will it take|passes|pass) [until|till|before|into the {clips}|into it]|from when ([to|until|till] when)|until
-    when|since when|how [early|soon|late]|[which|what] {moments} [show|shows]|(at|in|on) (the)
-    [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at) the
-    [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at}
-    {moments} (in time|of the clip|on)
+    {noun}|which of [the|these|those|all the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what
+    else|what (is) the {noun}|what (is) (it) that|(the) [things|objects]
+when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it take|is
+    it|will it take|passes|pass) [until|till|before|into the {clips}|into it]|from when ([to|until|till] when)|until when|since
+    when|how [early|soon|late]|[which|what] {moments} [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number)
+    [when|at which|in which|where|that|of]|(at) the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the
+    {clips})|what is the {moments}|{at} {moments} (in time|of the clip|on)
 where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the)
-    [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of
-    the {pictures})
+    [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of the
+    {pictures})
 move: {plainly}|{+head}|{manner} (around|about)
 takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
 nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
 farthest: ({at-its}) (the|its) (very) [farthest|furthest|most distant|remotest] (away|apart) (point|position|{noun})
-highest: ({at-its}) (up) ({its}) (very) [highest|top|{+peak}|maximum height|uppermost|topmost] (up)
-    (point|position|place|spot|of all|[above|off] the ground|in the air)
+highest: ({at-its}) (up) ({its}) (very) [highest|top|{+peak}|maximum height|uppermost|topmost] (up) (point|position|place|spot|of
+    all|[above|off] the ground|in the air)
 farther-aside = left of: (further|farther|more|most) (to|on|at) (the) left
 farther-aside = right of: (further|farther|more|most) (to|on|at) (the) right
 place = in front of: (further|farther) [in front of|before|in front|ahead (of)]
@@ -99,8 +97,7 @@ place = below: below|under|beneath|underneath|lower (down)|lower than
 place = left of: (further|farther) (to|on|at) (the) left (hand) (side) of|left from
 place = right of: (further|farther) (to|on|at) (the) right (hand) (side) of|right from
 place = near: next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby
-side = left: (the) [leftmost|left most|far left] ({noun})|[to|on|at|in] (the) (far|very) left (hand) ({half}) (of the
-    {pictures})
+side = left: (the) [leftmost|left most|far left] ({noun})|[to|on|at|in] (the) (far|very) left (hand) ({half}) (of the {pictures})
 side = right: (the) [rightmost|right most|far right] ({noun})|[to|on|at|in] (the) (far|very) right (hand) ({half}) (of the
     {pictures})
 side = middle: in the (very) [middle|center|centre] (of the {pictures})|central|centered
@@ -108,8 +105,8 @@ on-side: (on|to|at|in) (the) {direction} ({half})
 sides: {on-side} or {on-side}
 sideways-or: {on-side} or {on-side}
 way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where to
-compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard
-    to|(on|to|at) [which|what] side of
+compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at)
+    [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
     there|available|exist|exists|[appear|appears] [{inside}|in it|in this|here|anywhere]|there
     (still)|here|around|{inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign of|[do|does] [we|you|it] have|[is|was]
@@ -118,35 +115,36 @@ staying: stay|stays|staying|remain|remains|remaining|last|lasts
 visible: ({now}) ({staying}) [visible|(be) seen|shown|present|{in-view}|to be
     seen|around|there|here|show|showing|shows]|{looking} |({staying}) {inside}|{staying}
 always: [stay|stays|remain|remains|staying|remaining] [visible|in
-    view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all
-    the time|at all times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every
-    single frame|from start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in)
-    all of the {clips}|from (the) [beginning|start] to (the) end
-enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|step into}|{manner} into]
-    (the|this) ({pictures})
+    view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the time|at
+    all times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single frame|from start
+    to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the {clips}|from (the)
+    [beginning|start] to (the) end
+enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|step into}|{manner} into] (the|this)
+    ({pictures})
 most-far: (the) [maximum|max|greatest|largest|biggest|longest|highest] [distance|gap|separation|spacing]
 mean-far: (the) [average|mean] [distance|gap|separation|spacing]
 hidden: hidden|invisible|covered|occluded|out of [sight|view|frame|the {pictures}]|not ({now}) [visible|seen|shown|there|in
     view|in sight|on screen]|off screen
 gone: gone|no longer [{inside}|there|here|around|visible]
 leave: {+disappear|vanish|go away|go out}|(we|you|i) {+lose sight of}|out of [sight|view|the picture|the
-    frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out
-    of|drop out of}|{manner} out of] (the|this) ({pictures})
-happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what
-    do you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes
-    of|describe|[tell me|talk] about
+    frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop
+    out of}|{manner} out of] (the|this) ({pictures})
+happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do you
+    know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk] about
 happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
-    see)|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what
-    [changes|has changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it
-    (about)|what is this|what does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick)
-    [summary|description|overview] (of)|any action|the action|what (can|could) you (can) [tell|say] (me) about [the|this]
-    {clips}|anything (interesting) [happening|going on]|anything happens
+    see)|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what [changes|has
+    changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it (about)|what is this|what
+    does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick) [summary|description|overview] (of)|any action|the
+    action|what (can|could) you (can) [tell|say] (me) about [the|this] {clips}|anything (interesting) [happening|going on]|anything
+    happens
 anybody: [anyone|anybody|someone|somebody] (else)
 several: [is|are] there [one|two|three|four]|several|multiple|many|[just|only|more than] one (or more)|one or more|more than
     one|more|(just|only) a single
 in-out: (the) [in and out|in|out|entry and exit|start and end|first and last] [point|points|frame|frames] (of|for)
-first-with: (the) first [frame|moment] (with|of|showing|that shows)
-last-with: (the) last [frame|moment] (with|of|showing|that shows)
+first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which) ({people})
+    (can|could|get to) ({see})
+last-with: (the) [last|latest|final] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which)
+    ({people}) (can|could|get to) ({see})
 remain: left (over)|remaining
 own: it|them|itself|him|her
 event: (during|in|of|at) {its} [jump|leap|hop|flight|ride|run|walk|trick|turn|action|maneuver]
@@ -157,15 +155,16 @@ what-is-it: [what|which] (kind of|sort of|type of) ({noun}) (is|are) [it|this|th
     (called)|[identify|classify] [it|this|that] ({noun})|what [did|have] i (just) [{+click|select|pick|mark}] (on)|what is
     selected|what am i looking at
 contents: what am i looking at|what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to
-    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to
-    see)|what is|a list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in
-    it]|the [contents|inventory]|[what|which] (all) ({noun}) (do|did|have|can|could) {people} (can|could|all)
-    [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun}
-    (are|is|can be|do) (there|seen|visible|known|shown|present|found|exist|available)
+    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what is|a
+    list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
+    [contents|inventory]|[what|which] (all) ({noun}) (do|did|have|can|could) {people} (can|could|all)
+    [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
+    be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
-filler: state|report|if [the scale|it|that] [permits|allows]|[above|over|from] {its} [starting|initial|original|first]
-    [point|position|height|level]|is it [true|right|correct] that|am i [right|correct] (in thinking)
-    that|[draw|trace|plot|show] (me|us)|{inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
+filler: state|report|would you say|do you [reckon|suppose|believe|figure]|if [the scale|it|that]
+    [permits|allows]|[above|over|from] {its} [starting|initial|original|first] [point|position|height|level]|is it
+    [true|right|correct] that|am i [right|correct] (in thinking) that|[draw|trace|plot|show]
+    (me|us)|{inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
     {people}|still|doing|trace|draw|plot|compute|calculate|measure|estimate|determine|check| identify|report|{its}
     {pictures}|look|looks|seem|seems|appear|appears|[is|was] [it|this|that] [a|an|just|only]|would you
     [say|call|describe]|is|are|was|were|be|been|at
@@ -173,9 +172,9 @@ filler: state|report|if [the scale|it|that] [permits|allows]|[above|over|from] {
     now|and|currently|if|if so|whether|that|quick question|know|i mean|over time|{courtesy}|any|[can|could|would|will] you
     (please|kindly) (tell|show|say|find|give|point out) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am
     wondering|i (just) [want|need] to know|i would [like|love] to know|do you know|any idea|do you have any idea|i am
-    curious|question|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you
-    say|according to you|describe|explain|in seconds|in frames|[the|this] {clips}|in here|in there|in this|list|name|in
-    it|of them|of all|at any time|at some point|at any [point|moment]
+    curious|question|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you say|according
+    to you|describe|explain|in seconds|in frames|[the|this] {clips}|in here|in there|in this|list|name|in it|of them|of all|at any
+    time|at some point|at any [point|moment]
 fast: how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of)
     [speed|velocity|pace]|(the) [speed|velocity|pace]|how much speed
 extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal]|at {its} fastest|at most|at the most|at
@@ -183,49 +182,48 @@ extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maxima
 extreme = mean: (at) ({its}) [average|mean]|on average|averaged|typically
 extreme = min: (at) ({its}) [lowest|minimum|least|min|minimal]|at {its} slowest|at least|at minimum
 far: how far|how much (ground|distance|way)|[what|which] (total|overall|entire|whole|full) [distance|length]|(the) total
-    [distance|way]|(the) (total) distance [traveled|covered]|(the) [length|distance] of the
-    [path|way|route|track|journey]|how long (is) (the) [path|way|route|journey]|how long a way|[what|which] [way|distance]
-    in total|how many [meters|metres|units|steps]
+    [distance|way]|(the) (total) distance [traveled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how long
+    (is) (the) [path|way|route|journey]|how long a way|[what|which] [way|distance] in total|how many [meters|metres|units|steps]
 gap: (the) depth (of)|how [far|close|near] (away|apart|off|together)|(the) (current)
-    [distance|gap|space|spacing|separation]|apart|how much [space|room|distance|gap]|how [big|large|wide|small] (is) (the)
+    [distance|gap|space|spacing|separation]|apart|how much [space|room|distance|gap]|how [big|large|wide|small|long] (is) (a|the)
     [gap|distance|space]|[what|which] [distance|gap|separation]|at [what|which] distance|how many units
 least: (the|{at-its}) [shortest|smallest|minimum|min|minimal|closest|least|nearest|lowest]|at the [closest|nearest] (point)
 close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
 big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which] size|(the)
-    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what
-    [part|share|fraction|percentage] of the [{pictures}]|how many pixels
+    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what [part|share|fraction|percentage]
+    of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
 max-height: (the) [greatest|maximum|peak|top|highest] height (of)
 high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|how much height
-rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off
-    the ground
+rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the
+    ground
 go-up: [{+go|move|get}] up or down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}]
     [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
 comes: come|comes|came
-which-color: (of|in) [what|which] (main|kind of|sort of|exact|precise)
-    [color|colors|colour|colours|shade|hue|shades|tint|tone] (is|has|have|of|are in|is in)|[what|which]
-    [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color] [code|value|values] (of)|(the)
-    (main|exact|dominant|average) [color|colors|colour|colours]|how colored
+which-color: (of|in) [what|which] (main|kind of|sort of|exact|precise) [color|colors|colour|colours|shade|hue|shades|tint|tone]
+    (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color] [code|value|values]
+    (of)|(the) (main|exact|dominant|average) [color|colors|colour|colours]|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all) (of) (the)|what number
     of|[number|count|tally] (of)
-frames: frame count|(the) number of frames|how many [frames|pictures|images] (in total)|(the) total number of frames|the
-    number of frames|what is the number of frames
-rate: how many fps|[what|which] [frame rate|framerate|fps]|(the) [frame rate|framerate|fps]|how many
-    [frames|pictures|images] [per|a|each|every] second|frames per second
+frames: how many frames of [{clips}|material]|frame count|(the) number of frames|how many [frames|pictures|images] (in
+    total)|(the) total number of frames|the number of frames|what is the number of frames
+rate: how many fps|[what|which] [frame rate|framerate|fps]|(the) [frame rate|framerate|fps]|how many [frames|pictures|images]
+    [per|a|each|every] second|frames per second
 how-long: (for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time
-duration: how many seconds|(the) (total) [length|duration|running time|run time|runtime] (of)|(for) how long
+duration: how many [seconds|minutes] (of [{clips}|material])|(the) (total) [length|duration|running time|run time|runtime]
+    (of)|(for) how long
 clip: (the|this|my|our) (whole|entire) [{clips}]|it|this|of (the|this) [{clips}]|of it|in (the|this) [{clips}]|there
 lasts: cover|covers|last|lasts|run|runs|take|takes|go on|goes on|have|has|contain|contains|consist of|long|go
 order: (in) [which|what] [order|sequence|succession]|in order|(in) the order|order|one after the other
 sort: put|compare|{+order|sort|rank|arrange}|order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order
     of|put in order|in order
-everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there
-    is)|everything|(all) (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are
-    there|there are)|them all|what is there|what you see|them
+everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all)
+    (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what is
+    there|what you see|them
 first: first|last|(is|are) the [first|last] (one|thing|object) [to|that|which]|earliest|before all others
 start: [{set-off}|continue|continues|first] (to)
 turning: {+turn}
@@ -235,9 +233,9 @@ front: [in|at] (the) (very) [front|foreground]|in the foreground
 back: farthest back|furthest back|at the back|[in|at] the (very) [back|rear|background]
 nearer: closer|nearer|more near
 farther: [farther|further] (away|back)|more distant
-fastest: [at|with|reach|reaches|attain|attains|hit|hits|get to|gets to] (its) [full|top|maximum|highest|peak]
-    [speed|velocity]|[speed|velocity] {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top
-    speed|highest speed|maximum speed|peak speed|speediest]
+fastest: [at|with|have|has|reach|reaches|attain|attains|hit|hits|get to|gets to] ({its}) [full|top|max|maximum|highest|peak]
+    [speed|velocity]|[speed|velocity] {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top speed|highest
+    speed|maximum speed|peak speed|speediest]
 slowest: (at) ({its}) [slowest|lowest speed|least speed|minimum speed]
 most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
     [motion|movement] (in it)|the largest [motion|movement|way]
@@ -247,8 +245,7 @@ most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile|e
 biggest = biggest: [bigger|larger|taller|wider|longer]|(the) [most|largest part|biggest part] of the {pictures}|(the) (very)
     [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller] one ({noun})|(the) most
     [space|room|area|volume|mass]
-biggest = smallest: [smaller|tinier|shorter]|(the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the
-    smaller one
+biggest = smallest: [smaller|tinier|shorter]|(the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller one
 brightest = brightest: (the) (very) [brightest|lightest] ({noun})
 brightest = darkest: (the) (very) [darkest|dimmest] ({noun})
 speediest = fastest: (the) [fastest|quickest|speediest] (moving) ({noun})|(the) [faster|quicker] (one)
@@ -262,8 +259,8 @@ as-big = bigger: as [big|large|wide|long]|the same size
 as-big = smaller: as small
 faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)
 faster = slower: (much|the|a lot) [slower|more slowly] (one)
-by-factor: how much|how many times|by how much|by what factor|by which factor|how many times as|what factor|to what
-    degree|how much more
+by-factor: how much|how many times|by how much|by what factor|by which factor|how many times as|what factor|to what degree|how
+    much more
 closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
 closing = away: away from|[farther|further] [from|away|apart]|apart
 around: in the [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close
@@ -305,10 +302,10 @@ path-length: (the) (total) [distance|way] [traveled|travelled|covered|gone]|(the
 way-of: (the) [direction|heading] (of)
 order-by = from left to right: (from) left to right
 order-by = from right to left: (from) right to left
-order-by = from near to far: [closest|nearest] (one|ones|{noun}) first|(from) near to far|from (the) [nearest|closest] to
-    (the) [farthest|furthest|most distant]
-order-by = from far to near: [farthest|furthest] (one|ones|{noun}) first|(from) far to near|from (the) [farthest|furthest]
-    to (the) [nearest|closest]
+order-by = from near to far: [closest|nearest] (one|ones|{noun}) first|(from) near to far|from (the) [nearest|closest] to (the)
+    [farthest|furthest|most distant]
+order-by = from far to near: [farthest|furthest] (one|ones|{noun}) first|(from) far to near|from (the) [farthest|furthest] to
+    (the) [nearest|closest]
 order-by = from front to back: (from) front to back
 order-by = from back to front: (from) back to front
 order-by = by size: [biggest|largest|tallest] (one|ones) first|by (their) size|from (the) [big|biggest|largest] to (the)
@@ -372,13 +369,13 @@ what_is: what-is-it
 frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: who side stands? | who seen? order-by | sort? order? contents? everything? thing? by-what? us? order-by stands?
-    comes? | order-by who comes | order thing? everything? start? move? | order thing? everything? set-off | who first
-    start? move thing? | who first set-off
-nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other?
-    | when near-to thing | when thing passes-by | when passes thing
-farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest
-    gap thing
+order: who side stands? | who seen? order-by | sort? order? contents? everything? thing? by-what? us? order-by stands? comes? |
+    order-by who comes | order thing? everything? start? move? | order thing? everything? set-off | who first start? move thing? |
+    who first set-off
+nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other? |
+    when near-to thing | when thing passes-by | when passes thing
+farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest gap
+    thing
 highest_moment: when highest thing? move?
 fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
 slowest_moment: when slowest thing? move?
@@ -387,15 +384,15 @@ when_turns: when turn thing start? | thing turn
 neighbours: who around-of stands? | who thing around | any around-of stands?
 between: who pair in-gap? stands? | any pair in-gap? stands?
 relation manner=compared: relation-of thing other
-relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or
-    stands? | who farther-aside thing stands? | who place thing stands?
+relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands? |
+    who farther-aside thing stands? | who place thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 polar near: thing around-of stands? not?
 distance extreme=max: most-far pair | most-far thing other
 distance extreme=mean: mean-far pair | mean-far thing other
-distance extreme=min: thing passes-by not? | thing passes not? | close thing get other | close thing get together | least
-    gap pair | least gap thing other | close thing get | least thing get other
+distance extreme=min: thing passes-by not? | thing passes not? | close thing get other | close thing get together | least gap
+    pair | least gap thing other | close thing get | least thing get other
 distance: units thing together | units thing far-off | units thing far-off other | gap thing other | gap pair | gap thing
     together | gap thing | gap other | thing far-off other
 compare_size: by-factor bigger thing other | by-factor as-big thing other | who bigger thing | thing bigger
@@ -406,10 +403,10 @@ compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest
-    other? | who near-to thing? | who front stands?
-farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? stands? |
-    farthest other? | who back stands?
+nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest other?
+    | who near-to thing? | who front stands?
+farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? stands? | farthest
+    other? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
@@ -418,16 +415,19 @@ colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? seen? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing owner | how-many thing counted | how-many thing seen? side? stands? remain? | several thing seen?
-    side? stands? remain?
-still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always?
-    stands? | who stands always? | how-many thing rest stands? | how-many thing not move
+count: how-many thing owner | how-many thing counted | how-many thing seen? side? stands? remain? | several thing seen? side?
+    stands? remain?
+still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? |
+    who stands always? | how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
 polar leave: thing leave not?
 polar enter: thing enter not?
+polar enter thing=person: anybody enter
+polar leave thing=person: anybody leave
 approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other | thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
-rise: thing go-up not? | high thing rise move? | max-height thing | by-how-much thing go-up
+rise: thing go-up not? | high thing rise move? | high thing highest | high thing extreme | max-height thing | by-how-much thing
+    go-up
 polar always says=no: thing hidden
 polar stops: thing stop move? not?
 polar stops says=no: thing always move not? | thing keep-on move
@@ -437,8 +437,8 @@ fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
 path: path thing takes? | how thing move | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
-way: way thing turn | way thing move? takes? along? sideways-or? | thing turning sideways-or | thing move sideways-or |
-    whereto thing move along? | way-of thing move? | thing move sideways-or
+way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing turning sideways-or
+    | thing move sideways-or | whereto thing move along? | way-of thing move? | thing move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible can?
@@ -456,7 +456,7 @@ where: where thing stands? seen? on? | thing near-or-far us?
 polar side: thing seen? side stands? not?
 polar seen thing=person: anybody seen?
 polar seen: thing time | thing seen not? can? | no thing seen | any-of thing
-things: list? contents seen? | happens clip? | list everything
+things: list? contents seen? | happens clip? | list everything seen?
 """
 
 _ASKED_FOR = """

@@ -14,6 +14,7 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import Trajectory, original
 from ..language.compounds import ADJECTIVE
+from ..language.grammar import Slip
 from ..language.lexicon import spellings, word_set
 from ..progress import Progress, silent
 from ..scene import Scene
@@ -129,7 +130,13 @@ def answer(
         known[it] = known[it].for_ids(scene.ids)
     sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
-    for asked in read_question(question, scene.fps, len(scene.cameras), it, [*labels_of(scene), *known]):
+    labels = [*labels_of(scene), *known]
+    try:
+        understood = read_question(question, scene.fps, len(scene.cameras), it, labels)
+    except Slip as slip:
+        understood = read_question(slip.instead, scene.fps, len(scene.cameras), it, labels)
+        sentences.append(f"Read as '{slip.instead}'.")
+    for asked in understood:
         if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)):
             sentence, things = _compared(scene, asked, encode, known)
             sentences.append(sentence)

@@ -19,6 +19,7 @@ from ..language.grammar import (
     Doubt,
     Reading,
     Rule,
+    Slip,
     covers,
     either,
     generated,
@@ -34,6 +35,7 @@ from ..language.lexicon import (
     PEOPLE,
     SPELLING,
     is_adverb,
+    is_slip,
     label_of,
     misspelt,
     spellings,
@@ -331,9 +333,13 @@ def read_question(
         return tuple(label_of(word, labels) for word in words)
 
     text = " ".join(written(question).lower().replace("’", "'").split())
+    text = re.sub(r"[a-z]+", lambda word: " ".join(CONTRACTIONS.get(word[0], (SPELLING.get(word[0], word[0]),))), text)
+    text = re.sub(r"\bhow much (?=(?:far|big|large|fast|quick|long|high|tall|close|near|many)\b)", "how ", text)
     text = re.sub(
-        r"[a-z]+", lambda word: " ".join(CONTRACTIONS.get(word[0], (word[0],))), text
-    )  # "whats the dog doing"
+        r"\b([a-z]+) ?\(([a-z ]+)(?:, *([a-z ]+))?\)",
+        lambda call: f"{call[1]} of {' and '.join(filter(None, call.groups()[1:]))}",
+        text,
+    )
     text = without_courtesy(text)
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
@@ -365,7 +371,10 @@ def read_question(
             if understood[-1].kind not in _TELLS_WHEN:
                 understood.append(replace(understood[-1], polar=False, negated=False))
         else:
-            more_asked = _read(part, Clip(fps, frames), it)
+            try:
+                more_asked = _read(part, Clip(fps, frames), it)
+            except Slip as slip:
+                raise Slip(slip.reason, text.replace(part, slip.instead)) from slip
             if understood and more_asked[0].kind == "fast" and "then" in part.split():
                 extreme = _THEN.get(understood[-1].kind, more_asked[0].extreme)
                 more_asked = [replace(more_asked[0], extreme=extreme)]
@@ -438,7 +447,10 @@ def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
             r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else misspelt(m[0], _ASKING_WORDS) or m[0], text
         )
         if instead != text and _understood(instead, clip, it, _LOOSELY):
-            raise Doubt(f"I do not understand '{text}'; did you mean '{instead}'?", instead)
+            sure = all(
+                one == other or is_slip(one, other) for one, other in zip(text.split(), instead.split(), strict=True)
+            )
+            raise (Slip if sure else Doubt)(f"I do not understand '{text}'; did you mean '{instead}'?", instead)
         raise _refusal(text, clip, it)
     if asked.kind in ONE_BY_ONE and not asked.other:
         return [replace(asked, things=(thing,)) for thing in asked.things] or [asked]
@@ -601,7 +613,9 @@ _MANNERS = (
 """Slots, the first that is filled: what says in which manner, or by which relation."""
 _OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}
 """(kind, extreme that is asked for) -> the kind that it is."""
-_NEEDS_A_THING = word_set("@place neighbours between near relation size colour count compare_size biggest seen")
+_NEEDS_A_THING = word_set(
+    "@place neighbours between near relation size colour count compare_size biggest seen seeing lasting"
+)
 """Kinds that nothing stands in for where "it" stands for nothing."""
 _ALIKE = ("motion", "stops")
 """Kinds whose answers say the same of what stands still."""

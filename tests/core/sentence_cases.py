@@ -15,7 +15,7 @@ from f4x_core.edit.selects import Named
 from f4x_core.errors import F4xError
 from f4x_core.fit.vocabulary import EVERYDAY
 from f4x_core.language.colour_names import COLOURS, SHADES, shaded
-from f4x_core.language.grammar import Doubt
+from f4x_core.language.grammar import Doubt, Slip
 from f4x_core.language.lexicon import singular
 from f4x_core.query.wording import read_question
 
@@ -41,15 +41,13 @@ def rows(path: Path = WORK) -> list[dict[str, Any]]:
 
 def verdict(row: dict[str, Any]) -> str:
     """right, refused or wrong."""
-    labels = sorted({*EVERYDAY, *_things(row)})
     try:
-        if row["kind"] == "ask":
-            asked = read_question(row["text"], FPS, FRAMES, row.get("selected", ""), labels)
-            ok = _questions_fit(row.get("questions", []), asked)
-        else:
-            request = Request(row["text"], labels, fps=FPS, frames=FRAMES, selected="selected" in row)
-            made = parse(request, earlier=(row.get("after") or [""])[-1], copies=_copies(row, request))
-            ok = _operations_fit(row.get("operations", []), list(made), row)
+        try:
+            ok = _is_meant(row, row["text"])
+        except Slip as slip:  # it is mended, and that is said
+            meant = row.get("operations") or row.get("questions")  # those of some rows are not told
+            ok = row["expect"] != "refuse" and (_is_meant(row, slip.instead) or not meant)
+            return "right" if ok else "wrong"
     except Doubt:
         return "right" if row["expect"] == "confirm" else "refused"
     except F4xError as error:
@@ -65,6 +63,18 @@ def verdict(row: dict[str, Any]) -> str:
     if row["category"] == "x_destructive":  # which of several is meant, the scene tells
         return "right" if ok and row["operations"][0]["target"] else "wrong"
     return "wrong"
+
+
+def _is_meant(row: dict[str, Any], text: str) -> bool:
+    """Whether what `text` comes to fits the slots of a row; raises F4xError."""
+    labels = sorted({*EVERYDAY, *_things(row)})
+    if row["kind"] == "ask":
+        return _questions_fit(
+            row.get("questions", []), read_question(text, FPS, FRAMES, row.get("selected", ""), labels)
+        )
+    request = Request(text, labels, fps=FPS, frames=FRAMES, selected="selected" in row)
+    made = parse(request, earlier=(row.get("after") or [""])[-1], copies=_copies(row, request))
+    return _operations_fit(row.get("operations", []), list(made), row)
 
 
 def _copies(row: dict[str, Any], request: Request) -> dict[Any, Any]:
@@ -111,7 +121,10 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
     if target == "all":
         return by in ("all", "current") if "near" not in slot else by == "beside" and select["of"]["by"] == "all"
     if target == "background":
-        return by == "not" and select["of"]["by"] == "moving"
+        spares = select["of"] if by == "not" else {}  # "and leave the car sharp" may be said beside it
+        return any(
+            one["by"] == "moving" for one in (spares, *(spares.get("of", ()) if spares.get("by") == "or" else ()))
+        )
     if target == "moving thing":
         return "moving" in json.dumps(select)
     if target == "the copy":

@@ -8,6 +8,7 @@ from f4x_core.edit.request import Request
 from f4x_core.language.grammar import Doubt
 
 REFUSED = (
+    "is anybody dancing?",
     "dress in #ff8800 for the dancer",
     "blow the dog up to 1.5 times its size without lifting it off the ground",
     "cut the dog out so nothing else is left",
@@ -16,7 +17,6 @@ REFUSED = (
     "stretch the jump out so that it lasts twice as long, with a soft ease",
     "the car should fade in, then fade out again at the end",
     "before 1 s leave it as it is, after that make the swan gold",
-    "is anybody dancing?",
     "pixelate or blur the licence plate of the car",
     "can I get an echo effect with 4 ghosts trailing the horse, like Echo in AE",
     "two puppies should follow the dog, they do the same a third of a second later each",
@@ -46,13 +46,10 @@ REFUSED = (
     "Legal wants the number plate gone from the car",
     "can we stretch the clip to 6 seconds so it fits the slot",
     "make it loop for Instagram",
-    "darken the background 20 percent so our hero stands out",
     "blue emissive glow on the scooter",
     "give the rider a sword and a cape",
     "can there be ten swans",
     "Hi all, newbie here. How would I go about making the road darker? TIA",
-    "make teh swan a bit brigther",
-    "blur the backgroud thx",
     "swap out the car's paint for cherry red",
     "can we get the dog to glow like he's radioactive, green",
     "freeze frame on the jumper at the peak, like frame 34",
@@ -79,6 +76,8 @@ REFUSED = (
     "stretch the jump from 1 s to 2 s so it takes 2 seconds",
     "start with the boat invisible and let it fade in over one second",
     "give me the gap between the two cars in car lengths at 2 s",
+    "Please to make the boat more little, the half of now",
+    "Make darker the sky, but only a few",
 )
 """Sentences that are not understood, and refused. None else may be, and none may be misunderstood."""
 ROWS = [*sentence_cases.rows(), *sentence_cases.rows(sentence_cases.OPENED)]
