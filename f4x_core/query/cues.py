@@ -73,11 +73,11 @@ half: side|half|part|third|hand side
 what: what|who|which|who and what|what and who|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other)
     {noun}|which of [the|these|those|all the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what
     else|what (is) the {noun}|what (is) (it) that|(the) [things|objects]
-when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it take|is
-    it|will it take|passes|pass) [until|till|before|into the {clips}|into it]|from when ([to|until|till] when)|until when|since
-    when|how [early|soon|late]|[which|what] {moments} [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number)
-    [when|at which|in which|where|that|of]|(at) the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the
-    {clips})|what is the {moments}|{at} {moments} (in time|of the clip|on)
+when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it
+    take|is it|will it take|passes|pass) [until|till|before|into the {clips}|into it]|from when ([to|until|till] when)|until
+    when|since when|how [early|soon|late]|[which|what] {moments} [show|shows]|(at|in|on) (the)
+    [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at) the [moment|frame|instant]|during
+    [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments} (in time|of the clip|on)
 where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the)
     [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of the
     {pictures})
@@ -86,8 +86,8 @@ takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
 nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
 farthest: ({at-its}) (the|its) (very) [farthest|furthest|most distant|remotest] (away|apart) (point|position|{noun})
-highest: ({at-its}) (up) ({its}) (very) [highest|top|{+peak}|maximum height|uppermost|topmost] (up) (point|position|place|spot|of
-    all|[above|off] the ground|in the air)
+highest: ({at-its}) (up) ({its}) (very) [highest|top|{+peak}|maximum height|uppermost|topmost] (up)
+    (point|position|place|spot|of all|[above|off] the ground|in the air)
 farther-aside = left of: (further|farther|more|most) (to|on|at) (the) left
 farther-aside = right of: (further|farther|more|most) (to|on|at) (the) right
 place = in front of: (further|farther) [in front of|before|in front|ahead (of)]
@@ -97,7 +97,8 @@ place = below: below|under|beneath|underneath|lower (down)|lower than
 place = left of: (further|farther) (to|on|at) (the) left (hand) (side) of|left from
 place = right of: (further|farther) (to|on|at) (the) right (hand) (side) of|right from
 place = near: next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby
-side = left: (the) [leftmost|left most|far left] ({noun})|[to|on|at|in] (the) (far|very) left (hand) ({half}) (of the {pictures})
+side = left: (the) [leftmost|left most|far left] ({noun})|[to|on|at|in] (the) (far|very) left (hand) ({half}) (of the
+    {pictures})
 side = right: (the) [rightmost|right most|far right] ({noun})|[to|on|at|in] (the) (far|very) right (hand) ({half}) (of the
     {pictures})
 side = middle: in the (very) [middle|center|centre] (of the {pictures})|central|centered
@@ -105,8 +106,8 @@ on-side: (on|to|at|in) (the) {direction} ({half})
 sides: {on-side} or {on-side}
 sideways-or: {on-side} or {on-side}
 way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where to
-compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at)
-    [which|what] side of
+compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard
+    to|(on|to|at) [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
     there|available|exist|exists|[appear|appears] [{inside}|in it|in this|here|anywhere]|there
     (still)|here|around|{inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign of|[do|does] [we|you|it] have|[is|was]
@@ -115,10 +116,10 @@ staying: stay|stays|staying|remain|remains|remaining|last|lasts
 visible: ({now}) ({staying}) [visible|(be) seen|shown|present|{in-view}|to be
     seen|around|there|here|show|showing|shows]|{looking} |({staying}) {inside}|{staying}
 always: [stay|stays|remain|remains|staying|remaining] [visible|in
-    view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the time|at
-    all times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single frame|from start
-    to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the {clips}|from (the)
-    [beginning|start] to (the) end
+    view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the
+    time|at all times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single
+    frame|from start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the
+    {clips}|from (the) [beginning|start] to (the) end
 enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|step into}|{manner} into] (the|this)
     ({pictures})
 most-far: (the) [maximum|max|greatest|largest|biggest|longest|highest] [distance|gap|separation|spacing]
@@ -129,8 +130,9 @@ gone: gone|no longer [{inside}|there|here|around|visible]
 leave: {+disappear|vanish|go away|go out}|(we|you|i) {+lose sight of}|out of [sight|view|the picture|the
     frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop
     out of}|{manner} out of] (the|this) ({pictures})
-happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do you
-    know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk] about
+happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do
+    you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
+    about
 happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
     see)|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what [changes|has
     changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it (about)|what is this|what
@@ -141,8 +143,8 @@ anybody: [anyone|anybody|someone|somebody] (else)
 several: [is|are] there [one|two|three|four]|several|multiple|many|[just|only|more than] one (or more)|one or more|more than
     one|more|(just|only) a single
 in-out: (the) [in and out|in|out|entry and exit|start and end|first and last] [point|points|frame|frames] (of|for)
-first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which) ({people})
-    (can|could|get to) ({see})
+first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which)
+    ({people}) (can|could|get to) ({see})
 last-with: (the) [last|latest|final] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which)
     ({people}) (can|could|get to) ({see})
 remain: left (over)|remaining
@@ -155,8 +157,8 @@ what-is-it: [what|which] (kind of|sort of|type of) ({noun}) (is|are) [it|this|th
     (called)|[identify|classify] [it|this|that] ({noun})|what [did|have] i (just) [{+click|select|pick|mark}] (on)|what is
     selected|what am i looking at
 contents: what am i looking at|what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to
-    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what is|a
-    list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
+    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what
+    is|a list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
     [contents|inventory]|[what|which] (all) ({noun}) (do|did|have|can|could) {people} (can|could|all)
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
@@ -172,9 +174,9 @@ filler: state|report|would you say|do you [reckon|suppose|believe|figure]|if [th
     now|and|currently|if|if so|whether|that|quick question|know|i mean|over time|{courtesy}|any|[can|could|would|will] you
     (please|kindly) (tell|show|say|find|give|point out) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am
     wondering|i (just) [want|need] to know|i would [like|love] to know|do you know|any idea|do you have any idea|i am
-    curious|question|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you say|according
-    to you|describe|explain|in seconds|in frames|[the|this] {clips}|in here|in there|in this|list|name|in it|of them|of all|at any
-    time|at some point|at any [point|moment]
+    curious|question|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you
+    say|according to you|describe|explain|in seconds|in frames|[the|this] {clips}|in here|in there|in this|list|name|in it|of
+    them|of all|at any time|at some point|at any [point|moment]
 fast: how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of)
     [speed|velocity|pace]|(the) [speed|velocity|pace]|how much speed
 extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal]|at {its} fastest|at most|at the most|at
@@ -192,8 +194,8 @@ close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
 big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which] size|(the)
-    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what [part|share|fraction|percentage]
-    of the [{pictures}]|how many pixels
+    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what
+    [part|share|fraction|percentage] of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
 max-height: (the) [greatest|maximum|peak|top|highest] height (of)
 high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|how much height
@@ -221,9 +223,9 @@ lasts: cover|covers|last|lasts|run|runs|take|takes|go on|goes on|have|has|contai
 order: (in) [which|what] [order|sequence|succession]|in order|(in) the order|order|one after the other
 sort: put|compare|{+order|sort|rank|arrange}|order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order
     of|put in order|in order
-everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all)
-    (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what is
-    there|what you see|them
+everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there
+    is)|everything|(all) (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there
+    are)|them all|what is there|what you see|them
 first: first|last|(is|are) the [first|last] (one|thing|object) [to|that|which]|earliest|before all others
 start: [{set-off}|continue|continues|first] (to)
 turning: {+turn}
@@ -234,8 +236,8 @@ back: farthest back|furthest back|at the back|[in|at] the (very) [back|rear|back
 nearer: closer|nearer|more near
 farther: [farther|further] (away|back)|more distant
 fastest: [at|with|have|has|reach|reaches|attain|attains|hit|hits|get to|gets to] ({its}) [full|top|max|maximum|highest|peak]
-    [speed|velocity]|[speed|velocity] {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top speed|highest
-    speed|maximum speed|peak speed|speediest]
+    [speed|velocity]|[speed|velocity] {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top
+    speed|highest speed|maximum speed|peak speed|speediest]
 slowest: (at) ({its}) [slowest|lowest speed|least speed|minimum speed]
 most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
     [motion|movement] (in it)|the largest [motion|movement|way]
@@ -245,7 +247,8 @@ most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile|e
 biggest = biggest: [bigger|larger|taller|wider|longer]|(the) [most|largest part|biggest part] of the {pictures}|(the) (very)
     [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller] one ({noun})|(the) most
     [space|room|area|volume|mass]
-biggest = smallest: [smaller|tinier|shorter]|(the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller one
+biggest = smallest: [smaller|tinier|shorter]|(the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller
+    one
 brightest = brightest: (the) (very) [brightest|lightest] ({noun})
 brightest = darkest: (the) (very) [darkest|dimmest] ({noun})
 speediest = fastest: (the) [fastest|quickest|speediest] (moving) ({noun})|(the) [faster|quicker] (one)
@@ -384,8 +387,8 @@ when_turns: when turn thing start? | thing turn
 neighbours: who around-of stands? | who thing around | any around-of stands?
 between: who pair in-gap? stands? | any pair in-gap? stands?
 relation manner=compared: relation-of thing other
-relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands? |
-    who farther-aside thing stands? | who place thing stands?
+relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands?
+    | who farther-aside thing stands? | who place thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 polar near: thing around-of stands? not?
@@ -403,8 +406,8 @@ compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest other?
-    | who near-to thing? | who front stands?
+nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest
+    other? | who near-to thing? | who front stands?
 farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? stands? | farthest
     other? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
@@ -417,8 +420,8 @@ count_moving: how-many any? move but? seen? | several any? move any? | how-many 
 polar count_moving: any move but
 count: how-many thing owner | how-many thing counted | how-many thing seen? side? stands? remain? | several thing seen? side?
     stands? remain?
-still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? |
-    who stands always? | how-many thing rest stands? | how-many thing not move
+still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands?
+    | who stands always? | how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
 polar leave: thing leave not?
 polar enter: thing enter not?
@@ -437,8 +440,8 @@ fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
 path: path thing takes? | how thing move | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
-way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing turning sideways-or
-    | thing move sideways-or | whereto thing move along? | way-of thing move? | thing move sideways-or
+way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing turning
+    sideways-or | thing move sideways-or | whereto thing move along? | way-of thing move? | thing move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible can?
