@@ -24,7 +24,7 @@ from ..language.amounts import (
 )
 from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
 from ..language.colour_names import COLOURS
-from ..language.colours import colour, colourish
+from ..language.colours import PURE_COLOURS, colour, colourish
 from ..language.grammar import (
     Mismatch,
     Rule,
@@ -122,7 +122,7 @@ _led = here(lambda reading, at: reading.word(at) in ("at", "in", "with"))
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
     "something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|picture|"
-    "postcard] (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|"
+    "postcard] (,) (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|"
     "nice|some|for|but|but in|be of|from"
 )
 _a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
@@ -217,7 +217,9 @@ _quality = either(
     qualities.given_look,
     _toward
     + qualities.made
-    + ~literal("tone|tones|mood|look|light|feel|color|colors|feeling|picture|image|clip|video|scene|shot|footage"),
+    + ~literal(
+        "tone|tones|mood|look|light|feel|grade|grading|color|colors|feeling|picture|image|clip|video|scene|shot|footage"
+    ),
     _toward + qualities.without_colour,
     _noun_of_colour,
     _looked,
@@ -248,12 +250,13 @@ _COLOURING = {
     "purple up": "purple",
 }
 """Verbs that say of which colour something becomes."""
-_about = ~literal("of|for|on|to|in|with|around|about|onto|over|at|from|upon|into|through|across|all over")
+_about = ~literal("of|for|on|to|in|with|around|round|about|onto|over|at|from|upon|into|through|across|all over")
 _whom = (
     unless(literal("over the [clip|video|film|scene|shot]"))
     + ~(~literal("but") + literal("only|just|only for|just for|only with"))
     + _about
     + thing
+    + ~literal("only|alone")
 )
 
 
@@ -267,7 +270,8 @@ _untouched = literal(
     "where they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|"
     "in (full|its) (original|normal) [colors|color|state]|colored|sharp|in focus|crisp|raw|at full (opacity)|fully "
     "visible|opaque|solid|"
-    "[keeps|keep|keeping|retains] [its|his|her|their] (own|original|current) [size|place|position|color|colors|speed|look]"
+    "([keeps|keep|keeping]) (on) moving (on|normally|as before)|[keeps|keep|keeping|retains] [its|his|her|their] (own|"
+    "original|current) [size|place|position|color|colors|speed|look]"
 )
 _command(
     "but leave the dog as it is",
@@ -365,6 +369,25 @@ _command(
     faintly=qualities.hint,
 )
 
+_WITHOUT_NOUN = word_set("out from off on in")
+"""Words behind a color that stands alone: "the red out of the car"."""
+_command(
+    "get the yellow out of the car",
+    lambda less: making.added(1.0, (less, -1)),
+    "verb less",
+    use=WHOLE,
+    who=~literal("out of|off|from") + _whom,
+    verb=literal(
+        every_form("remove|kill|take|get|get rid of|lose|drop|pull|cut|knock|neutralize|fix|correct")
+        + "|no more|not so much|without"
+    ),
+    less=~literal("the|that|this|some|some of the|all the")
+    + either(
+        colour + literal("tint|cast|tinge|hue|tone|color cast"),
+        colour + here(lambda reading, at: reading.word(at - 1) in PURE_COLOURS and reading.word(at) in _WITHOUT_NOUN),
+    ),
+    out=literal("out|away"),
+)
 _in_color = literal("in (full|its) [color|colors]|colored")
 _only = literal("only|just|nothing but|solely|nothing except|nothing else but|nothing other than|no one but")
 _command(
@@ -413,7 +436,8 @@ _command(
     use=NAMED,
     who=known_noun,
     verb=literal(any_form("add", "become")),
-    values=~literal("a|an|some|the")
+    values=~literal("a|an|some")
+    + unless(literal("the"))
     + either(
         qualities.size_value,
         qualities.pace_value,
@@ -519,7 +543,11 @@ def _changed(
     if to is not None and quality in (making.opacity, _transparent) and to > making.SHOWN:
         to /= 100
     if to is not None:
-        if (way is not None and how is not None) or to > making.SHOWN:
+        if (
+            (way is not None and how is not None)
+            or to > making.SHOWN
+            or (way and to < 1 and quality not in (making.opacity, _transparent))
+        ):
             raise Mismatch
         return making.opacity(1 - to) if quality is _transparent else _made(quality(to))
     upward = way if way is not None else too
@@ -537,6 +565,10 @@ def _percents(x: float) -> float:
     if x > 100:
         raise Mismatch
     return x if x < _LEAST_PERCENTS else x / 100
+
+
+def _by_number(x: float) -> Amount:
+    return Amount("times", x) if x < _LEAST_PERCENTS else Amount("fraction", _percents(x))
 
 
 _set = literal(any_form("set"))
@@ -597,7 +629,7 @@ _command(
     "increase the contrast of the dog",
     _changed,
     "quality",
-    who=_whom + ~literal("only|alone") | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
+    who=_whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
     use=WHOLE,
     verb=_set,
     quality=~literal("punch|oomph|bite|kick|pop|boost")
@@ -607,8 +639,10 @@ _command(
     + table(_QUALITIES, reserve=False)
     + ~literal("level|value|slider|amount|setting"),
     way=_way,
-    level=percent | number + unless(literal("x|times|stop|stops")) >> _percents,
-    how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | literal("way") >> (lambda: Amount("large")),
+    level=percent
+    | here(lambda reading, at: reading.word(at - 1) != "to") + number + unless(literal("x|times|stop|stops"))
+    >> _percents,
+    how=amount | literal("by") + number >> _by_number | literal("way") >> (lambda: Amount("large")),
     off=percent + literal("off|off of|away from"),
     to=_to_value,
     particle=table({"up": True, "down": False}, reserve=False),
@@ -832,7 +866,7 @@ _command(
     always(making.opacity(making.SHOWN)),
     "verb back",
     use=NAMED,
-    verb=literal(every_form("bring")),
+    verb=literal(every_form("bring|come|be")),
     back=_again,
 )
 # Turning
@@ -882,7 +916,8 @@ _command(
     _turned,
     "verb around",
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
-    around=literal(
+    around=~literal("to face|facing|and face|to look|looking")
+    + literal(
         "[around|round] (so (that) [it|he|she] [faces|looks|points] the [other|opposite] [way|direction|side])|(to|in|"
         "into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|looks|points] "
         "the other way|backward|about|away|away from us|away from the camera|[its|his|her|their] back (to|toward|on) (us|"
@@ -935,8 +970,12 @@ _for_it = ~literal("for|of|with|on")
 _RUNNING = frozenset(any_form("run").split("|")) - word_set(
     "make render let put set keep have play be get do show pass moved put"
 )
-_not_run_backward = here(lambda reading, at: reading.word(at) != "backward" or reading.word(at - 1) not in _RUNNING)
-"""What drives backward is played in reverse, not moved."""
+_not_run_backward = here(
+    lambda reading, at: (
+        reading.word(at - 1) not in {"backward": _RUNNING, "back": ("come", "comes")}.get(reading.word(at), ())
+    )
+)
+"""What drives backward is played in reverse, not moved, and what comes back is shown."""
 _command(
     "move the dog to the left",
     making.moved,
@@ -954,7 +993,12 @@ _command(
     "place",
     who=_for_it + there_already,
     verb=unless(literal(every_form("drop"))) + (_moving | literal(every_form("pop"))),
-    place=~literal("over|right|back|directly|straight|to|somewhere|down|up|just|a bit|a little|slightly") + place,
+    place=~literal(
+        "sitting|standing|lying|hanging|placed|resting|located|seated|floating|hovering|positioned|so that [it|he|she] "
+        "[is|stands|sits|lies|hangs]"
+    )
+    + ~literal("over|right|back|directly|straight|to|somewhere|down|up|just|a bit|a little|slightly")
+    + place,
 )
 _command(
     "raise the dog by half its height",
@@ -1112,7 +1156,7 @@ _command(
 
 # Time
 _motion = whose(
-    "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall"
+    "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall|kick|leap|hop"
 )
 _command(
     "freeze the dog at frame 30",
@@ -1396,7 +1440,9 @@ _command(
         "color|colors|speed|look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let "
         "[it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as "
         "before)|(then) [it|he|she|they] ([is|are|can|may|will|should]) [goes|continues|moves|runs|carries|go|come|comes|"
-        "be|back|walk|move|run|continue] (back|on|again|as before)|then (back to) normal|then back|i mean it|not more|not "
+        "be|back|walk|move|run|continue] (back|on|again|as before)|(,) (then|and then) (back to) normal (again) "
+        "(afterward|after that)|then back|([normal|full|in]) color [for the rest|afterward|after that|again]|(and) "
+        "(then) [carry|go|move|play|run|continue] on|(and) then [continue|resume|continues|resumes]|i mean it|not more|not "
         "less|that is enough"
     ),
     use=WHOLE,

@@ -57,7 +57,7 @@ from .clauses import COMMAND_VERBS, IMPERATIVES, OF_ALL, Clauses, Search, argume
 from .commands import COMMANDS
 from .corrections import corrected, remarked, without_remarks
 from .description import describe
-from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_clip, is_of_a_picture
+from .making import BESIDE, COPY_DISTANCE, SHOWN, THE_COPY, is_of_a_clip, is_of_a_picture
 from .operations import (
     Delete,
     Duplicate,
@@ -684,6 +684,8 @@ def _placed(operations: list[Operation]) -> list[Operation]:
 
 def _says_no_more(made: Any, one: Operation) -> bool:
     """Whether an operation does nothing that the one before it did not: "keep only the dog and delete the rest"."""
+    if isinstance(made, Opacity) and isinstance(one, Opacity) and made.frames and made.frames[1] and not one.frames:
+        return made.select == one.select and one.factor == SHOWN  # "hide it for a second, then it is back"
     return (
         isinstance(made, Extract)
         and isinstance(one, Delete | Opacity)

@@ -82,8 +82,7 @@ colour_value = either(
     _fully + ~keyword("a|an|some") + _shade_of + ~keyword("the color") + colour + colored >> making.assigned,
 )
 more_colour_value = (
-    optional(table({"a (little) bit|a little|slightly|somewhat": 0.5, "much|a lot|far|way": 2.0}), 1.0) + more_colour
-    >> making.added
+    optional(degree >> (lambda how: 0.5 if how.kind == "small" else 2.0), 1.0) + more_colour >> making.added
 )
 without_colour = keyword(
     "black and white|black white|a black and white [picture|image|look]|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
@@ -300,10 +299,9 @@ a_look = either(
     _seem
     + _strongly
     + keyword(
-        "like ([it|he|she] [is|was|were]|they [are|were]|at)|as if [it|they] [were|is|was|are]|as though [it|they] "
-        "[were|is|was|are]|similar to"
+        "like ([it|he|she] [is|was|were]|they [are|were]|at)|as [if|though] [it|they] [were|is|was|are]|similar to"
     )
-    + ~keyword("(it is|they are) made (out) (of)|made (out) of")
+    + ~keyword("(it is|they are) made (out) (of)|made (out) of|(shot|filmed|taken|recorded|set) [at|in|during] (the)")
     + ~keyword("a|an|pure|solid|real")
     + look_name,
     constant(1.0)
@@ -318,7 +316,9 @@ bare_look = ~literal(
     "(take|taking|takes) place at|(happen|happens|happening|set|shot|filmed|recorded) [at|during|in]|at|during|in the "
     "(middle of the)|by"
 ) + (table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled)
-given_look = _article + any_look + ~keyword("like|colored") + effect >> making.styled
+given_look = (
+    _article + (any_look | literal("frozen") >> (lambda: "ice")) + ~keyword("like|colored") + effect >> making.styled
+)
 source = (
     unless(_new_thing)
     + ~keyword("that of|those of|the colors of|the color of")

@@ -40,6 +40,8 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"[.]?\s*\b(?:full stop|new line|new paragraph|newline)\b|\s+period(?=[\s.]*$)", "."),
     (r"[?]?\s*\bquestion mark\b", "?"),
     (r"[!]?\s*\bexclamation (?:mark|point)\b", "!"),
+    (r"\b((?!over\b|ever\b|fainter\b)\w+er) and \1\b", r"gradually \1"),
+    (r"\b(more|less) and \1 (?!transparent|see)", r"gradually \1 "),
     (r"\bmost near\b", "nearest"),
     (r"\bmost close\b", "closest"),
     (r"\btoo (?=the\b|my\b|its\b)", "to "),
@@ -61,7 +63,7 @@ _SHORT = {"'s": "is", "'re": "are", "'ll": "will", "'d": "would", "'ve": "have"}
 CONTRACTIONS: dict[str, tuple[str, ...]] = {
     word + short: (word, full)
     for short, words in {
-        "'s": "it that what where who there here when how why he she",
+        "'s": "whatever everything nothing it that what where who there here when how why he she",
         "'re": "they you we what where who how there these those",
         "'ll": "it that i we you he she they there",
         "'d": "it that there i we you he she they",

@@ -36,7 +36,10 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"|what about|how about|suppose) {_X} {_BE} {_REST}$",
         r"make \g<x> \g<rest>",
     ),
-    (rf"^(?:what|how) would {_X} look (?:like )?{_REST}$", r"make \g<x> \g<rest>"),
+    (
+        rf"^(?:{WISHING})?(?:what|how) (?:would {_X} look|{_X.replace('<x>', '<y>')} (?:would look|looks?)) (?:like )?{_REST}$",
+        r"make \g<x>\g<y> \g<rest>",
+    ),
     (
         rf"^(?:change|edit|alter|adjust|modify|fix|make|do|set) {_X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| looks?|"
         rf" becomes?) {_REST}$",
@@ -89,7 +92,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     (rf"^(?:keep|leave) {_X},? but {_REST}$", r"leave \g<x> alone and \g<rest>"),
     # Clipped
     (
-        r"^(?P<x>(?:(?!\b(?:then|let|start|but|and (?:let|have|make|then))\b)[\w' -])+?),? (?:in|to) (?P<rest>[\w ]+?)[.!]*$",
+        r"^(?P<noun>)(?P<x>(?:(?!\b(?:then|let|start|but|and (?:let|have|make|then))\b)[\w' -])+?),? (?:in|to) "
+        r"(?P<rest>[\w ]+?)[.!]*$",
         r"make \g<x> \g<rest>",
     ),
     (rf"^(?P<noun>[\w ]+?) (?:on|for|to) (?P<x>the (?:(?!\b{_SAYS}\b)[\w' -])+)$", r"make \g<x> \g<noun>"),
@@ -127,11 +131,17 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     ),
     # Time
     (
+        rf"^(?:speed|slow|stretch|shrink|squeeze|shorten|lengthen|extend|make|retime) (?:(?:up|down|out) )?{_X}(?: (?:up|down|out|"
+        rf"longer|shorter|faster|slower))?,? so (?:that )?(?:it|he|she|they) (?:only |just )?(?:takes?|lasts?|runs?(?: for)?|is "
+        rf"(?:over|done) in) {_REST}$",
+        r"make \g<x> last \g<rest>",
+    ),
+    (
         r"^(?:turn|change|make|transform) (?:the )?(?:day|daytime|daylight) (?:in)?to night$",
         "make everything look like night",
     ),
     (
-        r"^(?P<verb>stop|freeze|pause|hold|halt) (?:time|the action|the motion|all motion"
+        r"^(?P<verb>stop|freeze|pause|hold|halt) (?:time|the clock|the action|the motion|all motion"
         r"|all movement|(?:the )?playback)(?P<rest>.*)$",
         r"\g<verb> everything\g<rest>",
     ),

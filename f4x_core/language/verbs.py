@@ -9,7 +9,7 @@ from .lexicon import every_form, forms, inflected, word_set
 
 VERBS: dict[str, str] = {
     # appearance
-    "become": "lerp, interpolate, tween, ramp, blend, highlight, try, try out, test, make, turn, render, change, "
+    "become": "snap, retint, lerp, interpolate, tween, ramp, blend, highlight, try, try out, test, make, turn, render, change, "
     "convert, transform, give, paint, repaint, color, "
     "recolor, dye, spray, respray, spray paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, "
     "adjust, display, look, feel, become, have, go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, "

@@ -41,8 +41,8 @@ pictures: {clips}|plate|comp|composition|picture|image|view|frame|room|world|scr
 noun: label|labels|word|words|name|names|class|classes|thing|things|object|objects|one|ones|item|items|element|elements|stuff|
     mover|of (them) all|of all (of them)
 people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
-moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage|timecode|timestamp|(time)
-    [span|interval|period]
+moments: time|times|moment|moments|second|seconds|(frame)
+    number|frame|frames|point|points|instant|stage|timecode|timestamp|(time) [span|interval|period]
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) {pictures}
@@ -64,7 +64,8 @@ rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on
     [static|stationary|motionless|unmoving|immobile|still|fixed] {noun}|still|at
     rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at rest]|where it
     is|in place|not in motion|without moving
-set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going|set out|sets out
+set-off: {+take off|lift off|depart}|start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets
+    going|set out|sets out
 stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full)
     [stop|halt|standstill|rest]|[stand|stands|stay|stays|remain|remains|standing|staying] still
 big-er: more [big|large|wide|long|tall]|bigger|larger|wider|longer|broader|thicker|greater
@@ -127,9 +128,9 @@ mean-far: (the) [average|mean] [distance|gap|separation|spacing]
 hidden: hidden|invisible|covered|occluded|out of [sight|view|frame|the {pictures}]|not ({now}) [visible|seen|shown|there|in
     view|in sight|on screen]|off screen
 gone: gone|no longer [{inside}|there|here|around|visible]
-leave: {+disappear|vanish|go away|go out}|(we|you|i) {+lose sight of}|out of [sight|view|the picture|the
-    frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop
-    out of}|{manner} out of] (the|this) ({pictures})
+leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|out of [sight|view|the
+    picture|the frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get
+    out of|drop out of}|{manner} out of] (the|this) ({pictures})
 happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do
     you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
     about
@@ -147,6 +148,7 @@ first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|sh
     ({people}) (can|could|get to) ({see})
 last-with: (the) [last|latest|final] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which)
     ({people}) (can|could|get to) ({see})
+clip-share: how much of (the|this) {clips} (has|have|shows|contains|features|is)
 remain: left (over)|remaining
 own: it|them|itself|him|her
 event: (during|in|of|at) {its} [jump|leap|hop|flight|ride|run|walk|trick|turn|action|maneuver]
@@ -159,7 +161,7 @@ what-is-it: [what|which] (kind of|sort of|type of) ({noun}) (is|are) [it|this|th
 contents: what am i looking at|what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to
     [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what
     is|a list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
-    [contents|inventory]|[what|which] (all) ({noun}) (do|did|have|can|could) {people} (can|could|all)
+    [contents|inventory]|[what|which] (all) ({noun}) (do|have|can|could) {people} (can|could|all)
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
@@ -175,8 +177,8 @@ filler: state|report|would you say|do you [reckon|suppose|believe|figure]|if [th
     (please|kindly) (tell|show|say|find|give|point out) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am
     wondering|i (just) [want|need] to know|i would [like|love] to know|do you know|any idea|do you have any idea|i am
     curious|question|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you
-    say|according to you|describe|explain|in seconds|in frames|[the|this] {clips}|in here|in there|in this|list|name|in it|of
-    them|of all|at any time|at some point|at any [point|moment]
+    say|according to you|describe|explain|in seconds|in frames|in units (per second)|in pixels|in metres|in meters|[the|this]
+    {clips}|in here|in there|in this|list|name|in it|of them|of all|at any time|at some point|at any [point|moment]
 fast: how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of)
     [speed|velocity|pace]|(the) [speed|velocity|pace]|how much speed
 extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal]|at {its} fastest|at most|at the most|at
@@ -197,11 +199,12 @@ big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which
     [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what
     [part|share|fraction|percentage] of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
-max-height: (the) [greatest|maximum|peak|top|highest] height (of)
+max-height: how [far|high] [above|over|off] (the|its) [ground|floor|water|surface]|(the) [greatest|maximum|peak|top|highest]
+    height (of)
 high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|how much height
 rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the
     ground
-go-up: [{+go|move|get}] up or down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}]
+go-up: [{+go|move|get|bob}] up [or|and] down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}]
     [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
 comes: come|comes|came
@@ -211,8 +214,8 @@ which-color: (of|in) [what|which] (main|kind of|sort of|exact|precise) [color|co
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all) (of) (the)|what number
     of|[number|count|tally] (of)
-frames: how many frames of [{clips}|material]|frame count|(the) number of frames|how many [frames|pictures|images] (in
-    total)|(the) total number of frames|the number of frames|what is the number of frames
+frames: total frames|how many frames of [{clips}|material]|frame count|(the) number of frames|how many [frames|pictures|images]
+    (in total)|(the) total number of frames|the number of frames|what is the number of frames
 rate: how many fps|[what|which] [frame rate|framerate|fps]|(the) [frame rate|framerate|fps]|how many [frames|pictures|images]
     [per|a|each|every] second|frames per second
 how-long: (for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time
@@ -444,7 +447,7 @@ way: way thing turn | way thing enter | way thing leave | way thing move? takes?
     sideways-or | thing move sideways-or | whereto thing move along? | way-of thing move? | thing move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
-seeing: how-long thing visible can?
+seeing: how-long thing visible can? | clip-share thing visible?
 size: big thing covers?
 far: far thing move | far thing crosses | far thing get | path-length thing takes? | length thing path
 motion: when thing move start? | when thing stop move? | when thing set-off move? | when thing rest
@@ -452,6 +455,8 @@ enter: first-with thing | when start? thing enter
 leave: last-with thing | when thing leave | when thing gone
 seen: when thing visible can? | when thing hidden | when thing not visible | in-out thing
 polar still: thing rest not?
+polar enter: anything enter
+polar leave: anything leave
 polar motion: anything manner start? | thing plainly start? not? | thing manner start? not? | any plainly
 polar always: thing seen? always not? stands? can? | thing always
 always: who visible always stands?

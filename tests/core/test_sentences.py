@@ -8,12 +8,13 @@ from f4x_core.edit.request import Request
 from f4x_core.language.grammar import Doubt
 
 REFUSED = (
+    "loop the kick between 0.5 and 1.5 seconds",
+    "loop the spin from 1 to 2 seconds",
     "is anybody dancing?",
     "dress in #ff8800 for the dancer",
     "blow the dog up to 1.5 times its size without lifting it off the ground",
     "cut the dog out so nothing else is left",
     "hold the last frame of the first second",
-    "loop the spin from 1 to 2 seconds",
     "stretch the jump out so that it lasts twice as long, with a soft ease",
     "the car should fade in, then fade out again at the end",
     "before 1 s leave it as it is, after that make the swan gold",
@@ -61,7 +62,6 @@ REFUSED = (
     "Walls: eggshell white. Door: teal.",
     "lose the clutter-y lamp on the left and brighten the wall",
     "set enemy (the dog) alpha to 0.3",
-    "loop the kick between 0.5 and 1.5 seconds",
     "freeze everybody except the striker at 1 second",
     "rewind that bit where the horse jumps, from frame 20 to 44",
     "from one second onwards the train is green before that it stays as it is",
