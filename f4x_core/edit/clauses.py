@@ -59,7 +59,8 @@ _when = ~keyword(",") + ~keyword("but") + _then
 _slowly = ~keyword(",") + table(
     {
         "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|"
-        "more and more|step by step|lerp|lerped|interpolate|interpolated|tween|tweened|nice and [gentle|gently|easy|"
+        "more and more|as time [goes on|goes by|passes]|with time|step by step|lerp|lerped|interpolate|interpolated|"
+        "tween|tweened|nice and [gentle|gently|easy|"
         "steady]|[with|in] a [slow|gentle|soft|smooth|gradual] [transition|ramp|blend]|(in) a gradual way|easing in and "
         "out|easing in|easing out|with (a) [soft|smooth|"
         "gentle] [ease|easing]|with (an) [ease|easing]|with soft ends|eased|(with) (an) ease in and out|(with) easing|"
@@ -75,7 +76,8 @@ _SOFT, _HARD = (
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
 _ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
 _about_whom = literal(
-    "as for|about|regarding|concerning|focus on|concentrate on|take|select|pick|choose|click (on)|grab|go to|look at|"
+    "as [for|to|regards]|with regard to|when it comes to|in the case of|speaking of|about|regarding|concerning|focus on|"
+    "concentrate on|take|select|pick|choose|click (on)|grab|go to|look at|"
     "(you) see|with|for|now"
 )
 _PRONOUNS = word_set("it him her them its his their they he she")
@@ -85,7 +87,7 @@ _topic_before = either(
     + thing
     + here(lambda reading, at: reading.word(at) in IMPERATIVES and reading.word(at + 1) in _PRONOUNS),
     thing + keyword(":"),
-    thing + literal(",|-|->|=>|=") + _pronoun_follows,
+    thing + literal(",|-|->|=>|=|!") + (_pronoun_follows | here(lambda reading, at: reading.word(at - 1) == "!")),
     _about_whom + thing + keyword(",|:|and|-|."),
 ) >> (lambda who: Clause(TOPIC, {"who": who}))
 

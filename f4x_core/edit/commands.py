@@ -140,6 +140,8 @@ _noun_of_colour = either(
     ~literal("with|in|to|of|as") + ~literal("the|a") + literal("color") + ~literal(":|=|of|to") + colour
     >> making.assigned,
     ~literal("with|in") + literal("some") + colour >> making.assigned,
+    colour + literal("fur|coat|skin|feathers|plumage|hide|wool|paintwork|body|bodywork|exterior|surface")
+    >> making.assigned,
 )
 _instead_of = ~(
     ~literal(",")
@@ -287,7 +289,8 @@ _command(
     "spared",
     use=NAMED,
     spared=literal(
-        "do not [touch|change|affect|alter|modify|edit|include|do it to|do this to|do that to]|without [touching|changing|"
+        "[forget|forget about|ignore|skip|never mind|instead of|rather than]|do not [touch|change|affect|alter|modify|"
+        "edit|include|do it to|do this to|do that to]|without [touching|changing|"
         "affecting]|no changes to|nothing [to|on|with]|never [touch|change]|do nothing to"
     )
     | literal("not") + here(lambda reading, at: thing.at(reading, at)),
@@ -378,7 +381,10 @@ _command(
     use=WHOLE,
     who=~literal("out of|off|from") + _whom,
     verb=literal(
-        every_form("remove|kill|take|get|get rid of|lose|drop|pull|cut|knock|neutralize|fix|correct")
+        every_form(
+            "remove|kill|take|get|get rid of|lose|drop|pull|cut|knock|neutralize|fix|correct|lay off|tone down|"
+            "turn down|dial down|dial back|ease off"
+        )
         + "|no more|not so much|without"
     ),
     less=~literal("the|that|this|some|some of the|all the")
@@ -480,7 +486,7 @@ _way = table(
 )
 _times_as_much = table(
     {
-        every_form("double up"): 2.0,
+        every_form("double|double up"): 2.0,
         every_form("halve|cut in half|slash in half") + "|half": 0.5,
         every_form("triple|treble"): 3.0,
         every_form("quadruple"): 4.0,
@@ -803,7 +809,8 @@ _command(
     verb=literal(
         asked_form("delete")
         + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|"
-        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away|out|the "
+        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out|come out|"
+        "come off|be out] (away|out|the "
         "[scene|picture|video|clip|image|shot|frame|view])|bye bye|goodbye|no more|no longer [want|need] (to see)|[i|we] "
         "would (rather|prefer) not (to) [have|see]|[i|we] do not [want|need] (to [see|have])|[i|we] do not like to [see|"
         "have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
@@ -820,7 +827,8 @@ _command(
     use=NAMED,
     who=_whom | _about + whose("visibility|display"),
     verb=literal(
-        any_form("hide") + "|away|off|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"
+        any_form("hide") + "|away|off|invisible|hidden|out of sight|do not show|not (to) (be) [visible|shown|seen]|"
+        "[nobody|no one|none] (should|must|can|may|shall) [see|sees|notice|notices]"
     ),
     switch=literal(every_form("switch|turn|toggle|flip|shut|keep|stay|remain|leave")),
     fully=literal("from [view|sight]|completely|entirely|fully|totally|for good|permanently"),
@@ -883,7 +891,7 @@ _sense = SENSE | table(
 _TURNING = table(
     {
         any_form("rotate", "turn") + "|rotation|a [turn|rotation|spin|twist]": making.rotated,
-        any_form("tilt"): making.tilted,
+        any_form("tilt") + "|(a) (slight|little|small|gentle|tiny) [tilt|lean]": making.tilted,
     },
     reserve=False,
 )
@@ -892,7 +900,7 @@ _TURNING = table(
 def _turned(
     verb: Any, angle: float | None = None, sense: int | None = None, around: bool = False, how: Amount | None = None
 ) -> Value:
-    if angle is None and sense is None and not around and how is None and verb is making.tilted:
+    if verb is making.tilted and (around or (angle, sense, how) == (None, None, None)):
         raise Mismatch
     if angle is None:
         angle = 180.0 if around else 90.0 if verb is making.rotated else making.TILT
@@ -1130,7 +1138,8 @@ _command(
     trail=~literal("a|an|some|the|that|which|who")
     + ~literal("fading|ghostly|faint|transparent|soft|see through")
     + literal(
-        "trail|trails|[motion|ghost|light] [trail|trails]|streaks|motion streaks|ghosting|echoing|trailing|echo|echoes|"
+        "trail|trails|[motion|ghost|light] [trail|trails]|[ghost|after] [image|images]|streaks|motion streaks|ghosting|"
+        "echoing|trailing|echo|echoes|"
         "afterimage|afterimages|ghosts|trailing copies|onion skin|onion skinning|" + any_form("follow") + "|echo effect"
     ),
     copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")

@@ -393,6 +393,10 @@ _SPOKEN_OF = word_set(
 """Words for whom or what a command is for, which are labels of no scene."""
 
 
+_INFLECTED = ("er", "ing", "ed")
+"""Ends of words that nobody knows and are words all the same: "calmer" is no "calmed"."""
+
+
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
     parts = {word for words in reading.known for word in words}
@@ -402,7 +406,7 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
         describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
         if token.is_word and not describes and not {token.text, singular(token.text)} & lexicon:
             meant = misspelt(token.text, parts | _SPOKEN_OF) or (None if understood else misspelt(token.text, lexicon))
-            if meant:
+            if meant and (is_slip(token.text, meant) or not token.text.endswith(_INFLECTED)):
                 return token, meant
     return None
 

@@ -668,7 +668,8 @@ _current = either(
 _everything = silent(
     either(
         keyword(
-            "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|"
+            "everything|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the [things|objects]|"
+            "all [things|objects]|every [object|"
             "thing]"
         ),
         keyword(
@@ -908,9 +909,9 @@ class Place(NamedTuple):
 
 
 _own_feet = literal("its|his|her|their") + literal("feet|foot|legs|paws|hooves|wheels")
-place = table(WHERE, reserve=False) + unless(_own_feet) + _neighbour >> Place
+place = table(WHERE, reserve=False) + unless(_own_feet) + _neighbour + unless(keyword("left|right")) >> Place
 """A `Place`."""
-beside_itself = table(WHERE, reserve=False) + THE_FIRST >> (
+beside_itself = table(WHERE, reserve=False) + THE_FIRST + unless(keyword("left|right")) >> (
     lambda where: Place(where, lambda context: context.it("'it'"))
 )
 """The `Place` of a copy beside what is copied."""

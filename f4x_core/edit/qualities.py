@@ -280,7 +280,10 @@ transformed = (
 )
 """What a thing turns to: matter, not a colour that is named like it."""
 liveliness = (
-    literal("[a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|oomph|zing")
+    literal(
+        "[a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|oomph|zing|"
+        "life|pep|pizzazz"
+    )
     | literal(
         "some (more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|(a) (little) pop of color|more color|some color"
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 
-from .grammar import VOCABULARY, Token, either, literal, tokenise
+from .grammar import VOCABULARY, Token, either, literal, tokenise, unless
 from .lexicon import FUNCTION_WORDS, singular, word_set
 
 CALLS = literal(
@@ -25,7 +25,7 @@ CALLS = literal(
 """Calls, interjections and hedges: they add nothing to an edit or a question."""
 ASKS = literal(
     "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
-    "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could] [i|you|we]|"
+    "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could|does] [i|you|we|one]|"
     "is there [a|any] way to|[is it|would it be] [possible|okay|fine|all right|cool|nice|great] (to|if [you|we|i])|"
     "see (your|their) way (clear) to|(is there) any chance [you|we] could|(is there) any chance (of|that|you [can|could])"
 )
@@ -43,9 +43,13 @@ WISHES = either(
         "all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|ask for] is|it [is|would be] (much|way) "
         "[better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
     ),
+    literal("[i|we] would") + unless(literal("like|love|prefer|rather|want|have|be|do|not|sooner")),
     literal(
         "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|"
-        "whether)|[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|"
+        "whether)|[i|we] (have) (now|just|finally) [decided|concluded|determined|resolved|agreed|settled|chosen] (that|"
+        "to|on)|[i|we] (can|do) "
+        "[trust|insist|demand|require|request|expect|vote|gather|assume|presume|recommend|advise] (that|for|you)|[i|we] "
+        "[figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|"
         "(i|we) [am|are] after|[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would "
         "be] (that|to)|[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|in [my|our] opinion"
     ),
@@ -112,6 +116,9 @@ _INTERJECTIONS = (
     r"please|to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|"
     r"basically|literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|absolutely|essentially|"
     r"preferably|magically|nothing (?!else|but|more|less|except|other|only)(?:too |that |so )?[a-z]+(?=[ ]*(?:[,.;!]|$))|"
+    r"on second thoughts?|come to think of it|all things considered|for what it is worth|to be fair|by all means|at your "
+    r"convenience|in fact|in truth|in short|if memory serves|needless to say|as you know|as i said|as (?:discussed|agreed|usual|"
+    r"always|ever)|on reflection|upon reflection|having thought about it|no offense|no offence|truth be told|"
     r"no biggie|no big deal|all of them|every one of them|each of them|both of them)"
 )
 """Words that stand for themselves."""
@@ -153,6 +160,8 @@ _PLAIN = {
     r"asked for|told you"
     r")\b [\w # ]{1,40}?,? but\b,?(?: now\b)?",
     "vocative": rf"(?:,\s*{_CALLED})+\s*(?=[?.!]*\s*$)",
+    "favor": r"^\s*(?:please )?(?:be|do|go) (?:an? |the |me )?(?:[a-z]+ ){1,3}and (?=[a-z]+ (?:the|my|it|that|this|an?|"
+    r"all|every)\b)",
     "no": r"^\s*(?:no\b[ ,.!]*)+(?=(?:not|do not|i|leave)\b)",
     "hurry": r"^\s*(?:hurry(?: up)?|come on|go on|quick|now then|right then|chop chop|look lively)\b\s*(?:[,.!]|"
     r"and\b)\s*(?:and\b)?",
@@ -191,8 +200,11 @@ _MOST_COMPARED = 5
 """Words of "like an ant", which is no ant of the scene."""
 _REPORTED = (
     r"^\s*(?:(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:needs?|wants?|likes)\b|(?:(?:my|our|"
-    r"the|a) (?:[a-z]+ )?)?(?P<speaker>[a-z]+) (?:really |just |also )?(?:wants|wanted|asked|asks|would like|prefers?|says|"
-    r"said|thinks|thought|requested|requests|insists|insisted|suggested|suggests)\b)(?: me| us| you)?(?: for| on| that| to "
+    r"the|a) (?:[a-z]+ )?)?(?P<speaker>(?!would\b|might\b)[a-z]+) (?:really |just |also )?(?:wants|wanted|asked|asks|"
+    r"would like|prefers?|says|"
+    r"said|thinks|thought|requested|requests|insists|insisted|suggested|suggests|loves|begs|demands|reckons|feels|hopes|"
+    r"(?:would|might) (?:really |rather |much )?(?:like|love|prefer|want|"
+    r"appreciate|enjoy))\b)(?: me| us| you)?(?: for| on| that| to "
     r"(?:see|have|get))?"
 )
 """A wish of somebody else: "my boss wants"."""
@@ -202,7 +214,7 @@ PURPOSES = frozenset({"so", "for", "to"})
 """Classes that may say what is meant to become of a thing."""
 _COURTESIES = ("opening", "ordering", "if", "thanks", "interjection", "pause", "apology", "vocative", "hurry")
 """Classes that questions have, too."""
-_CLAUSES = PURPOSES | {"because"}
+_CLAUSES = PURPOSES | {"because", "favor"}
 _ADDRESSED = word_set("please could can would will may make let i we you do turn have give")
 """What a request begins with behind somebody's name."""
 
@@ -226,7 +238,11 @@ def without_asides(
         for found in re.finditer(pattern, text):
             if kind in _CLAUSES:
                 own = [verb for verb in _GOES_ON.findall(found.group()) if verb in verbs]
-                if own or not found.group().strip(" ,") or (kind in PURPOSES and things & set(found.group().split())):
+                if (
+                    own
+                    or not found.group().strip(" ,")
+                    or (kind in (PURPOSES | {"favor"}) and things & set(found.group().split()))
+                ):
                     continue
             leave_out(kind, found.start(), found.end())
     for found in re.finditer(_LIKE, text):

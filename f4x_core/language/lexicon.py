@@ -42,6 +42,7 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"[!]?\s*\bexclamation (?:mark|point)\b", "!"),
     (r"\b((?!over\b|ever\b|fainter\b)\w+er) and \1\b", r"gradually \1"),
     (r"\b(more|less) and \1 (?!transparent|see)", r"gradually \1 "),
+    (r"^(\W*)(?:(can)['’]?t|(could|should|would)n['’]?t) (?=(?:we|you|i|the|it|they|my|that|this)\b)", r"\1\2\3 "),
     (r"\bmost near\b", "nearest"),
     (r"\bmost close\b", "closest"),
     (r"\btoo (?=the\b|my\b|its\b)", "to "),

@@ -51,22 +51,11 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"turn \g<x> \g<rest>",
     ),
     (
-        rf"^(?:(?:can|could|would|may|should) )?(?:{_OR('move|put|shift|place|get|take|slide|bring')} {_X}|"
-        rf"{_X.replace('<x>', '<y>')} be {_OR('moved|put|shifted|placed|brought|taken')}),? (?:so |such )?that "
-        rf"(?:it|he|she|they) (?:is|are|stands?|sits?|lies?|hangs?|rests?|ends up) (?:standing |sitting )?{_REST}$",
-        r"put \g<x>\g<y> \g<rest>",
-    ),
-    (
         rf"^.*\bcolou?r (?:is|=|:) (?P<c>#[0-9a-f]{{6}}|(?:\w+ )?(?:{_COLOUR}))\b[ ,.;:-]+(?:please |so |and |can you |now )*"
         rf"(?:put|use|apply|slap|get) (?:that|it|this)(?: colou?r)? (?:on|for|to|onto) {_REST}$",
         r"make \g<rest> \g<c>",
     ),
-    (
-        r"^(?:change|turn|make|transform|convert) (?:the |my |that |this )?(?P<x>[\w ]+?) (?:in)?to an? (?P<rest>[\w "
-        r"]+?) (?P=x)$",
-        r"make the \g<x> \g<rest>",
-    ),
-    (rf"^instead of (?:being )?(?:{_COLOUR}),? {_REST}$", r"\g<rest>"),
+    (rf"^(?:instead of|rather than|not) (?:being )?(?:{_COLOUR}),? {_REST}$", r"\g<rest>"),
     (
         rf"^{_X} (?:should not|shouldn't|must not|mustn't|needn't) be (?:{_COLOUR}),? but (?:rather |instead )?{_REST}$",
         r"make \g<x> \g<rest>",
@@ -76,37 +65,34 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"some )?{_REST}$",
         r"make \g<x> \g<rest>",
     ),
+    (
+        rf"^(?:would|could|might) {_REST} (?:work|suit|look (?:good|nice)|go well|be (?:good|nice|okay)|do)(?: (?:for|"
+        rf"on|with))? {_X}$",
+        r"make \g<x> \g<rest>",
+    ),
     # What is not wanted
     (
         rf"^(?:i|we) (?:(?:do not|don'?t) (?:really )?(?:like|want)|hate|dislike|am not fond of) how (?P<a>[a-z]+) {_X} "
         r"(?:is|are|looks?|seems?)(?P<rest>.*)$",
         r"\g<x> is too \g<a>\g<rest>",
     ),
-    (rf"^(?:do not|don't) let {_X} move(?P<rest> .+)?$", r"freeze \g<x>\g<rest>"),
     # What stays as it is
     (
         rf"^{_REST}(?:[,;]|,? but|,? and) (?:just )?(?:keep|leave) {_X}(?: there| alone| as it is| untouched| in place| "
         rf"visible)?$",
         r"leave \g<x> alone and \g<rest>",
     ),
-    (rf"^(?:keep|leave) {_X},? but {_REST}$", r"leave \g<x> alone and \g<rest>"),
     # Clipped
     (
         r"^(?P<noun>)(?P<x>(?:(?!\b(?:then|let|start|but|and (?:let|have|make|then))\b)[\w' -])+?),? (?:in|to) "
         r"(?P<rest>[\w ]+?)[.!]*$",
         r"make \g<x> \g<rest>",
     ),
-    (rf"^(?P<noun>[\w ]+?) (?:on|for|to) (?P<x>the (?:(?!\b{_SAYS}\b)[\w' -])+)$", r"make \g<x> \g<noun>"),
     # Everything but one
     (rf"^(?:full |all )?colou?rs? only (?:on|for|in|at) {_X}$", r"only \g<x> keeps its color"),
     (
         rf"^(?:only |just )?{_X} in (?:full )?colou?r,? (?:and |with )?(?:everything else|(?:the )?(?:rest|world|others?)|all else)"
         r"(?: in| is| stays| goes| should be)? (?:black and white|gr[ae]y|monochrome|b&w|bw|greyscale|grayscale)$",
-        r"only \g<x> keeps its color",
-    ),
-    (
-        rf"^(?:let |make )?(?:only|just|nothing but) {_X} (?:in|with|has|have|keeps?|should have|should be in|is in|gets|"
-        rf"stays in) (?:its |full )?colou?r$",
         r"only \g<x> keeps its color",
     ),
     (
@@ -130,12 +116,6 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"make \g<x> \g<rest>",
     ),
     # Time
-    (
-        rf"^(?:speed|slow|stretch|shrink|squeeze|shorten|lengthen|extend|make|retime) (?:(?:up|down|out) )?{_X}(?: (?:up|down|out|"
-        rf"longer|shorter|faster|slower))?,? so (?:that )?(?:it|he|she|they) (?:only |just )?(?:takes?|lasts?|runs?(?: for)?|is "
-        rf"(?:over|done) in) {_REST}$",
-        r"make \g<x> last \g<rest>",
-    ),
     (
         r"^(?:turn|change|make|transform) (?:the )?(?:day|daytime|daylight) (?:in)?to night$",
         "make everything look like night",

@@ -9,7 +9,8 @@ from .lexicon import every_form, forms, inflected, word_set
 
 VERBS: dict[str, str] = {
     # appearance
-    "become": "snap, retint, lerp, interpolate, tween, ramp, blend, highlight, try, try out, test, make, turn, render, change, "
+    "become": "settle on, experiment with, inject, breathe, snap, retint, lerp, interpolate, tween, ramp, blend, "
+    "highlight, try, try out, test, make, turn, render, change, "
     "convert, transform, give, paint, repaint, color, "
     "recolor, dye, spray, respray, spray paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, "
     "adjust, display, look, feel, become, have, go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, "
@@ -26,7 +27,9 @@ VERBS: dict[str, str] = {
     "heighten, hike, step up, punch up, take up, deepen, improve, extend, augment, multiply, advance, go up, grow, buff, boost "
     "up, juice up, gain up, ride up, nudge up, inch up, creep up, notch up, hike up, max out, tick up, edge up, exaggerate, "
     "accentuate, emphasize, magnify, maximize, elevate",
-    "less": "reduce, decrease, lower, turn down, knock back, pull, back off, roll off, bring back, cut, cut down, lessen, "
+    "less": "easy on, go easy on, take it easy on, lay off, ease up on, ease off on, hold back on, cut back on, back "
+    "off on, cool it with, reduce, decrease, lower, turn down, knock back, pull, back off, roll off, bring back, cut, "
+    "cut down, lessen, "
     "tone down, bring down, dial down, weaken, diminish, drop, take down, cut back, pull down, take back, pull back, dial "
     "back, ramp down, scale back, soften, ease, mute, knock down, step down, go down, minimize, tame, subdue, shrink, bump "
     "down, push down, limit, curb, moderate, attenuate, crank down, drag down, nerf, gain down, ride down, ease down, nudge "
@@ -41,7 +44,7 @@ VERBS: dict[str, str] = {
     "expand, inflate, size up, swell, swell up, puff up, bulk up, balloon, bloat, supersize, pump up, widen, zoom up, double "
     "up, broaden, get bigger, get larger, scale out, big up, jumbo, jumbo size, super size, plump up, fatten up, make grow, "
     "make huge, up the size of, up the scale of",
-    "shrink": "minify, dwarf, nerf, shorten, shrink, scale down, shrink down, downscale, downsize, minimize, size down, "
+    "shrink": "minify, dwarf, nerf, shrink, scale down, shrink down, downscale, downsize, minimize, size down, "
     "contract, miniaturize, reduce, compress, get smaller, dwindle, squash down, deflate, cut down, scale in, shrinkify, tiny "
     "up, minimise, miniaturise, reduce in size, make shrink, squish, squish down, whittle down, knock down in size, half size, "
     "down the size of",
@@ -63,7 +66,8 @@ VERBS: dict[str, str] = {
     "cool": "cool, cool down, cool off, chill",
     "scale": "scale, resize, rescale, size",
     # visibility
-    "delete": "scrub, scrub out, expunge, excise, eject, oust, obliterate, annihilate, say goodbye to, wave goodbye to, whisk "
+    "delete": "rid the picture of, rid the frame of, free the scene of, free the shot of, free the picture of, scrub, "
+    "scrub out, expunge, excise, eject, oust, obliterate, annihilate, say goodbye to, wave goodbye to, whisk "
     "away, spirit away, blot out, see off, remove from, shoo, despawn, exorcise, get shot of, remove, delete, erase, rm, del, "
     "yeet, nix, evict, vaporize, matte out, knock out, comp out, paint off, get rid of, eliminate, drop, lose, discard, scrap, "
     "trash, do away with, dump, ditch, clear, banish, scratch, kill, cut, purge, rid us of, clean out, take out, cut out, edit "
@@ -85,7 +89,8 @@ VERBS: dict[str, str] = {
     "show": "show, reveal, unhide, turn on, switch on, toggle on, enable, reshow, bring back, restore, uncover, unmask, "
     "unveil, reappear, unghost, reinstate, put back, make visible, turn on the visibility of, display again, let show, bring "
     "into the open, resurrect, revive",
-    "appear": "key in, wipe in, reveal slowly, fade in, fade up, bring in, ease in, appear, emerge, materialize, come into "
+    "appear": "introduce, come into being, come into existence, come into the picture, key in, wipe in, reveal slowly, "
+    "fade in, fade up, bring in, ease in, appear, emerge, materialize, come into "
     "view, show up, pop up, turn up, dissolve in, come in, pop in, arise, respawn, spawn in, fade into view, fade into the "
     "scene, fade onto the screen, blend in, dissolve into view, phase in, drift into view, beam in, teleport in, rez in, ghost "
     "in",
@@ -98,7 +103,7 @@ VERBS: dict[str, str] = {
     "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, rotoscope, roto, crop to, cut around, "
     "rotobrush, lift from the background, cherry pick, pluck out, carve out",
     # places
-    "move": "scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, slide, bring, "
+    "move": "bung, scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, slide, bring, "
     "pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, drop, throw, "
     "relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, come, glide, wander, "
     "roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, sink, land, offset, "
@@ -114,7 +119,8 @@ VERBS: dict[str, str] = {
     "push down, pull down, press down, hang lower, send down, bring to the ground, touch down",
     "rotate": "rotate, spin, revolve, pivot, swivel, twirl, whirl, pirouette, twist, yaw, gyrate, whirl around, crank around, "
     "rotate round, spin around, spin round, revolve around, corkscrew",
-    "turn": "turn, flip, swing round, swing around, wheel around, reorient, redirect, about face, whip around, whip round, "
+    "turn": "swing, crank, turn, flip, swing round, swing around, wheel around, reorient, redirect, about face, whip "
+    "around, whip round, "
     "spin round, swap round, twist around",
     "tilt": "barrel roll, tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, cant, list, pitch, heel over, "
     "lean to the side, dutch, dutch tilt, skew over",
@@ -160,7 +166,7 @@ VERBS: dict[str, str] = {
     "loop": "loop, repeat, cycle, replay, keep repeating, keep looping, go round and round, boomerang, ping pong, keep "
     "cycling, keep on repeating, put on loop, put on repeat, play over and over, do over and over, replay over and over",
     "last": "squash, condense, cram, take, last, retime, stretch, stretch out, extend, expand, slow down, compress, squeeze, "
-    "speed up, shorten, retime, lengthen, be, run, prolong, drag out, trim, cut down, time stretch, stretch in time, make, "
+    "speed up, shorten, retime, lengthen, be, run, prolong, drag out, cut down, time stretch, stretch in time, make, "
     "get, time warp, time remap, draw out, spread out, pull out, elongate, protract, drag on, abridge, condense down, squish",
     # light
     "blur": "anonymize, anonymise, censor, haze out, blur, blur out, defocus, unfocus, soften, smudge, throw out of focus, "
@@ -170,7 +176,9 @@ VERBS: dict[str, str] = {
     "glow": "bloom, light up like, glow, shine, light up, shimmer, sparkle, radiate, gleam, glisten, twinkle, glitter, beam, "
     "gleam up, emit light, radiate light, give off light, shine out, glow up, luminesce, be lit up, be aglow, light up from "
     "within, phosphoresce, fluoresce, beam out, gleam out, bling out, neon up",
-    "apply": "add, apply, put, give, use, have, get, throw, make, want, need, set, create, lay, show, slap, surround, bathe, "
+    "apply": "chuck, stick, bung, plonk, whack, pop, smack, stuff, inject, breathe, infuse, lend, bring, add, apply, "
+    "put, give, use, have, get, throw, make, want, need, "
+    "set, create, lay, show, slap, surround, bathe, "
     "cast, like, see, place, wrap, let, deserve, do",
 }
 """Sense -> the verbs that have it, in their first form."""
