@@ -38,9 +38,14 @@ def replace_file(path: Path | str) -> Iterator[BinaryIO]:
 def replace_path(path: Path | str, suffix: str = ".part") -> Iterator[Path]:
     """Yield the path of a new file that becomes `path` when the block ends, for libraries that open files themselves.
 
-    As `replace_file`; they see a name that ends in `suffix`.
+    As `replace_file`; they see a name that ends in `suffix`. What is no ordinary file is never replaced: a rename onto /dev/null
+    would take that device from the whole machine. Raises F4xError.
     """
     path, temporary = Path(path), None
+    if path.exists() and not path.is_file():
+        raise F4xError(
+            f"{path}: {'a folder' if path.is_dir() else 'no ordinary file'}; give the name of a file to write"
+        )
     try:
         try:
             descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:80]}.", suffix=suffix)

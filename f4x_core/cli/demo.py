@@ -72,7 +72,6 @@ def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """
     start = time.perf_counter()
     folder, config = Path(args.output), config_of(args)
-    folder.mkdir(parents=True, exist_ok=True)
     rendered = args.clip is None
     if rendered:
         if args.frames is not None:

@@ -6,11 +6,13 @@ import argparse
 from typing import Any, TypeAlias
 
 from ..raster import CPU_BACKENDS  # with numpy: where an early Ctrl-C is answered already
-from .checks import path_argument
+from .checks import path_argument, scene_argument
 
 Verbs: TypeAlias = "argparse._SubParsersAction[Any]"
 # What all figures of the project were measured at; a fit tells what larger images of its clip show and cost.
 WIDTH = 480
+CLIP = "video file, image folder, or NVIDIA / DyCheck / DAVIS data set"
+"""What a clip may be."""
 PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
 
 
@@ -27,8 +29,14 @@ def add_verb(verbs: Verbs, name: str, description: str) -> argparse.ArgumentPars
     return sub
 
 
+def scene_option(sub: argparse.ArgumentParser, help: str = "a .f4x scene, or the folder of its fit") -> None:
+    """Add the scene, which comes first."""
+    sub.add_argument("scene", type=scene_argument, help=help)
+
+
 def output_option(sub: argparse.ArgumentParser, metavar: str = "DIR", **more: Any) -> None:
     """Add `-o/--output`, the place of the result."""
+    more.setdefault("help", "where the result goes")
     sub.add_argument("-o", "--output", type=path_argument, metavar=metavar, **more)
 
 

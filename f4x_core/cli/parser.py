@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
@@ -14,6 +15,7 @@ from ..scene.formats import FORMATS
 from ..scene.mesh import MeshConfig
 from .checks import path_argument, scene_argument
 from .options import (
+    CLIP,
     WIDTH,
     Verbs,
     add_verb,
@@ -25,6 +27,7 @@ from .options import (
     output_option,
     path_options,
     prompt_options,
+    scene_option,
 )
 
 
@@ -33,6 +36,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise F4xError in place of printing the usage."""
+        for kind, name in (("int", "whole number"), ("float", "number")):
+            message = re.sub(rf"^argument (.+): invalid {kind} value: (.+)$", rf"\1 \2: give a {name}", message)
         joint = " " if message.endswith("?") else "; "
         raise F4xError(f"{message}{joint}`{self.prog} --help` shows what is possible.")
 
@@ -48,9 +53,7 @@ class Parser(argparse.ArgumentParser):
 def _fit(verbs: Verbs) -> None:
     """`f4x fit`."""
     sub = add_verb(verbs, "fit", "Turn a clip into DIR/scene.f4x.")
-    sub.add_argument(
-        "clip", type=path_argument, nargs="?", help="video file, image folder, or NVIDIA / DyCheck / DAVIS data set"
-    )
+    sub.add_argument("clip", type=path_argument, nargs="?", help=CLIP)
     output_option(sub)
     clip_options(sub)
     fit_options(sub)
@@ -86,7 +89,7 @@ def _fit(verbs: Verbs) -> None:
 def _priors(verbs: Verbs) -> None:
     """`f4x priors`."""
     sub = add_verb(verbs, "priors", "Only compute the priors of a clip into DIR/priors.")
-    sub.add_argument("clip", type=path_argument)
+    sub.add_argument("clip", type=path_argument, help=CLIP)
     output_option(sub, required=True)
     clip_options(sub)
     fit_options(sub)
@@ -95,7 +98,7 @@ def _priors(verbs: Verbs) -> None:
 def _distill(verbs: Verbs) -> None:
     """`f4x distill`."""
     sub = add_verb(verbs, "distill", "Distil teachers' features into a scene: a latent on it, a head for each.")
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
     sub.add_argument("--teacher", metavar="NAME[,NAME]", help="whose features, see `f4x models list`")
     output_option(sub, "SCENE2", help="write there (default: the scene itself)")
     sub.add_argument(
@@ -121,7 +124,7 @@ def _distill(verbs: Verbs) -> None:
 def _render(verbs: Verbs) -> None:
     """`f4x render`."""
     sub = add_verb(verbs, "render", "Draw a scene along a camera path.")
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
     edits_option(sub)
     output_option(sub, required=True)
     sub.add_argument(
@@ -159,7 +162,7 @@ def _render(verbs: Verbs) -> None:
 def _eval(verbs: Verbs) -> None:
     """`f4x eval`."""
     sub = add_verb(verbs, "eval", "Measure a scene against its clip.")
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
     edits_option(sub)
     sub.add_argument("--clip", type=path_argument, required=True, help="the clip that was fitted")
     sub.add_argument("--frames", metavar="A:B:S", help="as for the fit")
@@ -178,16 +181,14 @@ def _eval(verbs: Verbs) -> None:
 def _info(verbs: Verbs) -> None:
     """`f4x info`."""
     sub = add_verb(verbs, "info", "What is in a scene file.")
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
     edits_option(sub)
 
 
 def _export(verbs: Verbs) -> None:
     """`f4x export`."""
     sub = add_verb(verbs, "export", "Write a scene for other programs: PLY, .splat, SPZ, glTF, USD, points.")
-    sub.add_argument(
-        "scene", type=scene_argument, help="a .f4x scene, splats (.ply, .splat, .spz, .glb) or a folder of numbered PLY"
-    )
+    scene_option(sub, "a .f4x scene, splats (.ply, .splat, .spz, .glb) or a folder of numbered PLY")
     edits_option(sub)
     output_option(
         sub,
@@ -208,7 +209,7 @@ def _mesh(verbs: Verbs) -> None:
         "mesh",
         "Write a mesh around a thing, moved by its nodes, for shadows, contact and holdouts in other programs.",
     )
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
     edits_option(sub)
     output_option(sub, "FILE.glb", required=True)
     sub.add_argument(
@@ -238,7 +239,7 @@ def _mesh(verbs: Verbs) -> None:
 def _open(verbs: Verbs) -> None:
     """`f4x open`."""
     sub = add_verb(verbs, "open", "Show a scene in the browser, without Blender: one HTML page that plays.")
-    sub.add_argument("scene", type=scene_argument, help="a .f4x scene or splats (.ply, .splat, .spz, .glb)")
+    scene_option(sub, "a .f4x scene or splats (.ply, .splat, .spz, .glb)")
     edits_option(sub)
     sub.add_argument("--write", type=path_argument, metavar="FILE", help="only write the page there")
     sub.add_argument("--word", metavar="WORD[,WORD]", help="buttons that colour what these words mean")
@@ -254,7 +255,7 @@ def _query(verbs: Verbs) -> None:
     sub = add_verb(
         verbs, "query", "Select what words and marks on a frame mean, alone or together: Gaussians and masks."
     )
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
     edits_option(sub)
     prompt_options(sub)
     sub.add_argument("--span", metavar="A:B", help="clip frames in which the selection holds (default: all)")
@@ -268,7 +269,7 @@ def _name(verbs: Verbs) -> None:
     sub = add_verb(
         verbs, "name", "Teach the scene a word: what a click, a box or a mask selects answers to it from then on."
     )
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
     sub.add_argument("word", metavar="WORD", help="letters, digits, spaces, - and _, for example train")
     sub.add_argument("--text", metavar="WORD", help="another word for it; with --click, only what that selects")
     mark_options(sub, "--click")
@@ -278,9 +279,9 @@ def _name(verbs: Verbs) -> None:
 def _ask(verbs: Verbs) -> None:
     """`f4x ask`."""
     sub = add_verb(verbs, "ask", "Ask a scene a question; the answer names who gave it.")
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
     edits_option(sub)
-    sub.add_argument("question")
+    sub.add_argument("question", help='in English, for example "Where is the dog?"')
     sub.add_argument(
         "--select", type=path_argument, metavar="FILE", help='what "it" means: the selection.json of `f4x query -o DIR`'
     )
@@ -295,7 +296,7 @@ def _ask(verbs: Verbs) -> None:
 def _edit(verbs: Verbs) -> None:
     """`f4x edit`."""
     sub = add_verb(verbs, "edit", "Append edits to a scene; what is in its arrays never changes.")
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
     how = sub.add_mutually_exclusive_group(required=True)
     how.add_argument("--say", metavar="SENTENCE", help='what to do, for example "make the dog red from second 2"')
     how.add_argument("--ops", type=path_argument, metavar="FILE", help="JSON: a list of operations")
@@ -323,21 +324,21 @@ def _edit(verbs: Verbs) -> None:
 def _history(verbs: Verbs) -> None:
     """`f4x history`."""
     sub = add_verb(verbs, "history", "The edits of a scene, and what `redo` would bring back.")
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
 
 
 def _undo_redo(verbs: Verbs) -> None:
     """`undo` and `redo`."""
     for name, description in (("undo", "Take back the last edits."), ("redo", "Bring back what was undone last.")):
         sub = add_verb(verbs, name, description)
-        sub.add_argument("scene", type=scene_argument)
+        scene_option(sub)
         sub.add_argument("--count", type=int, default=1, metavar="N", help="so many edits (default: 1)")
 
 
 def _bake(verbs: Verbs) -> None:
     """`f4x bake`."""
     sub = add_verb(verbs, "bake", "Fold the edits of a scene into the arrays of a new one.")
-    sub.add_argument("scene", type=scene_argument)
+    scene_option(sub)
     output_option(sub, "SCENE2", required=True)
 
 
@@ -360,7 +361,7 @@ def _serve(verbs: Verbs) -> None:
 def _features(verbs: Verbs) -> None:
     """`f4x features`."""
     sub = add_verb(verbs, "features", "Let teachers look at a clip: feature maps in DIR/features/TEACHER.")
-    sub.add_argument("clip", type=path_argument)
+    sub.add_argument("clip", type=path_argument, help=CLIP)
     output_option(sub, required=True)
     sub.add_argument("--teacher", required=True, metavar="NAME[,NAME]", help="names as `f4x models list` shows them")
     sub.add_argument(
@@ -551,11 +552,23 @@ VERBS = (
     _demo,
 )
 """In the order in which `f4x --help` lists them."""
+FIRST = """first steps:
+  f4x doctor                        is everything here?
+  f4x fit clip.mp4 -o my_scene      a scene of your clip; minutes
+  f4x open my_scene                 look at it in the browser
+  f4x ask my_scene "What moves?"
+  f4x VERB --help                   what a verb takes
+  f4x doctor F4X-CLIP               what the code behind an error means"""
 
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of every verb."""
-    parser = Parser(prog="f4x", description="From one video to a 4D scene that moves, in Blender too.")
+    parser = Parser(
+        prog="f4x",
+        description="From one video to a 4D scene that moves, in Blender too.",
+        epilog=FIRST,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--version", action="version", version=f"f4x {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     for add in VERBS:

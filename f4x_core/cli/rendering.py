@@ -19,6 +19,7 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import trajectory
 from ..geometry.trajectory import Trajectory
+from ..language.lexicon import plural
 from ..progress import Progress
 from ..query.pixels import coverage_image
 from ..scene import Scene
@@ -132,10 +133,19 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     films = [f"{file_name(name)}.mp4" for name, frames in videos.items() if frames]
     for film, frames in zip(films, filter(None, videos.values()), strict=True):
         write_video(Path(args.output) / film, np.stack(frames), scene.fps, times_of(scene, args.path, indices))
-    text = ", ".join([f"{args.output}: {len(indices)} frames", *films])
+    text = ", ".join([f"{args.output}: {_frames(indices)}", *films])
     if len(indices) == 0:
         text += f"; {len(chosen)} frames in {args.part.split('/')[1]} parts leave nothing for --part {args.part}"
-    return {"frames": len(indices), "output": str(args.output), "text": text}
+    result: dict[str, Any] = {"frames": len(indices), "output": str(args.output)}
+    black = [name for name, mask in masks.items() if not mask.chosen.any()]
+    if black:
+        result["note"] = f"nothing in the scene answers to {', '.join(black)}: black pictures"
+        text += f"; {result['note']}"
+    return {**result, "text": text}
+
+
+def _frames(indices: np.ndarray) -> str:
+    return f"{len(indices)} {plural('frame', len(indices))}"
 
 
 def views_of(args: argparse.Namespace, scene: Scene) -> tuple[Trajectory, np.ndarray, np.ndarray]:
@@ -177,7 +187,7 @@ def run_shots(args: argparse.Namespace, scene: Scene, progress: Progress) -> dic
     return {
         "frames": len(indices),
         "output": str(output),
-        "text": f"{output}: {len(indices)} frames",
+        "text": f"{output}: {_frames(indices)}",
     }
 
 
@@ -261,5 +271,5 @@ def run_export(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     else:
         times = scene.cameras.times[frame_indices(args.frames, len(scene.cameras), args.scene)].tolist()
     files = export(scene, args.output, times, name, progress=progress)
-    text = str(args.output) if files == [args.output] else f"{args.output}: {len(files)} files"
+    text = str(args.output) if files == [args.output] else f"{args.output}: {len(files)} {plural('file', len(files))}"
     return {"output": str(args.output), "format": name, "frames": len(times), "files": len(files), "text": text}

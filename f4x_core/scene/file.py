@@ -210,6 +210,11 @@ def _readable(path: Path) -> Iterator[None]:
 @contextmanager
 def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
     """Open the zip and hold its table of contents against the bytes that are there."""
+    if path.is_dir():
+        raise F4xError(f"{path}: a folder without scene.f4x; give the folder of a fit, or a .f4x file")
+    with _readable(path), path.open("rb") as file:
+        if file.read(2) not in (b"", b"PK"):
+            raise F4xError(f"{path}: not a Feature4X scene; choose a .f4x file, which `f4x fit` makes of a clip")
     with _readable(path), zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         names = [info.filename for info in members]

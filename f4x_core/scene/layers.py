@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -71,4 +73,5 @@ def write_exr(
         try:
             OpenEXR.File(header, channels).write(str(temporary))
         except RuntimeError as error:  # what OpenEXR makes of a full disk
-            raise OSError(str(error)) from error
+            told = next((number for number in errno.errorcode if os.strerror(number) in str(error)), None)
+            raise (OSError(str(error)) if told is None else OSError(told, os.strerror(told))) from error

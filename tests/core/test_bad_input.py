@@ -182,6 +182,8 @@ def test_a_clip_that_cannot_be_fitted_is_refused_before_any_work(tmp_path, capsy
         (("--frames", "2:9"), "reach beyond"),
         (("--width", 8), "8x4 are too small"),
         (("--seed", -1), "--seed -1"),
+        (("--width", "1.5"), "--width '1.5': give a whole number; `f4x fit --help`"),
+        (("--memory", "much"), "--memory 'much': give a number; `f4x fit --help`"),
         (("--threads", -1), "--threads -1"),
         (("--backend", "abacus"), "'abacus' (choose from 'auto', 'native', 'torch', 'reference')"),
         (("--backend", "gsplat"), "'gsplat' (choose from 'auto', 'native', 'torch', 'reference')"),

@@ -59,6 +59,15 @@ def test_a_replacement_that_fails_leaves_the_old_file(tmp_path):
     assert path.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes among its files")
+def test_what_is_no_ordinary_file_is_never_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for name, words in (("pipe", "no ordinary file"), (".", "a folder")):
+        with pytest.raises(F4xError, match=words), replace_file(tmp_path / name):
+            pytest.fail("nothing may be written")
+    assert (tmp_path / "pipe").is_fifo() and len(list(tmp_path.iterdir())) == 1
+
+
 def test_a_lock_keeps_another_process_out_and_ends_with_it(tmp_path):
     path = tmp_path / "lock"
     process = subprocess.Popen([sys.executable, "-c", HOLD, str(path)], stdout=subprocess.PIPE)

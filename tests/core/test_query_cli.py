@@ -100,6 +100,10 @@ def test_render_shows_the_mask_of_a_label(folder, capsys, tmp_path):
     assert code == 0, err
     mask = np.asarray(Image.open(tmp_path / "mask_square" / "00002.png")) > 127
     assert overlap(mask, square_mask(2.0)) > 0.99
+    without = tmp_path / "without.f4x"
+    assert run(capsys, "edit", folder / "scene.f4x", "--say", "delete the square", "-o", without)[0] == 0
+    code, out, _ = run(capsys, "render", without, "--channels", "mask:square", "-o", tmp_path / "r", "--frames", "0:1")
+    assert code == 0 and "r: 1 frame; nothing in the scene answers to mask:square: black pictures" in out
 
 
 def test_ask_names_who_answered(folder, capsys, monkeypatch):

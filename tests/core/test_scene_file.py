@@ -248,8 +248,11 @@ def test_missing_folder_and_missing_file(tmp_path):
         write_scene(BASE, tmp_path / "nowhere" / "a.f4x")
     with pytest.raises(F4xError, match="no such file"):
         read_scene(tmp_path / "a.f4x")
-    with pytest.raises(F4xError, match="cannot be read"):
+    with pytest.raises(F4xError, match=r"a folder without scene\.f4x"):
         read_scene(tmp_path)
+    (tmp_path / "notes.txt").write_text("no scene")
+    with pytest.raises(F4xError, match=r"notes\.txt: not a Feature4X scene; choose a \.f4x file"):
+        read_scene(tmp_path / "notes.txt")
 
 
 def rewritten(path, change_header=None, members=None, compress=zipfile.ZIP_STORED):

@@ -103,6 +103,20 @@ def test_a_full_disk_is_the_disk_whoever_says_so(tmp_path, monkeypatch):
     assert code_of(caught.value) == "F4X-DISK"
 
 
+def test_a_full_disk_under_an_exr_is_the_disk(tmp_path, monkeypatch):
+    openexr = pytest.importorskip("OpenEXR")
+    from f4x_core.scene.layers import write_exr
+
+    class Full:
+        def __init__(self, *_):
+            raise RuntimeError('Failed to write pixel data to image file "x.exr". No space left on device.')
+
+    monkeypatch.setattr(openexr, "File", Full)
+    with pytest.raises(F4xError, match=r"x\.exr: cannot be written \(No space left on device\)") as caught:
+        write_exr(tmp_path / "x.exr", {})
+    assert code_of(caught.value) == "F4X-DISK" and not list(tmp_path.iterdir())
+
+
 def test_a_script_belongs_to_its_folder():
     code = compile("raise F4xError('no')", str(ROOT / "scripts" / "door.py"), "exec")
     with pytest.raises(F4xError) as caught:
