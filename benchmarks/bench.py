@@ -26,6 +26,10 @@ def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     a batch costs."""
     if args.what == "scale":
         return _scale(args, progress)
+    for name in ("counts", "threads", "repeats"):
+        value = getattr(args, name)
+        if min(value if isinstance(value, list) else [value]) < 1:
+            raise F4xError(f"--{name} {value}: give numbers from 1 on.")
     import torch
 
     torch.set_num_threads(1)  # threads are the backends' own, so that one thread means one

@@ -262,6 +262,8 @@ def code_of(error: BaseException) -> str:
         error = error.__cause__
     if isinstance(error, MemoryError):
         return "F4X-MEMORY"
+    if isinstance(error, FileNotFoundError):
+        return "F4X-OPTION"
     if isinstance(error, OSError) or (isinstance(error.__cause__, OSError) and error.__cause__.errno in CURES):
         return "F4X-DISK"
     frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
@@ -277,6 +279,8 @@ def _module_of(frame: FrameType) -> str:
 
 def sentence_of(error: BaseException, place: object = "the disk") -> str:
     """What an expected error says to people; `place` is where the disk failed if the error does not name it."""
+    if isinstance(error, FileNotFoundError):
+        return f"{error.filename or place}: there is no such file or folder; check the path."
     if isinstance(error, OSError):
         parts = [str(error.strerror or error), "nothing half-written was left behind", CURES.get(error.errno or 0)]
         return f"{error.filename or place}: {'; '.join(filter(None, parts))}."

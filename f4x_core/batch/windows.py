@@ -25,6 +25,7 @@ from ..files import replace_file
 from ..fit.config import FitConfig, resolved
 from ..fit.pipeline import ClipFit
 from ..fit.previous_window import PreviousWindow, WindowFit
+from ..language.lexicon import plural
 from ..priors.config import config_hash
 from ..progress import Progress, silent
 from ..scene import Scene, read_scene, write_scene
@@ -67,8 +68,8 @@ def plan_windows(start: int, end: int, length: int = LENGTH, overlap: int = OVER
     """
     if overlap < MIN_OVERLAP or length <= 2 * overlap:
         raise F4xError(
-            f"windows of {length} frames cannot share {overlap}: let --overlap be {MIN_OVERLAP} or more and --window more"
-            " than twice that."
+            f"windows of {length} {plural('frame', length)} cannot share {overlap}: let --overlap be {MIN_OVERLAP} or more and"
+            " --window more than twice that."
         )
     count = max(1, math.ceil((end - start - overlap) / (length - overlap)))
     edges = start + np.round(np.linspace(0, end - start - overlap, count + 1)).astype(int)

@@ -161,6 +161,8 @@ def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | ClipStream | Non
 def read_labels(text: str) -> list[str]:
     """Labels of a file with one per line, or of a list with commas."""
     path = Path(text)
+    if not path.is_file() and (path.suffix.lower() in (".txt", ".csv") or len(path.parts) > 1):
+        raise F4xError(f"--vocabulary {text}: there is no such file; check the path, or write words with commas.")
     try:
         words = path.read_text(encoding="utf-8").splitlines() if path.is_file() else text.split(",")
     except (OSError, UnicodeDecodeError) as error:

@@ -35,6 +35,9 @@ def run_open(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     text = f"{path}: {megabytes:.1f} MB"
     if scene.edits:
         text += f"; {len(scene.edits)} edits change with time in a way that the page cannot show"
+    absent = [word for word, chosen in marks.items() if not chosen.any()]
+    if absent:
+        text += f"; nothing in the scene answers to {', '.join(absent)}"
     if args.write is None and not webbrowser.open(path.absolute().as_uri()):
         text += "; no browser answered, open it yourself"
     return {"output": str(path), "megabytes": megabytes, "edits_left": len(scene.edits), "text": text}

@@ -27,7 +27,7 @@ from .measures import Comparison, Measured, measure, single_ones, times_of
 from .not_deleted import not_deleted
 from .pixels import head_map
 from .selection import SELECTED, Selection
-from .wording import CAN, CLIP_FACTS, ONE_BY_ONE, Asked, Unanswerable, read_question
+from .wording import CLIP_FACTS, INSTEAD, ONE_BY_ONE, Asked, Unanswerable, read_question
 
 COMPUTED, SERVER = "computed", "server"
 """Values of `Answer.answered_by`, besides names of models."""
@@ -294,7 +294,7 @@ def _compared(
     if asked.kind in OF_ONE and not asked.things:
         things = [one for one in things if one.moves]
         if len(things) != 1:
-            raise Unanswerable(f"Which thing is meant? Name it; {CAN}.")
+            raise Unanswerable(f"Which thing is meant? Name it; {INSTEAD}.")
     if asked.among and (singles := single_ones(scene, things[0], times)):
         things = [*singles, *things[1:]]
     if asked.but:
@@ -382,7 +382,7 @@ def _word_of(scene: Scene, name: str) -> str:
         named = {*known, "it", "they", "them", "he", "she", "this", "that"}
         strange = " ".join(word for word in left if named.isdisjoint(spellings(word))) or name
         raise Unanswerable(
-            f"I do not know what '{strange}' means in '{name}', so I do not answer half the question; {CAN}."
+            f"I do not know what '{strange}' means in '{name}', so I do not answer half the question; {INSTEAD}."
         )
     return form
 

@@ -46,12 +46,12 @@ from ..language.times import END, START, Clip, Span, no_such_time, span
 from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
 
 CAN = (
-    "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
-    " what moves first, when it is nearest, farthest, highest or fastest, "
-    "how far two things are apart, what colour a thing has, how many"
-    " there are and move, their order from left to right or in depth, what there is at a "
-    "second or frame, and how long the clip is (more by a model: --endpoint or --model)"
+    "can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
+    " what moves first, when it is nearest, farthest, highest or fastest, how far two things are apart, what colour a thing has,"
+    " how many there are and move, their order from left to right or in depth, what there is at a second or frame, and how long"
+    " the clip is (more by a model: --endpoint or --model)"
 )
+INSTEAD = f"computing from the scene {CAN}"
 """What a refusal says."""
 
 
@@ -663,7 +663,7 @@ def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
     words = re.findall(r"[^\W\d_]+", text)
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
     if not it and not _PRONOUNS.isdisjoint(words) and _understood(text, clip, ("it",)):
-        return Unanswerable(f"I do not know what is meant here, as nothing is selected or was named before; {CAN}.")
+        return Unanswerable(f"I do not know what is meant here, as nothing is selected or was named before; {INSTEAD}.")
     limit = re.search(rf"{_NEGATION}|\bonly\b", text)
     if limit and subject == "that":
         subject = f"what '{limit[0]}' asks for here"
@@ -672,8 +672,8 @@ def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
     if not strange and last and re.search(rf"(?<!\ba )(?<!\ban )(?<!\bthe )\b{last[0]}$", text):
         strange = last[0]
     if subject == "that" and strange:
-        return Unanswerable(f"I do not know what '{strange}' means here; {CAN}.{_nearest_kinds(text, clip, it)}")
-    return Unanswerable(f"Computing from the scene cannot tell {subject}; {CAN}.{_nearest_kinds(text, clip, it)}")
+        return Unanswerable(f"I do not know what '{strange}' means here; {INSTEAD}.{_nearest_kinds(text, clip, it)}")
+    return Unanswerable(f"Computing from the scene cannot tell {subject}; it {CAN}.{_nearest_kinds(text, clip, it)}")
 
 
 def _frames(span: Span, clip: Clip) -> tuple[float, float]:

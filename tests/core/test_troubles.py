@@ -79,6 +79,10 @@ def test_the_code_is_that_of_the_first_cause_and_stands_once():
             "a.f4x: No space left on device; nothing half-written was left behind; make room there or choose another place."
             " [F4X-DISK]",
         ),
+        (
+            FileNotFoundError(errno.ENOENT, "No such file", "a.json"),
+            "a.json: there is no such file or folder; check the path. [F4X-OPTION]",
+        ),
         (OSError("gone"), "out: gone; nothing half-written was left behind. [F4X-DISK]"),
         (MemoryError(), "The memory does not suffice; use fewer frames or smaller ones. [F4X-MEMORY]"),
         (MemoryError("3 GiB"), "The memory does not suffice (3 GiB); use fewer frames or smaller ones. [F4X-MEMORY]"),
