@@ -28,7 +28,7 @@ from ..language.grammar import (
 from ..language.idle import EMPTY, idle_gaps
 from ..language.lexicon import FUNCTION_WORDS, word_set
 from ..language.times import Span, span
-from ..language.verbs import VERBS, any_form
+from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .commands import ADDS_NOTHING, COMMANDS
 from .phrases import besides, known_thing, thing
 from .slots import AGAIN, REMARK, TOPIC, Command
@@ -48,10 +48,6 @@ class Clause(NamedTuple):
 
 
 Clauses = tuple[Clause, ...]
-COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"))
-"""First words of the verbs of commands."""
-IMPERATIVES: frozenset[str] = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
-"""Those with which a command begins: not "stands" of "the man who stands left"."""
 
 
 _then = either(span, keyword("only|just") + span, span + ~keyword(",") + keyword("only|alone"))

@@ -39,9 +39,10 @@ from ..language.grammar import (
     table,
     unless,
 )
+from ..language.idle import is_strange
 from ..language.lexicon import PICTURE, every_form, word_set
 from ..language.times import TimeExpression, duration, span
-from ..language.verbs import VERBS, any_form, asked_form
+from ..language.verbs import COMMAND_VERBS, IMPERATIVES, any_form, asked_form
 from . import making, qualities
 from .making import Value
 from .phrases import (
@@ -87,7 +88,6 @@ COMMANDS: list[Command] = []
 """In the order in which they are preferred."""
 
 
-_VERBS_BEHIND_TO = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
 _goes_on = unless(literal("and|but")) + here(lambda reading, at: reading.word(at).isalpha())
 ADDS_NOTHING = either(
     CALLS,
@@ -104,10 +104,11 @@ ADDS_NOTHING = either(
     literal(
         every_form("make|let|have|get|do|keep|animate")
         + "|start (with)|begin (with)|every frame|each frame|going|real quick|super quick|"
-        "in the [scene|picture|video|clip]|for good|permanently"
+        "for good|permanently"
     ),
+    literal(f"[in|within|inside] (the|this|my|our) (whole|entire) [{PICTURE}]|in here") + unless(number),
     literal(",|:|->|=>|=|-|!|(|)"),
-    literal("to") + here(lambda reading, at: reading.word(at) in _VERBS_BEHIND_TO),
+    literal("to") + here(lambda reading, at: reading.word(at) in IMPERATIVES),
     literal("instead") + unless(literal("of")),
     literal("afterward|after that|from then on|thereafter") + here(lambda reading, at: at == len(reading.tokens)),
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
@@ -244,7 +245,22 @@ _quality = either(
     + ~literal("tone|tones|mood|look|light|color|colors"),
     _toward + qualities.bare_look,
 )
-_becoming = unless(literal("tones|shades|looks|seems|feels")) + literal(any_form("become", "match"))
+_LIGHT = any_form("become", "apply", "leave")
+"""Verbs that only carry what a noun or a value says: "stick a glow on it", "trim the contrast to 80 %"."""
+_some_verb = Rule(
+    lambda reading, at: (
+        {at + 1: ()}
+        if is_strange(reading.word(at), {words[-1] for words in reading.known} | COMMAND_VERBS)
+        and (at == 0 or reading.word(at - 1) in _BEFORE_VERBS)
+        and not {"to", "into"}.isdisjoint(reading.words[at + 2 :])
+        else {}
+    )
+)
+"""A verb that nobody knows, where something comes "to" a value: "lerp the color to yellow"."""
+_becoming = either(
+    unless(literal("tones|shades|looks|seems|feels")) + literal(any_form("match") + "|" + _LIGHT), _some_verb
+)
+_BEFORE_VERBS = word_set("and , . ; ! then please to")
 _COLOURING = {
     "whiten|whitewash|bleach|white out": "white",
     "blacken|black out": "black",
@@ -480,7 +496,8 @@ _way = table(
         any_form("more")
         + "|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|greater|"
         "bigger": True,
-        any_form("less") + "|out|back|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer": False,
+        any_form("less")
+        + "|out|back|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer|reduction|decrease": False,
     },
     reserve=False,
 )
@@ -577,7 +594,7 @@ def _by_number(x: float) -> Amount:
     return Amount("times", x) if x < _LEAST_PERCENTS else Amount("fraction", _percents(x))
 
 
-_set = literal(any_form("set"))
+_set = literal(any_form("set", "become", "apply")) | _some_verb
 _command(
     "lift the dog by half a stop",
     lambda way, by: making.brightened(factor(by, way)),
@@ -1152,7 +1169,7 @@ _command(
     )
     >> (lambda: True),
     times=~literal("of|with|plus|and|+") + _times,
-    verb=literal(any_form("leave")),
+    verb=literal(_LIGHT),
     behind=literal(
         "behind it|behind him|behind her|after it|behind itself|behind|it|itself|him|her|the original|the first (one)|"
         "the real one"
@@ -1280,7 +1297,7 @@ _command(
     verb=literal(every_form("call|name|label|tag|dub|nickname")),
     called=~literal("as|to")
     + here(lambda reading, at: reading.word(at - 1) not in ("the", "my", "that", "this"))
-    + unless(here(lambda reading, at: reading.word(at) in _VERBS_BEHIND_TO))
+    + unless(here(lambda reading, at: reading.word(at) in IMPERATIVES))
     + name
     + here(lambda reading, at: not reading.word(at).isalpha() or reading.word(at) in _ENDING),
 )
@@ -1297,7 +1314,7 @@ _bit_of = ~literal("some|a|an|a bit of|a little|a touch of|the") + optional(
         reserve=False,
     )
 )
-_doing = literal(any_form("apply"))
+_doing = literal(_LIGHT)
 
 
 def _haloed(light: tuple[Amount | None, Any], rgb: Any = None) -> Value:

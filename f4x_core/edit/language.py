@@ -51,9 +51,9 @@ from ..language.lexicon import (
 )
 from ..language.paraphrases import closed_up, in_order, opened, paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression
-from ..language.verbs import VERBS
+from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS
 from . import qualities
-from .clauses import COMMAND_VERBS, IMPERATIVES, OF_ALL, Clauses, Search, arguments
+from .clauses import OF_ALL, Clauses, Search, arguments
 from .commands import COMMANDS
 from .corrections import corrected, remarked, without_remarks
 from .description import describe
@@ -704,6 +704,8 @@ def _is_overridden(made: Any, one: Any) -> bool:
         return _removes(made) and made.select == Not(one.select)
     if isinstance(made, Style | Recolour) and isinstance(one, Recolour) and one.mode == "assign" and one.strength == 1:
         return getattr(made, "mode", "assign") == "assign" and (made.select, made.frames) == (one.select, one.frames)
+    if isinstance(made, Retime) and isinstance(one, Retime):  # "speed it up so that it only takes a second"
+        return (made.select, made.frames) == (one.select, one.frames)
     timed = type(made) is type(one) and hasattr(made, "ease") and made.frames is None and one.frames is not None
     if isinstance(one, Opacity) and one.inward:  # "start with the boat invisible and let it fade in"
         made = replace(made, inward=True) if isinstance(made, Opacity) else made

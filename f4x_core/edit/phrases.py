@@ -33,6 +33,7 @@ from ..language.grammar import (
 )
 from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, PEOPLE, PICTURE, is_adverb, singular, word_set
 from ..language.times import END, START, Clip, Span, no_such_time
+from ..language.verbs import IMPERATIVES
 from .operations import Duplicate, Operation
 from .selects import All, And, Beside, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text, Where
 
@@ -336,6 +337,7 @@ def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         _open(reading, at)
         and singular(word) not in PURE_COLOURS
         and word not in _DESCRIBING
+        and (singular(word) not in IMPERATIVES or _is_noun(reading, at))
         and singular(word) not in NO_THINGS
     ):
         text = reading.text_of(at, at + 1).lower()
@@ -571,7 +573,12 @@ def _frame(number: float, context: SentenceContext) -> int:
     return int(number)
 
 
+_of_size = keyword("the") + table(
+    {"big|large|huge|tall|giant": "largest", "small|little|tiny|wee": "smallest"}, reserve=False
+)
+_sized_one = _of_size + _known + here(lambda reading, at: not _is_plural(reading, at - 1)) + _seen_in >> _one_of
 _instance: Rule = either(
+    _sized_one,
     ~_article + _which + _kind + _seen_in >> _one_of,
     ~_article + _kind + _where + _seen_in >> (lambda kind, which, seen: _one_of(which, kind, seen)),
 )
@@ -747,6 +754,7 @@ _definite = (
         _moving,
         _static,
         _point,
+        _sized_one,
         familiar,
         _determined,
         _instance,

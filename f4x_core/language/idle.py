@@ -64,12 +64,15 @@ def _cost(tokens: list[Token], at: int, known: Collection[str], verbs: Collectio
     if token.text in _STATING:
         return None
     if token.text in PREPOSITIONS:  # what they tell would be lost: "put it on black"; not so "turn of 90 degrees"
-        return HARMLESS if _is_amount(tokens[at + 1 : at + 2]) else UNKNOWN
+        return HARMLESS if _is_value(tokens[at + 1 : at + 2]) else UNKNOWN
     if token.text == "and":  # between what is understood it joins two wishes
         return UNKNOWN
     if token.text in _ALONE or token.text in BINDING:
         return HARMLESS
-    if at and tokens[at - 1].text in ("go", "goes", "going") and _is_strange(token.text, known):  # "go vroom"
+    following = tokens[at + 1].text if at + 1 < len(tokens) else ""
+    if following in _CARRIED and is_strange(token.text, known):
+        return HARMLESS
+    if at and tokens[at - 1].text in ("go", "goes", "going") and is_strange(token.text, known):  # "go vroom"
         return HARMLESS
     meant = token.text in verbs or any(form in words for words in _MEANT for form in forms)
     return None if meant else UNKNOWN
@@ -81,14 +84,26 @@ def _is_described(tokens: list[Token], known: Collection[str]) -> bool:
     return things == [False, True] and tokens[0].is_word
 
 
-def _is_amount(tokens: list[Token]) -> bool:
-    return any(token.text[0].isdecimal() or token.text in ONES or token.text in TENS for token in tokens)
+def _is_value(tokens: list[Token]) -> bool:
+    """Whether a number, a colour or a way stands there, which tells by itself what it is."""
+    return any(token.text[0].isdecimal() or token.text in _VALUES for token in tokens)
+
+
+_VALUES = {*ONES, *TENS, *COLOURS, "left", "right"}
+_CARRIED = COLOURS.keys() | word_set(
+    "copy copies clone clones duplicate glow halo aura blur tint shade tone trail trails echo fade contrast saturation "
+    "brightness exposure speed size color colors light finish paint coat effect motion movement turn spin rotation nudge "
+    "push tilt version"
+)
+"""What is said of these tells how they are: "emissive" of "a blue emissive glow"."""
 
 
 _SIGNS = frozenset(",.;!?():-")
 _ASIDE = 30
 """Cost of words between signs that wish nothing."""
-_LEADING = word_set("for so as")
+_REASONS = word_set("because since as though although considering seeing which so")
+"""Words with which is told why or how it is."""
+_LEADING = _REASONS | {"for"}
 """Words with which a reason begins, also where no comma stands before it."""
 _WISHING = word_set(
     "not no never only except but without unless if than before after until till from while and then or both other others "
@@ -98,11 +113,13 @@ _WISHING = word_set(
 """Words with which an aside could mean something for the command."""
 
 
-def _asides(reading: Reading, known: Collection[str], imperatives: Collection[str]) -> dict[int, int]:
-    """Where what somebody says beside the command begins -> its end: words between signs, or a reason, with no thing, verb, amount,
-    time, colour or negation in them, of which the grammar does not know at least one."""
-    words, found, end = [token.text for token in reading.tokens], {}, len(reading.tokens)
-    strange = [_is_strange(word, known) for word in words]
+def _asides(reading: Reading, known: Collection[str], imperatives: Collection[str]) -> dict[int, tuple[int, int]]:
+    """Where what somebody says beside the command begins -> its end and cost: words between signs, or a reason, with no thing,
+    verb, amount, time, colour or negation in them, of which the grammar does not know at least one; any reason that tells no
+    time, amount or colour; what only asks."""
+    words, end = [token.text for token in reading.tokens], len(reading.tokens)
+    found: dict[int, tuple[int, int]] = {}
+    strange = [is_strange(word, known) for word in words]
     harmless = [strange[at] or not _could_mean(words[at], known, imperatives) for at in range(end)]
     for at in range(end):
         behind_sign = at == 0 or words[at - 1] in _SIGNS
@@ -110,11 +127,58 @@ def _asides(reading: Reading, known: Collection[str], imperatives: Collection[st
             continue
         stop = next((i for i in range(at, end) if words[i] in _SIGNS), end)
         if stop > at and all(harmless[at:stop]) and any(strange[at:stop]) and (at or stop < end):
-            found[at] = stop
-    return found
+            called = stop == at + 1 == end and at and not words[at].endswith(_ADJECTIVES)  # "…, Jarvis"
+            found[at] = stop, FILLED * (stop - at) if called or not at else _ASIDE
+        if words[at] in _REASONS and (at or stop < end) and all(map(_tells, words[at:stop])):
+            found.setdefault(at, (stop, _ASIDE))
+    return found | _openers(words, strange, harmless, imperatives)
 
 
-def _is_strange(word: str, known: Collection[str]) -> bool:
+_ADJECTIVES = ("y", "ed", "ing", "ish", "ful", "ous", "er", "al", "ic")
+_DECISIVE = word_set(
+    "no only except but without unless if than before after until till from first last second seconds frame frames half end "
+    "start it them him her he she they that this and then or"
+)
+
+
+def _tells(word: str) -> bool:
+    """Whether a word of a reason says neither when, how much or how, nor what it should be like."""
+    return (
+        word.isalpha()
+        and word not in _DECISIVE
+        and not any(word in words for words in (COLOURS, ONES, TENS, FRACTIONS))
+    )
+
+
+_ASKING = word_set("i we you it would could can may might shall be do does my our let is are please")
+_GOES_ON = word_set("to and if that whether for")
+_MOST_BEFORE = 12
+
+
+def _openers(
+    words: list[str], strange: list[bool], harmless: list[bool], imperatives: Collection[str]
+) -> dict[int, tuple[int, int]]:
+    """The words in front that only ask, whatever they are: "would it be feasible for", "I do solemnly request that"."""
+    for stop in range(min(len(words), _MOST_BEFORE), 1, -1):
+        last, following = words[stop - 1], words[stop] if stop < len(words) else ""
+        begins = following in imperatives if last in ("to", "and") else following in _SUBJECTS
+        soft = all(
+            ok or word in FUNCTION_WORDS | _ASKING for ok, word in zip(harmless[:stop], words[:stop], strict=True)
+        )
+        asks = (
+            not _ASKING.isdisjoint(words[:stop])
+            and any(strange[:stop])
+            and {"not", "no", "never"}.isdisjoint(words[:stop])
+        )
+        if last in _GOES_ON and begins and soft and asks:
+            return {0: (stop, FILLED * stop)}
+    return {}
+
+
+_SUBJECTS = word_set("the my our this that these those everything everyone it a an all both")
+
+
+def is_strange(word: str, known: Collection[str]) -> bool:
     """Whether nothing in the grammar knows a word."""
     forms = {word, singular(word)}
     return word.isalpha() and forms.isdisjoint(known) and all(forms.isdisjoint(words) for words in (*_MEANT, EMPTY))
@@ -141,6 +205,6 @@ def idle_gaps(
         ends = {end: FILLED * (end - at) for end in adds_nothing.at(reading, at) if end > at}
         cost = _cost(reading.tokens, at, known, verbs)
         if at in asides:
-            ends.setdefault(asides[at], _ASIDE if at else FILLED * asides[at])
+            ends.setdefault(*asides[at])
         gaps.append(ends if cost is None else {at + 1: cost} | ends)
     return gaps

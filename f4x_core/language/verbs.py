@@ -184,14 +184,30 @@ VERBS: dict[str, str] = {
 """Sense -> the verbs that have it, in their first form."""
 
 
+_NOUNS = {
+    "delete": "deletion, removal, erasure, elimination", "copy": "duplication, cloning, replication",
+    "rotate": "rotation, revolution", "enlarge": "enlargement, magnification", "shrink": "reduction in size",
+    "brighten": "brightening", "darken": "darkening", "desaturate": "desaturation", "saturate": "saturation boost",
+    "quicken": "acceleration, speed up, speed boost", "slow": "slow down, slowdown, deceleration, slow motion effect",
+    "reverse": "reversal, inversion in time", "blur": "blurring, softening", "isolate": "isolation, extraction",
+    "swap": "exchange, swapping", "vanish": "fade out, fade to nothing, disappearance", "appear": "fade in, fade up, appearance",
+    "tint": "tinting", "warm": "warming", "cool": "cooling",
+}  # fmt: skip
+"""Sense -> nouns of what is done: "a 20 % reduction of the contrast"."""
+
+
 def any_form(*senses: str) -> str:
-    """The verbs of the senses in each of their forms, as alternatives with `|`."""
-    return every_form(_verbs(senses))
+    """The verbs of the senses in each of their forms and their nouns, as alternatives with `|`."""
+    return "|".join((every_form(_verbs(senses)), *_nouns(senses)))
 
 
 def asked_form(*senses: str) -> str:
     """As `any_form`, without that of what somebody does himself: "the dog takes off" wants nothing."""
-    return "|".join(form for which in (1, 2) for form in inflected(_verbs(senses), which))
+    return "|".join((*(form for which in (1, 2) for form in inflected(_verbs(senses), which)), *_nouns(senses)))
+
+
+def _nouns(senses: Sequence[str]) -> list[str]:
+    return [noun for sense in senses if sense in _NOUNS for noun in _NOUNS[sense].split(", ")]
 
 
 def _verbs(senses: Sequence[str]) -> str:
@@ -224,3 +240,7 @@ VOCABULARY.update(
         "triple treble quadruple radiate sheen halo aura"
     )
 )
+COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"))
+"""First words of the verbs of commands."""
+IMPERATIVES: frozenset[str] = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
+"""Those with which a command begins: not "stands" of "the man who stands left"."""
