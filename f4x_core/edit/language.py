@@ -1094,13 +1094,20 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     return tuple(dict.fromkeys(fitting))[:3]
 
 
+_FIRST_EXAMPLES = ("make the dog red", "move the dog to the left", "isolate the dog", "play the dog in reverse")
+"""What is shown of a sentence that no example shares a word with, in this order."""
+
+
 def _nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:
     typed = [token.text for token in tokens[:MAX_WORDS]]
+    said = [word for word in typed if word not in FUNCTION_WORDS]
 
-    def likeness(example: str) -> float:
+    def likeness(example: str) -> tuple[float, float]:
         words = example.split()
-        telling = set(words) - FUNCTION_WORDS - {"dog"}  # all examples have these
-        alike = sum(bool(get_close_matches(word, typed, 1, 0.75)) for word in telling)
-        return alike / max(len(telling), 1) + SequenceMatcher(None, words, typed).ratio() / 2
+        telling = set(words) - FUNCTION_WORDS - {"dog", "dogs"}  # all examples have these
+        alike = sum(bool(get_close_matches(word, said, 1, 0.75)) for word in telling)
+        if not alike:
+            return 0, -_FIRST_EXAMPLES.index(example) if example in _FIRST_EXAMPLES else -len(_FIRST_EXAMPLES)
+        return 1, alike / len(telling) + SequenceMatcher(None, words, typed).ratio() / 2
 
     return tuple(sorted(_EXAMPLES, key=likeness, reverse=True)[:count])
