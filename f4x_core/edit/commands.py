@@ -247,6 +247,7 @@ _quality = either(
 )
 _LIGHT = any_form("become", "apply", "leave")
 """Verbs that only carry what a noun or a value says: "stick a glow on it", "trim the contrast to 80 %"."""
+_BEFORE_VERBS = word_set("and , . ; ! then please to")
 _some_verb = Rule(
     lambda reading, at: (
         {at + 1: ()}
@@ -260,7 +261,6 @@ _some_verb = Rule(
 _becoming = either(
     unless(literal("tones|shades|looks|seems|feels")) + literal(any_form("match") + "|" + _LIGHT), _some_verb
 )
-_BEFORE_VERBS = word_set("and , . ; ! then please to")
 _COLOURING = {
     "whiten|whitewash|bleach|white out": "white",
     "blacken|black out": "black",
@@ -410,6 +410,13 @@ _command(
     ),
     out=literal("out|away"),
 )
+_command(
+    "tone the picture sepia",
+    lambda verb, look: making.styled(look),
+    "verb look",
+    verb=table({any_form("tint"): True}, reserve=False),
+    look=~literal("in|with|to") + qualities.any_look + ~qualities.effect,
+)
 _in_color = literal("in (full|its) [color|colors]|colored")
 _only = literal("only|just|nothing but|solely|nothing except|nothing else but|nothing other than|no one but")
 _command(
@@ -483,7 +490,7 @@ def _transparent(by: float) -> Value:
 _QUALITIES = {
     "size|scale|dimensions": making.scaled,
     "speed|pace|tempo|playback speed|playback rate|velocity": making.retimed,
-    "brightness|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain": making.brightened,
+    "brightness|gamma|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain": making.brightened,
     "contrast": making.contrasted,
     "saturation|sat|color saturation|color intensity|vibrance|vividness|colorfulness|chroma|color|colors": making.saturated,
     "opacity|visibility|alpha": making.opacity,
@@ -1467,7 +1474,8 @@ _command(
         "[it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as "
         "before)|(then) [it|he|she|they] ([is|are|can|may|will|should]) [goes|continues|moves|runs|carries|go|come|comes|"
         "be|back|walk|move|run|continue] (back|on|again|as before)|(,) (then|and then) (back to) normal (again) "
-        "(afterward|after that)|then back|([normal|full|in]) color [for the rest|afterward|after that|again]|(and) "
+        "(afterward|after that)|then back|hold (it|that) [to|until] the end|([normal|full|in]) color [for the rest|"
+        "afterward|after that|again]|(and) "
         "(then) [carry|go|move|play|run|continue] on|(and) then [continue|resume|continues|resumes]|i mean it|not more|not "
         "less|that is enough"
     ),

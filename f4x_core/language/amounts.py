@@ -91,7 +91,10 @@ class Amount(NamedTuple):
     """Of the last three."""
 
 
-degree = literal("[just|only] a hint|a [hint|notch|shade|trifle|whisker|step] (of it)") >> (
+_not_much = ~keyword(",") + literal(
+    "(but|just) not [by much|too much|so much|that much|a lot|much|too strong|too strongly]|nothing too [strong|much|crazy|extreme]"
+)
+degree = (_not_much | literal("[just|only] a hint|a [hint|notch|shade|trifle|whisker|step] (of it)")) >> (
     lambda: Amount("small")
 ) | table(
     {

@@ -69,8 +69,7 @@ def _cost(tokens: list[Token], at: int, known: Collection[str], verbs: Collectio
         return UNKNOWN
     if token.text in _ALONE or token.text in BINDING:
         return HARMLESS
-    following = tokens[at + 1].text if at + 1 < len(tokens) else ""
-    if following in _CARRIED and is_strange(token.text, known):
+    if at + 1 < len(tokens) and tokens[at + 1].text in _CARRIED and is_strange(token.text, known):
         return HARMLESS
     if at and tokens[at - 1].text in ("go", "goes", "going") and is_strange(token.text, known):  # "go vroom"
         return HARMLESS

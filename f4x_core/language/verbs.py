@@ -130,7 +130,8 @@ VERBS: dict[str, str] = {
     "swap": "change their places, change their positions, switch their places, switch their positions, swap their places, "
     "swap their positions, exchange their places, trade their places, trade spots, swap spots, trade, flip positions, swap, "
     "exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap positions, swap "
-    "around, swap over, switch around, exchange places, exchange positions, change positions, switch positions, flip flop, "
+    "around, swap round, swap over, switch around, exchange places, exchange positions, change positions, switch "
+    "positions, flip flop, "
     "transpose, reverse the places of, reverse the positions of, turn around the places of, exchange the places of, rotate the "
     "places of, cross over, trade off, change over, switch out the places of",
     "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, sync, "
@@ -140,7 +141,8 @@ VERBS: dict[str, str] = {
     "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, dup, dupe, copy and paste, copy paste, "
     "duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, photostat, xerox, "
     "clone stamp, rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, reduplicate, ghost copy, cookie cut",
-    "add": "comp, comp in, instantiate, instance, spawn, respawn, conjure, make, create, add, put, place, give, insert, "
+    "add": "line up, arrange, lay out, set up, distribute, scatter, comp, comp in, instantiate, instance, spawn, "
+    "respawn, conjure, make, create, add, put, place, give, insert, "
     "produce, generate, set, have, get, want, "
     "show, need, stand, be, appear, duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
     "follow": "follow, come after, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come "
@@ -163,7 +165,7 @@ VERBS: dict[str, str] = {
     "run": "play, run, go, move, walk, drive, dance, jump, ride, show, swim, fly, do, happen, roll, gallop, race, act, "
     "make, render, travel, trot, jog, hop, leap, skate, drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, have, "
     "replay, play back, be, get",
-    "loop": "loop, repeat, cycle, replay, keep repeating, keep looping, go round and round, boomerang, ping pong, keep "
+    "loop": "pingpong, loop, repeat, cycle, replay, keep repeating, keep looping, go round and round, boomerang, ping pong, keep "
     "cycling, keep on repeating, put on loop, put on repeat, play over and over, do over and over, replay over and over",
     "last": "squash, condense, cram, take, last, retime, stretch, stretch out, extend, expand, slow down, compress, squeeze, "
     "speed up, shorten, retime, lengthen, be, run, prolong, drag out, cut down, time stretch, stretch in time, make, "

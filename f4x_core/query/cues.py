@@ -75,13 +75,14 @@ what: what|who|which|who and what|what and who|what all|[which|what] (single|kin
     {noun}|which of [the|these|those|all the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what
     else|what (is) the {noun}|what (is) (it) that|(the) [things|objects]
 when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it
-    take|is it|will it take|passes|pass) [until|till|before|into the {clips}|into it]|from when ([to|until|till] when)|until
-    when|since when|how [early|soon|late]|[which|what] {moments} [show|shows]|(at|in|on) (the)
-    [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at) the [moment|frame|instant]|during
-    [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments} (in time|of the clip|on)
-where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|(the)
-    [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of the
-    {pictures})
+    take|is it|will it take|passes|pass) [until|till|before|into the {clips}|into it]|from when ([to|until|till] when)|how
+    [long|many seconds|many frames|much time] does it take (for)|until when|since when|how [early|soon|late]|[which|what] {moments}
+    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at) the
+    [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments} (in
+    time|of the clip|on)
+where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|[point|show|direct|lead] [me|us]
+    to|(the) [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of
+    the {pictures})
 move: {plainly}|{+head}|{manner} (around|about)
 takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
@@ -111,8 +112,8 @@ compared: [in|with] relation to|relative to|compared [to|with]|with respect to|i
     to|(on|to|at) [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
     there|available|exist|exists|[appear|appears] [{inside}|in it|in this|here|anywhere]|there
-    (still)|here|around|{inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign of|[do|does] [we|you|it] have|[is|was]
-    [it|this|that] (a) {clips} of
+    (still)|here|around|somewhere|(somewhere|anywhere) {inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign of|[do|does]
+    [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
 staying: stay|stays|staying|remain|remains|remaining|last|lasts
 visible: ({now}) ({staying}) [visible|(be) seen|shown|present|{in-view}|to be
     seen|around|there|here|show|showing|shows]|{looking} |({staying}) {inside}|{staying}
@@ -376,8 +377,8 @@ frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
 order: who side stands? | who seen? order-by | sort? order? contents? everything? thing? by-what? us? order-by stands? comes? |
-    order-by who comes | order thing? everything? start? move? | order thing? everything? set-off | who first start? move thing? |
-    who first set-off
+    order-by who comes | order thing? everything? start? move? | order thing? everything? set-off | order thing? everything? enter
+    | order thing? everything? passes | who enter first thing? | who first start? move thing? | who first set-off
 nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other? |
     when near-to thing | when thing passes-by | when passes thing
 farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest gap

@@ -482,7 +482,7 @@ def _understood(text: str, clip: Clip, it: tuple[str, ...], below: int = _UNKNOW
     reading = Reading.of(text, tokens, {})
     cost, asked = next(readings := _readings(reading, clip, it), (below, None))
     for same, other in readings if asked and asked.kind in ASKED_FOR else ():
-        if asked and same == cost and other.kind not in (asked.kind, *(_ALIKE if asked.kind in _ALIKE else ())):
+        if asked and same == cost and not any({asked.kind, other.kind} <= alike for alike in ({asked.kind}, *_ALIKE)):
             raise Unanswerable(f"This can be meant in two ways. Do you ask {_in_words(asked)}, or {_in_words(other)}?")
     verb = asked and any(
         re.search(rf"\b(?:do|does|did) (?:\w+ )?{re.escape(thing)}$", text) for thing in asked.things if " " in thing
@@ -617,8 +617,8 @@ _NEEDS_A_THING = word_set(
     "@place neighbours between near relation size colour count compare_size biggest seen seeing lasting"
 )
 """Kinds that nothing stands in for where "it" stands for nothing."""
-_ALIKE = ("motion", "stops")
-"""Kinds whose answers say the same of what stands still."""
+_ALIKE = ({"motion", "stops"}, {"seen", "always"})
+"""Kinds of which the first that fits answers for the other."""
 _MOST = ("fastest", "slowest")
 _TELLS_WHEN = ("motion", "stops", "enter", "leave")
 """Kinds whose answer to yes or no says when, too."""
