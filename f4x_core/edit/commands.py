@@ -6,6 +6,7 @@ Between the phrases there may be words that add nothing; every other word has to
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from ..language.amounts import (
@@ -278,8 +279,13 @@ _whom = (
 )
 
 
-def _command(example: str, make: Any, needed: str, *, who: Rule = _whom, use: Use = USUAL, **slots: Any) -> None:
-    COMMANDS.append(Command(example, make, slots, frozenset(needed.split()), who, use))
+def _command(example: str, make: Any, needed: str, use: Use = USUAL) -> Callable[..., None]:
+    """Add a command with the slots that what is returned is called with, and the phrase `who` for whom it is."""
+
+    def add(who: Rule = _whom, **slots: Rule) -> None:
+        COMMANDS.append(Command(example, make, slots, frozenset(needed.split()), who, use))
+
+    return add
 
 
 # What stays as it is
@@ -291,31 +297,19 @@ _untouched = literal(
     "([keeps|keep|keeping]) (on) moving (on|normally|as before)|[keeps|keep|keeping|retains] [its|his|her|their] (own|"
     "original|current) [size|place|position|color|colors|speed|look]"
 )
-_command(
-    "but leave the dog as it is",
-    REMARK,
-    "spared",
-    use=NAMED,
-    verb=literal(every_form("leave|keep|let|stay|remain")),
-    spared=_untouched,
+_command("but leave the dog as it is", REMARK, "spared", NAMED)(
+    verb=literal(every_form("leave|keep|let|stay|remain")), spared=_untouched
 )
-_command(
-    "do not touch the dog",
-    REMARK,
-    "spared",
-    use=NAMED,
+_command("do not touch the dog", REMARK, "spared", NAMED)(
     spared=literal(
         "[forget|forget about|ignore|skip|never mind|instead of|rather than]|do not [touch|change|affect|alter|modify|"
         "edit|include|do it to|do this to|do that to]|without [touching|changing|"
         "affecting]|no changes to|nothing [to|on|with]|never [touch|change]|do nothing to"
     )
-    | literal("not") + here(lambda reading, at: thing.at(reading, at)),
+    | literal("not") + here(lambda reading, at: thing.at(reading, at))
 )
 # Colours and looks
-_command(
-    "match the dog to the cat",
-    making.matched,
-    "verb source",
+_command("match the dog to the cat", making.matched, "verb source")(
     who=whose("color|colors|coloring|look") | thing,
     verb=literal(any_form("match")),
     source=literal("to|with|and|from")
@@ -324,27 +318,15 @@ _command(
     + ~(literal("'s|'") + ~literal("color|colors|coloring")),
     wise=literal("(in) [color|colors]|color wise|in terms of color"),
 )
-_command(
-    "copy the color of the cat to the dog",
-    as_given,
-    "verb values",
+_command("copy the color of the cat to the dog", as_given, "verb values")(
     who=literal("to|onto|on|over to|for|into") + thing,
     verb=literal(every_form("copy|transfer|carry|bring|take|carry over|copy over|lend|sample")),
     values=qualities.same_colour + ~literal("over|across") >> (lambda value: ((value,),)),
 )
-_command(
-    "shift the hue of the car to red",
-    making.hued,
-    "rgb",
-    use=NAMED,
-    who=whose("hue|hues|tone"),
-    verb=literal(any_form("set", "become")),
-    rgb=~keyword("to|toward|into") + colour,
+_command("shift the hue of the car to red", making.hued, "rgb", NAMED)(
+    who=whose("hue|hues|tone"), verb=literal(any_form("set", "become")), rgb=~keyword("to|toward|into") + colour
 )
-_command(
-    "make the dog red",
-    as_given,
-    "values",
+_command("make the dog red", as_given, "values")(
     who=either(
         _whom,
         _about
@@ -355,10 +337,7 @@ _command(
     rest=literal("instead of|rather than|not") + ~literal("a|an|the|that") + silent(colour) + literal("one|ones"),
     values=listed(_quality + _instead_of, _joined | _led),
 )
-_command(
-    "the colors should pop",
-    as_given,
-    "values",
+_command("the colors should pop", as_given, "values")(
     who=_about + either(whose("color|colors"), ~literal("the|all the|all") + colors),
     verb=_becoming,
     values=listed(
@@ -373,16 +352,10 @@ _command(
         _joined,
     ),
 )
-_command(
-    "whitewash the wall",
-    making.assigned,
-    "rgb",
-    rgb=table({every_form(verbs): COLOURS[name] for verbs, name in _COLOURING.items()}, reserve=False),
+_command("whitewash the wall", making.assigned, "rgb")(
+    rgb=table({every_form(verbs): COLOURS[name] for verbs, name in _COLOURING.items()}, reserve=False)
 )
-_command(
-    "tint the dog orange",
-    making.faintly,
-    "verb rgb",
+_command("tint the dog orange", making.faintly, "verb rgb")(
     verb=literal(any_form("tint")),
     rgb=_a + ~_slight + qualities.shade_of + (colour | colourish) + qualities.colored,
     faintly=qualities.hint,
@@ -390,11 +363,7 @@ _command(
 
 _WITHOUT_NOUN = word_set("out from off on in")
 """Words behind a color that stands alone: "the red out of the car"."""
-_command(
-    "get the yellow out of the car",
-    lambda less: making.added(1.0, (less, -1)),
-    "verb less",
-    use=WHOLE,
+_command("get the yellow out of the car", lambda less: making.added(1.0, (less, -1)), "verb less", WHOLE)(
     who=~literal("out of|off|from") + _whom,
     verb=literal(
         every_form(
@@ -410,20 +379,13 @@ _command(
     ),
     out=literal("out|away"),
 )
-_command(
-    "tone the picture sepia",
-    lambda verb, look: making.styled(look),
-    "verb look",
+_command("tone the picture sepia", lambda verb, look: making.styled(look), "verb look")(
     verb=table({any_form("tint"): True}, reserve=False),
     look=~literal("in|with|to") + qualities.any_look + ~qualities.effect,
 )
 _in_color = literal("in (full|its) [color|colors]|colored")
 _only = literal("only|just|nothing but|solely|nothing except|nothing else but|nothing other than|no one but")
-_command(
-    "only the dog keeps its color",
-    always(making.rest_grayed),
-    "only keeps",
-    use=NAMED,
+_command("only the dog keeps its color", always(making.rest_grayed), "only keeps", NAMED)(
     verb=literal(any_form("keep", "show") + "|let"),
     only=_only,
     keeps=literal(
@@ -435,12 +397,8 @@ _command(
     + ~literal("goes|go|turns|becomes|is|should be|should go|gets|turn|become|stays|in")
     + silent(qualities.without_colour | colour),
 )
-_command(
-    "remove the color of the house",
-    always(making.GRAYED),
-    "verb colors",
+_command("remove the color of the house", always(making.GRAYED), "verb colors", WHOLE)(
     who=(_about | literal("out of")) + thing + ~literal("'s"),
-    use=WHOLE,
     verb=literal(
         every_form(
             "remove|kill|zap|take|take out|take away|drain|strip|delete|drop|lose|get rid of|erase|suck|knock|pull|wash|"
@@ -450,19 +408,10 @@ _command(
     colors=~literal("all|all of|any") + ~literal("the|its|their") + literal("color|colors|saturation|coloring"),
     out=literal("out|away|off|of it|from it"),
 )
-_command(
-    "the dog is gold from second 1 on",
-    as_given,
-    "values state when",
-    who=thing,
-    state=literal("is|are|was|being"),
-    values=listed(_quality, _joined),
+_command("the dog is gold from second 1 on", as_given, "values state when")(
+    who=thing, state=literal("is|are|was|being"), values=listed(_quality, _joined)
 )
-_command(
-    "a bigger dog",
-    as_given,
-    "values",
-    use=NAMED,
+_command("a bigger dog", as_given, "values", NAMED)(
     who=known_noun,
     verb=literal(any_form("add", "become")),
     values=~literal("a|an|some")
@@ -602,10 +551,7 @@ def _by_number(x: float) -> Amount:
 
 
 _set = literal(any_form("set", "become", "apply")) | _some_verb
-_command(
-    "lift the dog by half a stop",
-    lambda way, by: making.brightened(factor(by, way)),
-    "way by",
+_command("lift the dog by half a stop", lambda way, by: making.brightened(factor(by, way)), "way by")(
     verb=_set,
     way=table(
         {
@@ -620,8 +566,9 @@ _command(
     "crush the blacks of the dog",
     lambda verb, tones, how=None: making.contrasted(factor(how, verb is tones)),
     "verb tones",
+    WHOLE,
+)(
     who=_about + thing,
-    use=WHOLE,
     verb=table(
         {
             "[lift|lifts|lifting|raise|raising|brighten|brightening|boost|boosting|open up|bring up|push up|bring "
@@ -643,24 +590,16 @@ _command(
     how=amount,
     more=literal("a bit|more|down|up|out"),
 )
-_command(
-    "deeper blacks for the dog",
-    always(making.contrasted(factor(None, True))),
-    "tones",
+_command("deeper blacks for the dog", always(making.contrasted(factor(None, True))), "tones", WHOLE)(
     who=_about + thing,
-    use=WHOLE,
     tones=~literal("the")
     + literal(
         "blacker blacks|deeper blacks|darker blacks|darker shadows|whiter whites|blacks [blacker|deeper|darker]|whites "
         "[whiter|brighter]"
     ),
 )
-_command(
-    "increase the contrast of the dog",
-    _changed,
-    "quality",
+_command("increase the contrast of the dog", _changed, "quality", WHOLE)(
     who=_whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
-    use=WHOLE,
     verb=_set,
     quality=~literal("punch|oomph|bite|kick|pop|boost")
     + ~literal("the|a|'s|some|of|in|to")
@@ -730,10 +669,7 @@ def _more(verb: Any, how: Amount | None = None, to: float | None = None, fully: 
     return make(factor(how, upward))
 
 
-_command(
-    "darken the sky",
-    _more,
-    "verb",
+_command("darken the sky", _more, "verb")(
     who=_whom
     | literal("things|time|the time|the action|the pace|the playback|all of it") >> (lambda: lambda context: All()),
     verb=either(*(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items())),
@@ -758,10 +694,7 @@ _command(
     ),
     fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
-_command(
-    "the dog is too dark",
-    REMARK,
-    "complaint",
+_command("the dog is too dark", REMARK, "complaint")(
     fix=~literal(",|.|;")
     + ~literal("so")
     + literal(
@@ -792,19 +725,10 @@ _command(
 )
 
 # Taking out
-_command(
-    "remove everything except the dog",
-    always(making.extracted),
-    "verb",
-    use=NAMED,
-    who=everything_but,
-    verb=literal(asked_form("delete")) + ~OUT,
+_command("remove everything except the dog", always(making.extracted), "verb", NAMED)(
+    who=everything_but, verb=literal(asked_form("delete")) + ~OUT
 )
-_command(
-    "without the dog",
-    always(making.deleted),
-    "without",
-    use=NAMED,
+_command("without the dog", always(making.deleted), "without", NAMED)(
     verb=literal(every_form("make|show|play|have|see|want|need|like")),
     without=keyword(
         "(the|this) [scene|picture|video|clip|image] (but) without|without|minus|no more|[i|we] no longer [want|need] (to "
@@ -817,19 +741,8 @@ _command(
         "in [the|this] [scene|picture|video|clip|image|shot]|any more|anymore|there|any longer|in [it|here|there]"
     ),
 )
-_command(
-    "take the car out",
-    always(making.deleted),
-    "verb out",
-    use=NAMED,
-    verb=literal(asked_form("take")),
-    out=OUT,
-)
-_command(
-    "delete the car",
-    always(making.deleted),
-    "verb",
-    use=NAMED,
+_command("take the car out", always(making.deleted), "verb out", NAMED)(verb=literal(asked_form("take")), out=OUT)
+_command("delete the car", always(making.deleted), "verb", NAMED)(
     verb=literal(
         asked_form("delete")
         + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|"
@@ -844,11 +757,7 @@ _command(
         f"completely|entirely|fully|for good|(in) there|in it|any more|anymore|any longer|in [the|this|my|our] [{PICTURE}]"
     ),
 )
-_command(
-    "hide the car from second 1 on",
-    always(making.opacity(0.0)),
-    "verb",
-    use=NAMED,
+_command("hide the car from second 1 on", always(making.opacity(0.0)), "verb", NAMED)(
     who=_whom | _about + whose("visibility|display"),
     verb=literal(
         any_form("hide") + "|away|off|invisible|hidden|out of sight|do not show|not (to) (be) [visible|shown|seen]|"
@@ -857,11 +766,7 @@ _command(
     switch=literal(every_form("switch|turn|toggle|flip|shut|keep|stay|remain|leave")),
     fully=literal("from [view|sight]|completely|entirely|fully|totally|for good|permanently"),
 )
-_command(
-    "keep only the dog",
-    always(making.extracted),
-    "only",
-    use=NAMED,
+_command("keep only the dog", always(making.extracted), "only", NAMED)(
     verb=literal(
         any_form("keep", "isolate")
         + "|standing|want|be left|stay|remain|remains|left|lift|lift out|visible|there|in it"
@@ -885,21 +790,11 @@ _command(
 
 # Showing again
 _again = literal("again|once more|back|back again|back in")
-_command(
-    "show the dog again",
-    making.shown,
-    "verb",
-    use=NAMED,
-    verb=literal(any_form("show")),
-    again=_again >> (lambda: True),
+_command("show the dog again", making.shown, "verb", NAMED)(
+    verb=literal(any_form("show")), again=_again >> (lambda: True)
 )
-_command(
-    "bring the dog back",
-    always(making.opacity(making.SHOWN)),
-    "verb back",
-    use=NAMED,
-    verb=literal(every_form("bring|come|be")),
-    back=_again,
+_command("bring the dog back", always(making.opacity(making.SHOWN)), "verb back", NAMED)(
+    verb=literal(every_form("bring|come|be")), back=_again
 )
 # Turning
 _axis = literal(
@@ -933,20 +828,14 @@ def _turned(
     return verb(angle, sense or 1)
 
 
-_command("rotate the dog", always(making.rotated()), "verb", verb=literal(any_form("rotate")), axis=_axis)
-_command(
-    "turn the dog by 20 degrees",
-    _turned,
-    "verb angle",
+_command("rotate the dog", always(making.rotated()), "verb")(verb=literal(any_form("rotate")), axis=_axis)
+_command("turn the dog by 20 degrees", _turned, "verb angle")(
     verb=_TURNING,
     angle=ANGLE,
     sense=_sense,
     around=(literal("around|(as) seen [from [above|the top]|in plan]") | _axis) >> (lambda: True),
 )
-_command(
-    "turn the dog around",
-    _turned,
-    "verb around",
+_command("turn the dog around", _turned, "verb around")(
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     around=~literal("to face|facing|and face|to look|looking")
     + literal(
@@ -957,26 +846,16 @@ _command(
     )
     >> (lambda: True),
 )
-_command(
-    "tip the dog over",
-    lambda: making.tilted(90.0),
-    "verb",
-    verb=literal(any_form("topple")),
-    over=literal("over"),
+_command("tip the dog over", lambda: making.tilted(90.0), "verb")(
+    verb=literal(any_form("topple")), over=literal("over")
 )
-_command(
-    "turn the dog to the left",
-    _turned,
-    "verb sense",
+_command("turn the dog to the left", _turned, "verb sense")(
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     sense=_sense | table({"left": -1, "right": 1}, reserve=False),
     how=degree,
 )
-_command("tilt the dog a little", _turned, "verb how", who=_whom, verb=_TURNING, how=degree)
-_command(
-    "a quarter turn to the right for the dog",
-    making.rotated,
-    "angle",
+_command("tilt the dog a little", _turned, "verb how")(who=_whom, verb=_TURNING, how=degree)
+_command("a quarter turn to the right for the dog", making.rotated, "angle")(
     verb=literal(every_form("make|do|give|turn|perform|take")),
     angle=~literal("a|one|by") + FULL_TURN,
     sense=SENSE,
@@ -1008,10 +887,7 @@ _not_run_backward = here(
     )
 )
 """What drives backward is played in reverse, not moved, and what comes back is shown."""
-_command(
-    "move the dog to the left",
-    making.moved,
-    "way",
+_command("move the dog to the left", making.moved, "way")(
     who=_for_it + thing,
     verb=_moving,
     way=_not_run_backward + steps,
@@ -1019,10 +895,7 @@ _command(
     more=literal("more|further|farther|still|even|over"),
     ground=_ground,
 )
-_command(
-    "put the dog behind the bush",
-    making.placed,
-    "place",
+_command("put the dog behind the bush", making.placed, "place")(
     who=_for_it + there_already,
     verb=unless(literal(every_form("drop"))) + (_moving | literal(every_form("pop"))),
     place=~literal(
@@ -1036,6 +909,7 @@ _command(
     "raise the dog by half its height",
     lambda lift, far=None: making.moved(making.UP if lift else making.DOWN, far),
     "lift",
+)(
     lift=table(
         {
             asked_form("raise") + "|rises|floats|(a) (little|small|slight|gentle|tiny) lift": True,
@@ -1063,10 +937,7 @@ _changed_copy = BESIDE_IT["changed"] + unless(literal("to|bit|further|more")) | 
     qualities.size_value, qualities.sized, qualities.colour_value, qualities.brightness_value
 ) + unless(unless(literal("copy|clone|duplicate|one|twin")))
 _copy_place = {**BESIDE_IT, "changed": _changed_copy}
-_command(
-    "copy the dog to the left",
-    making.copied,
-    "copy",
+_command("copy the dog to the left", making.copied, "copy")(
     who=~literal("of|for") + thing,
     copy=either(
         literal(any_form("copy")),
@@ -1081,18 +952,12 @@ _command(
     **_copy_place,
 )
 _command(
-    "multiply the dog by three",
-    lambda verb, times: making.copied(times=max(times - 1, 1.0)),
-    "verb times",
-    use=NAMED,
+    "multiply the dog by three", lambda verb, times: making.copied(times=max(times - 1, 1.0)), "verb times", NAMED
+)(
     verb=table({every_form("multiply|duplicate|clone|copy|replicate"): True}, reserve=False),
     times=literal("by") + number + unless(literal("unit|units")),
 )
-_command(
-    "add another dog",
-    making.copied,
-    "times",
-    use=NAMED,
+_command("add another dog", making.copied, "times", NAMED)(
     who=~literal("of") + known_thing,
     verb=literal(any_form("add") + "|there is|there are|be there"),
     times=either(
@@ -1103,11 +968,7 @@ _command(
     **_copy_place,
 )
 
-_command(
-    "three dogs instead of one",
-    lambda times, only: making.copied(times=times - 1),
-    "times only",
-    use=NAMED,
+_command("three dogs instead of one", lambda times, only: making.copied(times=times - 1), "times only", NAMED)(
     who=known_noun,
     verb=literal(any_form("add", "become") + "|there should be|there are|let there be"),
     times=number,
@@ -1115,22 +976,14 @@ _command(
     + literal("instead of (just|only) (a) (single) one|instead of one|rather than one|not one|out of one")
     >> (lambda: True),
 )
-_command(
-    "I want the dog twice",
-    lambda times, verb=None: making.copied(times=times - 1),
-    "verb times",
-    use=NAMED,
+_command("I want the dog twice", lambda times, verb=None: making.copied(times=times - 1), "verb times", NAMED)(
     who=known_thing,
     verb=literal(every_form("have|see|want|need|appear|exist") + "|be there|there should be|like (to have)"),
     times=table(
         {"twice|two times|double": 2.0, "thrice|three times|triple": 3.0, "four times": 4.0, "five times": 5.0}
     ),
 )
-_command(
-    "put the dog where the cat is and the cat where the dog is",
-    making.swapped,
-    "other",
-    use=NAMED,
+_command("put the dog where the cat is and the cat where the dog is", making.swapped, "other", NAMED)(
     who=known_thing,
     verb=literal(any_form("move")),
     other=literal("where")
@@ -1151,11 +1004,7 @@ def _trail(times: float | None = None, shift: TimeExpression = TRAIL_LAG, single
     return making.copied(times=times or (1.0 if single else TRAIL_COPIES), shift=shift)
 
 
-_command(
-    "let a copy follow the dog half a second behind",
-    _trail,
-    "trail",
-    use=NAMED,
+_command("let a copy follow the dog half a second behind", _trail, "trail", NAMED)(
     who=unless(literal("a|an|the|another|one") + literal("ghost|echo|copy|clone|duplicate|twin|trail"))
     + ~literal("of|behind|after|for|on|to")
     + thing,
@@ -1191,12 +1040,8 @@ _command(
 _motion = whose(
     "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall|kick|leap|hop"
 )
-_command(
-    "freeze the dog at frame 30",
-    always(making.frozen),
-    "verb",
+_command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
     who=_about + thing,
-    use=WHOLE,
     lead=literal(every_form("bring|come")),
     verb=literal(
         any_form("freeze")
@@ -1204,38 +1049,23 @@ _command(
         "movement|stop|stopped"
     ),
 )
-_command(
-    "start it again at second 2",
-    always(making.retimed(1.0)),
-    "verb again when",
+_command("start it again at second 2", always(making.retimed(1.0)), "verb again when")(
     verb=literal(every_form("start|resume|continue|go|move|run|play|carry|let go|unfreeze|release")),
     again=literal("again|on|on again|moving|moving again|as before|normally"),
 )
-_command(
-    "keep the dog still",
-    always(making.frozen),
-    "verb still",
-    use=NAMED,
+_command("keep the dog still", always(making.frozen), "verb still", NAMED)(
     verb=literal(every_form("keep|hold|leave")),
     still=literal("(perfectly|completely|absolutely) [still|motionless|frozen]"),
 )
-_command(
-    "play the dog in reverse",
-    always(making.reversed),
-    "verb",
+_command("play the dog in reverse", always(making.reversed), "verb", WHOLE)(
     who=_motion | _about + thing,
-    use=WHOLE,
     verb=either(
         literal(any_form("reverse") + "|backward|in reverse|reversed|the other way around in time"),
         literal(any_form("run")) + silent(qualities.backward),
     ),
 )
-_command(
-    "repeat the dog from second 1 to 2",
-    always(making.looped),
-    "again",
+_command("repeat the dog from second 1 to 2", always(making.looped), "again", WHOLE)(
     who=_motion | _about + thing + ~literal("'s"),
-    use=WHOLE,
     verb=literal(any_form("run", "loop")),
     again=literal(
         any_form("loop")
@@ -1244,37 +1074,22 @@ _command(
     ),
     motion=literal("motion of|the motion of|the movement of|the part|part|of|the bit"),
 )
-_command(
-    "play the dog at 2x",
-    making.retimed,
-    "verb by",
+_command("play the dog at 2x", making.retimed, "verb by", TIMED)(
     who=_motion | _about + thing,
-    use=TIMED,
     verb=literal(any_form("run")),
     by=~literal("at|with|in|to") + (number + literal("x") | literal("x") + number)
     | literal("at|to") + percent + unless(literal("transparent|visible|opacity|opaque|of")),
 )
-_command(
-    "2x, first half",
-    making.retimed,
-    "by when",
+_command("2x, first half", making.retimed, "by when", TIMED)(
     who=Rule(lambda reading, at: {}, frozenset()),
-    use=TIMED,
     by=~literal("at|play at|run at") + (number + literal("x") | literal("x") + number),
 )
-_command(
-    "slow motion, please",
-    as_given,
-    "values",
+_command("slow motion, please", as_given, "values", WHOLE)(
     who=_motion | _about + thing,
-    use=WHOLE,
     verb=literal(any_form("run")),
     values=either(_pace_of, qualities.pace, qualities.backward) >> (lambda value: ((value,),)),
 )
-_command(
-    "the clip should be twice as long",
-    as_given,
-    "values",
+_command("the clip should be twice as long", as_given, "values")(
     who=literal("the (whole|entire)|this|my|our|a")
     + literal("clip|video|scene|movie|film|shot|footage|sequence|animation|thing")
     >> (lambda: lambda context: making.noted(context, All()))
@@ -1282,12 +1097,8 @@ _command(
     verb=literal(any_form("last")),
     values=as_long >> (lambda value: ((value,),)),
 )
-_command(
-    "the movement of the dog should take three seconds",
-    making.lasting,
-    "verb to",
+_command("the movement of the dog should take three seconds", making.lasting, "verb to", WHOLE)(
     who=~literal("the") + _whom + ~literal("'s") + ~literal("motion|movement|action"),
-    use=WHOLE,
     verb=literal(any_form("last")),
     to=~literal("to|into|over|for|out to|down to|up to|exactly") + duration + ~literal("long|in total|instead"),
     motion=literal("the motion of|the movement of|the duration of|the length of|the action of|the time of"),
@@ -1296,11 +1107,7 @@ _command(
 # Colours of others, names
 _ENDING = word_set("and then but so please now")
 """Words behind a name that are no part of it."""
-_command(
-    "call the dog rex",
-    making.named,
-    "verb called",
-    use=NAMED,
+_command("call the dog rex", making.named, "verb called", NAMED)(
     verb=literal(every_form("call|name|label|tag|dub|nickname")),
     called=~literal("as|to")
     + here(lambda reading, at: reading.word(at - 1) not in ("the", "my", "that", "this"))
@@ -1331,27 +1138,18 @@ def _haloed(light: tuple[Amount | None, Any], rgb: Any = None) -> Value:
     return making.glowing(how, own or rgb)
 
 
-_command(
-    "put a slight blur on the dog",
-    making.blurred,
-    "how",
+_command("put a slight blur on the dog", making.blurred, "how")(
     verb=_doing,
     how=_bit_of
     + literal("(gaussian|lens|soft|depth|background|motion) [blur|blurring|defocus|bokeh|haze]")
     + ~literal("effect|filter|on|to"),
 )
-_command(
-    "blur the background",
-    making.blurred,
-    "verb",
+_command("blur the background", making.blurred, "verb")(
     who=_whom | whose("edge|edges|outline|border|borders"),
     verb=literal(any_form("blur") + "|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"),
     how=qualities.softly,
 )
-_command(
-    "add a soft blue glow around the dog",
-    _haloed,
-    "light",
+_command("add a soft blue glow around the dog", _haloed, "light")(
     verb=_doing,
     light=~literal("with")
     + _bit_of
@@ -1362,21 +1160,14 @@ _command(
     >> (lambda how, rgb: (how, rgb)),
     rgb=~literal("in|in a|with") + colour + ~literal("light|color"),
 )
-_command(
-    "make the dog glow",
-    making.glowing,
-    "verb",
+_command("make the dog glow", making.glowing, "verb")(
     verb=literal(any_form("glow") + "|aglow|luminous|radiant") + ~literal("on|effect"),
     how=qualities.softly,
     rgb=~literal("in|in a|a|with|with a") + colour + ~literal("light|color"),
 )
 
 # Two things
-_command(
-    "swap the dog and the cat",
-    making.swapped,
-    "verb",
-    use=NAMED,
+_command("swap the dog and the cat", making.swapped, "verb", NAMED)(
     who=~literal("(the) [places|positions|spots|locations|place|position] [of|between]|between|of")
     + (two_of_them | thing),
     verb=literal(any_form("swap") + "|swap of"),
@@ -1398,19 +1189,13 @@ def _below_one(x: float) -> float:
     return x
 
 
-_command(
-    "fade the background",
-    lambda by=0.5: making.faded(by),
-    "verb",
+_command("fade the background", lambda by=0.5: making.faded(by), "verb")(
     verb=literal(every_form("fade")) + here(lambda reading, at: _BOTH_WAYS.isdisjoint(reading.words[at : at + 6])),
     by=literal("to") + (percent | fraction | number >> _below_one) + ~literal("opacity|visibility")
     | literal("by") + percent >> (lambda x: 1 - x),
 )
 _fading = ~literal("a|some") + ~literal("slow|gentle|soft|quick|smooth|nice|long|short|gradual")
-_command(
-    "fade out the dog",
-    making.faded,
-    "verb",
+_command("fade out the dog", making.faded, "verb")(
     verb=_fading + literal(any_form("vanish")),
     inward=unless(silent(span))  # "faded out in the last second"
     + table(
@@ -1430,29 +1215,17 @@ _command(
     )
     >> (lambda: True),
 )
-_command(
-    "fade in the dog from second 1 to 2",
-    always(making.appearing),
-    "verb",
-    use=NAMED,
-    verb=_fading + literal(any_form("appear")),
+_command("fade in the dog from second 1 to 2", always(making.appearing), "verb", NAMED)(
+    verb=_fading + literal(any_form("appear"))
 )
 
-_command(
-    "fade to black at the end",
-    making.fading_to,
-    "verb rgb",
-    use=WHOLE,
+_command("fade to black at the end", making.fading_to, "verb rgb", WHOLE)(
     verb=literal(every_form("fade|dissolve|dip|go|fade out|fade slowly")),
     rgb=literal("to|into|out to|down to") + ~literal("a|solid|pure|full|total|complete") + colour,
 )
 
 # What refers to what was said before
-_command(
-    "the cat too",
-    AGAIN,
-    "again",
-    use=NAMED,
+_command("the cat too", AGAIN, "again", NAMED)(
     verb=literal("do|it|that|this|make it|apply it|apply that|go on|continue|and"),
     again=literal(
         "again (but) [with|for|to|on]|ditto (for|with|on)|[do|apply|repeat] [that|this|it] (again) (but) [with|for|to|on]"
@@ -1460,10 +1233,7 @@ _command(
         "same thing|same thing|the same way|same again"
     ),
 )
-_command(
-    "and nothing else",
-    REMARK,
-    "nothing",
+_command("and nothing else", REMARK, "nothing", WHOLE)(
     nothing=literal(
         "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
         "colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change]) ([in|on|"
@@ -1478,6 +1248,5 @@ _command(
         "afterward|after that|again]|(and) "
         "(then) [carry|go|move|play|run|continue] on|(and) then [continue|resume|continues|resumes]|i mean it|not more|not "
         "less|that is enough"
-    ),
-    use=WHOLE,
+    )
 )
