@@ -945,7 +945,7 @@ _command("copy the dog to the left", making.copied, "copy")(
             "more|extra|other|identical|additional|new|delayed|lagging|late|trailing|following|second|single|ghostly"
         )
         + _copy_noun,
-        literal("[more|another|extra|second] [one of|ones of]|one more of|more of"),
+        literal("[more|another|extra|second] [one of|ones of]|one more of"),
     ),
     verb=literal(any_form("add")),
     times=_times,

@@ -573,8 +573,10 @@ def _made(
 def _shared(clauses: Clauses) -> Clauses:
     """The clauses: a verb alone is for whom the next names ("darken and blur the sky"), the first for the topic."""
     shared = list(clauses)
-    if shared and shared[0].command is TOPIC and shared[1:] and "who" not in shared[1].slots:
-        shared[1] = shared[1]._replace(slots={**shared[1].slots, "who": shared[0].slots["who"]})
+    for at, clause in enumerate(shared[1:] if shared and shared[0].command is TOPIC else (), 1):
+        if "who" in clause.slots or (clause.hard and at > 1):
+            break
+        shared[at] = clause._replace(slots={**clause.slots, "who": shared[0].slots["who"]})
     for at in range(len(clauses) - 1, 0, -1):
         verb, following = shared[at - 1], shared[at]
         alone = "verb" in verb.slots and "who" not in verb.slots and not verb.command.use.whole
@@ -851,6 +853,14 @@ _DOUBTFUL = (
         )
         + unless(literal("'s|out|away|off|from|loose|free|apart|down|entirely|completely|altogether")),
         "That may mean to remove or to do something else; say 'remove the ball' if it should be gone, or 'move the ball down'.",
+    ),
+    (
+        literal("grow|plant|build|raise up") + literal("a|an|some") + silent(familiar),
+        "Nothing new can be made; say for example 'copy the tree', or 'make the tree bigger'.",
+    ),
+    (
+        literal("[jump|jumps|leap|leaps|hop|hops|fly|flies] [higher|farther|further]"),
+        "A thing moves as it was filmed; say for example 'move the dog up' or 'play the dog twice as fast'.",
     ),
     (
         literal("[take|takes|taking] off") + unless(~literal("the|its|his|her|that|all") + thing),

@@ -269,7 +269,8 @@ def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     while before - at < _MAX_MODIFIERS and (
         _open(reading, before) or reading.word(before) in SHADES or (reading.word(before),) in reading.known
     ):
-        if reading.word(before) in COLOURS and before > at and any(True for _ in _known_at(reading, before - 1)):
+        thing_before = before > at and reading.word(before - 1) not in SHADES
+        if reading.word(before) in COLOURS and thing_before and any(True for _ in _known_at(reading, before - 1)):
             return  # "dog blue cat" are two
         before += 1
         if reading.word(before) == "'s":

@@ -43,6 +43,9 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"\b((?!over\b|ever\b|fainter\b)\w+er) and \1\b", r"gradually \1"),
     (r"\b(more|less) and \1 (?!transparent|see)", r"gradually \1 "),
     (r"^(\W*)(?:(can)['’]?t|(could|should|would)n['’]?t) (?=(?:we|you|i|the|it|they|my|that|this)\b)", r"\1\2\3 "),
+    (r"^(\w+)\.(\w+)\(([^()]*)\)", r"\2 the \1 \3"),
+    (r"^(?!distance|gap|compare|relation)(?:set_?)?(\w+)\(\W*(\w+)\W*,\W*([\w. ]+?)\W*\)", r"make the \1 of the \2 \3"),
+    (r"^(\w+)\(\W*(\w+)\W*\)", r"\1 the \2"),
     (r"\bmost near\b", "nearest"),
     (r"\bmost close\b", "closest"),
     (r"\btoo (?=the\b|my\b|its\b)", "to "),
@@ -79,23 +82,7 @@ _RUN_TOGETHER = word_set(
 """Those whose apostrophe may be left out: "its", "were", "well", "shell" and "id" are other words."""
 CONTRACTIONS |= {"let's": ("let", "us"), "i'm": ("i", "am"), "can't": ("can", "not"), "won't": ("will", "not")}
 CONTRACTIONS |= {
-    word + "n't": (word, "not")
-    for word in [
-        "do",
-        "does",
-        "did",
-        "is",
-        "are",
-        "was",
-        "were",
-        "has",
-        "have",
-        "had",
-        "should",
-        "would",
-        "could",
-        "must",
-    ]
+    word + "n't": (word, "not") for word in "do does did is are was were has have had should would could must".split()
 }
 CONTRACTIONS |= {
     word.replace("'", ""): parts for word, parts in CONTRACTIONS.items() if word.endswith("'t") or word in _RUN_TOGETHER
@@ -322,7 +309,7 @@ NO_THINGS = word_set(
     "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
     "brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
     "somebody someone anyone everyone everybody everything way lot bit kind sort fun problem idea question answer life "
-    "love nonsense stuff day morning evening night afternoon"
+    "love nonsense stuff volume weather mood heat day morning evening night afternoon"
 )
 """Nouns that name nothing one can see in a scene."""
 FUNCTION_WORDS = word_set(

@@ -12,145 +12,77 @@ from collections.abc import Collection, Iterator
 from .asides import WISHING
 from .colour_names import COLOURS
 
-_X = r"(?P<x>(?:the |my |that |this |all |both )?[\w' -]+?)"
-"""A thing."""
-_REST = r"(?P<rest>.+)"
-_OR = r"(?:{})".format
-_COLOUR = "|".join(sorted(COLOURS))
-_SAYS = _OR("must|should|can|may|not|never|is|are|has|have|needs?|wants?|gets?|becomes?|turns?|goes")
-_BE = _OR("is|are|was|were|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be")
-
-_REWRITINGS: tuple[tuple[str, str], ...] = (
-    # Asking and wishing
-    (
-        rf"^(?:make|have|set) it(?: so)?(?: that)? {_X} (?:is|are|be) (?:not|n't) {_REST}$|"
-        rf"^(?:make|have|set) it(?: so)?(?: that)? {_X.replace('<x>', '<y>')} (?:isn'?t|aren'?t) {_REST.replace('rest', 'end')}$",
-        r"\g<x>\g<y> should not be \g<rest>\g<end>",
-    ),
-    (
-        rf"^(?:{WISHING}(?:if|whether|that|when)|(?:i|we) (?:really |do |just )?wish) {_X} (?:were|was|is|are|be) {_REST}$",
-        r"\g<x> should be \g<rest>",
-    ),
-    (
-        rf"^(?:let me see|i want to see|i'd like to see|imagine|picture|what if"
-        rf"|what about|how about|suppose) {_X} {_BE} {_REST}$",
-        r"make \g<x> \g<rest>",
-    ),
-    (
-        rf"^(?:{WISHING})?(?:what|how) (?:would {_X} look|{_X.replace('<x>', '<y>')} (?:would look|looks?)) (?:like )?{_REST}$",
-        r"make \g<x>\g<y> \g<rest>",
-    ),
-    (
-        rf"^(?:change|edit|alter|adjust|modify|fix|make|do|set) {_X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| looks?|"
-        rf" becomes?) {_REST}$",
-        r"make \g<x> \g<rest>",
-    ),
-    (
-        rf"^(?P<verb>turn|rotate|flip|spin|swivel|face) {_X},? (?:so |such )?(?:that )?(?:it|he|she|they)(?:'s| is| are)? "
-        rf"(?:looks?|faces?|points?|looking|facing|pointing|turned) {_REST}$",
-        r"turn \g<x> \g<rest>",
-    ),
-    (
-        rf"^.*\bcolou?r (?:is|=|:) (?P<c>#[0-9a-f]{{6}}|(?:\w+ )?(?:{_COLOUR}))\b[ ,.;:-]+(?:please |so |and |can you |now )*"
-        rf"(?:put|use|apply|slap|get) (?:that|it|this)(?: colou?r)? (?:on|for|to|onto) {_REST}$",
-        r"make \g<rest> \g<c>",
-    ),
-    (rf"^(?:instead of|rather than|not) (?:being )?(?:{_COLOUR}),? {_REST}$", r"\g<rest>"),
-    (
-        rf"^{_X} (?:should not|shouldn't|must not|mustn't|needn't) be (?:{_COLOUR}),? but (?:rather |instead )?{_REST}$",
-        r"make \g<x> \g<rest>",
-    ),
-    (
-        rf"^(?:swap|replace|exchange|change|switch|trade|turn) {_X}'s (?:{_COLOUR}) (?:for|with|by|to|into) (?:a |an |the |"
-        rf"some )?{_REST}$",
-        r"make \g<x> \g<rest>",
-    ),
-    (
-        rf"^(?:would|could|might) {_REST} (?:work|suit|look (?:good|nice)|go well|be (?:good|nice|okay)|do)(?: (?:for|"
-        rf"on|with))? {_X}$",
-        r"make \g<x> \g<rest>",
-    ),
-    # What is not wanted
-    (
-        rf"^(?:i|we) (?:(?:do not|don'?t) (?:really )?(?:like|want)|hate|dislike|am not fond of) how (?P<a>[a-z]+) {_X} "
-        r"(?:is|are|looks?|seems?)(?P<rest>.*)$",
-        r"\g<x> is too \g<a>\g<rest>",
-    ),
-    # What stays as it is
-    (
-        rf"^{_REST}(?:[,;]|,? but|,? and) (?:just )?(?:keep|leave) {_X}(?: there| alone| as it is| untouched| in place| "
-        rf"visible)?$",
-        r"leave \g<x> alone and \g<rest>",
-    ),
-    # Clipped
-    (
-        r"^(?P<noun>)(?P<x>(?:(?!\b(?:then|let|start|but|and (?:let|have|make|then))\b)[\w' -])+?),? (?:in|to) "
-        r"(?P<rest>[\w ]+?)[.!]*$",
-        r"make \g<x> \g<rest>",
-    ),
-    # Everything but one
-    (rf"^(?:full |all )?colou?rs? only (?:on|for|in|at) {_X}$", r"only \g<x> keeps its color"),
-    (
-        rf"^(?:only |just )?{_X} in (?:full )?colou?r,? (?:and |with )?(?:everything else|(?:the )?(?:rest|world|others?)|all else)"
-        r"(?: in| is| stays| goes| should be)? (?:black and white|gr[ae]y|monochrome|b&w|bw|greyscale|grayscale)$",
-        r"only \g<x> keeps its color",
-    ),
-    (
-        rf"^(?:the )?(?:only|one) thing (?:in colou?r|coloured|colored) (?:should be|is|stays) {_X}$",
-        r"only \g<x> keeps its color",
-    ),
-    # Colours
-    (
-        rf"^give {_X} an? (?:fresh |new |nice |thick )?(?:coat|layer|lick|splash) of (?P<rest>[\w ]+?)(?: paint| colou?r)?$",
-        r"paint \g<x> \g<rest>",
-    ),
-    (
-        rf"^(?:change|set|make|adjust|grade|tweak|shift|correct|bring|get|alter|tune|modify|balance) (?:the colou?rs? "
-        rf"of )?{_X}(?:'s colou?rs?)? to (?:match|fit|be like) "
-        rf"(?:that of |those of )?{_REST}$",
-        r"match \g<x> to \g<rest>",
-    ),
-    (
-        rf"^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{_COLOUR}) (?:colou?r "
-        rf")?(?:of|on|in) {_X} (?:for|with|by|to|into) (?:a |an |the |some )?{_REST}$",
-        r"make \g<x> \g<rest>",
-    ),
-    # Time
-    (
-        r"^(?:turn|change|make|transform) (?:the )?(?:day|daytime|daylight) (?:in)?to night$",
-        "make everything look like night",
-    ),
-    (
-        r"^(?P<verb>stop|freeze|pause|hold|halt) (?:time|the clock|the action|the motion|all motion"
-        r"|all movement|(?:the )?playback)(?P<rest>.*)$",
-        r"\g<verb> everything\g<rest>",
-    ),
-)
-_ORDERS: tuple[tuple[str, str], ...] = (
-    (
-        rf"^(?:please )?(?:make sure|ensure|see to it|be sure|i want|i need|i wish|i'd like|take care) (?:that )?{_X} "
-        rf"(?:is|are|looks?|becomes?|gets?) {_REST}$",
-        r"make \g<x> \g<rest>",
-    ),
-    (
-        r"^(?:do not|don't|dont|never) [a-z]+ (?P<x>(?:the |my |that |this )?[\w' ]+?)[,;.]? "
-        r"(?:but |just |only |instead |rather )+(?P<a>[a-z]+ .+)$",
-        r"leave \g<x> alone and \g<a>",
-    ),
-    (r"^(?:before|prior to) (?:you |we |i )?(?P<b>.+?), (?:please |first )?(?P<a>.+)$", r"\g<a>. \g<b>"),
-    (r"^(?P<b>.+?),? but (?:only |just )?(?:after|once) (?:you |we )?(?:have |'ve )?(?P<a>.+)$", r"\g<a>. \g<b>"),
-    (
-        r"^(?:after|once) (?:you have|you've|we have|you|we|that,?) (?P<a>[a-z]+ .+?), (?P<b>[a-z]+ .+)$",
-        r"\g<a>. \g<b>",
-    ),
-    (r"^(?P<b>.+?),? after (?:you |we )(?:have |'ve )?(?P<a>.+)$", r"\g<a>. \g<b>"),
-    (r"^(?P<b>.+?),? but first,? (?P<a>.+)$", r"\g<a>. \g<b>"),
-)
+_THING = r"(?:the |my |that |this |all |both )?[\w' -]+?"
+_PARTS = {
+    "X": rf"(?P<x>{_THING})",
+    "Y": rf"(?P<y>{_THING})",
+    "REST": r"(?P<rest>.+)",
+    "END": r"(?P<end>.+)",
+    "WISHING": WISHING,
+    "COLOUR": "|".join(sorted(COLOURS)),
+    "BE": "(?:is|are|was|were|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be)",
+}
+"""What stands in braces in a pattern."""
+_REWRITINGS = r"""
+^(?:make|have|set) it(?: so)?(?: that)? {X} (?:is|are|be) (?:not|n't) {REST}$|^(?:make|have|set) it(?: so)?(?: that)? {Y}
+    (?:isn'?t|aren'?t) {END}$ => \g<x>\g<y> should not be \g<rest>\g<end>
+^(?:{WISHING}(?:if|whether|that|when)|(?:i|we) (?:really |do |just )?wish) {X} (?:were|was|is|are|be) {REST}$ => \g<x> should
+    be \g<rest>
+^(?:let me see|i want to see|i'd like to see|imagine|picture|what if|what about|how about|suppose) {X} {BE} {REST}$ => make
+    \g<x> \g<rest>
+^(?:{WISHING})?(?:what|how) (?:would {X} look|{Y} (?:would look|looks?)) (?:like )?{REST}$ => make \g<x>\g<y> \g<rest>
+^(?:change|edit|alter|adjust|modify|fix|make|do|set) {X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| looks?| becomes?)
+    {REST}$ => make \g<x> \g<rest>
+^(?P<verb>turn|rotate|flip|spin|swivel|face) {X},? (?:so |such )?(?:that )?(?:it|he|she|they)(?:'s| is| are)?
+    (?:looks?|faces?|points?|looking|facing|pointing|turned) {REST}$ => turn \g<x> \g<rest>
+^.*\bcolou?r (?:is|=|:) (?P<c>#[0-9a-f]{6}|(?:\w+ )?(?:{COLOUR}))\b[ ,.;:-]+(?:please |so |and |can you |now
+    )*(?:put|use|apply|slap|get) (?:that|it|this)(?: colou?r)? (?:on|for|to|onto) {REST}$ => make \g<rest> \g<c>
+^(?:instead of|rather than|not) (?:being )?(?:{COLOUR}),? {REST}$ => \g<rest>
+^{X} (?:should not|shouldn't|must not|mustn't|needn't) be (?:{COLOUR}),? but (?:rather |instead )?{REST}$ => make \g<x>
+    \g<rest>
+^(?:swap|replace|exchange|change|switch|trade|turn) {X}'s (?:{COLOUR}) (?:for|with|by|to|into) (?:a |an |the |some )?{REST}$
+    => make \g<x> \g<rest>
+^(?:would|could|might) {REST} (?:work|suit|look (?:good|nice)|go well|be (?:good|nice|okay)|do)(?: (?:for|on|with))? {X}$ =>
+    make \g<x> \g<rest>
+^(?:i|we) (?:(?:do not|don'?t) (?:really )?(?:like|want)|hate|dislike|am not fond of) how (?P<a>[a-z]+) {X}
+    (?:is|are|looks?|seems?)(?P<rest>.*)$ => \g<x> is too \g<a>\g<rest>
+^{REST}(?:[,;]|,? but|,? and) (?:just )?(?:keep|leave) {X}(?: there| alone| as it is| untouched| in place| visible)?$ => leave
+    \g<x> alone and \g<rest>
+^(?P<noun>)(?P<x>(?:(?!\b(?:then|let|start|but|and (?:let|have|make|then))\b)[\w' -])+?),? (?:in|to) (?P<rest>[\w ]+?)[.!]*$
+    => make \g<x> \g<rest>
+^(?:full |all )?colou?rs? only (?:on|for|in|at) {X}$ => only \g<x> keeps its color
+^(?:only |just )?{X} in (?:full )?colou?r,? (?:and |with )?(?:everything else|(?:the )?(?:rest|world|others?)|all else)(?: in|
+    is| stays| goes| should be)? (?:black and white|gr[ae]y|monochrome|b&w|bw|greyscale|grayscale)$ => only \g<x> keeps its color
+^(?:the )?(?:only|one) thing (?:in colou?r|coloured|colored) (?:should be|is|stays) {X}$ => only \g<x> keeps its color
+^(?:change|set|make|adjust|grade|tweak|shift|correct|bring|get|alter|tune|modify|balance) (?:the colou?rs? of )?{X}(?:'s
+    colou?rs?)? to (?:match|fit|be like) (?:that of |those of )?{REST}$ => match \g<x> to \g<rest>
+^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{COLOUR}) (?:colou?r )?(?:of|on|in) {X}
+    (?:for|with|by|to|into) (?:a |an |the |some )?{REST}$ => make \g<x> \g<rest>
+^(?:turn|change|make|transform) (?:the )?(?:day|daytime|daylight) (?:in)?to night$ => make everything look like night
+^(?P<verb>stop|freeze|pause|hold|halt) (?:time|the clock|the action|the motion|all motion|all movement|(?:the
+    )?playback)(?P<rest>.*)$ => \g<verb> everything\g<rest>
+"""
+_ORDERS = r"""
+^(?:please )?(?:make sure|ensure|see to it|be sure|i want|i need|i wish|i'd like|take care) (?:that )?{X}
+    (?:is|are|looks?|becomes?|gets?) {REST}$ => make \g<x> \g<rest>
+^(?:before|prior to) (?:you |we |i )?(?P<b>.+?), (?:please |first )?(?P<a>.+)$ => \g<a>. \g<b>
+^(?P<b>.+?),? but (?:only |just )?(?:after|once) (?:you |we )?(?:have |'ve )?(?P<a>.+)$ => \g<a>. \g<b>
+^(?:after|once) (?:you have|you've|we have|you|we|that,?) (?P<a>[a-z]+ .+?), (?P<b>[a-z]+ .+)$ => \g<a>. \g<b>
+^(?P<b>.+?),? after (?:you |we )(?:have |'ve )?(?P<a>.+)$ => \g<a>. \g<b>
+^(?P<b>.+?),? but first,? (?P<a>.+)$ => \g<a>. \g<b>
+"""
 """Sentences whose second part is done first."""
-_ORDER_PATTERNS, _PATTERNS = (
-    tuple((re.compile(pattern, re.IGNORECASE), instead) for pattern, instead in rewritings)
-    for rewritings in (_ORDERS, _REWRITINGS)
-)
+
+
+def _patterns(rows: str) -> tuple[tuple[re.Pattern[str], str], ...]:
+    """(pattern, what is said instead) of each row."""
+    for name, part in _PARTS.items():
+        rows = rows.replace(f"{{{name}}}", part)
+    pairs = (row.split(" => ") for row in rows.replace("\n    ", " ").strip().splitlines())
+    return tuple((re.compile(pattern, re.IGNORECASE), instead) for pattern, instead in pairs)
+
+
+_ORDER_PATTERNS, _PATTERNS = _patterns(_ORDERS), _patterns(_REWRITINGS)
 
 
 def in_order(sentence: str) -> Iterator[str]:

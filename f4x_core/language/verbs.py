@@ -126,7 +126,7 @@ VERBS: dict[str, str] = {
     "lean to the side, dutch, dutch tilt, skew over",
     "topple": "tip over, knock over, topple, topple over, keel over, tip, knock, push over, upend, overturn, lay on its side, "
     "knock down, flop over",
-    "face": "face, look, point, head, turn, show, aim",
+    "face": "face, look, point, head, turn, aim",
     "swap": "change their places, change their positions, switch their places, switch their positions, swap their places, "
     "swap their positions, exchange their places, trade their places, trade spots, swap spots, trade, flip positions, swap, "
     "exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap positions, swap "
