@@ -66,7 +66,7 @@ _slowly = ~keyword(",") + table(
 )
 _filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
 _SOFT, _HARD = (
-    ", and also|, and|and also|and|,|but|, but|plus",
+    ", and also|, and|and also|and|,|but|, but|plus|while|, while|whereas|, whereas",
     ".|;|!|then|and then|, then|, and then|afterward|, afterward|and afterward|thereafter|after that|and after that|, after that",
 )
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))

@@ -105,7 +105,7 @@ ADDS_NOTHING = either(
     literal(
         every_form("make|let|have|get|do|keep|animate")
         + "|start (with)|begin (with)|every frame|each frame|going|real quick|super quick|"
-        "for good|permanently"
+        "for good|permanently|(in) [mid air|midair|mid flight|mid jump|mid stride|mid motion]|across the board"
     ),
     literal(f"[in|within|inside] (the|this|my|our) (whole|entire) [{PICTURE}]|in here") + unless(number),
     literal(",|:|->|=>|=|-|!|(|)"),
@@ -271,7 +271,7 @@ _COLOURING = {
 """Verbs that say of which colour something becomes."""
 _about = ~literal("of|for|on|to|in|with|around|round|about|onto|over|at|from|upon|into|through|across|all over")
 _whom = (
-    unless(literal("over the [clip|video|film|scene|shot]"))
+    unless(literal("over the [clip|video|film|scene|shot]|across the board"))
     + ~(~literal("but") + literal("only|just|only for|just for|only with"))
     + _about
     + thing
@@ -294,7 +294,8 @@ _untouched = literal(
     "where they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|"
     "in (full|its) (original|normal) [colors|color|state]|colored|sharp|in focus|crisp|raw|at full (opacity)|fully "
     "visible|opaque|solid|"
-    "([keeps|keep|keeping]) (on) moving (on|normally|as before)|[keeps|keep|keeping|retains] [its|his|her|their] (own|"
+    "([keeps|keep|keeping]) (on) [moving|going] (on|normally|as before)|[goes|go|carries|carry|moves|move|runs|run] on|"
+    "continues|continue|[keeps|keep|keeping|retains] [its|his|her|their] (own|"
     "original|current) [size|place|position|color|colors|speed|look]"
 )
 _command("but leave the dog as it is", REMARK, "spared", NAMED)(
@@ -892,7 +893,7 @@ _command("move the dog to the left", making.moved, "way")(
     verb=_moving,
     way=_not_run_backward + steps,
     far=_far,
-    more=literal("more|further|farther|still|even|over"),
+    more=literal("more|further|farther|still|even|over|out"),
     ground=_ground,
 )
 _command("put the dog behind the bush", making.placed, "place")(

@@ -579,7 +579,8 @@ def _shared(clauses: Clauses) -> Clauses:
         shared[at] = clause._replace(slots={**clause.slots, "who": shared[0].slots["who"]})
     for at in range(len(clauses) - 1, 0, -1):
         verb, following = shared[at - 1], shared[at]
-        alone = "verb" in verb.slots and "who" not in verb.slots and not verb.command.use.whole
+        alike = verb.command is following.command  # "double the saturation and halve the contrast of the sky"
+        alone = "who" not in verb.slots and (alike or ("verb" in verb.slots and not verb.command.use.whole))
         if alone and not following.hard and "who" in following.slots:
             shared[at - 1] = verb._replace(slots={**verb.slots, "who": following.slots["who"]})
     return tuple(shared)

@@ -676,7 +676,7 @@ _current = either(
 _everything = silent(
     either(
         keyword(
-            "everything|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the [things|objects]|"
+            "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the [things|objects]|"
             "all [things|objects]|every [object|"
             "thing]"
         ),
@@ -918,7 +918,11 @@ class Place(NamedTuple):
 
 
 _own_feet = literal("its|his|her|their") + literal("feet|foot|legs|paws|hooves|wheels")
-place = table(WHERE, reserve=False) + unless(_own_feet) + _neighbour + unless(keyword("left|right")) >> Place
+place = either(
+    table(WHERE, reserve=False) + unless(_own_feet) + _neighbour + unless(keyword("left|right")) >> Place,
+    keyword("on|to|at") + _neighbour + keyword("'s|'") + table({f"{side} (side)": side for side in ("left", "right")})
+    >> (lambda other, where: Place(where, other)),
+)
 """A `Place`."""
 beside_itself = table(WHERE, reserve=False) + THE_FIRST + unless(keyword("left|right")) >> (
     lambda where: Place(where, lambda context: context.it("'it'"))

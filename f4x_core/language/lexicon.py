@@ -82,7 +82,7 @@ _RUN_TOGETHER = word_set(
 """Those whose apostrophe may be left out: "its", "were", "well", "shell" and "id" are other words."""
 CONTRACTIONS |= {"let's": ("let", "us"), "i'm": ("i", "am"), "can't": ("can", "not"), "won't": ("will", "not")}
 CONTRACTIONS |= {
-    word + "n't": (word, "not") for word in "do does did is are was were has have had should would could must".split()
+    word + "n't": (word, "not") for word in word_set("do does did is are was were has have had should would could must")
 }
 CONTRACTIONS |= {
     word.replace("'", ""): parts for word, parts in CONTRACTIONS.items() if word.endswith("'t") or word in _RUN_TOGETHER

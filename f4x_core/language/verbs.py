@@ -130,7 +130,8 @@ VERBS: dict[str, str] = {
     "swap": "change their places, change their positions, switch their places, switch their positions, swap their places, "
     "swap their positions, exchange their places, trade their places, trade spots, swap spots, trade, flip positions, swap, "
     "exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap positions, swap "
-    "around, swap round, swap over, switch around, exchange places, exchange positions, change positions, switch "
+    "around, swap round, change sides, switch sides, swap sides, swap over, switch around, exchange places, exchange "
+    "positions, change positions, switch "
     "positions, flip flop, "
     "transpose, reverse the places of, reverse the positions of, turn around the places of, exchange the places of, rotate the "
     "places of, cross over, trade off, change over, switch out the places of",
