@@ -131,8 +131,8 @@ _a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
 _slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|touch of|bit of|dash of|little bit of")
 _hue = qualities.shade_of + (colour | colourish)
 _noun_of_colour = either(
-    _a + _slight + _hue + ~literal("tint|tinge|touch|shimmer|cast|wash|hue|note|tone") >> making.faintly,
-    _a + _hue + literal("tint|tinge|touch|shimmer|cast|wash|hint|note|filter|overlay|glaze|veil") >> making.faintly,
+    _a + _slight + _hue + ~literal("tint|tinge|touch|cast|wash|hue|note|tone") >> making.faintly,
+    _a + _hue + literal("tint|tinge|touch|cast|wash|hint|note|filter|overlay|glaze|veil") >> making.faintly,
     _a
     + ~literal("nice|fresh|new|good|coat of|layer of|lick of|splash of|shade of|tone of")
     + qualities.shade_of
@@ -691,7 +691,9 @@ _command("darken the sky", _more, "verb")(
     ),
     particle=literal(
         "(right|way) [up|down]|off|in size|in tempo|more|even more|further|"
-        "[from|about|around|at|on] [its|the|their|his|her] [base|bottom|feet|foot|ground]"
+        "([keeping|with]) ([from|about|around|at|on]) [its|the|their|his|her] [base|bottom|feet|foot|ground] ([planted|"
+        "fixed|on the "
+        "ground|in place|where it is|where they are])"
     ),
     fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
@@ -794,7 +796,7 @@ _again = literal("again|once more|back|back again|back in")
 _command("show the dog again", making.shown, "verb", NAMED)(
     verb=literal(any_form("show")), again=_again >> (lambda: True)
 )
-_command("bring the dog back", always(making.opacity(making.SHOWN)), "verb back", NAMED)(
+_command("bring the dog back", always(making.opacity(making.SHOWN)), "verb back")(
     verb=literal(every_form("bring|come|be")), back=_again
 )
 # Turning
@@ -1016,7 +1018,7 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
         "echoing|trailing|echo|echoes|"
         "afterimage|afterimages|ghosts|trailing copies|onion skin|onion skinning|" + any_form("follow") + "|echo effect"
     ),
-    copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
+    copies=~literal("by|of|some|few|a few|several|ghost|ghostly|faint|with")
     + literal("copies|clones|ghosts|echoes|duplicates|of it|of itself|of him|of her|ghostly copies"),
     single=either(
         ~literal("a|one|another|the|an identical|a second") + literal("copy|clone|ghost|duplicate|second one|twin"),
@@ -1025,7 +1027,7 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
         + ~silent(familiar),
     )
     >> (lambda: True),
-    times=~literal("of|with|plus|and|+") + _times,
+    times=~literal("of|with|by|plus|and|+") + _times,
     verb=literal(_LIGHT),
     behind=literal(
         "behind it|behind him|behind her|after it|behind itself|behind|it|itself|him|her|the original|the first (one)|"
@@ -1044,6 +1046,7 @@ _motion = whose(
 _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
     who=_about + thing,
     lead=literal(every_form("bring|come")),
+    spot=literal("in place|on the spot|in [its|his|her|their] tracks"),
     verb=literal(
         any_form("freeze")
         + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no "
@@ -1156,7 +1159,7 @@ _command("add a soft blue glow around the dog", _haloed, "light")(
     + _bit_of
     + qualities.shade_of
     + optional(colour)
-    + literal("(neon|light) [glow|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance] (of light)")
+    + literal("(neon|light) [glow|shimmer|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance] (of light)")
     + ~literal("effect")
     >> (lambda how, rgb: (how, rgb)),
     rgb=~literal("in|in a|with") + colour + ~literal("light|color"),

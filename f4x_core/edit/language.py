@@ -579,7 +579,8 @@ def _shared(clauses: Clauses) -> Clauses:
         shared[at] = clause._replace(slots={**clause.slots, "who": shared[0].slots["who"]})
     for at in range(len(clauses) - 1, 0, -1):
         verb, following = shared[at - 1], shared[at]
-        alike = verb.command is following.command  # "double the saturation and halve the contrast of the sky"
+        alike = verb.command is following.command and verb.command.use.whole  # "double the saturation and halve the "
+        "contrast of the sky"
         alone = "who" not in verb.slots and (alike or ("verb" in verb.slots and not verb.command.use.whole))
         if alone and not following.hard and "who" in following.slots:
             shared[at - 1] = verb._replace(slots={**verb.slots, "who": following.slots["who"]})
@@ -675,9 +676,9 @@ def _placed(operations: list[Operation]) -> list[Operation]:
         if opposite:
             raise Refusal("Two of the directions are on one line; say one of them.")
         if (
-            isinstance(made, Recolour)
-            and isinstance(one, Recolour)
-            and (made.select, made.mode) == (one.select, one.mode)
+            isinstance(made, Recolour | Retime)
+            and type(one) is type(made)
+            and (made.select, getattr(made, "mode", "")) == (one.select, getattr(one, "mode", ""))
             and one.frames is None
             and made.frames is not None
             and made.frames[0] == 0

@@ -466,7 +466,7 @@ def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         start += relative and reading.word(start) in ("is", "are")
         verb = reading.word(start)
         form = verb.endswith("ing") or (relative and verb.endswith("s") and verb not in ("is", "was", "has", "does"))
-        if not form or len(verb) < 5 or (verb in VOCABULARY and not relative):
+        if not form or len(verb) < 5 or verb in FUNCTION_WORDS or (verb in VOCABULARY and not relative):
             continue
         ends = [start + 1]
         after = start + 1 + (reading.word(start + 1) in ("on", "in", "with", "over", "through", "at", "along", "past"))

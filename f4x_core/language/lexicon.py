@@ -46,6 +46,7 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"^(\w+)\.(\w+)\(([^()]*)\)", r"\2 the \1 \3"),
     (r"^(?!distance|gap|compare|relation)(?:set_?)?(\w+)\(\W*(\w+)\W*,\W*([\w. ]+?)\W*\)", r"make the \1 of the \2 \3"),
     (r"^(\w+)\(\W*(\w+)\W*\)", r"\1 the \2"),
+    (r"\breappear(s|ed|ing)?\b", r"come\1 back"),
     (r"\bmost near\b", "nearest"),
     (r"\bmost close\b", "closest"),
     (r"\btoo (?=the\b|my\b|its\b)", "to "),

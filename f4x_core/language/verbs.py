@@ -136,7 +136,7 @@ VERBS: dict[str, str] = {
     "transpose, reverse the places of, reverse the positions of, turn around the places of, exchange the places of, rotate the "
     "places of, cross over, trade off, change over, switch out the places of",
     "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, sync, "
-    "blend, coordinate, mirror the look of, copy the look of, copy the colors of, imitate, emulate, replicate the look of, tie "
+    "blend, coordinate, imitate, emulate, tie "
     "in, unify, bring in line",
     # copies
     "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, dup, dupe, copy and paste, copy paste, "
