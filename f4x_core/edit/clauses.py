@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -9,6 +10,7 @@ from typing import Any, NamedTuple
 from ..language.amounts import number
 from ..language.grammar import (
     NOTHING,
+    Cover,
     Mismatch,
     Reading,
     Refusal,
@@ -54,14 +56,13 @@ _then = either(span, keyword("only|just") + span, span + ~keyword(",") + keyword
 _when = ~keyword(",") + ~keyword("but") + _then
 _slowly = ~keyword(",") + table(
     {
-        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|"
-        "more and more|as time [goes on|goes by|passes]|with time|step by step|lerp|lerped|interpolate|interpolated|"
-        "tween|tweened|nice and [gentle|gently|easy|"
-        "steady]|[with|in] a [slow|gentle|soft|smooth|gradual] [transition|ramp|blend]|(in) a gradual way|easing in and "
-        "out|easing in|easing out|with (a) [soft|smooth|"
+        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over "
+        "time|more and more|as time [goes on|goes by|passes]|with time|step by step|lerp|lerped|interpolate|"
+        "interpolated|tween|tweened|nice and [gentle|gently|easy|steady]|[with|in] a [slow|gentle|soft|smooth|gradual] "
+        "[transition|ramp|blend]|(in) a gradual way|easing in and out|easing in|easing out|with (a) [soft|smooth|"
         "gentle] [ease|easing]|with (an) [ease|easing]|with soft ends|eased|(with) (an) ease in and out|(with) easing|"
-        "eased in and out|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth|(with) (a) [smooth|soft|eased] "
-        "[interpolation|motion|movement|transition] ((,) not linear)": True
+        "eased in and out|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth|(with) (a) [smooth|soft|"
+        "eased] [interpolation|motion|movement|transition] ((,) not linear)": True
     }
 )
 _filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
@@ -72,9 +73,8 @@ _SOFT, _HARD = (
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
 _ends = silent(~listed(keyword(".|;|!|,"), NOTHING))
 _about_whom = literal(
-    "as [for|to|regards]|with regard to|when it comes to|in the case of|speaking of|about|regarding|concerning|focus on|"
-    "concentrate on|take|select|pick|choose|click (on)|grab|go to|look at|"
-    "(you) see|with|for|now"
+    "as [for|to|regards]|with regard to|when it comes to|in the case of|speaking of|about|regarding|concerning|focus "
+    "on|concentrate on|take|select|pick|choose|click (on)|grab|go to|look at|(you) see|with|for|now"
 )
 _PRONOUNS = word_set("it him her them its his their they he she")
 _pronoun_follows = here(lambda reading, at: any(t.text in _PRONOUNS for t in reading.tokens[at:]))
@@ -144,21 +144,19 @@ class Search:
     def _clauses(self, start: int, before: Clause | None) -> dict[int, Found]:
         """The cheapest clause from a word to each later one; the verb may be that of the clause `before`."""
         key = start, id(before and before.command)
-        if key not in self.at:
-            best: dict[int, Found] = {}
-            for order, command, needed, matches in self.commands:
-                lent = {"verb": before.slots["verb"]} if before and _lends(before, command) else {}
-                for given in ({}, lent) if lent else ({},):
-                    for end, found in covers(matches, needed - given.keys(), self.gaps, start).items():
-                        for cost, values, idle in found:
-                            price = cost + order / 1000 + bool(given)
-                            if end in best and price >= best[end].cost:
-                                break
-                            if (not given or _says_more(values, needed)) and _can_be_made(command, {**given, **values}):
-                                best[end] = Found(price, (Clause(command, {**given, **values}),), idle)
-                                break
-            self.at[key] = best
-        return self.at[key]
+        if key in self.at:
+            return self.at[key]
+        best = self.at[key] = {}
+        for order, command, needed, matches in self.commands:
+            lent = {"verb": before.slots["verb"]} if before and _lends(before, command) else None
+            for given in ({}, lent) if lent else ({},):
+                price = order / 1000 + bool(given)
+                for end, found in covers(matches, needed - given.keys(), self.gaps, start).items():
+                    limit = best[end].cost - price if end in best else math.inf
+                    if fitting := _first_made(found, limit, command, given, needed):
+                        slots = {**given, **fitting.values}
+                        best[end] = Found(fitting.cost + price, (Clause(command, slots),), fitting.idle)
+        return best
 
     def _next(self, begin: int, before: Clause | None) -> Iterator[tuple[int, int, Found]]:
         """(first word, end, clause) of what may stand at a word, also with a time before it."""
@@ -208,6 +206,18 @@ class Search:
                         best[end] = Found(cost, (*done.clauses, clause), done.idle + idle)
         whole = [found for at, found in best.items() if self.end in _ends.at(self.reading, at) and _commands(found)]
         return min(whole, key=lambda found: found.cost, default=None)
+
+
+def _first_made(
+    found: Collection[Cover], limit: float, command: Command, given: dict[str, Any], needed: frozenset[str]
+) -> Cover | None:
+    """The cheapest of `found`, cheapest first, that costs less than `limit` and whose values go together."""
+    for cover in found:
+        if cover.cost >= limit:
+            return None
+        if (not given or _says_more(cover.values, needed)) and _can_be_made(command, {**given, **cover.values}):
+            return cover
+    return None
 
 
 def _lends(before: Clause, command: Command) -> bool:

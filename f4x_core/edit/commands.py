@@ -96,11 +96,10 @@ ADDS_NOTHING = either(
     WISHES,
     COMMENTS,
     literal(
-        "needs|requires|deserves|is in need of|calls for|is crying out "
-        "for|[should|must|could|can|may|will|would|shall|has got to|have got to|has to|have to|needs to|need to|ought to|"
-        "is to|are to|wants to|want to|is supposed to|are supposed to|might] (to) ([be|become|get|turn|go|look|"
-        "appear|stay|end up|have])|[become|becomes|becoming|being|be|were|gets|ends up|end up|ending up|comes out|stays] (as)|"
-        "for it to|for them to"
+        "needs|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|"
+        "has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|"
+        "are supposed to|might] (to) ([be|become|get|turn|go|look|appear|stay|end up|have])|[become|becomes|becoming|"
+        "being|be|were|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
     ),
     literal(
         every_form("make|let|have|get|do|keep|animate")
@@ -290,13 +289,12 @@ def _command(example: str, make: Any, needed: str, use: Use = USUAL) -> Callable
 
 # What stays as it is
 _untouched = literal(
-    "alone|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|"
-    "where they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|"
-    "in (full|its) (original|normal) [colors|color|state]|colored|sharp|in focus|crisp|raw|at full (opacity)|fully "
-    "visible|opaque|solid|"
-    "([keeps|keep|keeping]) (on) [moving|going] (on|normally|as before)|[goes|go|carries|carry|moves|move|runs|run] on|"
-    "continues|continue|[keeps|keep|keeping|retains] [its|his|her|their] (own|"
-    "original|current) [size|place|position|color|colors|speed|look]"
+    "alone|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|where "
+    "they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|in (full|"
+    "its) (original|normal) [colors|color|state]|colored|sharp|in focus|crisp|raw|at full (opacity)|fully visible|"
+    "opaque|solid|([keeps|keep|keeping]) (on) [moving|going] (on|normally|as before)|[goes|go|carries|carry|moves|move|"
+    "runs|run] on|continues|continue|[keeps|keep|keeping|retains] [its|his|her|their] (own|original|current) [size|"
+    "place|position|color|colors|speed|look]"
 )
 _command("but leave the dog as it is", REMARK, "spared", NAMED)(
     verb=literal(every_form("leave|keep|let|stay|remain")), spared=_untouched
@@ -591,14 +589,6 @@ _command(
     how=amount,
     more=literal("a bit|more|down|up|out"),
 )
-_command("deeper blacks for the dog", always(making.contrasted(factor(None, True))), "tones", WHOLE)(
-    who=_about + thing,
-    tones=~literal("the")
-    + literal(
-        "blacker blacks|deeper blacks|darker blacks|darker shadows|whiter whites|blacks [blacker|deeper|darker]|whites "
-        "[whiter|brighter]"
-    ),
-)
 _command("increase the contrast of the dog", _changed, "quality", WHOLE)(
     who=_whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
     verb=_set,
@@ -690,10 +680,9 @@ _command("darken the sky", _more, "verb")(
         "[size|speed|the size|the speed|its size|opacity]"
     ),
     particle=literal(
-        "(right|way) [up|down]|off|in size|in tempo|more|even more|further|"
-        "([keeping|with]) ([from|about|around|at|on]) [its|the|their|his|her] [base|bottom|feet|foot|ground] ([planted|"
-        "fixed|on the "
-        "ground|in place|where it is|where they are])"
+        "(right|way) [up|down]|off|in size|in tempo|more|even more|further|([keeping|with]) ([from|about|around|at|"
+        "on]) [its|the|their|his|her] [base|bottom|feet|foot|ground] ([planted|fixed|on the ground|in place|where it "
+        "is|where they are])"
     ),
     fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
@@ -748,12 +737,11 @@ _command("take the car out", always(making.deleted), "verb out", NAMED)(verb=lit
 _command("delete the car", always(making.deleted), "verb", NAMED)(
     verb=literal(
         asked_form("delete")
-        + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|"
-        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out|come out|"
-        "come off|be out] (away|out|the "
-        "[scene|picture|video|clip|image|shot|frame|view])|bye bye|goodbye|no more|no longer [want|need] (to see)|[i|we] "
-        "would (rather|prefer) not (to) [have|see]|[i|we] do not [want|need] (to [see|have])|[i|we] do not like to [see|"
-        "have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
+        + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|not "
+        "there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out|come out|come "
+        "off|be out] (away|out|the [scene|picture|video|clip|image|shot|frame|view])|bye bye|goodbye|no more|no longer "
+        "[want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|[i|we] do not [want|need] (to [see|"
+        "have])|[i|we] do not like to [see|have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
     ),
     out=OUT
     | literal(
@@ -872,12 +860,11 @@ _moving = literal(
     + "|(a) (little|small|slight|gentle|tiny|bit of a) [push|nudge|shove|shift|move|tug|pull|slide|bump|lift|hop]"
 )
 _ground = literal(
-    "([to|from] [the|its] [left|right] (hand) (side)) of where [it|he|she] [is|was|stands] (now)|from [the|its] [left|right] "
-    "(hand) (side)|above (the) ground|in [z|depth]|along z|(all the way) (down) [to|onto|until|till|toward] (it [touches|"
-    "reaches|hits]) [the|its] [ground|floor|bottom]|[in|"
-    "into] the [water|ground|grass|sand|snow]|[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] "
-    "the [air|sky]|a step|[from|off] where [it|he|she] is (now)|from its [place|spot|position]|along the [ground|floor]|on "
-    "the [ground|floor]|away from its place"
+    "([to|from] [the|its] [left|right] (hand) (side)) of where [it|he|she] [is|was|stands] (now)|from [the|its] [left|"
+    "right] (hand) (side)|above (the) ground|in [z|depth]|along z|(all the way) (down) [to|onto|until|till|toward] (it "
+    "[touches|reaches|hits]) [the|its] [ground|floor|bottom]|[in|into] the [water|ground|grass|sand|snow]|[off|from|"
+    "out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] the [air|sky]|a step|[from|off] where [it|he|"
+    "she] is (now)|from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away from its place"
 )
 _far = ~literal("by|for|about|some") + distance + unless(literal(","))
 _for_it = ~literal("for|of|with|on")
@@ -1232,25 +1219,23 @@ _command("fade to black at the end", making.fading_to, "verb rgb", WHOLE)(
 _command("the cat too", AGAIN, "again", NAMED)(
     verb=literal("do|it|that|this|make it|apply it|apply that|go on|continue|and"),
     again=literal(
-        "again (but) [with|for|to|on]|ditto (for|with|on)|[do|apply|repeat] [that|this|it] (again) (but) [with|for|to|on]"
-        "|too|as well|also|the same|same|likewise|the "
-        "same thing|same thing|the same way|same again"
+        "again (but) [with|for|to|on]|ditto (for|with|on)|[do|apply|repeat] [that|this|it] (again) (but) [with|for|to|"
+        "on]|too|as well|also|the same|same|likewise|the same thing|same thing|the same way|same again"
     ),
 )
 _command("and nothing else", REMARK, "nothing", WHOLE)(
     nothing=literal(
         "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
         "colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change]) ([in|on|"
-        "within] (the|this) [" + PICTURE + "]|left|visible|there)|nobody else|"
-        "no one else|nothing more|that is all|that is it|only that|nothing other than that|keep the rest|keep everything "
-        "else|leave the rest|leave everything else|the rest stays (as it is)|(its|the|their) [location|position|place|size|"
-        "color|colors|speed|look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let "
-        "[it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as "
-        "before)|(then) [it|he|she|they] ([is|are|can|may|will|should]) [goes|continues|moves|runs|carries|go|come|comes|"
-        "be|back|walk|move|run|continue] (back|on|again|as before)|(,) (then|and then) (back to) normal (again) "
+        "within] (the|this) [" + PICTURE + "]|left|visible|there)|nobody else|no one else|nothing more|that is all|"
+        "that is it|only that|nothing other than that|keep the rest|keep everything else|leave the rest|leave "
+        "everything else|the rest stays (as it is)|(its|the|their) [location|position|place|size|color|colors|speed|"
+        "look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let [it|him|her|"
+        "them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as before)|"
+        "(then) [it|he|she|they] ([is|are|can|may|will|should]) [goes|continues|moves|runs|carries|go|come|comes|be|"
+        "back|walk|move|run|continue] (back|on|again|as before)|(,) (then|and then) (back to) normal (again) "
         "(afterward|after that)|then back|hold (it|that) [to|until] the end|([normal|full|in]) color [for the rest|"
-        "afterward|after that|again]|(and) "
-        "(then) [carry|go|move|play|run|continue] on|(and) then [continue|resume|continues|resumes]|i mean it|not more|not "
-        "less|that is enough"
+        "afterward|after that|again]|(and) (then) [carry|go|move|play|run|continue] on|(and) then [continue|resume|"
+        "continues|resumes]|i mean it|not more|not less|that is enough"
     )
 )

@@ -681,7 +681,6 @@ def _placed(operations: list[Operation]) -> list[Operation]:
             and (made.select, getattr(made, "mode", "")) == (one.select, getattr(one, "mode", ""))
             and one.frames is None
             and made.frames is not None
-            and made.frames[0] == 0
             and made.frames[1] is not None
         ):
             one = replace(one, frames=(made.frames[1], None))  # "red until second 1, then blue"
@@ -744,59 +743,45 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 
 _UNDOING = keyword(
-    "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|bring] "
-    "[it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|back to the "
-    "(original|normal) state|did not like that|take that back|step back|restore the original|reset everything|[ctrl|"
-    "control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] "
-    "back|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|reverse|roll back|undo] [my|the|"
-    "that|this|your] (very) [last|previous] (two|three|four|few|couple of|2|3|4|5) [change|edit|"
-    "step|command|one|changes|edits|steps|commands|things]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|"
-    "that|this|everything|all)|put "
-    "everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the "
-    "last|this] ([change|edit|step|one])"
+    "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|"
+    "bring] [it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|back "
+    "to the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|"
+    "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|"
+    "command] back|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|reverse|roll back|"
+    "undo] [my|the|that|this|your] (very) [last|previous] (two|three|four|few|couple of|2|3|4|5) [change|edit|step|"
+    "command|one|changes|edits|steps|commands|things]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|"
+    "this|everything|all)|put everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|"
+    "never mind] (about) [that|the last|this] ([change|edit|step|one])"
 )
 _ELSEWHERE = {
     **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
     **dict.fromkeys(("redo", "undid", "undone"), "redo"),
 }
 """Word -> verb of `f4x` that does it."""
-_NO_OPERATION = (
-    (
-        "zoom pan dolly crop stabilize stabilise stabilization deshake reframe recentre",
-        "the camera is not edited; Blender's camera and `f4x render` look from where you like.",
-    ),
-    ("sound music audio song voice bark meow talk sing hello volume mute", "a scene has no sound."),
-    ("text title caption captions subtitle subtitles watermark", "nothing can be written into a scene."),
-    (
-        "mirror mirrored horizontally vertically flop",
-        "nothing is mirrored; 'turn the dog around' lets it face the other way.",
-    ),
-    (
-        "taller longer wider thinner shorter fatter slimmer stretched squash squashed narrower thicker",
-        "a thing grows as a whole; say for example 'make the dog bigger'.",
-    ),
-    (
-        "sharpen sharper crisper denoise deblur unblur upscale resolution artifacts quality",
-        "a scene does not become sharper; `f4x fit` with a finer profile may.",
-    ),
-    (
-        "rain snow fog rainbow lightning confetti sparks hail storm",
-        "nothing new can be made; a copy of what is there can.",
-    ),
-    (
-        "wave dance smile blink wink laugh eat sleep fight kiss hug breathe limp",
-        "a thing moves as it was filmed; its motion can be slowed, reversed, frozen or moved along with it.",
-    ),
-    ("morph crossfade", "one thing cannot turn into another; 'swap the dog and the cat' changes their places."),
-    ("export save render download", "`f4x export`, `f4x render` and `f4x open` write files."),
-    (
-        "better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different "
-        "fancy",
-        "it is not said what is to change, a color, brightness, contrast, size, place or speed?",
-    ),
-)
+_NO_OPERATION = """
+zoom pan dolly crop stabilize stabilise stabilization deshake reframe recentre: the camera is not edited; Blender's camera and
+    `f4x render` look from where you like.
+sound music audio song voice bark meow talk sing hello volume mute: a scene has no sound.
+text title caption captions subtitle subtitles watermark: nothing can be written into a scene.
+mirror mirrored horizontally vertically flop: nothing is mirrored; 'turn the dog around' lets it face the other way.
+taller longer wider thinner shorter fatter slimmer stretched squash squashed narrower thicker: a thing grows as a whole; say
+    for example 'make the dog bigger'.
+sharpen sharper crisper denoise deblur unblur upscale resolution artifacts quality: a scene does not become sharper; `f4x fit`
+    with a finer profile may.
+rain snow fog rainbow lightning confetti sparks hail storm: nothing new can be made; a copy of what is there can.
+wave dance smile blink wink laugh eat sleep fight kiss hug breathe limp: a thing moves as it was filmed; its motion can be
+    slowed, reversed, frozen or moved along with it.
+morph crossfade: one thing cannot turn into another; 'swap the dog and the cat' changes their places.
+export save render download: `f4x export`, `f4x render` and `f4x open` write files.
+better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different fancy: it is
+    not said what is to change, a color, brightness, contrast, size, place or speed?
+"""
 """Words of wishes that no operation fulfils, and what is said about them."""
-_IMPOSSIBLE = {word: reason for words, reason in _NO_OPERATION for word in words.split()}
+_IMPOSSIBLE = {
+    word: reason
+    for words, reason in (row.split(": ", 1) for row in _NO_OPERATION.replace("\n    ", " ").strip().splitlines())
+    for word in words.split()
+}
 _either = either(keyword("either"), silent(familiar) + keyword("or") + ~keyword("the|a|an") + silent(familiar))
 _last = here(lambda reading, at: at >= len(reading.tokens) or not reading.tokens[at].is_word)
 _SHOWN_ONLY_THEN = "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'."
@@ -848,7 +833,7 @@ _DOUBTFUL = (
         "'Hide' may mean to place or to make invisible; say 'put the dog behind the bush' or 'make the dog invisible'.",
     ),
     (
-        literal("drop|drops|dropping|cut|cutting|scratch|strike|dump|break|smash|burn|shoot|tear|rip")
+        literal("drop|drops|dropping|clear|cut|cutting|scratch|strike|dump|break|smash|burn|shoot|tear|rip")
         + silent(
             (familiar | ~keyword("a|the|that|this|my") + familiar)
             + here(lambda reading, at: singular(reading.word(at - 1)) not in ("shadow", "reflection"))
@@ -1030,19 +1015,14 @@ def _unknown_word(reading: Reading) -> str:
     return ""
 
 
-_UNSAID = {
-    "who": "whom or what it is for",
-    "values": "what becomes of it",
-    "rgb": "which color",
-    "colors": "to which color",
-    "by": "how much",
-    "place": "where",
-    "way": "which way",
-    "sense": "which way",
-    "angle": "by how many degrees",
-    "source": "what it is to look like",
-    "called": "which name it gets",
-}
+_UNSAID = dict(
+    re.findall(
+        r"(\w+): ([^;]+)",
+        "who: whom or what it is for; values: what becomes of it; rgb: which color; colors: to which color; by: how much; "
+        "place: where; way: which way; sense: which way; angle: by how many degrees; source: what it is to look like; "
+        "called: which name it gets",
+    )
+)
 """What is missing where a slot of a command was not filled."""
 
 

@@ -676,9 +676,8 @@ _current = either(
 _everything = silent(
     either(
         keyword(
-            "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the [things|objects]|"
-            "all [things|objects]|every [object|"
-            "thing]"
+            "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the "
+            "[things|objects]|all [things|objects]|every [object|thing]"
         ),
         keyword(
             f"(the) [whole|entire|full|complete] [{PICTURE}|thing]|[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"

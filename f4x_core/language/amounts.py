@@ -194,11 +194,8 @@ direction = (
             f"their) (far) right ({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
             "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off the "
             "ground|above the ground|toward the [sky|top]": (0, -1, 0),
-            "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the floor": (
-                0,
-                1,
-                0,
-            ),
+            "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the "
+            "floor": (0, 1, 0),
             f"[further|farther] [back|backward|away]|(further|farther) away from [{VIEWER}]|away|back|backward|from [{VIEWER}]|"
             "to the [back|rear]|into the [distance|depth]|off into the distance|toward the back|[into|to"
             "|toward] the background|deeper (into the scene)": (0, 0, 1),

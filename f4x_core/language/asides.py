@@ -32,17 +32,16 @@ ASKS = literal(
 """Wishes that are put as questions."""
 WISHES = either(
     literal(
-        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] [like|love|prefer|rather|sooner] (to "
-        "[see|have|get]|"
-        "that|it if)|[i|we] would [end|start|finish|begin|open] [on|with]|i wonder (about)|[i|we] would rather have|(i "
-        "want|i would like|i need) you|[you|we] (really|just|probably) [should|could|can|may|must|ought to|had better|"
-        "need to|have to]|let us|let me|go ahead and|try to|help me (to)|"
-        "[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|it is [necessary|"
-        "required|needed|important] (to|that)|[i|we] [search|try|aim|intend|plan|seek] to|[i|we] can not [figure out|work "
-        "out|find out|find|see] how to|it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am "
-        "trying to|[we are|i am] going to|your task is to|time to|see|to see|have|to have|to get|want|would like|[what|"
-        "all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|ask for] is|it [is|would be] (much|way) "
-        "[better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
+        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] [like|love|prefer|rather|sooner] "
+        "(to [see|have|get]|that|it if)|[i|we] would [end|start|finish|begin|open] [on|with]|i wonder (about)|[i|we] "
+        "would rather have|(i want|i would like|i need) you|[you|we] (really|just|probably) [should|could|can|may|must|"
+        "ought to|had better|need to|have to]|let us|let me|go ahead and|try to|help me (to)|[make sure|ensure|see to "
+        "it|be sure] (that)|so that|in such a way that|how to|feel free to|it is [necessary|required|needed|important] "
+        "(to|that)|[i|we] [search|try|aim|intend|plan|seek] to|[i|we] can not [figure out|work out|find out|find|see] "
+        "how to|it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i "
+        "am] going to|your task is to|time to|see|to see|have|to have|to get|want|would like|[what|all] [i|we] (really|"
+        "would|am|are) [want|need|like|love|after|picture|ask for] is|it [is|would be] (much|way) [better|best|nicer] "
+        "(if|to)|[see|check] if you can|imagine (that)"
     ),
     literal("[i|we] would") + unless(literal("like|love|prefer|rather|want|have|be|do|not|sooner")),
     literal(
@@ -158,8 +157,7 @@ _PLAIN = {
     r"pardon|sorry|excuse me|pardon(?: me)?|forgive me|my bad|oops)\b(?: (?:for|to|about|that) "
     r"[^,.;]*?)?\s*[,.;:!-]+\s*(?:but\b,?)?",
     "said": r"(?:^|[,.;])\s*(?:(?:but|so|and|now|yes|okay)\b,?\s*)?(?:i|we) (?:know (?:i|we) )?(?:said|wrote|typed|"
-    r"asked for|told you"
-    r")\b [\w # ]{1,40}?,? but\b,?(?: now\b)?",
+    r"asked for|told you)\b [\w # ]{1,40}?,? but\b,?(?: now\b)?",
     "vocative": rf"(?:,\s*{_CALLED})+\s*(?=[?.!]*\s*$)",
     "favor": r"^\s*(?:please )?(?:be|do|go) (?:an? |the |me )?(?:[a-z]+ ){1,3}and (?=[a-z]+ (?:the|my|it|that|this|an?|"
     r"all|every)\b)",
@@ -201,13 +199,11 @@ _LIKENED = word_set(
 _MOST_COMPARED = 5
 """Words of "like an ant", which is no ant of the scene."""
 _REPORTED = (
-    r"^\s*(?:(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:needs?|wants?|likes)\b|(?:(?:my|our|"
-    r"the|a) (?:[a-z]+ )?)?(?P<speaker>(?!would\b|might\b)[a-z]+) (?:really |just |also )?(?:wants|wanted|asked|asks|"
-    r"would like|prefers?|says|"
-    r"said|thinks|thought|requested|requests|insists|insisted|suggested|suggests|loves|begs|demands|reckons|feels|hopes|"
-    r"(?:would|might) (?:really |rather |much )?(?:like|love|prefer|want|"
-    r"appreciate|enjoy))\b)(?: me| us| you)?(?: for| on| that| to "
-    r"(?:see|have|get))?"
+    r"^\s*(?:(?:my|our|the|a) (?:[a-z]+ )?(?P<who>[a-z]+) (?:really |just |also )?(?:needs?|wants?|likes)\b|(?:(?:my|"
+    r"our|the|a) (?:[a-z]+ )?)?(?P<speaker>(?!would\b|might\b)[a-z]+) (?:really |just |also )?(?:wants|wanted|asked|"
+    r"asks|would like|prefers?|says|said|thinks|thought|requested|requests|insists|insisted|suggested|suggests|loves|"
+    r"begs|demands|reckons|feels|hopes|(?:would|might) (?:really |rather |much )?(?:like|love|prefer|want|appreciate|"
+    r"enjoy))\b)(?: me| us| you)?(?: for| on| that| to (?:see|have|get))?"
 )
 """A wish of somebody else: "my boss wants"."""
 _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |the )*([a-z]+)")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from .amounts import PLACES, fraction, number, percent
 from .grammar import either, keyword, literal, optional, table, unless
-from .lexicon import PICTURE
+from .lexicon import FRACTIONS, PICTURE
 
 
 @dataclass
@@ -241,17 +241,7 @@ _just_then = (
 ) + _onward
 _begin = _since_then | _just_then
 _for = keyword("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
-_part = table(
-    {
-        "half": 1 / 2,
-        "third": 1 / 3,
-        "quarter": 1 / 4,
-        "fifth": 0.2,
-        "tenth": 0.1,
-        "two thirds": 2 / 3,
-        "three quarters": 0.75,
-    }
-) + ~keyword(f"of the [{PICTURE}]")
+_part = table({**FRACTIONS, "two thirds": 2 / 3, "three quarters": 0.75}) + ~keyword(f"of the [{PICTURE}]")
 _during = ~keyword("for|in|during|over|within|throughout|across")
 _within = _during + keyword("the")
 _leading = _during + keyword("(the) [first|opening]") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))

@@ -29,12 +29,11 @@ VERBS: dict[str, str] = {
     "accentuate, emphasize, magnify, maximize, elevate",
     "less": "easy on, go easy on, take it easy on, lay off, ease up on, ease off on, hold back on, cut back on, back "
     "off on, cool it with, reduce, decrease, lower, turn down, knock back, pull, back off, roll off, bring back, cut, "
-    "cut down, lessen, "
-    "tone down, bring down, dial down, weaken, diminish, drop, take down, cut back, pull down, take back, pull back, dial "
-    "back, ramp down, scale back, soften, ease, mute, knock down, step down, go down, minimize, tame, subdue, shrink, bump "
-    "down, push down, limit, curb, moderate, attenuate, crank down, drag down, nerf, gain down, ride down, ease down, nudge "
-    "down, inch down, notch down, tick down, edge down, dampen, tone back, suppress, crush down, level down, de emphasize, "
-    "understate",
+    "cut down, lessen, tone down, bring down, dial down, weaken, diminish, drop, take down, cut back, pull down, take "
+    "back, pull back, dial back, ramp down, scale back, soften, ease, mute, knock down, step down, go down, minimize, "
+    "tame, subdue, shrink, bump down, push down, limit, curb, moderate, attenuate, crank down, drag down, nerf, gain "
+    "down, ride down, ease down, nudge down, inch down, notch down, tick down, edge down, dampen, tone back, suppress, "
+    "crush down, level down, de emphasize, understate",
     "brighten": "lift the exposure of, shed light on, lighten up, brighten, lighten, brighten up, lighten up, illuminate, light "
     "up, light, relight, illumine, expose up, kick up the exposure of, push the exposure of, raise the exposure of, gain up, "
     "give light to, throw light on, perk up the light of",
@@ -90,10 +89,9 @@ VERBS: dict[str, str] = {
     "unveil, reappear, unghost, reinstate, put back, make visible, turn on the visibility of, display again, let show, bring "
     "into the open, resurrect, revive",
     "appear": "introduce, come into being, come into existence, come into the picture, key in, wipe in, reveal slowly, "
-    "fade in, fade up, bring in, ease in, appear, emerge, materialize, come into "
-    "view, show up, pop up, turn up, dissolve in, come in, pop in, arise, respawn, spawn in, fade into view, fade into the "
-    "scene, fade onto the screen, blend in, dissolve into view, phase in, drift into view, beam in, teleport in, rez in, ghost "
-    "in",
+    "fade in, fade up, bring in, ease in, appear, emerge, materialize, come into view, show up, pop up, turn up, "
+    "dissolve in, come in, pop in, arise, respawn, spawn in, fade into view, fade into the scene, fade onto the "
+    "screen, blend in, dissolve into view, phase in, drift into view, beam in, teleport in, rez in, ghost in",
     "vanish": "key out slowly, wipe out slowly, wane, fade out, fade away, dissolve, fade, vanish slowly, disappear slowly, "
     "slowly vanish, slowly disappear, melt away, evaporate, peter out, fizzle out, dwindle away, fade off, get fainter and "
     "fainter, become fainter and fainter, grow fainter, get fainter, get more and more transparent, become more and more "
@@ -120,32 +118,28 @@ VERBS: dict[str, str] = {
     "rotate": "rotate, spin, revolve, pivot, swivel, twirl, whirl, pirouette, twist, yaw, gyrate, whirl around, crank around, "
     "rotate round, spin around, spin round, revolve around, corkscrew",
     "turn": "swing, crank, turn, flip, swing round, swing around, wheel around, reorient, redirect, about face, whip "
-    "around, whip round, "
-    "spin round, swap round, twist around",
+    "around, whip round, spin round, swap round, twist around",
     "tilt": "barrel roll, tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, cant, list, pitch, heel over, "
     "lean to the side, dutch, dutch tilt, skew over",
     "topple": "tip over, knock over, topple, topple over, keel over, tip, knock, push over, upend, overturn, lay on its side, "
     "knock down, flop over",
     "face": "face, look, point, head, turn, aim",
-    "swap": "change their places, change their positions, switch their places, switch their positions, swap their places, "
-    "swap their positions, exchange their places, trade their places, trade spots, swap spots, trade, flip positions, swap, "
-    "exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap positions, swap "
-    "around, swap round, change sides, switch sides, swap sides, swap over, switch around, exchange places, exchange "
-    "positions, change positions, switch "
-    "positions, flip flop, "
-    "transpose, reverse the places of, reverse the positions of, turn around the places of, exchange the places of, rotate the "
-    "places of, cross over, trade off, change over, switch out the places of",
-    "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, sync, "
-    "blend, coordinate, imitate, emulate, tie "
-    "in, unify, bring in line",
+    "swap": "change their places, change their positions, switch their places, switch their positions, swap their "
+    "places, swap their positions, exchange their places, trade their places, trade spots, swap spots, trade, flip "
+    "positions, swap, exchange, switch, trade, interchange, swap places, change places, trade places, switch places, "
+    "swap positions, swap around, swap round, change sides, switch sides, swap sides, swap over, switch around, "
+    "exchange places, exchange positions, change positions, switch positions, flip flop, transpose, reverse the places "
+    "of, reverse the positions of, turn around the places of, exchange the places of, rotate the places of, cross "
+    "over, trade off, change over, switch out the places of",
+    "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, "
+    "sync, blend, coordinate, imitate, emulate, tie in, unify, bring in line",
     # copies
     "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, dup, dupe, copy and paste, copy paste, "
     "duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, photostat, xerox, "
     "clone stamp, rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, reduplicate, ghost copy, cookie cut",
     "add": "line up, arrange, lay out, set up, distribute, scatter, comp, comp in, instantiate, instance, spawn, "
-    "respawn, conjure, make, create, add, put, place, give, insert, "
-    "produce, generate, set, have, get, want, "
-    "show, need, stand, be, appear, duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
+    "respawn, conjure, make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, "
+    "need, stand, be, appear, duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
     "follow": "follow, come after, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come "
     "behind, follow behind, drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue, "
     "tag after, tag along, string along behind, come along behind, hang behind, straggle behind, lag after",
@@ -180,9 +174,8 @@ VERBS: dict[str, str] = {
     "gleam up, emit light, radiate light, give off light, shine out, glow up, luminesce, be lit up, be aglow, light up from "
     "within, phosphoresce, fluoresce, beam out, gleam out, bling out, neon up",
     "apply": "chuck, stick, bung, plonk, whack, pop, smack, stuff, inject, breathe, infuse, lend, bring, add, apply, "
-    "put, give, use, have, get, throw, make, want, need, "
-    "set, create, lay, show, slap, surround, bathe, "
-    "cast, like, see, place, wrap, let, deserve, do",
+    "put, give, use, have, get, throw, make, want, need, set, create, lay, show, slap, surround, bathe, cast, like, "
+    "see, place, wrap, let, deserve, do",
 }
 """Sense -> the verbs that have it, in their first form."""
 
@@ -236,11 +229,10 @@ VOCABULARY.update(
 )
 VOCABULARY.update(
     word_set(
-        "animate teleport "
-        "apply bathe colorize drench dye recolor repaint respray spray exposure contrast warmth saturation visibility "
-        "vividness moved shifted pushed pulled placed dragged slid turned flipped faded painted made set put taken kept "
-        "shown brought fewer wants wanted needs extra additional identical vibrance endlessly repeatedly halve double "
-        "triple treble quadruple radiate sheen halo aura"
+        "animate teleport apply bathe colorize drench dye recolor repaint respray spray exposure contrast warmth "
+        "saturation visibility vividness moved shifted pushed pulled placed dragged slid turned flipped faded painted "
+        "made set put taken kept shown brought fewer wants wanted needs extra additional identical vibrance endlessly "
+        "repeatedly halve double triple treble quadruple radiate sheen halo aura"
     )
 )
 COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"))
