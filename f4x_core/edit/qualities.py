@@ -40,8 +40,8 @@ _BEFORE_SHADES = word_set("in to a an into nice lovely some with")
 _small = degree >> (lambda how: making.A_BIT if how.kind == "small" else 1.0)
 _article = ~keyword("a|an|the|some")
 shade_of = ~keyword(
-    "(nice|lovely|bright|strong|warm|cool) [shade|tone|tint|hue] of|nice|lovely|beautiful|pretty|kind of|really|very|"
-    "warm|cool|soft|rich|strong|plain"
+    "(nice|lovely|bright|strong|warm|cool) [shade|tone|tint|hue] of|any [shade|tone] of|nice|lovely|beautiful|pretty|"
+    "kind of|really|very|warm|cool|soft|rich|strong|plain"
 ) + ~literal(
     "vivid|fluorescent|shiny|glossy|matte|metallic|intense|gorgeous|fresh|proper|real|true|good old|super|bold|juicy|loud|"
     "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire engine|blood|cherry|ice|icy|baby|"

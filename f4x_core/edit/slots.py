@@ -151,7 +151,10 @@ SHIFT = either(
         "later|behind|late|after|[after|behind] [it|him|her|itself|the original|the first (one)|the other (one)]|afterward|"
         "delayed|in the future|too late|late|offset (each)"
     ),
-    keyword("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
+    keyword(
+        "(,) [stagger|staggered|spaced] (by)|(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|"
+        "(but) trailing (behind) by"
+    )
     + duration,
     keyword("with (a)")
     + duration

@@ -144,6 +144,8 @@ _PLAIN = {
         rf"way))* (?:{_NICE})(?: (?:i think|for me|like that|that way))?{_UNTIL}"
     ),
     "tag": (
+        r",\s*(?:is|are|was|were|does|do|did|can|could|would|should|will|has|have)(?: not)? (?:it|they|he|she|you|we|i)\b"
+        r"(?=\s*(?:[,.?!;]|$))|"
         r"(?:,\s*)(?:okay|right|yeah|yes|will you|would you|could you|can you|do you mind|is that okay|what do you think|"
         r"got it|deal|agreed|you know|you see|i think|i guess|i suppose|i reckon|i would say|or what)\s*(?=[?.!]*\s*$)"
     ),
@@ -158,7 +160,7 @@ _PLAIN = {
     r"[^,.;]*?)?\s*[,.;:!-]+\s*(?:but\b,?)?",
     "said": r"(?:^|[,.;])\s*(?:(?:but|so|and|now|yes|okay)\b,?\s*)?(?:i|we) (?:know (?:i|we) )?(?:said|wrote|typed|"
     r"asked for|told you)\b [\w # ]{1,40}?,? but\b,?(?: now\b)?",
-    "vocative": rf"(?:,\s*{_CALLED})+\s*(?=[?.!]*\s*$)",
+    "vocative": rf"^\s*{_CALLED}\s*[,!]\s*|(?:,\s*{_CALLED})+\s*(?=[?.!]*\s*$)",
     "favor": r"^\s*(?:please )?(?:be|do|go) (?:an? |the |me )?(?:[a-z]+ ){1,3}and (?=[a-z]+ (?:the|my|it|that|this|an?|"
     r"all|every)\b)",
     "role": r"^\s*as (?:an?|the|your) [\w ]{1,30}?,? (?=(?:i|we)\b)",
@@ -171,7 +173,6 @@ _PLAIN = {
     "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:one (?:more|last|final|other) "
     r"thing|another thing|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|for (?:a start|starters)|"
     r"first off|first of all|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
-    "parenthesis": r",\s*and (?:this|that) (?:is|one is) [^,]*(?=,)",
     "pause": r",\s*(?:like|well|you know|i mean|let me think|say)\s*(?=,)",
     # reasons
     "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",

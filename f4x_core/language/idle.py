@@ -149,7 +149,8 @@ def _tells(word: str) -> bool:
     )
 
 
-_ASKING = word_set("i we you it would could can may might shall be do does my our let is are please")
+_WHO_ASKS = word_set("i we you me us would could can may might shall please")
+_ASKING = _WHO_ASKS | word_set("it be do does my our let is are")
 _GOES_ON = word_set("to and if that whether for")
 _MOST_BEFORE = 12
 
@@ -159,16 +160,10 @@ def _openers(
 ) -> dict[int, tuple[int, int]]:
     """The words in front that only ask, whatever they are: "would it be feasible for", "I do solemnly request that"."""
     for stop in range(min(len(words), _MOST_BEFORE), 1, -1):
-        last, following = words[stop - 1], words[stop] if stop < len(words) else ""
-        begins = following in imperatives if last in ("to", "and") else following in _SUBJECTS
-        soft = all(
-            ok or word in FUNCTION_WORDS | _ASKING for ok, word in zip(harmless[:stop], words[:stop], strict=True)
-        )
-        asks = (
-            not _ASKING.isdisjoint(words[:stop])
-            and any(strange[:stop])
-            and {"not", "no", "never"}.isdisjoint(words[:stop])
-        )
+        front, last, following = {*words[:stop]}, words[stop - 1], (*words, "")[stop]
+        begins = following in (imperatives if last in ("to", "and") else _SUBJECTS)
+        soft = all(harmless[at] or words[at] in FUNCTION_WORDS | _ASKING for at in range(stop))
+        asks = any(strange[:stop]) and _WHO_ASKS & front and front.isdisjoint(("not", "no", "never"))
         if last in _GOES_ON and begins and soft and asks:
             return {0: (stop, FILLED * stop)}
     return {}

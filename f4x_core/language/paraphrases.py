@@ -44,6 +44,8 @@ _REWRITINGS = r"""
     => make \g<x> \g<rest>
 ^(?:would|could|might) {REST} (?:work|suit|look (?:good|nice)|go well|be (?:good|nice|okay)|do)(?: (?:for|on|with))? {X}$ =>
     make \g<x> \g<rest>
+^{X} (?:should not|shouldn'?t|must not|mustn'?t|ought not to|need not|needn'?t) (?:be|look) (?:so|that|too|quite so|as)
+    (?P<a>[a-z]+)(?P<rest>.*)$ => \g<x> is too \g<a>\g<rest>
 ^(?:i|we) (?:(?:do not|don'?t) (?:really )?(?:like|want)|hate|dislike|am not fond of) how (?P<a>[a-z]+) {X}
     (?:is|are|looks?|seems?)(?P<rest>.*)$ => \g<x> is too \g<a>\g<rest>
 ^{REST}(?:[,;]|,? but|,? and) (?:just )?(?:keep|leave) {X}(?: there| alone| as it is| untouched| in place| visible)?$ => leave

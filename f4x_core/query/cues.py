@@ -108,8 +108,8 @@ on-side: (on|to|at|in) (the) {direction} ({half})
 sides: {on-side} or {on-side}
 sideways-or: {on-side} or {on-side}
 way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where to
-compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard
-    to|(on|to|at) [which|what] side of
+compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at)
+    [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
     there|available|exist|exists|[appear|appears] [{inside}|in it|in this|here|anywhere]|there
     (still)|here|around|somewhere|(somewhere|anywhere) {inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign of|[do|does]
@@ -145,8 +145,8 @@ anybody: [anyone|anybody|someone|somebody] (else)
 several: [is|are] there [one|two|three|four]|several|multiple|many|[just|only|more than] one (or more)|one or more|more than
     one|more|(just|only) a single
 in-out: (the) [in and out|in|out|entry and exit|start and end|first and last] [point|points|frame|frames] (of|for)
-first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which)
-    ({people}) (can|could|get to) ({see})
+first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which) ({people})
+    (can|could|get to) ({see})
 last-with: (the) [last|latest|final] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which)
     ({people}) (can|could|get to) ({see})
 clip-share: how much of (the|this) {clips} (has|have|shows|contains|features|is)
@@ -160,8 +160,8 @@ what-is-it: [what|which] (kind of|sort of|type of) ({noun}) (is|are) [it|this|th
     (called)|[identify|classify] [it|this|that] ({noun})|what [did|have] i (just) [{+click|select|pick|mark}] (on)|what is
     selected|what am i looking at
 contents: what am i looking at|what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to
-    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what
-    is|a list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
+    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what is|a
+    list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
     [contents|inventory]|[what|which] (all) ({noun}) (do|have|can|could) {people} (can|could|all)
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
@@ -178,8 +178,8 @@ filler: state|report|would you say|do you [reckon|suppose|believe|figure]|if [th
     (please|kindly) (tell|show|say|find|give|point out) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am
     wondering|i (just) [want|need] to know|i would [like|love] to know|do you know|any idea|do you have any idea|i am
     curious|question|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you
-    say|according to you|describe|explain|in seconds|in frames|in units (per second)|in pixels|in metres|in meters|[the|this]
-    {clips}|in here|in there|in this|list|name|in it|of them|of all|at any time|at some point|at any [point|moment]
+    say|according to you|describe|explain|in seconds|in frames|in here|in there|in this|in units (per second)|in pixels|in metres|in
+    meters|[the|this] {clips}|list|name|in it|of them|of all|at any time|at some point|at any [point|moment]
 fast: how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of)
     [speed|velocity|pace]|(the) [speed|velocity|pace]|how much speed
 extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal]|at {its} fastest|at most|at the most|at
@@ -197,8 +197,8 @@ close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
 big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which] size|(the)
-    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what
-    [part|share|fraction|percentage] of the [{pictures}]|how many pixels
+    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what [part|share|fraction|percentage]
+    of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
 max-height: how [far|high] [above|over|off] (the|its) [ground|floor|water|surface]|(the) [greatest|maximum|peak|top|highest]
     height (of)
@@ -211,7 +211,7 @@ by-how-much: (by) how [much|far]
 comes: come|comes|came
 which-color: (of|in) [what|which] (main|kind of|sort of|exact|precise) [color|colors|colour|colours|shade|hue|shades|tint|tone]
     (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color] [code|value|values]
-    (of)|(the) (main|exact|dominant|average) [color|colors|colour|colours]|how colored
+    (of)|(the) (main|exact|dominant|average) [color|colors|colour|colours] (scheme|palette|of)|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all) (of) (the)|what number
     of|[number|count|tally] (of)
@@ -227,9 +227,9 @@ lasts: cover|covers|last|lasts|run|runs|take|takes|go on|goes on|have|has|contai
 order: (in) [which|what] [order|sequence|succession]|in order|(in) the order|order|one after the other
 sort: put|compare|{+order|sort|rank|arrange}|order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order
     of|put in order|in order
-everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there
-    is)|everything|(all) (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there
-    are)|them all|what is there|what you see|them
+everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all)
+    (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what is
+    there|what you see|them
 first: first|last|(is|are) the [first|last] (one|thing|object) [to|that|which]|earliest|before all others
 start: [{set-off}|continue|continues|first] (to)
 turning: {+turn}
@@ -304,8 +304,8 @@ reaches: reach|reaches|reached|attain|attains|get to|gets to|get up to|gets up t
 can: can|could
 any-of: any|any of
 any-parts: [which|what] [part|parts]|what motion (is there)|any motion|any movement|what movement|the movements
-path-length: (the) (total) [distance|way] [traveled|travelled|covered|gone]|(the) [length|distance] of the
-    [path|way|route|track|journey]|how long (is) (the) [path|way|route|journey]
+path-length: (the) total [distance|way] (of)|(the) (total) [distance|way] [traveled|travelled|covered|gone]|(the)
+    [length|distance] of the [path|way|route|track|journey]|how long (is) (the) [path|way|route|journey]
 way-of: (the) [direction|heading] (of)
 order-by = from left to right: (from) left to right
 order-by = from right to left: (from) right to left
@@ -377,8 +377,8 @@ frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
 order: who side stands? | who seen? order-by | sort? order? contents? everything? thing? by-what? us? order-by stands? comes? |
-    order-by who comes | order thing? everything? start? move? | order thing? everything? set-off | order thing? everything? enter
-    | order thing? everything? passes | who enter first thing? | who first start? move thing? | who first set-off
+    order-by who comes | order thing? everything? start? move? | order thing? everything? set-off | order thing? everything? enter |
+    order thing? everything? passes | who enter first thing? | who first start? move thing? | who first set-off
 nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other? |
     when near-to thing | when thing passes-by | when passes thing
 farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest gap
@@ -391,8 +391,8 @@ when_turns: when turn thing start? | thing turn
 neighbours: who around-of stands? | who thing around | any around-of stands?
 between: who pair in-gap? stands? | any pair in-gap? stands?
 relation manner=compared: relation-of thing other
-relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands?
-    | who farther-aside thing stands? | who place thing stands?
+relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands? |
+    who farther-aside thing stands? | who place thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 polar near: thing around-of stands? not?
@@ -410,8 +410,8 @@ compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest
-    other? | who near-to thing? | who front stands?
+nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest other?
+    | who near-to thing? | who front stands?
 farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? stands? | farthest
     other? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
@@ -424,8 +424,8 @@ count_moving: how-many any? move but? seen? | several any? move any? | how-many 
 polar count_moving: any move but
 count: how-many thing owner | how-many thing counted | how-many thing seen? side? stands? remain? | several thing seen? side?
     stands? remain?
-still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands?
-    | who stands always? | how-many thing rest stands? | how-many thing not move
+still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? |
+    who stands always? | how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
 polar leave: thing leave not?
 polar enter: thing enter not?
@@ -444,8 +444,8 @@ fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
 path: path thing takes? | how thing move | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
-way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing turning
-    sideways-or | thing move sideways-or | whereto thing move along? | way-of thing move? | thing move sideways-or
+way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing turning sideways-or
+    | thing move sideways-or | whereto thing move along? | way-of thing move? | thing move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible can? | clip-share thing visible?

@@ -298,7 +298,7 @@ def _rows() -> Iterator[_Row]:
 
 _NOUN_CUES = word_set(
     "relation-of fast gap big where path path-length way-of duration which-color rate order least how-many first-with last-with"
-    " max-height far"
+    " max-height far most-far mean-far"
 )
 """Cues that may be nouns: "what is the speed"."""
 CLIP_FACTS = ("frames", "long", "rate")
