@@ -2,7 +2,9 @@
 //
 // A kernel file includes itself: its second half, between F4X_ISA and its end, is compiled once for the plain target and,
 // on x86 with GCC or clang, once more for AVX2 + FMA and for AVX-512 (each_isa.hpp). Vectors stay eight lanes wide: AVX-512 gives
-// them twice as many registers and masks, and rounds as AVX2 does. Groups for 16 lanes gained nothing. That half begins by including lanes_isa.hpp.
+// them twice as many registers and masks, and rounds as AVX2 does. A file that defines F4X_WIDE_TOO is compiled once more with
+// F4X_WIDE, for sixteen lanes. Many processors with AVX-512 do half of such a vector at a time, so the choice is measured.
+// That half begins by including lanes_isa.hpp.
 
 #pragma once
 
@@ -55,6 +57,9 @@
 typedef float f8 __attribute__((vector_size(32)));
 typedef int32_t i8 __attribute__((vector_size(32)));
 typedef uint32_t u8 __attribute__((vector_size(32)));  // wraps around where i8 must not overflow
+typedef float f16 __attribute__((vector_size(64)));
+typedef int32_t i16 __attribute__((vector_size(64)));
+typedef uint32_t u16 __attribute__((vector_size(64)));
 #else
 // The same arithmetic for compilers without vector extensions.
 template <class T>
@@ -136,5 +141,8 @@ inline bool has_avx512() {
     return false;
 #endif
 }
+
+// Whether sixteen lanes at once are faster here than eight, on a processor with AVX-512: measured at the first call (peak.cpp).
+bool wide_pays();
 
 }  // namespace f4x

@@ -3,8 +3,8 @@
 //
 //   project       one Splat per Gaussian                                          (parallel over Gaussians)
 //   bind          depth order, exact ellipse/tile lists in that order             (radix and counting sort)
-//   forward_tile  16x16 pixels: chunks of splats are binned to 4x2-pixel blocks; per block first the weights
-//                 w = alpha T of all its splats (8 pixels = 8 lanes), then the channels are blended with them
+//   forward_tile  16x16 pixels: chunks of splats are binned to blocks of 4x2 pixels, 4x4 where vectors are wide; per block
+//                 first the weights w = alpha T of all its splats (one pixel a lane), then the channels are blended with them
 //   backward_tile the same chunks in reverse; writes one gradient row per (splat, tile) pair
 //   gather        sums each splat's rows and carries them back through the projection
 //
@@ -52,10 +52,12 @@ using namespace f4x;
 namespace {
 
 constexpr int TILE = 16;                       // pixels on a side; the block lists below are written for this
-constexpr int BLOCK_WIDTH = 4, BLOCK_HEIGHT = 2;
-constexpr int STRIPS = TILE / BLOCK_HEIGHT;    // 8: one lane per strip when binning
+constexpr int TILE_PIXELS = TILE * TILE;
+constexpr int BLOCK_WIDTH = 4, STRIP_HEIGHT = 2;
+constexpr int STRIPS = TILE / STRIP_HEIGHT;    // 8: one lane per strip when binning
 constexpr int COLUMNS = TILE / BLOCK_WIDTH;    // 4
 constexpr int BLOCKS = STRIPS * COLUMNS;       // 32: one bit each; block = column * STRIPS + strip
+constexpr int MOST_PIXELS = 16;                // of a block; one of 16 pixels is two strips high and bears the upper one's number
 constexpr int CHUNK = 256;                     // splats binned at a time: one byte per list entry
 constexpr int MOMENTS = 6;                     // sums of v (1, u, dy, u u, u dy, dy dy), v = dL/d(log alpha)
 constexpr float LOG2E = 1.44269504088896340736f;
@@ -99,8 +101,8 @@ struct State {
     Buffer<uint32_t> blocks;                  // per entry: the blocks of its tile that the splat meets, one bit each
     Buffer<int64_t> chunk_start;              // per tile
     Buffer<int32_t> chunks_done;              // per tile: chunks up to the early stop
-    Buffer<f8> running;                       // per chunk and block: transmittance before it, 0 where stopped
-    Buffer<f8> final;                         // per tile and block: transmittance left
+    Buffer<float> running;                    // per chunk and pixel, block after block: transmittance before it, 0 where stopped
+    Buffer<float> final;                      // per tile and pixel: transmittance left
     Buffer<f8> rows;                          // per pair: MOMENTS and padding, then depth, channels and padding
     Buffer<uint8_t> touched;                  // per pair
 };
@@ -109,24 +111,25 @@ struct State {
 struct Scratch {
     alignas(64) Hot hot[CHUNK];
     alignas(64) uint8_t met[COLUMNS][CHUNK];           // per splat and block column: the strips met, one bit each
-    alignas(64) uint8_t list[BLOCKS][CHUNK + 8];       // written eight at a time
+    alignas(64) uint8_t list[BLOCKS][CHUNK + MOST_PIXELS];  // written eight at a time, read by blocks' pixels
     int length[BLOCKS];
-    alignas(64) float alpha[CHUNK * 8], weight[CHUNK * 8], dot[CHUNK * 8], moments[CHUNK * 8];
+    alignas(64) float alpha[CHUNK * MOST_PIXELS], weight[CHUNK * MOST_PIXELS], dot[CHUNK * MOST_PIXELS];
+    alignas(64) float moments[CHUNK * 8];
     Buffer<float> feature, feature_gradient;  // CHUNK rows of `stride`: depth, channels, padding
-    Buffer<float> image;                      // BLOCKS x (1 + C) x 8 lanes
-    Buffer<float> pixels, lanes;              // image gradient of a block: 8 rows of `stride`; (1 + C) x 8 lanes
+    Buffer<float> image;                      // per block: 1 + C vectors
+    Buffer<float> pixels, lanes;              // image gradient of a block: a row of `stride` per pixel; 1 + C vectors
     int stride = 0;
 
     explicit Scratch(const Problem& p, bool backward) {
         stride = (1 + p.channels + 7) / 8 * 8;
         feature.resize(size_t(CHUNK) * stride);
         if (!backward) {
-            image.resize(size_t(BLOCKS) * (1 + p.channels) * 8);
+            image.resize(size_t(TILE_PIXELS) * (1 + p.channels));
             return;
         }
         feature_gradient.resize(size_t(CHUNK) * stride);
-        pixels.resize(size_t(8) * stride);
-        lanes.resize(size_t(stride) * 8);
+        pixels.resize(size_t(MOST_PIXELS) * stride);
+        lanes.resize(size_t(MOST_PIXELS) * stride);
     }
 };
 
@@ -272,6 +275,7 @@ inline uint64_t transpose_bits(uint64_t x) {
 }  // namespace
 
 #define F4X_FILE "raster.cpp"
+#define F4X_WIDE_TOO
 #include "each_isa.hpp"
 
 namespace {
@@ -320,8 +324,8 @@ std::unique_ptr<State> forward(const Problem& p, bool keep, float* channels, flo
     chunk_start[tiles] = chunks;
     s.chunks_done.resize(tiles);
     if (keep) {
-        s.running.resize(chunks * BLOCKS);
-        s.final.resize(size_t(tiles) * BLOCKS);
+        s.running.resize(chunks * TILE_PIXELS);
+        s.final.resize(size_t(tiles) * TILE_PIXELS);
     }
     parallel(p.threads, tiles, [&](std::atomic<int64_t>& cursor) {
         auto scratch = std::make_unique<Scratch>(p, false);
@@ -403,6 +407,19 @@ namespace {
 namespace F4X_ISA {
 
 #include "lanes_isa.hpp"
+
+// The pixels of a block are the lanes of one vector.
+#if defined(F4X_WIDE)
+typedef f16 fp;
+typedef i16 ip;
+constexpr int PIXELS = 16;
+#else
+typedef f8 fp;
+typedef i8 ip;
+constexpr int PIXELS = 8;
+#endif
+static_assert(PIXELS <= MOST_PIXELS);
+constexpr int BLOCK_STRIPS = PIXELS / BLOCK_WIDTH / STRIP_HEIGHT;
 
 // Left and right end, relative to the centre, of the part of the ellipse with lo <= dy <= hi. Exact: the extreme lies at
 // the ellipse's own tip or, where the strip cuts that off, on the nearer edge. Returns the clipped strip in lo, hi
@@ -616,16 +633,28 @@ F4X_HOT Tile tile_of(const State& s, int tile) {
 }
 
 F4X_HOT int block_x(const Tile& t, int block) { return t.x + block / STRIPS * BLOCK_WIDTH; }
-F4X_HOT int block_y(const Tile& t, int block) { return t.y + block % STRIPS * BLOCK_HEIGHT; }
+F4X_HOT int block_y(const Tile& t, int block) { return t.y + block % STRIPS * STRIP_HEIGHT; }
+
+// Column and row of a block's pixels.
+F4X_HOT fp columns_of_pixels(float first) {
+    fp v;
+    for (int lane = 0; lane < PIXELS; ++lane) v[lane] = float(lane % BLOCK_WIDTH);
+    return v + broadcast<fp>(first);
+}
+F4X_HOT fp rows_of_pixels(float first) {
+    fp v;
+    for (int lane = 0; lane < PIXELS; ++lane) v[lane] = float(lane / BLOCK_WIDTH);
+    return v + broadcast<fp>(first);
+}
 
 // Whether a pixel is drawn, and which one it is among those that are.
 F4X_HOT bool is_drawn(const Problem& p, int x, int y) { return x < p.width && y >= p.first_row && y < p.last_row; }
 F4X_HOT int64_t pixel_of(const Problem& p, int x, int y) { return int64_t(y - p.first_row) * p.width + x; }
 
 // Depth limits of a block's pixels; those that are not drawn see nothing at all.
-F4X_HOT f8 limits_of(const Problem& p, int x, int y) {
-    f8 limits = broadcast(0.0f);
-    for (int lane = 0; lane < 8; ++lane) {
+F4X_HOT fp limits_of(const Problem& p, int x, int y) {
+    fp limits = broadcast<fp>(0.0f);
+    for (int lane = 0; lane < PIXELS; ++lane) {
         const int column = x + lane % BLOCK_WIDTH, row = y + lane / BLOCK_WIDTH;
         if (is_drawn(p, column, row)) limits[lane] = p.limit[pixel_of(p, column, row)];
     }
@@ -633,10 +662,10 @@ F4X_HOT f8 limits_of(const Problem& p, int x, int y) {
 }
 
 // Transmittance at the start: 1 for a pixel that is drawn, else 0.
-F4X_HOT f8 first_running(const Problem& p, int x, int y) {
-    const f8 dx = f8{0, 1, 2, 3, 0, 1, 2, 3} + broadcast(float(x)), dy = f8{0, 0, 0, 0, 1, 1, 1, 1} + broadcast(float(y));
-    const i8 in_rows = (dy >= broadcast(float(p.first_row))) & (dy < broadcast(float(p.last_row)));
-    return keep_where((dx < broadcast(float(p.width))) & in_rows, broadcast(1.0f));
+F4X_HOT fp first_running(const Problem& p, int x, int y) {
+    const fp dx = columns_of_pixels(float(x)), dy = rows_of_pixels(float(y));
+    const ip in_rows = (dy >= broadcast<fp>(float(p.first_row))) & (dy < broadcast<fp>(float(p.last_row)));
+    return keep_where((dx < broadcast<fp>(float(p.width))) & in_rows, broadcast<fp>(1.0f));
 }
 
 // A few floats: a call of memcpy takes longer.
@@ -648,7 +677,7 @@ F4X_HOT void copy_floats(float* to, const float* from, int count) {
 // Blocks of the tile whose pixels may lie inside the splat's ellipse, one bit each; all 8 strips of the tile at once.
 F4X_HOT uint32_t blocks_met(const Tile& t, const Splat& splat) {
     f8 lo = t.strip - broadcast(splat.y + SLACK), left, right;
-    f8 hi = t.strip + broadcast(BLOCK_HEIGHT - 1 + SLACK - splat.y);
+    f8 hi = t.strip + broadcast(STRIP_HEIGHT - 1 + SLACK - splat.y);
     ellipse_span<f8>(broadcast(splat.reach), broadcast(splat.inverse_reach), broadcast(splat.slope),
                      broadcast(splat.half_width), broadcast(splat.tip), lo, hi, left, right);
     const i8 meets = lo <= hi;
@@ -658,6 +687,7 @@ F4X_HOT uint32_t blocks_met(const Tile& t, const Splat& splat) {
         const float to = t.x + (column * BLOCK_WIDTH + BLOCK_WIDTH - 0.5f + SLACK) - splat.x;
         bits |= mask_bits(meets & (left <= broadcast(to)) & (right >= broadcast(from))) << (column * STRIPS);
     }
+    if (BLOCK_STRIPS == 2) bits = (bits | bits >> 1) & 0x55555555;
     return bits;
 }
 
@@ -669,7 +699,7 @@ F4X_HOT void list_blocks(int n, Scratch& w) {
             uint64_t bytes;
             std::memcpy(&bytes, &w.met[column][first], sizeof bytes);
             bytes = transpose_bits(bytes);  // one byte per strip
-            for (int strip = 0; strip < STRIPS; ++strip, bytes >>= 8) {
+            for (int strip = 0; strip < STRIPS; strip += BLOCK_STRIPS, bytes >>= 8 * BLOCK_STRIPS) {
                 const int block = column * STRIPS + strip, set = bytes & 255;
                 const uint64_t places = SET_BITS.places[set] + 0x0101010101010101 * uint64_t(first);
                 std::memcpy(&w.list[block][w.length[block]], &places, sizeof places);
@@ -706,30 +736,30 @@ F4X_HOT void stage(const Problem& p, const State& s, const Tile& t, int64_t begi
     list_blocks(n, w);
 }
 
-// Alpha of N listed splats in 8 pixels, 0 below the cut. Step by step for all N: one splat's chain of dependent operations is
+// Alpha of N listed splats in the pixels of a block, 0 below the cut. Step by step for all N: one splat's chain of dependent operations is
 // too long for a processor to look past.
 template <int N>
-F4X_HOT void alphas_of(const Hot* hot, const uint8_t* list, const f8& pixel_x, const f8& pixel_y, const f8& log2_min,
-                       const f8& alpha_max, float* alphas) {
-    f8 x[N], y[N], exponent[N];
+F4X_HOT void alphas_of(const Hot* hot, const uint8_t* list, const fp& pixel_x, const fp& pixel_y, const fp& log2_min,
+                       const fp& alpha_max, float* alphas) {
+    fp x[N], y[N], exponent[N];
     F4X_UNROLL
     for (int k = 0; k < N; ++k) {
-        x[k] = pixel_x - broadcast(hot[list[k]].x);
-        y[k] = pixel_y - broadcast(hot[list[k]].y);
+        x[k] = pixel_x - broadcast<fp>(hot[list[k]].x);
+        y[k] = pixel_y - broadcast<fp>(hot[list[k]].y);
     }
     F4X_UNROLL
-    for (int k = 0; k < N; ++k) x[k] = x[k] - broadcast(hot[list[k]].slope) * y[k];
+    for (int k = 0; k < N; ++k) x[k] = x[k] - broadcast<fp>(hot[list[k]].slope) * y[k];
     F4X_UNROLL
     for (int k = 0; k < N; ++k)
-        exponent[k] = broadcast(hot[list[k]].log2_opacity) - broadcast(hot[list[k]].a) * x[k] * x[k];
+        exponent[k] = broadcast<fp>(hot[list[k]].log2_opacity) - broadcast<fp>(hot[list[k]].a) * x[k] * x[k];
     F4X_UNROLL
-    for (int k = 0; k < N; ++k) exponent[k] = exponent[k] - broadcast(hot[list[k]].c) * y[k] * y[k];
+    for (int k = 0; k < N; ++k) exponent[k] = exponent[k] - broadcast<fp>(hot[list[k]].c) * y[k] * y[k];
     exp2_fast<N>(exponent, x);
     F4X_UNROLL
-    for (int k = 0; k < N; ++k) store(alphas + 8 * k, keep_where(exponent[k] >= log2_min, minimum(x[k], alpha_max)));
+    for (int k = 0; k < N; ++k) store(alphas + PIXELS * k, keep_where(exponent[k] >= log2_min, minimum(x[k], alpha_max)));
 }
 
-// Alpha and weight (alpha T) of the listed splats in the 8 pixels of a block. `running` is the transmittance, 0 once a
+// Alpha and weight (alpha T) of the listed splats in the pixels of a block. `running` is the transmittance, 0 once a
 // pixel has stopped; `final` the transmittance left behind the last blended splat. Returns how many splats were looked at
 // before all pixels had stopped. Not inlined: forward and backward must decide alike. With LIMITED a pixel also stops at
 // its depth limit, which is sound because splats come front to back.
@@ -737,38 +767,39 @@ template <bool LIMITED>
 #if defined(__GNUC__)
 __attribute__((noinline))
 #endif
-F4X_TARGET int weigh(const Problem& p, const Scratch& w, int block, int x, int y, f8& running_, f8& final_,
+F4X_TARGET int weigh(const Problem& p, const Scratch& w, int block, int x, int y, fp& running_, fp& final_,
                              float* alphas, float* weights) {
-    const f8 pixel_x = f8{0.5f, 1.5f, 2.5f, 3.5f, 0.5f, 1.5f, 2.5f, 3.5f} + broadcast(float(x));
-    const f8 pixel_y = f8{0.5f, 0.5f, 0.5f, 0.5f, 1.5f, 1.5f, 1.5f, 1.5f} + broadcast(float(y));
-    const f8 log2_min = broadcast(std::log2(p.alpha_min)), alpha_max = broadcast(p.alpha_max);
-    const f8 stop = broadcast(p.transmittance_min), limits = LIMITED ? limits_of(p, x, y) : stop;
+    const fp pixel_x = columns_of_pixels(x + 0.5f), pixel_y = rows_of_pixels(y + 0.5f);
+    const fp log2_min = broadcast<fp>(std::log2(p.alpha_min)), alpha_max = broadcast<fp>(p.alpha_max);
+    const fp stop = broadcast<fp>(p.transmittance_min), limits = LIMITED ? limits_of(p, x, y) : stop;
     const uint8_t* list = w.list[block];
     const int n = w.length[block];
-    f8 running = running_, final = final_;
+    fp running = running_, final = final_;
+    // Whoever has stopped stays stopped, as `next` never grows: `running` waits for no comparison.
+    ip go = {};
     int k = 0;
     while (k < n) {  // splats behind the last are computed and not looked at
-        alphas_of<4>(w.hot, list + k, pixel_x, pixel_y, log2_min, alpha_max, alphas + 8 * k);
-        alphas_of<4>(w.hot, list + k + 4, pixel_x, pixel_y, log2_min, alpha_max, alphas + 8 * k + 32);
+        alphas_of<4>(w.hot, list + k, pixel_x, pixel_y, log2_min, alpha_max, alphas + PIXELS * k);
+        alphas_of<4>(w.hot, list + k + 4, pixel_x, pixel_y, log2_min, alpha_max, alphas + PIXELS * (k + 4));
         for (const int end = std::min(k + 8, n); k < end; ++k) {
-            f8 alpha = load(alphas + 8 * k);
-            const f8 next = running - running * alpha;
-            i8 go = next > stop;
-            if (LIMITED) go = go & (broadcast(w.feature[size_t(list[k]) * w.stride]) < limits);  // its depth
-            alpha = keep_where(go, alpha);
-            store(alphas + 8 * k, alpha);
-            store(weights + 8 * k, alpha * running);
-            running = keep_where(go, next);
+            const fp next = running - running * load<fp>(alphas + PIXELS * k);
+            go = next > stop;
+            if (LIMITED) go = go & (broadcast<fp>(w.feature[size_t(list[k]) * w.stride]) < limits);  // its depth
+            const fp alpha = keep_where(go, load<fp>(alphas + PIXELS * k));
+            store(alphas + PIXELS * k, alpha);
+            store(weights + PIXELS * k, alpha * running);
+            running = next;
             final = select(go, next, final);
         }
-        if (!mask_bits(running > broadcast(0.0f))) break;
+        running = keep_where(go, running);
+        if (!mask_bits(running > broadcast<fp>(0.0f))) break;
     }
     running_ = running;
     final_ = final;
     return k;
 }
 
-F4X_HOT int block_weights(const Problem& p, const Scratch& w, int block, int x, int y, f8& running, f8& final, float* alphas,
+F4X_HOT int block_weights(const Problem& p, const Scratch& w, int block, int x, int y, fp& running, fp& final, float* alphas,
                           float* weights) {
     return p.limit ? weigh<true>(p, w, block, x, y, running, final, alphas, weights)
                    : weigh<false>(p, w, block, x, y, running, final, alphas, weights);
@@ -787,25 +818,25 @@ F4X_HOT T* row_of(T* table, int stride, int entry) {
 // image[c] += sum over entries of weight * feature[c], for N channels at once.
 template <int N>
 F4X_HOT void blend_group(const float* feature, int stride, const uint8_t* list, int n, const float* weights, float* image) {
-    f8 sum[N];
+    fp sum[N];
     F4X_UNROLL
-    for (int c = 0; c < N; ++c) sum[c] = load(image + 8 * c);
+    for (int c = 0; c < N; ++c) sum[c] = load<fp>(image + PIXELS * c);
     for (int k = 0; k < n; ++k) {
         const float* row = row_of(feature, stride, list[k]);
-        const f8 weight = load(weights + 8 * k);
+        const fp weight = load<fp>(weights + PIXELS * k);
         F4X_UNROLL
-        for (int c = 0; c < N; ++c) sum[c] += weight * broadcast(row[c]);
+        for (int c = 0; c < N; ++c) sum[c] += weight * broadcast<fp>(row[c]);
     }
     F4X_UNROLL
-    for (int c = 0; c < N; ++c) store(image + 8 * c, sum[c]);
+    for (int c = 0; c < N; ++c) store(image + PIXELS * c, sum[c]);
 }
 
 F4X_TARGET void blend(const Scratch& w, int block, int n, int columns, float* image) {
     const uint8_t* list = w.list[block];
     int c = 0;
-    for (; c + 12 <= columns; c += 12) blend_group<12>(w.feature + c, w.stride, list, n, w.weight, image + 8 * c);
+    for (; c + 12 <= columns; c += 12) blend_group<12>(w.feature + c, w.stride, list, n, w.weight, image + PIXELS * c);
     const float* rest = w.feature + c;
-    float* pixels = image + 8 * c;
+    float* pixels = image + PIXELS * c;
     switch (columns - c) {  // a list is walked once for all of them
         case 1: return blend_group<1>(rest, w.stride, list, n, w.weight, pixels);
         case 2: return blend_group<2>(rest, w.stride, list, n, w.weight, pixels);
@@ -825,43 +856,47 @@ F4X_TARGET void forward_tile(const Problem& p, State& s, Scratch& w, int tile, b
                              float* alpha) {
     const Tile t = tile_of(s, tile);
     const int columns = 1 + p.channels;
-    f8 running[BLOCKS], final[BLOCKS];
+    alignas(64) float running[TILE_PIXELS], final[TILE_PIXELS];
     uint32_t live = 0;
-    for (int block = 0; block < BLOCKS; ++block) {
+    for (int block = 0; block < BLOCKS; block += BLOCK_STRIPS) {
         const int x = block_x(t, block), y = block_y(t, block);
-        running[block] = final[block] = first_running(p, x, y);
-        if (p.limit) running[block] = keep_where(limits_of(p, x, y) > broadcast(p.near_plane), running[block]);
-        if (mask_bits(running[block] > broadcast(0.0f))) live |= 1u << block;
+        fp first = first_running(p, x, y);
+        store(final + 8 * block, first);
+        if (p.limit) first = keep_where(limits_of(p, x, y) > broadcast<fp>(p.near_plane), first);
+        store(running + 8 * block, first);
+        if (mask_bits(first > broadcast<fp>(0.0f))) live |= 1u << block;
     }
-    std::memset(w.image, 0, size_t(BLOCKS) * columns * 8 * sizeof(float));
+    std::memset(w.image, 0, size_t(TILE_PIXELS) * columns * sizeof(float));
     int64_t begin = t.begin, chunk = s.chunk_start[tile];
     for (; begin < t.end && live; begin += CHUNK, ++chunk) {
         const int n = int(std::min<int64_t>(CHUNK, t.end - begin));
-        if (keep) std::memcpy(s.running + chunk * BLOCKS, running, sizeof running);
+        if (keep) std::memcpy(s.running + chunk * TILE_PIXELS, running, sizeof running);
         stage<true>(p, s, t, begin, n, live, w);
-        for (int block = 0; block < BLOCKS; ++block) {
+        for (int block = 0; block < BLOCKS; block += BLOCK_STRIPS) {
             if (!w.length[block]) continue;
-            const int m = block_weights(p, w, block, block_x(t, block), block_y(t, block), running[block], final[block],
-                                        w.alpha, w.weight);
+            fp now = load<fp>(running + 8 * block), left = load<fp>(final + 8 * block);
+            const int m = block_weights(p, w, block, block_x(t, block), block_y(t, block), now, left, w.alpha, w.weight);
+            store(running + 8 * block, now);
+            store(final + 8 * block, left);
             blend(w, block, m, columns, w.image + size_t(block) * columns * 8);
-            if (!mask_bits(running[block] > broadcast(0.0f))) live &= ~(1u << block);
+            if (!mask_bits(now > broadcast<fp>(0.0f))) live &= ~(1u << block);
         }
     }
     s.chunks_done[tile] = int32_t(chunk - s.chunk_start[tile]);
-    if (keep) std::memcpy(s.final + size_t(tile) * BLOCKS, final, sizeof final);
+    if (keep) std::memcpy(s.final + size_t(tile) * TILE_PIXELS, final, sizeof final);
 
-    for (int block = 0; block < BLOCKS; ++block) {
+    for (int block = 0; block < BLOCKS; block += BLOCK_STRIPS) {
         const float* image = w.image + size_t(block) * columns * 8;
-        for (int lane = 0; lane < 8; ++lane) {
+        for (int lane = 0; lane < PIXELS; ++lane) {
             const int x = block_x(t, block) + lane % BLOCK_WIDTH, y = block_y(t, block) + lane / BLOCK_WIDTH;
             if (!is_drawn(p, x, y)) continue;
             const int64_t pixel = pixel_of(p, x, y);
-            const float left = final[block][lane];
+            const float left = final[8 * block + lane];
             alpha[pixel] = 1 - left;
             depth[pixel] = image[lane];
             float* out = channels + pixel * p.channels;
             for (int c = 0; c < p.channels; ++c) {
-                const float value = image[8 * (c + 1) + lane];
+                const float value = image[PIXELS * (c + 1) + lane];
                 out[c] = p.background ? value + left * p.background[c] : value;
             }
         }
@@ -870,12 +905,12 @@ F4X_TARGET void forward_tile(const Problem& p, State& s, Scratch& w, int tile, b
 
 // ------------------------------------------------------------------------------------------------------------- backward
 
-// Image gradient of a block, both ways round: `pixels` 8 rows of (depth, channels), `lanes` one vector per column. Returns
-// the gradient of the transmittance left behind: background minus alpha.
-F4X_HOT f8 load_gradient(const Problem& p, const Gradients& g, int x0, int y0, Scratch& w) {
-    f8 behind = broadcast(0.0f);
-    std::memset(w.pixels, 0, size_t(8) * w.stride * sizeof(float));
-    for (int lane = 0; lane < 8; ++lane) {
+// Image gradient of a block, both ways round: `pixels` rows of (depth, channels), `lanes` one vector per column. Returns the
+// gradient of the transmittance left behind: background minus alpha.
+F4X_HOT fp load_gradient(const Problem& p, const Gradients& g, int x0, int y0, Scratch& w) {
+    fp behind = broadcast<fp>(0.0f);
+    std::memset(w.pixels, 0, size_t(PIXELS) * w.stride * sizeof(float));
+    for (int lane = 0; lane < PIXELS; ++lane) {
         const int x = x0 + lane % BLOCK_WIDTH, y = y0 + lane / BLOCK_WIDTH;
         if (!is_drawn(p, x, y)) continue;
         const int64_t pixel = pixel_of(p, x, y);
@@ -887,114 +922,198 @@ F4X_HOT f8 load_gradient(const Problem& p, const Gradients& g, int x0, int y0, S
             for (int c = 0; c < p.attached; ++c) sum += row[1 + c] * p.background[c];
         behind[lane] = sum;
     }
-    for (int c = 0; c < 1 + p.attached; ++c)
-        for (int lane = 0; lane < 8; ++lane) w.lanes[8 * c + lane] = w.pixels[size_t(lane) * w.stride + c];
+    for (int c = 0; c < 1 + p.attached; c += 8)
+        for (int lane = 0; lane < PIXELS; lane += 8) {
+            f8 square[8];
+            for (int k = 0; k < 8; ++k) square[k] = load(w.pixels + size_t(lane + k) * w.stride + c);
+            transpose(square);
+            for (int k = 0; k < 8; ++k) store(w.lanes + PIXELS * (c + k) + lane, square[k]);
+        }
     return behind;
 }
 
-// dot[k] = sum over columns of feature * image gradient, 8 pixels at once, for N entries at once.
+// dot[k] = sum over columns of feature * image gradient, all pixels at once, for N entries at once.
 template <int N>
 F4X_HOT void dot_group(const Scratch& w, const uint8_t* list, int columns, float* dot) {
     const float* row[N];
-    f8 sum[N];
+    fp sum[N];
     F4X_UNROLL
     for (int k = 0; k < N; ++k) {
         row[k] = row_of<const float>(w.feature, w.stride, list[k]);
-        sum[k] = broadcast(0.0f);
+        sum[k] = broadcast<fp>(0.0f);
     }
     for (int c = 0; c < columns; ++c) {
-        const f8 gradient = load(w.lanes + 8 * c);
+        const fp gradient = load<fp>(w.lanes + PIXELS * c);
         F4X_UNROLL
-        for (int k = 0; k < N; ++k) sum[k] += gradient * broadcast(row[k][c]);
+        for (int k = 0; k < N; ++k) sum[k] += gradient * broadcast<fp>(row[k][c]);
     }
     F4X_UNROLL
-    for (int k = 0; k < N; ++k) store(dot + 8 * k, sum[k]);
+    for (int k = 0; k < N; ++k) store(dot + PIXELS * k, sum[k]);
 }
 
-// feature_gradient[entry] += sum over the 8 pixels of weight * image gradient, V vectors of columns, N entries at once.
-template <int V, int N>
+// feature_gradient[entry] += sum over pixels of weight * image gradient, N entries at once: V vectors of columns.
+template <class F, int V, int N>
 F4X_HOT void spread_group(const Scratch& w, const uint8_t* list, const float* weights, int first) {
+    constexpr int LANES = sizeof(F) / sizeof(float);
     float* row[N];
-    f8 sum[N][V];
+    F sum[N][V];
     F4X_UNROLL
     for (int k = 0; k < N; ++k) {
         row[k] = row_of<float>(w.feature_gradient, w.stride, list[k]) + first;
         F4X_UNROLL
-        for (int v = 0; v < V; ++v) sum[k][v] = load(row[k] + 8 * v);
+        for (int v = 0; v < V; ++v) sum[k][v] = load<F>(row[k] + LANES * v);
     }
     F4X_UNROLL
-    for (int lane = 0; lane < 8; ++lane) {
-        const float* pixel = w.pixels + size_t(lane) * w.stride + first;
+    for (int pixel = 0; pixel < PIXELS; ++pixel) {
+        const float* gradient = w.pixels + size_t(pixel) * w.stride + first;
         F4X_UNROLL
         for (int k = 0; k < N; ++k) {
-            const f8 weight = broadcast(weights[8 * k + lane]);
+            const F weight = broadcast<F>(weights[PIXELS * k + pixel]);
             F4X_UNROLL
-            for (int v = 0; v < V; ++v) sum[k][v] += weight * load(pixel + 8 * v);
+            for (int v = 0; v < V; ++v) sum[k][v] += weight * load<F>(gradient + LANES * v);
         }
     }
     F4X_UNROLL
     for (int k = 0; k < N; ++k)
         F4X_UNROLL
-        for (int v = 0; v < V; ++v) store(row[k] + 8 * v, sum[k][v]);
+        for (int v = 0; v < V; ++v) store(row[k] + LANES * v, sum[k][v]);
 }
 
-template <int V>
+template <class F, int V>
 F4X_HOT void spread_columns(const Scratch& w, const uint8_t* list, int n, int first) {
     int k = 0;
     constexpr int N = V == 1 ? 6 : V == 2 ? 4 : 2;  // as many sums as registers hold
-    for (; k + N <= n; k += N) spread_group<V, N>(w, list + k, w.weight + 8 * k, first);
-    for (; k < n; ++k) spread_group<V, 1>(w, list + k, w.weight + 8 * k, first);
+    for (; k + N <= n; k += N) spread_group<F, V, N>(w, list + k, w.weight + PIXELS * k, first);
+    for (; k < n; ++k) spread_group<F, V, 1>(w, list + k, w.weight + PIXELS * k, first);
 }
+
+#if defined(F4X_WIDE)
+// The same for eight columns: two pixels a vector.
+F4X_HOT void spread_eight(const Scratch& w, const uint8_t* list, int n, int first) {
+    f16 gradient[PIXELS / 2];
+    i16 both[PIXELS / 2];  // number of the first pixel eight times, of the second eight times
+    F4X_UNROLL
+    for (int pair = 0; pair < PIXELS / 2; ++pair) {
+        const float* rows = w.pixels + size_t(2 * pair) * w.stride + first;
+        gradient[pair] = join(load(rows), load(rows + w.stride));
+        both[pair] = (i16)join((f8)broadcast<i8>(2 * pair), (f8)broadcast<i8>(2 * pair + 1));
+    }
+    for (int k = 0; k < n; ++k) {
+        const f16 weights = load<f16>(w.weight + PIXELS * k);
+        f16 sum[2] = {};
+        F4X_UNROLL
+        for (int pair = 0; pair < PIXELS / 2; ++pair) sum[pair % 2] += permute(weights, both[pair]) * gradient[pair];
+        const f16 total = sum[0] + sum[1];
+        float* row = row_of<float>(w.feature_gradient, w.stride, list[k]) + first;
+        store(row, load(row) + lower(total) + upper(total));
+    }
+}
+#endif
 
 F4X_TARGET void spread(const Scratch& w, int block, int n) {
     const uint8_t* list = w.list[block];
-    for (int first = 0; first < w.stride;) {
+    int first = 0;
+#if defined(F4X_WIDE)
+    for (; w.stride - first >= 48; first += 48) spread_columns<f16, 3>(w, list, n, first);
+    for (; w.stride - first >= 32; first += 32) spread_columns<f16, 2>(w, list, n, first);
+    for (; w.stride - first >= 16; first += 16) spread_columns<f16, 1>(w, list, n, first);
+    if (first < w.stride) spread_eight(w, list, n, first);
+#else
+    while (first < w.stride) {
         const int vectors = (w.stride - first) / 8;
         switch (vectors) {
-            case 1: spread_columns<1>(w, list, n, first); break;
-            case 2: spread_columns<2>(w, list, n, first); break;
-            case 3: spread_columns<3>(w, list, n, first); break;
-            case 4: spread_columns<4>(w, list, n, first); break;
-            default: spread_columns<5>(w, list, n, first);
+            case 1: spread_columns<f8, 1>(w, list, n, first); break;
+            case 2: spread_columns<f8, 2>(w, list, n, first); break;
+            case 3: spread_columns<f8, 3>(w, list, n, first); break;
+            case 4: spread_columns<f8, 4>(w, list, n, first); break;
+            default: spread_columns<f8, 5>(w, list, n, first);
         }
         first += 8 * std::min(vectors, 5);
     }
+#endif
 }
 
-// moments[entry] += sum over pixels of v (1, u, dy, u^2, u dy, dy^2), u = dx - slope dy. Eight entries at once: the sums
-// are taken about the block's centre, then sheared and moved to the mean.
+// Eight floats of one entry and, where vectors are wide, of the entry eight places later.
+#if defined(F4X_WIDE)
+F4X_HOT fp of_entries(const float* early, const float* late) { return join(load(early), load(late)); }
+#else
+F4X_HOT fp of_entries(const float* early, const float*) { return load(early); }
+#endif
+
+// Sums over a block's pixels, a vector each and an entry a lane, of v (1, x, y, x^2, x y, y^2) about the block's centre.
+struct BlockMoments {
+    fp m0, mx, my, mxx, mxy, myy;
+};
+
+F4X_HOT BlockMoments block_moments(const fp* pixel) {
+    const fp half = broadcast<fp>(0.5f), quarter = broadcast<fp>(0.25f);
+    fp sum[4], lean[4];  // per column x = -1.5, -0.5, 0.5, 1.5: sum over rows, and twice that of v y
+    BlockMoments m;
+#if defined(F4X_WIDE)
+    m.myy = broadcast<fp>(0.0f);
+    for (int x = 0; x < 4; ++x) {
+        const fp outer = pixel[x] + pixel[12 + x], inner = pixel[4 + x] + pixel[8 + x];
+        sum[x] = outer + inner;
+        lean[x] = broadcast<fp>(3.0f) * (pixel[12 + x] - pixel[x]) + (pixel[8 + x] - pixel[4 + x]);
+        m.myy += broadcast<fp>(2.25f) * outer + quarter * inner;
+    }
+#else
+    for (int x = 0; x < 4; ++x) {
+        sum[x] = pixel[4 + x] + pixel[x];
+        lean[x] = pixel[4 + x] - pixel[x];
+    }
+#endif
+    const fp outer = sum[0] + sum[3], inner = sum[1] + sum[2];
+    m.m0 = outer + inner;
+    m.mx = broadcast<fp>(1.5f) * (sum[3] - sum[0]) + half * (sum[2] - sum[1]);
+    m.my = half * (lean[0] + lean[1] + lean[2] + lean[3]);
+    m.mxx = broadcast<fp>(2.25f) * outer + quarter * inner;
+    m.mxy = broadcast<fp>(0.75f) * (lean[3] - lean[0]) + quarter * (lean[2] - lean[1]);
+#if !defined(F4X_WIDE)
+    m.myy = quarter * m.m0;
+#endif
+    return m;
+}
+
+// moments[entry] += sum over pixels of v (1, u, dy, u^2, u dy, dy^2), u = dx - slope dy. As many entries at once as there are
+// lanes: the sums are taken about the block's centre, then sheared and moved to the mean.
 F4X_TARGET void add_moments(Scratch& w, int block, int n, float centre_x, float centre_y, const float* v) {
     const uint8_t* list = w.list[block];
-    const f8 half = broadcast(0.5f), quarter = broadcast(0.25f);
-    for (int first = 0; first < n; first += 8) {
-        f8 pixel[8], hot[8];  // entries behind the last hold anything: nothing of them is stored
+    for (int first = 0; first < n; first += PIXELS) {
+        fp pixel[PIXELS], hot[8];  // entries behind the last hold anything: nothing of them is stored
         for (int k = 0; k < 8; ++k) {
-            pixel[k] = load(v + 8 * (first + k));
-            std::memcpy(&hot[k], &w.hot[list[first + k]], sizeof(f8));
+            const float* values = v + PIXELS * (first + k);
+            for (int part = 0; part < PIXELS; part += 8) pixel[part + k] = of_entries(values + part, values + 8 * PIXELS + part);
+            hot[k] = of_entries(&w.hot[list[first + k]].x, &w.hot[list[first + k + 8]].x);
         }
-        transpose(pixel);
+        for (int part = 0; part < PIXELS; part += 8) transpose(pixel + part);
         transpose(hot);
-        f8 sum[4], difference[4];  // lower row plus and minus upper row, per column x = -1.5, -0.5, 0.5, 1.5
-        for (int x = 0; x < 4; ++x) {
-            sum[x] = pixel[4 + x] + pixel[x];
-            difference[x] = pixel[4 + x] - pixel[x];
-        }
-        const f8 outer = sum[0] + sum[3], inner = sum[1] + sum[2];
-        const f8 m0 = outer + inner, mx = broadcast(1.5f) * (sum[3] - sum[0]) + half * (sum[2] - sum[1]);
-        const f8 my = half * (difference[0] + difference[1] + difference[2] + difference[3]);
-        const f8 mxx = broadcast(2.25f) * outer + quarter * inner, myy = quarter * m0;
-        const f8 mxy = broadcast(0.75f) * (difference[3] - difference[0]) + quarter * (difference[2] - difference[1]);
-
-        const f8 slope = hot[3], y = broadcast(centre_y) - hot[1], u = broadcast(centre_x) - hot[0] - slope * y;
-        const f8 mu = mx - slope * my, muy = mxy - slope * myy, muu = mxx - slope * (mxy + muy), sum_u = mu + u * m0;
-        const f8 two_my = my + my, zero = broadcast(0.0f);
-        f8 row[8] = {m0, sum_u, my + y * m0, muu + u * (mu + sum_u), muy + u * my + y * sum_u, myy + y * (two_my + y * m0),
-                     zero, zero};
+        const BlockMoments m = block_moments(pixel);
+        const fp slope = hot[3], y = broadcast<fp>(centre_y) - hot[1], u = broadcast<fp>(centre_x) - hot[0] - slope * y;
+        const fp mu = m.mx - slope * m.my, muy = m.mxy - slope * m.myy, muu = m.mxx - slope * (m.mxy + muy);
+        const fp sum_u = mu + u * m.m0, two_my = m.my + m.my, zero = broadcast<fp>(0.0f);
+        fp row[8] = {m.m0,
+                     sum_u,
+                     m.my + y * m.m0,
+                     muu + u * (mu + sum_u),
+                     muy + u * m.my + y * sum_u,
+                     m.myy + y * (two_my + y * m.m0),
+                     zero,
+                     zero};
         transpose(row);
-        const int last = std::min(n - first, 8);
+        float rows[PIXELS][8];
+        for (int k = 0; k < 8; ++k) {
+#if defined(F4X_WIDE)
+            store(rows[k], lower(row[k]));
+            store(rows[8 + k], upper(row[k]));
+#else
+            store(rows[k], row[k]);
+#endif
+        }
+        const int last = std::min(n - first, PIXELS);
         for (int k = 0; k < last; ++k) {
             float* total = w.moments + 8 * list[first + k];
-            store(total, load(total) + row[k]);
+            store(total, load(total) + load(rows[k]));
         }
     }
 }
@@ -1002,40 +1121,42 @@ F4X_TARGET void add_moments(Scratch& w, int block, int n, float centre_x, float 
 F4X_TARGET void backward_tile(const Problem& p, State& s, Scratch& w, int tile, const Gradients& g) {
     const Tile t = tile_of(s, tile);
     const int columns = 1 + p.attached, vectors = row_vectors(p);
-    f8 behind[BLOCKS];  // per pixel: gradient carried by what lies behind, sum of w S over later splats + background
+    fp behind[BLOCKS];  // per pixel: gradient carried by what lies behind, sum of w S over later splats + background
     bool started[BLOCKS] = {};
     const int chunks = s.chunks_done[tile];
     for (int c = chunks - 1; c >= 0; --c) {
         const int64_t begin = t.begin + int64_t(c) * CHUNK;
         const int n = int(std::min<int64_t>(CHUNK, t.end - begin));
-        const f8* before = s.running + (s.chunk_start[tile] + c) * BLOCKS;
+        const float* before = s.running + (s.chunk_start[tile] + c) * TILE_PIXELS;
         uint32_t live = 0;
-        for (int block = 0; block < BLOCKS; ++block)
-            if (mask_bits(before[block] > broadcast(0.0f))) live |= 1u << block;
+        for (int block = 0; block < BLOCKS; block += BLOCK_STRIPS)
+            if (mask_bits(load<fp>(before + 8 * block) > broadcast<fp>(0.0f))) live |= 1u << block;
         stage<false>(p, s, t, begin, n, live, w);
         std::memset(w.moments, 0, sizeof(float) * 8 * n);
         std::memset(w.feature_gradient, 0, sizeof(float) * w.stride * n);
-        for (int block = 0; block < BLOCKS; ++block) {
+        for (int block = 0; block < BLOCKS; block += BLOCK_STRIPS) {
             if (!w.length[block]) continue;
             const int x = block_x(t, block), y = block_y(t, block);
-            const f8 gradient_behind = load_gradient(p, g, x, y, w);
-            if (!started[block]) behind[block] = gradient_behind * s.final[size_t(tile) * BLOCKS + block];
+            const fp gradient_behind = load_gradient(p, g, x, y, w);
+            if (!started[block]) behind[block] = gradient_behind * load<fp>(s.final + size_t(tile) * TILE_PIXELS + 8 * block);
             started[block] = true;
-            f8 running = before[block], final = running;
+            fp running = load<fp>(before + 8 * block), final = running;
             const int m = block_weights(p, w, block, x, y, running, final, w.alpha, w.weight);
             int k = 0;
-            for (; k + 6 <= m; k += 6) dot_group<6>(w, w.list[block] + k, columns, w.dot + 8 * k);
-            for (; k < m; ++k) dot_group<1>(w, w.list[block] + k, columns, w.dot + 8 * k);
+            constexpr int N = BLOCK_STRIPS == 2 ? 8 : 6;  // as many sums as registers hold
+            for (; k + N <= m; k += N) dot_group<N>(w, w.list[block] + k, columns, w.dot + PIXELS * k);
+            for (; k < m; ++k) dot_group<1>(w, w.list[block] + k, columns, w.dot + PIXELS * k);
             // With S = dot, dL/d(log alpha) = w S - alpha / (1 - alpha) * behind; no gradient where alpha is clamped.
-            f8 later = behind[block];
-            const f8 one = broadcast(1.0f), alpha_max = broadcast(p.alpha_max);
+            fp later = behind[block];
+            const fp one = broadcast<fp>(1.0f), alpha_max = broadcast<fp>(p.alpha_max);
             for (k = m - 1; k >= 0; --k) {
-                const f8 alpha = load(w.alpha + 8 * k), share = load(w.weight + 8 * k) * load(w.dot + 8 * k);
-                store(w.dot + 8 * k, keep_where(alpha < alpha_max, share - later * (alpha / (one - alpha))));
+                const fp alpha = load<fp>(w.alpha + PIXELS * k);
+                const fp share = load<fp>(w.weight + PIXELS * k) * load<fp>(w.dot + PIXELS * k);
+                store(w.dot + PIXELS * k, keep_where(alpha < alpha_max, share - later * (alpha / (one - alpha))));
                 later += share;
             }
             behind[block] = later;
-            add_moments(w, block, m, x + 2.0f, y + 1.0f, w.dot);
+            add_moments(w, block, m, x + 2.0f, y + 0.5f * STRIP_HEIGHT * BLOCK_STRIPS, w.dot);
             spread(w, block, m);
         }
         for (int k = 0; k < n; ++k) {
@@ -1055,13 +1176,13 @@ F4X_TARGET int64_t count_tile(const Problem& p, State& s, Scratch& w, int tile) 
     int64_t pairs = 0;
     for (int c = 0; c < s.chunks_done[tile]; ++c) {
         const int64_t begin = t.begin + int64_t(c) * CHUNK;
-        const f8* before = s.running + (s.chunk_start[tile] + c) * BLOCKS;
+        const float* before = s.running + (s.chunk_start[tile] + c) * TILE_PIXELS;
         stage<false>(p, s, t, begin, int(std::min<int64_t>(CHUNK, t.end - begin)), ~0u, w);
-        for (int block = 0; block < BLOCKS; ++block) {
-            f8 running = before[block], final = running;
+        for (int block = 0; block < BLOCKS; block += BLOCK_STRIPS) {
+            fp running = load<fp>(before + 8 * block), final = running;
             const int m = block_weights(p, w, block, block_x(t, block), block_y(t, block), running, final, w.alpha, w.weight);
             for (int k = 0; k < m; ++k)
-                for (uint32_t bits = mask_bits(load(w.weight + 8 * k) > broadcast(0.0f)); bits; bits &= bits - 1) ++pairs;
+                for (uint32_t bits = mask_bits(load<fp>(w.weight + PIXELS * k) > broadcast<fp>(0.0f)); bits; bits &= bits - 1) ++pairs;
         }
     }
     return pairs;
@@ -1190,9 +1311,11 @@ F4X_TARGET void gather(const Problem& p, State& s, int64_t begin, int64_t end, c
         for (int lane = 0; lane < 8; ++lane) camera[k] += cameras[k][lane];
 }
 
-constexpr const char* NAMES[] = {"plain", "avx2", "avx512"};
+constexpr const char* NAMES[] = {"plain", "avx2", "avx512", "avx512-wide"};
 const Kernels kernels = {
-#if defined(F4X_AVX512)
+#if defined(F4X_WIDE)
+    NAMES[3],
+#elif defined(F4X_AVX512)
     NAMES[2],
 #elif defined(F4X_AVX2)
     NAMES[1],
