@@ -28,7 +28,12 @@ SANITIZERS = {
     "undefined": (["-fsanitize=undefined", "-fno-sanitize-recover=undefined"], "libubsan.so"),
     "thread": (["-fsanitize=thread"], "libtsan.so"),
 }
-OPTIONS = {"ASAN_OPTIONS": "detect_leaks=0", "TSAN_OPTIONS": "exitcode=66", "UBSAN_OPTIONS": "print_stacktrace=1"}
+OPTIONS = {
+    "ASAN_OPTIONS": "detect_leaks=0",
+    "TSAN_OPTIONS": "exitcode=66",
+    "UBSAN_OPTIONS": "print_stacktrace=1",
+    "OPENBLAS_NUM_THREADS": "1",  # numpy's own threads, which look like races
+}
 
 
 def main() -> int:

@@ -111,7 +111,7 @@ struct State {
 struct Scratch {
     alignas(64) Hot hot[CHUNK];
     alignas(64) uint8_t met[COLUMNS][CHUNK];           // per splat and block column: the strips met, one bit each
-    alignas(64) uint8_t list[BLOCKS][CHUNK + MOST_PIXELS];  // written eight at a time, read by blocks' pixels
+    alignas(64) uint8_t list[BLOCKS][CHUNK + MOST_PIXELS];  // written by eights, read by as many as a block has pixels
     int length[BLOCKS];
     alignas(64) float alpha[CHUNK * MOST_PIXELS], weight[CHUNK * MOST_PIXELS], dot[CHUNK * MOST_PIXELS];
     alignas(64) float moments[CHUNK * 8];
