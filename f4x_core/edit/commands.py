@@ -99,7 +99,8 @@ ADDS_NOTHING = either(
         "needs|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|"
         "has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|"
         "are supposed to|might] (to) ([be|become|get|turn|go|look|appear|stay|end up|have])|[become|becomes|becoming|"
-        "being|be|were|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
+        "being|be|were|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to|be [possible|feasible|"
+        "doable]|could [do with|use] being"
     ),
     literal(
         every_form("make|let|have|get|do|keep|animate")
@@ -163,7 +164,10 @@ _looked = either(
 
 _more_opacity = (
     either(
-        ~literal("like|about|roughly|only|just|say") + percent + literal("[visible|opacity|opaque|alpha|visibility]"),
+        ~literal("like|about|roughly|only|just|say")
+        + ~literal("a|an")
+        + percent
+        + literal("[visible|opacity|opaque|alpha|visibility]"),
         literal("see through|transparent|translucent")
         + ~literal(",|like|about|say|so")
         + percent
@@ -720,6 +724,9 @@ _command("the dog is too dark", REMARK, "complaint")(
 _command("remove everything except the dog", always(making.extracted), "verb", NAMED)(
     who=everything_but, verb=literal(asked_form("delete")) + ~OUT
 )
+_command("show everything but the dog", always(making.opacity(0.0)), "verb", NAMED)(
+    who=everything_but, verb=literal(every_form("show|keep|leave|display|see"))
+)
 _command("without the dog", always(making.deleted), "without", NAMED)(
     verb=literal(every_form("make|show|play|have|see|want|need|like")),
     without=keyword(
@@ -757,6 +764,7 @@ _command("hide the car from second 1 on", always(making.opacity(0.0)), "verb", N
     switch=literal(every_form("switch|turn|toggle|flip|shut|keep|stay|remain|leave")),
     fully=literal("from [view|sight]|completely|entirely|fully|totally|for good|permanently"),
 )
+_LEAVING = frozenset(every_form("leave|let").split("|"))
 _command("keep only the dog", always(making.extracted), "only", NAMED)(
     verb=literal(
         any_form("keep", "isolate")
@@ -766,9 +774,10 @@ _command("keep only the dog", always(making.extracted), "only", NAMED)(
     + literal(
         any_form("isolate")
         + "|[i|we] (only|just) [want|need] (to see) only|[i|we] [only|just] [want|need|would like] (to see)|"
-        "only|just|nothing but|solely|nothing except|alone|on [its|his|her|their] own|by itself|all by itself|"
+        "only|just|nothing but|solely|nothing except|on [its|his|her|their] own|by itself|all by itself|"
         "soloed|nothing else|and nothing else|no one else|and nobody else|exclusively"
-    ),
+    )
+    | literal("alone") + here(lambda reading, at: _LEAVING.isdisjoint(reading.words)),
     on=literal(
         "[on|onto|over|against] (a|an) (plain|empty|blank|black|white|transparent|clean) "
         "[background|black|nothing|alpha]|with alpha"

@@ -155,7 +155,7 @@ def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -
     return either(
         optional(amount) + more >> factor,
         more + amount >> (lambda upward, how: factor(how, upward)),
-        multiple + so >> (lambda x, upward: factor(Amount("times", x), True) if upward else _inverse(x)),
+        _hedge + multiple + so >> (lambda x, upward: factor(Amount("times", x), True) if upward else _inverse(x)),
         percent + so >> (lambda x, upward: x if upward else _inverse(x)),
     )
 

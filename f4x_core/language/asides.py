@@ -173,7 +173,6 @@ _PLAIN = {
     "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:one (?:more|last|final|other) "
     r"thing|another thing|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|for (?:a start|starters)|"
     r"first off|first of all|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
-    "pause": r",\s*(?:like|well|you know|i mean|let me think|say)\s*(?=,)",
     # reasons
     "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
     "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) "
@@ -211,7 +210,7 @@ _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |
 _NUMBERS = re.compile(r"\d")
 PURPOSES = frozenset({"so", "for", "to"})
 """Classes that may say what is meant to become of a thing."""
-_COURTESIES = ("opening", "ordering", "if", "thanks", "interjection", "pause", "apology", "vocative", "hurry")
+_COURTESIES = ("opening", "ordering", "if", "thanks", "interjection", "apology", "vocative", "hurry")
 """Classes that questions have, too."""
 _CLAUSES = PURPOSES | {"because", "favor"}
 _ADDRESSED = word_set("please could can would will may make let i we you do turn have give")

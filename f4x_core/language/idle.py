@@ -142,11 +142,7 @@ _DECISIVE = word_set(
 
 def _tells(word: str) -> bool:
     """Whether a word of a reason says neither when, how much or how, nor what it should be like."""
-    return (
-        word.isalpha()
-        and word not in _DECISIVE
-        and not any(word in words for words in (COLOURS, ONES, TENS, FRACTIONS))
-    )
+    return word.isalpha() and not any(word in words for words in (_DECISIVE, COLOURS, ONES, TENS, FRACTIONS))
 
 
 _WHO_ASKS = word_set("i we you me us would could can may might shall please")

@@ -13,15 +13,9 @@ from .asides import WISHING
 from .colour_names import COLOURS
 
 _THING = r"(?:the |my |that |this |all |both )?[\w' -]+?"
-_PARTS = {
-    "X": rf"(?P<x>{_THING})",
-    "Y": rf"(?P<y>{_THING})",
-    "REST": r"(?P<rest>.+)",
-    "END": r"(?P<end>.+)",
-    "WISHING": WISHING,
-    "COLOUR": "|".join(sorted(COLOURS)),
-    "BE": "(?:is|are|was|were|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be)",
-}
+_PARTS = {"X": rf"(?P<x>{_THING})", "Y": rf"(?P<y>{_THING})", "REST": "(?P<rest>.+)", "END": "(?P<end>.+)"}
+_PARTS |= {"WISHING": WISHING, "COLOUR": "|".join(sorted(COLOURS))}
+_PARTS["BE"] = "(?:is|are|was|were|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be)"
 """What stands in braces in a pattern."""
 _REWRITINGS = r"""
 ^(?:make|have|set) it(?: so)?(?: that)? {X} (?:is|are|be) (?:not|n't) {REST}$|^(?:make|have|set) it(?: so)?(?: that)? {Y}
