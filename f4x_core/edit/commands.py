@@ -1040,7 +1040,9 @@ _motion = whose(
     "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall|kick|leap|hop"
 )
 _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
-    who=_about + thing,
+    who=_about + thing
+    | literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement")
+    >> (lambda: lambda context: making.noted(context, All())),
     lead=literal(every_form("bring|come")),
     spot=literal("in place|on the spot|in [its|his|her|their] tracks"),
     verb=literal(

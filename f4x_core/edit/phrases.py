@@ -830,6 +830,9 @@ def _is_same_wish(reading: Reading, at: int) -> bool:
         start -= 1
     while start > 0 and reading.word(start - 1) not in _SEPARATORS:
         start -= 1
+    ends = (e for i in range(at, at + 4) if reading.word(i) == "in" for e in colour.at(reading, i + 1))
+    if reading.word(at - 3) == "in" and colour.at(reading, at - 2) and any(reading.word(e) in _ENDS for e in ends):
+        return False  # "the rider in blue, the horse in white"
     named = {reading.word(i) for i in range(start, at)} & {"the", "my", "that", "this"}
     qualified = _quality_at(reading, start) or (named and reading.word(at - 1) == ",")
     return not (qualified and _quality_at(reading, at))
@@ -840,6 +843,7 @@ def _quality_at(reading: Reading, at: int) -> bool:
 
 
 _SEPARATORS = frozenset({",", "and", "or", "plus", "+"})
+_ENDS = _SEPARATORS | {"", ".", ";", "!", "please"}
 _single = either(_definite, _bare_stranger + _in_scene)
 two_of_them_behind = (
     ~keyword("of")

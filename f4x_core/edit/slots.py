@@ -77,7 +77,10 @@ def as_given(values: Given) -> Given:
 as_long = either(
     multiple + keyword("as long") >> making.stretched,
     multiple + keyword("longer") >> making.stretched,
-    ~keyword("to|by") + ~keyword("a factor of") + fraction_of("length|duration|time") >> making.stretched,
+    ~keyword("to|by")
+    + ~keyword("a factor of")
+    + (fraction_of("length|duration") | multiple + keyword("the time|its time|as much time"))
+    >> making.stretched,
     keyword("by") + ~keyword("a factor of") + (multiple | number) >> making.stretched,
 )
 OUT = keyword(

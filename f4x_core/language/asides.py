@@ -112,7 +112,7 @@ _ASKED_AFTER = re.compile(
 )
 _INTERJECTIONS = (
     r"(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|"
-    r"please|jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty "
+    r"please|jeez|dang|damn|for (?:heaven s|god s|pete s) sake|for the love of [a-z]+|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty "
     r"please|to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|"
     r"basically|literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|absolutely|essentially|"
     r"preferably|magically|nothing (?!else|but|more|less|except|other|only)(?:too |that |so )?[a-z]+(?=[ ]*(?:[,.;!]|$))|"

@@ -55,8 +55,6 @@ _REWRITINGS = r"""
 ^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{COLOUR}) (?:colou?r )?(?:of|on|in) {X}
     (?:for|with|by|to|into) (?:a |an |the |some )?{REST}$ => make \g<x> \g<rest>
 ^(?:turn|change|make|transform) (?:the )?(?:day|daytime|daylight) (?:in)?to night$ => make everything look like night
-^(?P<verb>stop|freeze|pause|hold|halt) (?:time|the clock|the action|the motion|all motion|all movement|(?:the
-    )?playback)(?P<rest>.*)$ => \g<verb> everything\g<rest>
 """
 _ORDERS = r"""
 ^(?:please )?(?:make sure|ensure|see to it|be sure|i want|i need|i wish|i'd like|take care) (?:that )?{X}
