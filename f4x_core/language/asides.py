@@ -112,7 +112,8 @@ _ASKED_AFTER = re.compile(
 )
 _INTERJECTIONS = (
     r"(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|"
-    r"please|jeez|dang|damn|for (?:heaven s|god s|pete s) sake|for the love of [a-z]+|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty "
+    r"please|jeez|dang|damn|for (?:heaven s|god s|pete s) sake|for the love of [a-z]+|btw|by the way|fyi|imo|imho|tbh|"
+    r"honestly|frankly|pretty "
     r"please|to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|"
     r"basically|literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|absolutely|essentially|"
     r"preferably|magically|nothing (?!else|but|more|less|except|other|only)(?:too |that |so )?[a-z]+(?=[ ]*(?:[,.;!]|$))|"
@@ -153,8 +154,6 @@ _PLAIN = {
         r"\bor (?:so|something|whatever|thereabouts|similar|anything)\b"
         r"(?: (?:like that|similar|of that kind|along those lines))?"
     ),
-    "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of "
-    r"(?:color|colors|size|speed|look|style)\b",
     "apology": r"^\s*(?:(?:i|we) )?(?:(?:do|must|really|humbly|am|very|so|terribly) )*(?:apologi[sz]e|beg (?:your |you )?"
     r"pardon|sorry|excuse me|pardon(?: me)?|forgive me|my bad|oops)\b(?: (?:for|to|about|that) "
     r"[^,.;]*?)?\s*[,.;:!-]+\s*(?:but\b,?)?",
@@ -167,7 +166,6 @@ _PLAIN = {
     "no": r"^\s*(?:no\b[ ,.!]*)+(?=(?:not|do not|i|leave)\b)",
     "hurry": r"^\s*(?:hurry(?: up)?|come on|go on|quick|now then|right then|chop chop|look lively)\b\s*(?:[,.!]|"
     r"and\b)\s*(?:and\b)?",
-    "greeting": r"^\s*(?:hi|hello|hey)(?: (?:all|there|everyone|everybody|folks|guys|team))?\b\s*[,.!]*",
     "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
     r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
     "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:one (?:more|last|final|other) "
