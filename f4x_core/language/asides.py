@@ -234,11 +234,7 @@ def without_asides(
         for found in re.finditer(pattern, text):
             if kind in _CLAUSES:
                 own = [verb for verb in _GOES_ON.findall(found.group()) if verb in verbs]
-                if (
-                    own
-                    or not found.group().strip(" ,")
-                    or (kind in (PURPOSES | {"favor"}) and things & set(found.group().split()))
-                ):
+                if own or not found.group().strip(" ,") or (kind != "because" and things & set(found.group().split())):
                     continue
             leave_out(kind, found.start(), found.end())
     for found in re.finditer(_LIKE, text):

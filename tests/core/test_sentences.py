@@ -5,7 +5,7 @@ import sentence_cases
 
 from f4x_core.edit.language import Refusal, describe, parse
 from f4x_core.edit.request import Request
-from f4x_core.language.grammar import Doubt
+from f4x_core.language.grammar import Doubt, Slip
 
 REFUSED = (
     "loop the kick between 0.5 and 1.5 seconds",
@@ -85,6 +85,34 @@ def test_the_share_that_is_understood():
 @pytest.mark.parametrize("row", ROWS, ids=[row["text"] for row in ROWS])
 def test_a_sentence_means_what_a_person_means(row):
     assert sentence_cases.verdict(row) == ("refused" if row["text"] in REFUSED else "right")
+
+
+@pytest.mark.parametrize("line", sentence_cases.TOLD)
+def test_a_sentence_in_other_words_comes_to_what_is_told(line):
+    sentence, told = line.rsplit(" => ", 1)
+    request = Request(sentence, sentence_cases.TOLD_LABELS, fps=24.0, frames=72)
+    if told == "asked":
+        with pytest.raises(Refusal):
+            parse(request)
+    else:
+        assert " + ".join(map(describe, parse(request))) == told
+
+
+@pytest.mark.parametrize(
+    ("sentence", "mended"),
+    [
+        ("Make the car green for the frist second", "first"),
+        ("the car shoud be blue", "should"),
+        ("a slighlty bigger car", "slightly"),
+    ],
+)
+def test_a_sure_slip_is_mended_where_nothing_is_removed(sentence, mended):
+    with pytest.raises(Slip) as slip:
+        parse(Request(sentence, ("car",), fps=24.0, frames=72))
+    assert mended in slip.value.instead and parse(Request(slip.value.instead, ("car",), fps=24.0, frames=72))
+    with pytest.raises(Doubt) as asked:
+        parse(Request("remvoe the car", ("car",), fps=24.0, frames=72))
+    assert not isinstance(asked.value, Slip)
 
 
 @pytest.mark.parametrize(
