@@ -343,6 +343,8 @@ def test_sources_that_are_not_there_or_empty(tmp_path):
     refused("no pictures", tmp_path)
     (tmp_path / "notes.txt").write_text("not a video")
     refused(r"notes\.txt cannot be read as a video", tmp_path / "notes.txt")
+    (tmp_path / "dog.f4x").write_bytes(b"PK")
+    refused(r"dog\.f4x is a fitted scene, and a clip is wanted", tmp_path / "dog.f4x")
     refused("no pictures", tmp_path)
 
 
