@@ -144,7 +144,9 @@ def _opened(file: Path):
     import av
 
     if file.suffix.lower() == ".f4x":
-        raise F4xError(f"{file} is a fitted scene, and a clip is wanted: give the video or folder that it was fitted to")
+        raise F4xError(
+            f"{file} is a fitted scene, and a clip is wanted: give the video or folder that it was fitted to"
+        )
     try:
         container = av.open(str(file))
     except (av.FFmpegError, OSError) as error:
