@@ -21,9 +21,9 @@ MAX_COST_LEFT_BY_ZOOM = 0.4
 """A lens zooms when turning and zooming leave at most this fraction of the cost that turning alone leaves: 0.08 to 0.17 in
 clips made to zoom, 0.82 to 0.99 in the choosing half of the real clips, none of which does."""
 MIN_COST_LEFT_BY_MOVING = 0.55
-"""... and when a moving camera leaves at least this fraction of the cost that turning and zooming leave. Chosen on 17 rooms of cards
-filmed by a zoom, most by a shaking hand (0.59 to 0.86, one 0.39), and on 16 filmed by a walk ahead (0.17 to 0.41, one 0.58). Of 34
-others with more noise it is right in 30; 0.5 in 28."""
+"""... and when a moving camera leaves at least this fraction of the cost that turning and zooming leave. Chosen on 17 rooms of
+cards filmed by a zoom, most by a shaking hand (0.59 to 0.86, one 0.39), and on 16 filmed by a walk ahead (0.17 to 0.41, one
+0.58). Of 34 others with more noise it is right in 30; 0.5 in 28."""
 MIN_FACTOR = 1.05
 """Smallest ratio of focal lengths that counts as a zoom: a smaller change comes from focusing, and the lens is held constant."""
 
