@@ -1,5 +1,6 @@
 // Compiles the second half of F4X_FILE once per instruction set, into the namespaces `plain`, `avx2`, `avx512` and, where the file
-// asks for it by F4X_WIDE_TOO, `avx512_wide`, each with its own constant `kernels`; kernels() is the one for this processor. Included once per kernel file, so it has no include guard.
+// asks for it by F4X_WIDE_TOO, `avx512_wide`, each with its own constant `kernels`; kernels() is the one for this processor.
+// Included once per kernel file, so it has no include guard.
 
 #define F4X_ISA plain
 #define F4X_TARGET

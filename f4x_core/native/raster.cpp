@@ -736,8 +736,8 @@ F4X_HOT void stage(const Problem& p, const State& s, const Tile& t, int64_t begi
     list_blocks(n, w);
 }
 
-// Alpha of N listed splats in the pixels of a block, 0 below the cut. Step by step for all N: one splat's chain of dependent operations is
-// too long for a processor to look past.
+// Alpha of N listed splats in the pixels of a block, 0 below the cut. Step by step for all N: one splat's chain of dependent
+// operations is too long for a processor to look past.
 template <int N>
 F4X_HOT void alphas_of(const Hot* hot, const uint8_t* list, const fp& pixel_x, const fp& pixel_y, const fp& log2_min,
                        const fp& alpha_max, float* alphas) {
@@ -1181,8 +1181,10 @@ F4X_TARGET int64_t count_tile(const Problem& p, State& s, Scratch& w, int tile) 
         for (int block = 0; block < BLOCKS; block += BLOCK_STRIPS) {
             fp running = load<fp>(before + 8 * block), final = running;
             const int m = block_weights(p, w, block, block_x(t, block), block_y(t, block), running, final, w.alpha, w.weight);
-            for (int k = 0; k < m; ++k)
-                for (uint32_t bits = mask_bits(load<fp>(w.weight + PIXELS * k) > broadcast<fp>(0.0f)); bits; bits &= bits - 1) ++pairs;
+            for (int k = 0; k < m; ++k) {
+                const ip adds = load<fp>(w.weight + PIXELS * k) > broadcast<fp>(0.0f);
+                for (uint32_t bits = mask_bits(adds); bits; bits &= bits - 1) ++pairs;
+            }
         }
     }
     return pairs;
