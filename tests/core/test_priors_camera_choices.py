@@ -650,13 +650,13 @@ def test_a_pan_is_adjusted_at_its_focal_length(monkeypatch):
     assert "mirror" not in job.statistics
 
 
-def test_moving_explains_more_than_a_zoom_at_half_its_cost():
+def test_moving_explains_more_than_a_zoom_at_little_more_than_half_its_cost():
     true = truth(frames=8, points=60)
     moved = solution_of(true, noise=0.3)
     sample, _ = module._sampled(moved)
     cost = module.mean_cost(sample.bundle, sample.observations, 6 * 8 + 3 * len(sample.bundle.points))
-    for factor, more in ((1.99, False), (2.01, True)):
-        zoom = module.Zoom(1.2, 0.1, factor * cost, np.zeros(8), np.arange(8))
+    for left, more in ((0.551, False), (0.549, True)):
+        zoom = module.Zoom(1.2, 0.1, cost / left, np.zeros(8), np.arange(8))
         assert module._moving_explains_more(zoom, moved) == more
 
 
