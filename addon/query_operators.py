@@ -63,8 +63,8 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
             refuse_unknown(scene, label)
         known = {label.lower() for label in labels_of(scene)}
         unknown = [word for word in (*labels, *(negatives or ())) if known.isdisjoint(spellings(word))]
-        told = instead(scene, unknown)[1] if known and unknown else ""
-        hint = f" {told[0].upper()}{told[1:]}." if told else ""
+        others = instead(scene, unknown)[1] if known and unknown else ""
+        hint = f" {others[0].upper()}{others[1:]}." if others else ""
         if known and unknown and find_interpreter():
             look_up(scene_object, unknown)
             line = f"The worker adds {', '.join(unknown)} to the scene; query again when the job is done.{hint}"

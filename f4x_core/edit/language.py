@@ -579,8 +579,8 @@ def _shared(clauses: Clauses) -> Clauses:
         shared[at] = clause._replace(slots={**clause.slots, "who": shared[0].slots["who"]})
     for at in range(len(clauses) - 1, 0, -1):
         verb, following = shared[at - 1], shared[at]
-        alike = verb.command is following.command and verb.command.use.whole  # "double the saturation and halve the "
-        "contrast of the sky"
+        # "double the saturation and halve the contrast of the sky"
+        alike = verb.command is following.command and verb.command.use.whole
         alone = "who" not in verb.slots and (alike or ("verb" in verb.slots and not verb.command.use.whole))
         if alone and not following.hard and "who" in following.slots:
             shared[at - 1] = verb._replace(slots={**verb.slots, "who": following.slots["who"]})
@@ -1015,14 +1015,19 @@ def _unknown_word(reading: Reading) -> str:
     return ""
 
 
-_UNSAID = dict(
-    re.findall(
-        r"(\w+): ([^;]+)",
-        "who: whom or what it is for; values: what becomes of it; rgb: which color; colors: to which color; by: how much; "
-        "place: where; way: which way; sense: which way; angle: by how many degrees; source: what it is to look like; "
-        "called: which name it gets",
-    )
-)
+_UNSAID = {
+    "who": "whom or what it is for",
+    "values": "what becomes of it",
+    "rgb": "which color",
+    "colors": "to which color",
+    "by": "how much",
+    "place": "where",
+    "way": "which way",
+    "sense": "which way",
+    "angle": "by how many degrees",
+    "source": "what it is to look like",
+    "called": "which name it gets",
+}
 """What is missing where a slot of a command was not filled."""
 
 
@@ -1092,12 +1097,12 @@ _FIRST_EXAMPLES = ("make the dog red", "move the dog to the left", "isolate the 
 
 def _nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:
     typed = [token.text for token in tokens[:MAX_WORDS]]
-    said = [word for word in typed if word not in FUNCTION_WORDS]
+    content = [word for word in typed if word not in FUNCTION_WORDS]
 
     def likeness(example: str) -> tuple[float, float]:
         words = example.split()
         telling = set(words) - FUNCTION_WORDS - {"dog", "dogs"}  # all examples have these
-        alike = sum(bool(get_close_matches(word, said, 1, 0.75)) for word in telling)
+        alike = sum(bool(get_close_matches(word, content, 1, 0.75)) for word in telling)
         if not alike:
             return 0, -_FIRST_EXAMPLES.index(example) if example in _FIRST_EXAMPLES else -len(_FIRST_EXAMPLES)
         return 1, alike / len(telling) + SequenceMatcher(None, words, typed).ratio() / 2

@@ -1,6 +1,17 @@
-// Arithmetic on eight lanes for one instruction set: included inside the namespace F4X_ISA, so it has no include guard.
+// Arithmetic on eight lanes, and on sixteen where those are wanted, for one instruction set: included inside the namespace F4X_ISA,
+// so it has no include guard.
 
 #define F4X_HOT F4X_TARGET static F4X_INLINE
+
+// As many lanes as the file is compiled for.
+#if defined(F4X_WIDE)
+typedef f16 fp;
+typedef i16 ip;
+#else
+typedef f8 fp;
+typedef i8 ip;
+#endif
+constexpr int LANES = sizeof(fp) / sizeof(float);
 
 template <class V = f8>
 F4X_HOT V load(const float* from) {

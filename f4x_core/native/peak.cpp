@@ -69,18 +69,13 @@ namespace F4X_ISA {
 
 #include "lanes_isa.hpp"
 
-#if defined(F4X_WIDE)
-typedef f16 Vector;
-#else
-typedef f8 Vector;
-#endif
 constexpr int CHAINS = 12;  // enough to hide the latency of a multiply-add
 
 F4X_TARGET float multiply_add(int64_t rounds) {
-    const Vector factor = broadcast<Vector>(0.999f), term = broadcast<Vector>(0.001f);
-    Vector chain[CHAINS];
+    const fp factor = broadcast<fp>(0.999f), term = broadcast<fp>(0.001f);
+    fp chain[CHAINS];
     F4X_UNROLL
-    for (int k = 0; k < CHAINS; ++k) chain[k] = broadcast<Vector>(float(k));
+    for (int k = 0; k < CHAINS; ++k) chain[k] = broadcast<fp>(float(k));
     for (int64_t i = 0; i < rounds; ++i)
         F4X_UNROLL
         for (int k = 0; k < CHAINS; ++k) chain[k] = chain[k] * factor + term;
@@ -89,7 +84,7 @@ F4X_TARGET float multiply_add(int64_t rounds) {
     return sum;
 }
 
-const PeakKernels kernels = {multiply_add, 2.0 * CHAINS * sizeof(Vector) / sizeof(float)};
+const PeakKernels kernels = {multiply_add, 2.0 * CHAINS * LANES};
 
 #undef F4X_HOT
 

@@ -409,15 +409,7 @@ namespace F4X_ISA {
 #include "lanes_isa.hpp"
 
 // The pixels of a block are the lanes of one vector.
-#if defined(F4X_WIDE)
-typedef f16 fp;
-typedef i16 ip;
-constexpr int PIXELS = 16;
-#else
-typedef f8 fp;
-typedef i8 ip;
-constexpr int PIXELS = 8;
-#endif
+constexpr int PIXELS = LANES;
 static_assert(PIXELS <= MOST_PIXELS);
 constexpr int BLOCK_STRIPS = PIXELS / BLOCK_WIDTH / STRIP_HEIGHT;
 
@@ -954,14 +946,14 @@ F4X_HOT void dot_group(const Scratch& w, const uint8_t* list, int columns, float
 // feature_gradient[entry] += sum over pixels of weight * image gradient, N entries at once: V vectors of columns.
 template <class F, int V, int N>
 F4X_HOT void spread_group(const Scratch& w, const uint8_t* list, const float* weights, int first) {
-    constexpr int LANES = sizeof(F) / sizeof(float);
+    constexpr int WIDTH = sizeof(F) / sizeof(float);
     float* row[N];
     F sum[N][V];
     F4X_UNROLL
     for (int k = 0; k < N; ++k) {
         row[k] = row_of<float>(w.feature_gradient, w.stride, list[k]) + first;
         F4X_UNROLL
-        for (int v = 0; v < V; ++v) sum[k][v] = load<F>(row[k] + LANES * v);
+        for (int v = 0; v < V; ++v) sum[k][v] = load<F>(row[k] + WIDTH * v);
     }
     F4X_UNROLL
     for (int pixel = 0; pixel < PIXELS; ++pixel) {
@@ -970,13 +962,13 @@ F4X_HOT void spread_group(const Scratch& w, const uint8_t* list, const float* we
         for (int k = 0; k < N; ++k) {
             const F weight = broadcast<F>(weights[PIXELS * k + pixel]);
             F4X_UNROLL
-            for (int v = 0; v < V; ++v) sum[k][v] += weight * load<F>(gradient + LANES * v);
+            for (int v = 0; v < V; ++v) sum[k][v] += weight * load<F>(gradient + WIDTH * v);
         }
     }
     F4X_UNROLL
     for (int k = 0; k < N; ++k)
         F4X_UNROLL
-        for (int v = 0; v < V; ++v) store(row[k] + LANES * v, sum[k][v]);
+        for (int v = 0; v < V; ++v) store(row[k] + WIDTH * v, sum[k][v]);
 }
 
 template <class F, int V>

@@ -73,5 +73,5 @@ def write_exr(
         try:
             OpenEXR.File(header, channels).write(str(temporary))
         except RuntimeError as error:  # what OpenEXR makes of a full disk
-            told = next((number for number in errno.errorcode if os.strerror(number) in str(error)), None)
-            raise (OSError(str(error)) if told is None else OSError(told, os.strerror(told))) from error
+            code = next((number for number in errno.errorcode if os.strerror(number) in str(error)), None)
+            raise (OSError(str(error)) if code is None else OSError(code, os.strerror(code))) from error

@@ -87,15 +87,15 @@ def test_a_sentence_means_what_a_person_means(row):
     assert sentence_cases.verdict(row) == ("refused" if row["text"] in REFUSED else "right")
 
 
-@pytest.mark.parametrize("line", sentence_cases.TOLD)
-def test_a_sentence_in_other_words_comes_to_what_is_told(line):
-    sentence, told = line.rsplit(" => ", 1)
-    request = Request(sentence, sentence_cases.TOLD_LABELS, fps=24.0, frames=72)
-    if told == "asked":
+@pytest.mark.parametrize("line", sentence_cases.REWORDED)
+def test_a_sentence_in_other_words_comes_to_its_summary(line):
+    sentence, summary = line.rsplit(" => ", 1)
+    request = Request(sentence, sentence_cases.REWORDED_LABELS, fps=24.0, frames=72)
+    if summary == "asked":
         with pytest.raises(Refusal):
             parse(request)
     else:
-        assert " + ".join(map(describe, parse(request))) == told
+        assert " + ".join(map(describe, parse(request))) == summary
 
 
 @pytest.mark.parametrize(
