@@ -13,6 +13,7 @@ from .grammar import (
     Rule,
     either,
     generated,
+    here,
     keyword,
     listed,
     literal,
@@ -26,6 +27,9 @@ PLACES = 3
 Vector = tuple[float, float, float]
 
 
+_MANY = {"hundred": 100.0, "dozen": 12.0}
+
+
 def number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
     """The numbers that begin at a word, in digits or words, the longest first."""
     word, following = reading.word(at), reading.word(at + 1)
@@ -37,26 +41,32 @@ def number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
         below = reading.word(at + 2)
         if following == "/" and below.isdecimal() and float(below):
             yield at + 3, number / float(below)
+        if (following, below, reading.word(at + 3)) == ("and", "a", "half"):
+            yield at + 4, number + 0.5
         yield at + 1, number
     elif word in TENS:
         if 0 < ONES.get(following, 0) < 10:
             yield at + 2, float(TENS[word] + ONES[following])
         yield at + 1, float(TENS[word])
     elif word in ONES:
-        if following == "hundred":
-            yield at + 2, 100.0 * ONES[word]
+        if following in _MANY:
+            yield at + 2, _MANY[following] * ONES[word]
         if following == "and" and reading.word(at + 2) == "a" and reading.word(at + 3) == "half":
             yield at + 4, ONES[word] + 0.5
         if following == "point" and reading.word(at + 2) in ONES:
             yield at + 3, ONES[word] + ONES[reading.word(at + 2)] / 10
         yield at + 1, float(ONES[word])
-    elif word in ("a", "one") and following == "hundred":
-        yield at + 2, 100.0
+    elif word in ("a", "one") and following in _MANY:
+        yield at + 2, _MANY[following]
+    elif word in _MANY:
+        yield at + 1, _MANY[word]
+    elif (word, following, reading.word(at + 2)) == ("half", "a", "dozen"):
+        yield at + 3, 6.0
 
 
 number = generated(number_at)
 signed = (keyword("-|minus") + number >> (lambda x: -x)) | number
-VOCABULARY.update(ONES, TENS, FRACTIONS)
+VOCABULARY.update(ONES, TENS, FRACTIONS, _MANY)
 
 _percent_sign = keyword("%|percent|per cent|pct")
 percent = number + _percent_sign >> (lambda x: x / 100)
@@ -82,6 +92,12 @@ multiple = either(
 """A factor: "three times", "2x", "twice", "half"."""
 
 
+LEAST_PERCENTS = 5
+"""Numbers from this on are percents: "contrast 20", "scale 1.5"."""
+SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
+"""Factors up and down: a bit, much, and without a degree."""
+
+
 class Amount(NamedTuple):
     """An amount: a little, much, times, a fraction more or less, or to a fraction."""
 
@@ -100,10 +116,14 @@ degree = (_not_much | literal("[just|only] a hint|a [hint|notch|shade|trifle|whi
     {
         "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a"
         " [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen|smidgeon|skosh|pinch|dash|tick]|"
-        "slightly|somewhat|(just) barely|barely [noticeable|visible|there]|hardly noticeable|(very) [subtle|subtly|"
+        "slightly|marginally|minimally|fractionally|mildly|moderately|somewhat|(just) barely|barely [noticeable|visible|there]|"
+        "hardly noticeable|(very) [subtle|subtly|"
         "discreetly]|(ever) so slightly|a bit of|(by) a [little|wee|tiny] (bit) (more)": Amount("small"),
         "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole lot|"
-        "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit": Amount("large"),
+        "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit|tons|loads|heaps|miles|a [ton|load|mile|bunch|"
+        "whole bunch]|by [far|miles|a mile]|enormously|hugely|vastly|substantially|greatly|radically|seriously|extremely": Amount(
+            "large"
+        ),
     }
 )
 stops = (keyword("half a") >> (lambda: 0.5) | keyword("a|one") >> (lambda: 1.0) | number | fraction) + ~keyword(
@@ -112,18 +132,31 @@ stops = (keyword("half a") >> (lambda: 0.5) | keyword("a|one") >> (lambda: 1.0) 
 """How light is counted in cameras: each doubles it."""
 _by_factor = keyword("by") + ~keyword("a") + keyword("factor") + ~keyword("of")
 _hedge = ~keyword(",") + ~literal(
-    "about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly"
+    "(only|just) [about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly|almost|close to|just "
+    "about|at least|at most|easily|a good|only|just|no more than]"
 )
+_notches = number + literal("shade|shades|notch|notches|step|steps|click|clicks|tick|ticks|tone|tones") >> (
+    lambda x: Amount("times", round(SMALL_STEP[0] ** x, PLACES))
+)
+
+
+def _as_percents(x: float) -> Amount:
+    """Percents that are said without their sign; Mismatch for what may be a factor."""
+    if not LEAST_PERCENTS <= x <= 100:
+        raise Mismatch
+    return Amount("fraction", x / 100)
+
+
+percents = number >> _as_percents
 amount = either(
     degree,
+    ~keyword("by") + _hedge + _notches,
     _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
     ~keyword("by") + _hedge + stops,
     ~keyword("by") + _hedge + percent >> (lambda x: Amount("fraction", x)),
     ~keyword("by") + _hedge + fraction >> (lambda x: Amount("fraction", x)),
     ~keyword("by") + _hedge + multiple >> (lambda x: Amount("times", x)),
 )
-SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
-"""Factors up and down: a bit, much, and without a degree."""
 
 
 def factor(how: Amount | None, upward: bool) -> float:
@@ -140,23 +173,38 @@ def factor(how: Amount | None, upward: bool) -> float:
     return round(how.value if upward or how.value < 1 else 1 / how.value, PLACES)
 
 
+_IS = "is|are|was|were|does|do|did|has|looks"
+_NOW = "now|today|at the moment|at present|presently|currently|before|originally"
+THAN_OTHERS = literal(
+    f"than ((all|any of) the) [others|rest|other ones|other one|other]|than (the) [usual|normal|original|that|this|{_NOW}]|"
+    f"than (it|he|she|they|that|this) [{_IS}] (right) ({_NOW})|than the [one|last one] (before|before it)|than the [last|"
+    "previous] (one)"
+)
+"""With what is compared that adds nothing: what there is."""
+
+
 def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -> Rule:
     """A factor from "bigger", "a bit smaller", "three times bigger", "twice as big", "20 % smaller", "less big"."""
     compared = table({comparatives: True, lesser: False})
     plain = table({positives: True, opposites: False})
-    more = either(compared, keyword("more") + plain, keyword("less") + plain >> (lambda upward: not upward))
-    so = (
-        ~keyword("just|about")
-        + keyword("as|so")
-        + plain
-        + ~(keyword("as") + ~keyword("it|they|he|she|that|this") + keyword("is|are|was|were|before|now"))
+    not_so = literal("not (quite|really|nearly) [so|as|that|too|overly|quite so] (very|much)") + plain
+    as_now = literal(
+        f"as (it|they|he|she|that|this) ({_IS}) (right) [{_NOW}]|as (it|they|he|she|that|this) [{_IS}]|as the original"
     )
-    more = more + ~keyword("than [before|now|it is|it was|they are]")
+    more = either(compared, keyword("more") + plain, keyword("less") + plain >> (lambda upward: not upward))
+    so = ~keyword("just|about") + keyword("as|so") + plain + ~as_now
+    more = more + ~THAN_OTHERS
     return either(
         optional(amount) + more >> factor,
-        more + amount >> (lambda upward, how: factor(how, upward)),
+        ~literal("a (little|wee|tiny) bit|a little|slightly|somewhat|if possible|please") + not_so
+        >> (lambda upward: factor(None, not upward)),
+        more + ~literal(",|-|(|:") + (amount | keyword("by") + _hedge + percents) + ~literal(")")
+        >> (lambda upward, how: factor(how, upward)),
         _hedge + multiple + so >> (lambda x, upward: factor(Amount("times", x), True) if upward else _inverse(x)),
         percent + so >> (lambda x, upward: x if upward else _inverse(x)),
+        fraction + (so + keyword("again") | keyword("again") + so)
+        >> (lambda x, upward: 1 + x if upward else _inverse(1 + x)),
+        so + keyword("again") >> (lambda upward: 2.0 if upward else 0.5),
     )
 
 
@@ -252,7 +300,8 @@ distance = either(
     _by + fraction + keyword("a|of a|of its|of its own|its|its own|the") + _body >> Distance,
     _by + percent + ~keyword("of") + ~keyword(ITS) + _body >> Distance,
     _by + (keyword("a couple of") >> (lambda: 2.0)) + _body >> Distance,
-    _by + keyword("a|its|its own|their|their own|the|his|her|one full") + _body >> (lambda *_: Distance(1.0)),
+    _by + keyword("[a|its|its own|their|their own|the|his|her|one] (full|whole|entire)") + _body
+    >> (lambda *_: Distance(1.0)),
     _by + number + keyword("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
     _by + keyword("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),
     keyword("by") + percent >> Distance,
@@ -261,8 +310,9 @@ distance = either(
 _step = optional(distance) + direction + optional(distance | percent >> Distance)
 
 
+_at_once = here(lambda reading, at: reading.word(at + 1) not in ("now", "away", "here", "there"))  # "left right now"
 steps = either(
-    listed(_step, keyword("and|,|, and|and then|and also")),
+    listed(_step, keyword("and|,|, and|and then|and also") | _at_once),
     beside >> (lambda way: ((None, way, None),)),
     distance + listed(_step, keyword("and")) >> (lambda far, ways: (*ways[:-1], (*ways[-1][:2], far))),
 )

@@ -47,6 +47,14 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"^(?!distance|gap|compare|relation)(?:set_?)?(\w+)\(\W*(\w+)\W*,\W*([\w. ]+?)\W*\)", r"make the \1 of the \2 \3"),
     (r"^(\w+)\(\W*(\w+)\W*\)", r"\1 the \2"),
     (r"\breappear(s|ed|ing)?\b", r"come\1 back"),
+    (r"\bits (?=(?:way|too|so|really|not|just|super|far|much|kind of|a (?:bit|little|tad)) )", "it is "),
+    (r"(?<=\d)½", ".5"),
+    (
+        r"\b(the|that|this|my) (\w+)( over there)?,? (?:the|that|this) (?!other|same|right|left)(\w+) one\b,?(?! and| or)",
+        r"\1 \4 \2\3,",
+    ),
+    (r"\b(?:hex|html)(?: colou?r| code)?:? *#?(?=[0-9a-f]{6}\b)", "#"),
+    (r"\b(to|toward|towards|on) the (?:write|rite|wright)\b", r"\1 the right"),
     (r"\bmost near\b", "nearest"),
     (r"\bmost close\b", "closest"),
     (r"\btoo (?=the\b|my\b|its\b)", "to "),
@@ -57,8 +65,13 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
 )
 
 
+_RGB = re.compile(r"(?:\brgb\b[ :=]*\(?|\() *(\d{1,3})[ ,;]+(\d{1,3})[ ,;]+(\d{1,3})\b *\)?", re.IGNORECASE)
+"""A colour in three numbers: "rgb(255, 0, 0)"."""
+
+
 def written(sentence: str) -> str:
     """The sentence with signs for those that were dictated ("comma"), and with what was typed for "to" or "the car's" in words."""
+    sentence = _RGB.sub(lambda found: "#" + bytes(min(int(part), 255) for part in found.groups()).hex(), sentence)
     for pattern, instead in _WRITTEN:
         sentence = re.sub(pattern, instead, sentence, flags=re.IGNORECASE)
     return sentence
@@ -92,7 +105,7 @@ CONTRACTIONS |= {
     short: tuple(long.split())
     for short, long in _table(
         "kinda kind of, sorta sort of, lotta lot of, alot a lot, abit a bit, lemme let me, gimme give me, bnw black and "
-        "white, bw black and white, tryna trying to, shan't shall not, dunno do not know"
+        "white, bw black and white, semitransparent semi transparent, tryna trying to, shan't shall not, dunno do not know"
     ).items()
 }
 """Words that stand for several, their apostrophe written or left out; any other `'s` is possessive."""
@@ -310,7 +323,7 @@ NO_THINGS = word_set(
     "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
     "brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
     "somebody someone anyone everyone everybody everything way lot bit kind sort fun problem idea question answer life "
-    "love nonsense stuff volume weather mood heat day morning evening night afternoon"
+    "love nonsense stuff overall volume weather mood heat day morning evening night afternoon"
 )
 """Nouns that name nothing one can see in a scene."""
 FUNCTION_WORDS = word_set(

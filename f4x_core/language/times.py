@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from .amounts import PLACES, fraction, number, percent
-from .grammar import either, keyword, literal, optional, table, unless
+from .grammar import either, here, keyword, literal, optional, table, unless
 from .lexicon import FRACTIONS, PICTURE
 
 
@@ -142,6 +142,12 @@ _nth = either(
 _numbered = ~keyword("the") + number + either(
     keyword("th|st|nd|rd"), keyword("th|st|nd|rd|the") + keyword("frame")
 ) >> (lambda x: TimeExpression(frames=x))
+_hedge = ~literal(
+    "like|say|maybe|somewhere around|about|around|roughly|approximately|circa|exactly|precisely|right|just|shortly|some"
+)
+_after_start = duration + keyword(f"(after|into|from) (the) (very) [beginning|start] (of the [{PICTURE}])") >> (
+    lambda length: START.plus(length)
+)
 _before_end = duration + keyword(f"before (the) end (of the [{PICTURE}])|from the end (of the [{PICTURE}])") >> (
     lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
 )
@@ -149,7 +155,8 @@ _second_over = keyword("the") + _nth + keyword("second") + ~keyword("is over|has
     lambda n: TimeExpression(seconds=n)
 )
 """What is after the second second is after two seconds."""
-moment = either(
+moment = ~literal("(the) [timecode|time code|timestamp|time|tc|mark]") + either(
+    _after_start,
     _edge,
     ~keyword("a|one") + _and_a_half,
     _numbered,
@@ -160,11 +167,12 @@ moment = either(
     _clock,
     _part_way,
 )
-_to = keyword("(right|through|all the way|on) [to|until|till|up to|up until]|-|through|and|up till")
+_to = keyword("(right|through|all the way|on|up) [to|until|till|up to|up until]|-|through|and|up till|thru")
 _pair = either(
     moment + _to + moment >> (lambda a, b: (a, b)),
     ~keyword("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
     number + _to + number + _unit >> (lambda a, b, unit: (_times(a, unit), _times(b, unit))),
+    number + _unit + _to + number >> (lambda a, unit, b: (_times(a, unit), _times(b, unit))),
     (percent | fraction) + ~(_of_it | _through) + _to + (percent | fraction) + (_of_it | _through)
     >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b))),
     (percent | fraction) + keyword("in") + _to + (percent | fraction)
@@ -175,10 +183,13 @@ _pair = either(
     >> (lambda: (START, HALF_WAY)),
 )
 _portion = ~keyword(
-    "(in|for|during) the [part|bit|section|segment|stretch|piece|portion|interval|time|second|seconds|frames|passage]"
+    "(in|for|during|over|across|within) (the|all|every|each) [part|bit|section|segment|stretch|piece|portion|interval|time|second|"
+    "seconds|frames|passage|range]"
 )
 _pair_between = either(
-    _portion + keyword("between") + _pair,
+    _portion
+    + keyword("between")
+    + (_pair | percent + _to + percent >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b)))),
     ~keyword("in|for|during")
     + keyword("the [second|seconds|part|time] [between|from]")
     + number
@@ -188,67 +199,89 @@ _pair_between = either(
     >> (lambda a, b: (TimeExpression(seconds=a), TimeExpression(seconds=b))),
 )
 _pair_from = (
-    _portion + ~keyword("from|since|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
+    _portion
+    + ~keyword("from|since|in|during|for|over|within|across|at|starting [at|from|in]|beginning [at|from|in]|on")
+    + _pair
 )
-_length = either(duration, optional(number, 1.0) + _unit >> _times)
-_first = (
-    ~keyword("for|in|during|over|within|throughout|on|at|across")
-    + keyword("(the) (very) [first|opening]")
-    + _length
-    + ~_of_it
+_length = either(
+    duration,
+    keyword("couple (of)") + _unit >> (lambda unit: _times(2.0, unit)),
+    optional(number, 1.0) + _unit >> _times,
 )
-_last = (
-    ~keyword("for|in|during|over|within|throughout|on|at|across")
-    + keyword("(the) (very) [last|final|closing]")
-    + _length
-    + ~_of_it
+_over = ~keyword(
+    "[for|in|during|over|within|throughout|on|at|across|inside|through] (only|just)|over the course of|in the course of"
 )
-_onward = ~keyword(
-    "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) end|till "
-    "the end|for good|for the rest (of the clip|of it)|and stay so"
+_first = _over + keyword("(the) (very) [first|opening]") + _length + ~_of_it
+_last = _over + keyword("(the) (very) [last|final|closing]") + _length + ~_of_it
+_TO_THE_END = "[until|till|to|through to|through|up until] the (very) end|all the way (through) to the (very) end"
+_goes_on = keyword(
+    "(and) [on|onward|forward|after|beyond|later|up]|on out|or later|on forever|"
+    f"(right) [{_TO_THE_END}]|for good|for the [rest|remainder] (of the [{PICTURE}]|of it)|and stay so"
+)
+_onward = ~_goes_on
+_FRAMES = (
+    "(in|on|for|during|over) [every|all|any|each] (the|of the) [frame|frames|time|second|seconds]|(for) everything"
 )
 _since = keyword(
-    "from|after|since|as of|once|not before|beginning|from (about) after|"
-    "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
+    "(right) from|after|since|ever since|as of|once|not before|beginning|from (about) after|[no|not] [earlier|sooner] than|(any) "
+    f"(time) later than|({_FRAMES}|any time|at any time) [after|from|past|beyond|since]|"
+    "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at"
+)
+_until = keyword(
+    f"until|before|(right|all the way) [up to|up until]|up till|not after|[no|not] later than|ending [at|with|on|in]|({_FRAMES}|"
+    f"any "
+    "time|at any time) [before|until|up to]"
 )
 _middle_point = keyword(f"the middle (of the [{PICTURE}])") >> (lambda: HALF_WAY)
 _reaches = (
-    "[we|it|you] [reach|reaches|hit|hits|get to|gets to|are at|is at]|the [clip|video|film|scene|clock|timer|time] "
+    "[we|it|you] [reach|reaches|hit|hits|get to|gets to|are at|is at|are|is]|the [clip|video|film|scene|clock|timer|time] "
     "[reaches|hits|shows|is at|gets to]"
 )
-_at = keyword("at|@|in|on|around|exactly at|right at|when|as soon as") | keyword("once|when|as soon as") + keyword(
-    _reaches
+_at = keyword("at|@|in|on|around|about|near|exactly at|right at|when|as soon as") | keyword(
+    "once|when|as soon as"
+) + keyword(_reaches)
+_bare = either(
+    _after_start, (duration | number + _unit >> _times) + keyword(_inside), _part_way, _before_end, _frame_number
 )
-_bare = either((duration | number + _unit >> _times) + keyword(_inside), _part_way, _before_end, _frame_number)
 """Moments that need no word before them: "two seconds in"."""
 _has_passed = (
     keyword("once|after|when|as soon as")
-    + duration
-    + keyword("[has|have] [passed|gone by|elapsed]|[is|are] [over|up|through]")
+    + ~keyword("the first")
+    + _length
+    + keyword("[has|have] [passed|gone by|elapsed|gone]|[is|are] [over|up|through|done|gone]|[passes|elapses]")
 )
 _since_then = either(
-    _since + (moment | _middle_point) + _onward,
-    keyword("(right) after|past|once|when") + _second_over + _onward,
+    _since + _hedge + (moment | _middle_point) + _onward,
+    keyword("(right) after|past|once|when") + ~keyword(_reaches) + _second_over + _onward,
+    _since + keyword("the (very) [first|opening]") + _length + _onward >> START.plus,
+    (_measured | _counted | _frame_number) + _goes_on,
     _has_passed,
 )
 _just_then = (
     unless(keyword("in here"))
     + _at
-    + ~keyword("like|say|maybe|about|around|roughly|approximately|circa|exactly|precisely")
-    + moment
+    + _hedge
+    + (moment | here(lambda reading, at: reading.word(at - 1) in ("around", "about", "near")) + _middle_point)
+    + ~keyword("exactly|precisely|sharp|or so|or thereabouts")
     + ~keyword("[is|are|has] [over|passed|up|done]")
-    | _bare
+    | _hedge + _bare
 ) + _onward
 _begin = _since_then | _just_then
-_for = keyword("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
+_for = (
+    keyword("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking|spanning")
+    + _hedge
+    + duration
+)
 _part = table({**FRACTIONS, "two thirds": 2 / 3, "three quarters": 0.75}) + ~keyword(f"of the [{PICTURE}]")
 _during = ~keyword("for|in|during|over|within|throughout|across")
 _within = _during + keyword("the")
 _leading = _during + keyword("(the) [first|opening]") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
 _closing = _during + keyword("(the) [last|final|closing]") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
-_central = _within + keyword("middle|central") + either(_part >> (lambda x: TimeExpression(clip=x)), _length) >> (
-    lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))
-)
+_central = _within + keyword("middle|central") + either(
+    _part >> (lambda x: TimeExpression(clip=x)),
+    _length,
+    keyword("part|section|bit|stretch|segment|portion") >> (lambda: TimeExpression(clip=1 / 3)),
+) >> (lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5)))
 _nth_second = _within + _nth + keyword("second") >> (
     lambda n: Span(TimeExpression(seconds=n - 1), TimeExpression(seconds=n))
 )
@@ -279,11 +312,24 @@ span = either(
     >> (lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))),
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
-    ~keyword("from (the) [start|beginning]")
-    + keyword("until|before|up to|up until|not after")
-    + (moment | _middle_point)
+    ~keyword("from (the) [start|beginning]") + _until + _hedge + (moment | _middle_point)
     >> (lambda end: Span(START, end)),
-    keyword("by") + (_numbered | _counted | keyword(f"the (very) end (of the [{PICTURE}])") >> (lambda: END))
+    _until
+    + ~keyword("the first")
+    + _length
+    + keyword("[is|are] [over|up|done|through]|[has|have] [passed|ended|gone by]")
+    >> (lambda length: Span(START, length)),
+    keyword(_TO_THE_END) >> (lambda: Span(START, END)),
+    ~keyword("for|over|in|during|within") + keyword("the next") + _length
+    >> (lambda length: Span(NOW, NOW.plus(length))),
+    keyword("for the [rest|remainder]") + ~_of_it >> (lambda: Span(NOW, None, "from")),
+    keyword("by")
+    + (
+        _numbered
+        | _counted
+        | keyword("the") + number + _unit + keyword("mark|point") >> _times
+        | keyword(f"the (very) end (of the [{PICTURE}])") >> (lambda: END)
+    )
     >> (lambda end: Span(START, end, "by")),
     keyword("before|until") + keyword("the") + _nth + keyword("second")
     >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
@@ -295,14 +341,15 @@ span = either(
     _central,
     _nth_second,
     _loosely >> (lambda: Span(END, None, "moment")),
-    keyword("(in|during|for|over) the [first bit|first moments|intro|opening]")
+    keyword("(in|during|for|over) the [first bit|first moments|intro|opening]|near the (very) [beginning|start]")
     >> (lambda: Span(START, None, "moment")),
     keyword(f"[as|when|once|the [moment|second|instant]] the [{PICTURE}] [begins|starts|is starting]")
     >> (lambda: Span(START, None, "moment")),
     keyword(f"[as|when] the [{PICTURE}] [ends|is ending|is over|stops|finishes]")
     >> (lambda: Span(END, None, "moment")),
     keyword(
-        f"over the [course|duration|length] of the (whole|entire) [{PICTURE}]|over the (whole|entire|full) [{PICTURE}]"
+        f"[over|in|during|through] the [course|duration|length] of the (whole|entire) [{PICTURE}]|as the [{PICTURE}] [goes on|"
+        f"progresses|plays|runs|advances|unfolds]|over the (whole|entire|full) [{PICTURE}]"
     )
     >> (lambda: Span(START, None)),
     keyword("for|during")
@@ -326,10 +373,12 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|the whole time|[for|during|throughout] the [whole|entire] [clip|video|time|film|shot|"
+            "always|all the time|(all) the [whole|entire] [time|duration]|(for|over|during) the [whole|entire] thing|all the way "
+            "through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the [whole|entire] [clip|"
+            "video|time|film|shot|"
             "footage|movie|sequence|"
             "scene]|throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|the whole way through|"
-            "from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|[over|during|throughout] "
+            "from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|[over|during|throughout|across] "
             "the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|at all times|in every frame|"
             "in all frames|on every frame|on all frames": Span(START, None, "always")
         }
