@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from ..language.amounts import number
+from ..language.amounts import degree, number
 from ..language.grammar import (
     NOTHING,
     Cover,
@@ -65,6 +65,11 @@ _slowly = ~keyword(",") + table(
         "eased] [interpolation|motion|movement|transition] ((,) not linear)": True
     }
 )
+_afterthought = either(
+    ~keyword(",|-|(") + ~keyword("but|though|if|and|or") + keyword("only|just|merely|barely|(even) if only") + degree,
+    keyword(",|(|-|but") + ~keyword("maybe|perhaps|say") + degree,
+)
+"""How much, said behind what is done: "make it red, only slightly"."""
 _filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
 _SOFT, _HARD = (
     ", and also|, and|and also|and|,|but|, but|plus|while|, while|whereas|, whereas",
@@ -110,7 +115,14 @@ _JOINING = EMPTY | word_set("also too then just now please only")
 _any_order: list[tuple[Command, dict[str, Rule], frozenset[str]]] = [
     (
         command,
-        {"who": command.who, **command.slots, "when": _when, "slowly": _slowly, "besides": besides},
+        {
+            "who": command.who,
+            "degree": _afterthought,
+            **command.slots,
+            "when": _when,
+            "slowly": _slowly,
+            "besides": besides,
+        },
         command.needed | (frozenset() if command.use.bare or command.use.whole else {"who"}),
     )
     for command in COMMANDS
@@ -245,7 +257,7 @@ def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     return False
 
 
-OF_ALL = ("who", "when", "slowly", "besides", "stated")
+OF_ALL = ("who", "when", "slowly", "besides", "stated", "degree", "lessened")
 """Slots that every command has."""
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..language.amounts import (
+    LEAST_PERCENTS,
     Amount,
     amount,
     degree,
@@ -28,6 +29,7 @@ from ..language.colour_names import COLOURS
 from ..language.colours import PURE_COLOURS, colour, colourish
 from ..language.grammar import (
     Mismatch,
+    Reading,
     Rule,
     constant,
     either,
@@ -47,6 +49,7 @@ from ..language.verbs import COMMAND_VERBS, IMPERATIVES, any_form, asked_form
 from . import making, qualities
 from .making import Value
 from .phrases import (
+    brought_to,
     colors,
     everything_but,
     everything_else,
@@ -115,7 +118,18 @@ ADDS_NOTHING = either(
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
     + here(lambda reading, at: not reading.word(at).isalpha()),
     literal("too") + unless(_goes_on),
+    literal(
+        "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its) [base|bottom|feet|ground|floor]|(,) (with) (the|its) [color "
+        "space|mode|pivot] [=|:] [base|bottom]"
+    ),
     literal("both") + unless(silent(two_of_them_behind)),
+    literal(every_form("give|do|perform"))
+    + here(
+        lambda reading, at: any(
+            a in ("a", "an") and {b, c} & COMMAND_VERBS
+            for a, b, c in zip(reading.words[at:], reading.words[at + 1 :], reading.words[at + 2 :], strict=False)
+        )
+    ),
 )
 """Courtesies, and verbs that say no more than that something is done."""
 
@@ -137,11 +151,20 @@ _noun_of_colour = either(
     + ~literal("nice|fresh|new|good|coat of|layer of|lick of|splash of|shade of|tone of")
     + qualities.shade_of
     + colour
-    + literal("color|paint|shade|coat|hue|coat of paint|paint job|version|one|variant|lacquer|dye|tone|tones|colors")
+    + literal(
+        "color|paint|shade|coat|hue|coat of paint|paint job|version|one|variant|lacquer|dye|tone|tones|colors|finish|makeover|"
+        "varnish|dye job|respray|lick of paint|look|appearance"
+    )
     >> making.assigned,
     ~literal("with|in|to|of|as") + ~literal("the|a") + literal("color") + ~literal(":|=|of|to") + colour
     >> making.assigned,
     ~literal("with|in") + literal("some") + colour >> making.assigned,
+    literal("as")
+    + colour
+    + literal("as")
+    + ~literal("a|an|the")
+    + Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
+    >> making.assigned,
     colour + literal("fur|coat|skin|feathers|plumage|hide|wool|paintwork|body|bodywork|exterior|surface")
     >> making.assigned,
 )
@@ -180,6 +203,17 @@ _more_opacity = (
     )
     >> making.opacity
 )
+_rate = (
+    ~literal(",|(|-")
+    + ~literal("at|with|in|to|of|down to|like|say|about|around|roughly|maybe")
+    + (fraction | percent)
+    + ~literal("of")
+    + ~literal("the|its|their|his|her")
+    + ~literal("original|normal|usual|real|full")
+    + ~literal("speed|pace|tempo|rate|)")
+)
+"""How fast slow motion is."""
+_slow_motion = literal("(on|in|at|a|into) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]")
 _pace_of = either(
     ~literal("at|with|in|to")
     + (
@@ -192,9 +226,13 @@ _pace_of = either(
     >> making.retimed,
     ~literal("at|with|in|to") + (percent | multiple | number + literal("x")) + literal("speed|pace|tempo")
     >> making.retimed,
+    _slow_motion + _rate >> making.retimed,
     multiple + table({"slower": -1, "faster": 1}) >> (lambda x, way: making.retimed(x if way > 0 or x < 1 else 1 / x)),
-    literal("(on|in|at|a) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]")
-    >> (lambda: making.retimed(0.5)),
+    _slow_motion >> (lambda: making.retimed(0.5)),
+    literal("in") + multiple + literal("(of) the time|its time|as much time") >> making.stretched,
+    literal("(in|at) double time") >> (lambda: making.retimed(2.0)),
+    literal("(in|at|a) [super|ultra|extreme|very|really] [slow motion|slow mo|slowmo|slo mo]")
+    >> (lambda: making.retimed(0.25)),
     literal("in fast forward|fast forward|fast motion|in fast motion|time lapse|timelapse")
     >> (lambda: making.retimed(2.0)),
 )
@@ -270,6 +308,7 @@ _COLOURING = {
     "blacken|black out": "black",
     "redden": "red",
     "purple up": "purple",
+    "gild": "gold",
 }
 """Verbs that say of which colour something becomes."""
 _about = ~literal("of|for|on|to|in|with|around|round|about|onto|over|at|from|upon|into|through|across|all over")
@@ -329,6 +368,15 @@ _command("copy the color of the cat to the dog", as_given, "verb values")(
 _command("shift the hue of the car to red", making.hued, "rgb", NAMED)(
     who=whose("hue|hues|tone"), verb=literal(any_form("set", "become")), rgb=~keyword("to|toward|into") + colour
 )
+_command("push the color of the car toward orange", making.faintly, "verb rgb", NAMED)(
+    who=whose("color|colors|hue|tone|palette|grade|tint|coloring"),
+    verb=literal(every_form("push|nudge|pull|shift|steer|move|lean|bias|skew|drive|tip|swing|drag|take")),
+    rgb=literal("to|toward|into|in the direction of")
+    + _a
+    + qualities.shade_of
+    + (colour | colourish)
+    + ~literal("side|end"),
+)
 _command("make the dog red", as_given, "values")(
     who=either(
         _whom,
@@ -371,7 +419,7 @@ _command("get the yellow out of the car", lambda less: making.added(1.0, (less, 
     verb=literal(
         every_form(
             "remove|kill|take|get|get rid of|lose|drop|pull|cut|knock|neutralize|fix|correct|lay off|tone down|"
-            "turn down|dial down|dial back|ease off"
+            "turn down|dial down|dial back|ease off|reduce|lower|decrease|lessen|cut down|cut back|soften|mute|weaken"
         )
         + "|no more|not so much|without"
     ),
@@ -416,7 +464,7 @@ _command("the dog is gold from second 1 on", as_given, "values state when")(
 )
 _command("a bigger dog", as_given, "values", NAMED)(
     who=known_noun,
-    verb=literal(any_form("add", "become")),
+    verb=literal(any_form("become") + "|" + every_form("have|get|want|show|need|see|like|prefer")),
     values=~literal("a|an|some")
     + unless(literal("the"))
     + either(
@@ -431,6 +479,25 @@ _command("a bigger dog", as_given, "values", NAMED)(
     >> (lambda value: ((value,),)),
 )
 
+_MERELY = word_set("make makes making made get gets got be have has let put set keep")
+"""Of the verbs of playing those that do not say that it is about speed."""
+_EVENTS = word_set(
+    "landing jump leap kick fall crash throw catch dive trick stunt takeoff impact moment part bit section segment stretch "
+    "portion passage action collision splash somersault backflip approach arrival exit entrance climax peak lap hit"
+)
+_event = (
+    literal("the|that|this")
+    + ~Rule(lambda reading, at: {at + 1: ()} if is_strange(reading.word(at), {w[-1] for w in reading.known}) else {})
+    + here(
+        lambda reading, at: (
+            reading.word(at) in _EVENTS
+            and reading.word(at + 1) not in ("of", "'s")
+            and any(span.at(reading, i) for i in range(len(reading.tokens)))
+        )
+    )
+    + Rule(lambda reading, at: {at + 1: ()})
+) >> (lambda: lambda context: making.noted(context, All()))
+"""What happens at a time that the sentence tells: "the landing"."""
 # More and less of a quality
 
 
@@ -538,19 +605,15 @@ def _changed(
     return _made(quality(factor(how, upward)))
 
 
-_LEAST_PERCENTS = 5
-"""Numbers from this on are percents: "contrast 20", "scale 1.5"."""
-
-
 def _percents(x: float) -> float:
     """A number of a slider from 0 to 100, or a factor below 5; Mismatch for others."""
     if x > 100:
         raise Mismatch
-    return x if x < _LEAST_PERCENTS else x / 100
+    return x if x < LEAST_PERCENTS else x / 100
 
 
 def _by_number(x: float) -> Amount:
-    return Amount("times", x) if x < _LEAST_PERCENTS else Amount("fraction", _percents(x))
+    return Amount("times", x) if x < LEAST_PERCENTS else Amount("fraction", _percents(x))
 
 
 _set = literal(any_form("set", "become", "apply")) | _some_verb
@@ -597,7 +660,7 @@ _command("increase the contrast of the dog", _changed, "quality", WHOLE)(
     who=_whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
     verb=_set,
     quality=~literal("punch|oomph|bite|kick|pop|boost")
-    + ~literal("the|a|'s|some|of|in|to")
+    + ~literal("the|a|'s|some|of|in|to|with [the|its|his|her|their]")
     + ~literal("the")
     + ~literal("overall|whole|entire|general")
     + table(_QUALITIES, reserve=False)
@@ -666,7 +729,8 @@ def _more(verb: Any, how: Amount | None = None, to: float | None = None, fully: 
 
 _command("darken the sky", _more, "verb")(
     who=_whom
-    | literal("things|time|the time|the action|the pace|the playback|all of it") >> (lambda: lambda context: All()),
+    | literal("things|time|the time|the action|the pace|the playback|all of it") >> (lambda: lambda context: All())
+    | _event,
     verb=either(*(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items())),
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | degree,
     to=either(
@@ -694,8 +758,10 @@ _command("the dog is too dark", REMARK, "complaint")(
     fix=~literal(",|.|;")
     + ~literal("so")
     + literal(
-        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust] (it|that|this|them) (down|up|back) (a bit|a little)"
-    ),
+        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push] (it|that|this|them|him|her) "
+        "(down|up|back)"
+    )
+    + optional(amount),
     opinion=literal("to me|for me|if you ask me|in my [opinion|eyes]"),
     who=either(
         literal("it|this|that|its")
@@ -833,7 +899,8 @@ _command("turn the dog by 20 degrees", _turned, "verb angle")(
     verb=_TURNING,
     angle=ANGLE,
     sense=_sense,
-    around=(literal("around|(as) seen [from [above|the top]|in plan]") | _axis) >> (lambda: True),
+    around=(literal("around|(as) seen [from [above|the top]|in plan]|in plan (view)|from above") | _axis)
+    >> (lambda: True),
 )
 _command("turn the dog around", _turned, "verb around")(
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
@@ -904,6 +971,11 @@ _command("put the dog behind the bush", making.placed, "place")(
     + ~literal("over|right|back|directly|straight|to|somewhere|down|up|just|a bit|a little|slightly")
     + place,
 )
+_command("bring the dog to the tree", making.placed, "verb place", NAMED)(
+    who=_for_it + there_already,
+    verb=literal(every_form("bring|take|carry|move|push|pull|drag|shift|slide|place|put|send|haul|relocate|transport")),
+    place=brought_to,
+)
 _command(
     "raise the dog by half its height",
     lambda lift, far=None: making.moved(making.UP if lift else making.DOWN, far),
@@ -940,11 +1012,9 @@ _command("copy the dog to the left", making.copied, "copy")(
     who=~literal("of|for") + thing,
     copy=either(
         literal(any_form("copy")),
-        ~literal(
-            "more|extra|other|identical|additional|new|delayed|lagging|late|trailing|following|second|single|ghostly"
-        )
-        + _copy_noun,
-        literal("[more|another|extra|second] [one of|ones of]|one more of"),
+        ~literal("more|extra|other|identical|additional|new|second|single|ghostly") + _copy_noun,
+        literal("[more|another|extra|second] [one of|ones of]|one more of|[another|one more|a second] one")
+        | literal("one more|another") + unless(silent(familiar)) + unless(literal("one|time|step|turn|bit")),
     ),
     verb=literal(any_form("add")),
     times=_times,
@@ -955,6 +1025,13 @@ _command(
 )(
     verb=table({every_form("multiply|duplicate|clone|copy|replicate"): True}, reserve=False),
     times=literal("by") + number + unless(literal("unit|units")),
+)
+_command("one dog more", making.copied, "times extra", NAMED)(
+    who=known_noun,
+    verb=literal(any_form("add") + "|there is|there are|be there"),
+    times=number,
+    extra=literal("more|extra|additional|again|further") + ~literal("of the same (kind|sort)|like it|like that"),
+    **_copy_place,
 )
 _command("add another dog", making.copied, "times", NAMED)(
     who=~literal("of") + known_thing,
@@ -1009,10 +1086,16 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
     + thing,
     trail=~literal("a|an|some|the|that|which|who")
     + ~literal("fading|ghostly|faint|transparent|soft|see through")
-    + literal(
-        "trail|trails|[motion|ghost|light] [trail|trails]|[ghost|after] [image|images]|streaks|motion streaks|ghosting|"
-        "echoing|trailing|echo|echoes|"
-        "afterimage|afterimages|ghosts|trailing copies|onion skin|onion skinning|" + any_form("follow") + "|echo effect"
+    + (
+        literal("delayed|lagging|late|trailing|following|time shifted")
+        + here(lambda reading, at: _copy_noun.at(reading, at))
+        | literal(
+            "trail|trails|[motion|ghost|light] [trail|trails]|[ghost|after] [image|images]|streaks|motion streaks|ghosting|"
+            "echoing|trailing|echo|echoes|"
+            "afterimage|afterimages|ghosts|trailing copies|onion skin|onion skinning|"
+            + any_form("follow")
+            + "|echo effect"
+        )
     ),
     copies=~literal("by|of|some|few|a few|several|ghost|ghostly|faint|with")
     + literal("copies|clones|ghosts|echoes|duplicates|of it|of itself|of him|of her|ghostly copies"),
@@ -1023,8 +1106,8 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
         + ~silent(familiar),
     )
     >> (lambda: True),
-    times=~literal("of|with|by|plus|and|+") + _times,
-    verb=literal(_LIGHT),
+    times=~literal("of|with|by|plus|and|+") + unless(literal("a")) + _times,
+    verb=literal(_LIGHT + "|" + any_form("add")),
     behind=literal(
         "behind it|behind him|behind her|after it|behind itself|behind|it|itself|him|her|the original|the first (one)|"
         "the real one"
@@ -1032,11 +1115,11 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
     shift=SHIFT
     | ~literal("with a lag of|at|every|each|by|with|spaced")
     + duration
-    + ~literal("apart|later|behind|delay|of delay|lag|offset (each)|each|between them|intervals|after it"),
+    + ~literal("apart|later|late|behind|delay|of delay|lag|offset (each)|each|between them|intervals|after it"),
 )
 
 # Time
-_motion = whose(
+_motion = _event | whose(
     "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall|kick|leap|hop"
 )
 _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
@@ -1051,6 +1134,7 @@ _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
         "movement|stop|stopped"
     ),
 )
+_playing = _motion | _about + thing
 _command("start it again at second 2", always(making.retimed(1.0)), "verb again when")(
     verb=literal(every_form("start|resume|continue|go|move|run|play|carry|let go|unfreeze|release")),
     again=literal("again|on|on again|moving|moving again|as before|normally"),
@@ -1060,7 +1144,7 @@ _command("keep the dog still", always(making.frozen), "verb still", NAMED)(
     still=literal("(perfectly|completely|absolutely) [still|motionless|frozen]"),
 )
 _command("play the dog in reverse", always(making.reversed), "verb", WHOLE)(
-    who=_motion | _about + thing,
+    who=_playing,
     verb=either(
         literal(any_form("reverse") + "|backward|in reverse|reversed|the other way around in time"),
         literal(any_form("run")) + silent(qualities.backward),
@@ -1076,18 +1160,25 @@ _command("repeat the dog from second 1 to 2", always(making.looped), "again", WH
     ),
     motion=literal("motion of|the motion of|the movement of|the part|part|of|the bit"),
 )
+_x_times = number + literal("x") | literal("x") + number
+_command("make the dog 2x", making.scaled, "verb by")(
+    verb=literal(every_form("make|get|want|need|blow")), by=~literal("to|up to") + _x_times
+)
 _command("play the dog at 2x", making.retimed, "verb by", TIMED)(
-    who=_motion | _about + thing,
-    verb=literal(any_form("run")),
-    by=~literal("at|with|in|to") + (number + literal("x") | literal("x") + number)
+    who=_playing,
+    verb=literal(any_form("run")) + here(lambda reading, at: reading.word(at - 1) not in _MERELY),
+    by=~literal("at|with|in|to") + _x_times
     | literal("at|to") + percent + unless(literal("transparent|visible|opacity|opaque|of")),
 )
 _command("2x, first half", making.retimed, "by when", TIMED)(
     who=Rule(lambda reading, at: {}, frozenset()),
-    by=~literal("at|play at|run at") + (number + literal("x") | literal("x") + number),
+    by=~literal("at|play at|run at") + _x_times,
+)
+_command("slow motion at 40 %", making.retimed, "lead by", WHOLE)(
+    who=_playing, verb=literal(any_form("run")), lead=_slow_motion, by=_rate
 )
 _command("slow motion, please", as_given, "values", WHOLE)(
-    who=_motion | _about + thing,
+    who=_playing,
     verb=literal(any_form("run")),
     values=either(_pace_of, qualities.pace, qualities.backward) >> (lambda value: ((value,),)),
 )
@@ -1099,10 +1190,22 @@ _command("the clip should be twice as long", as_given, "values")(
     verb=literal(any_form("last")),
     values=as_long >> (lambda value: ((value,),)),
 )
+_LASTS = word_set("lasts last takes take")
 _command("the movement of the dog should take three seconds", making.lasting, "verb to", WHOLE)(
     who=~literal("the") + _whom + ~literal("'s") + ~literal("motion|movement|action"),
     verb=literal(any_form("last")),
-    to=~literal("to|into|over|for|out to|down to|up to|exactly") + duration + ~literal("long|in total|instead"),
+    to=~literal("so (that)")
+    + ~literal("it|they|this")
+    + ~literal("lasts|last|takes|take|runs|run|is|goes on|fills|fill")
+    + ~literal("to|into|over|for|out to|down to|up to|exactly|just")
+    + (
+        duration
+        | here(lambda reading, at: reading.word(at - 1) in _LASTS and reading.word(at - 2) in ("it", "they", "this"))
+        + number
+        + unless(literal("x|times|%|frames|frame"))
+        >> (lambda x: TimeExpression(seconds=x))
+    )
+    + ~literal("long|in total|instead"),
     motion=literal("the motion of|the movement of|the duration of|the length of|the action of|the time of"),
 )
 
@@ -1165,7 +1268,7 @@ _command("add a soft blue glow around the dog", _haloed, "light")(
 _command("make the dog glow", making.glowing, "verb")(
     verb=literal(any_form("glow") + "|aglow|luminous|radiant") + ~literal("on|effect"),
     how=qualities.softly,
-    rgb=~literal("in|in a|a|with|with a") + colour + ~literal("light|color"),
+    rgb=_a + ~_slight + qualities.shade_of + colour + ~literal("light|color|tone|shade|hue"),
 )
 
 # Two things
@@ -1218,7 +1321,12 @@ _command("fade out the dog", making.faded, "verb")(
     >> (lambda: True),
 )
 _command("fade in the dog from second 1 to 2", always(making.appearing), "verb", NAMED)(
-    verb=_fading + literal(any_form("appear"))
+    verb=_fading + literal(any_form("appear")),
+    gone=literal(
+        "from (being) (fully|completely|totally) [invisible|nothing|zero|nowhere|transparent|black|hidden|0 (%)|nothingness|thin "
+        "air]|(up) "
+        "to (full|fully|completely|100 %) [visible|visibility|opacity|opaque|solid|view]"
+    ),
 )
 
 _command("fade to black at the end", making.fading_to, "verb rgb", WHOLE)(
@@ -1227,12 +1335,31 @@ _command("fade to black at the end", making.fading_to, "verb rgb", WHOLE)(
 )
 
 # What refers to what was said before
+
+
+def _is_last(reading: Reading, at: int) -> bool:
+    return not any(token.is_word for token in reading.tokens[at:])
+
+
 _command("the cat too", AGAIN, "again", NAMED)(
     verb=literal("do|it|that|this|make it|apply it|apply that|go on|continue|and"),
     again=literal(
         "again (but) [with|for|to|on]|ditto (for|with|on)|[do|apply|repeat] [that|this|it] (again) (but) [with|for|to|"
         "on]|too|as well|also|the same|same|likewise|the same thing|same thing|the same way|same again"
     ),
+)
+_more_again = ~literal("but|just|now|and|make it|go|do it|even|still|yet")
+_command("a bit more", AGAIN, "again")(
+    again=_more_again + literal("more|further|[some|even|still] more|once more|stronger") + here(_is_last)
+    >> (lambda: True),
+    degree=degree,
+)
+_command("a bit less", AGAIN, "lessened")(
+    lessened=_more_again
+    + literal("less|not (quite) [so|that] much|back|weaker|too [much|far|strong]|that [is|was] too [much|far|strong]")
+    + here(_is_last)
+    >> (lambda: True),
+    degree=degree,
 )
 _command("and nothing else", REMARK, "nothing", WHOLE)(
     nothing=literal(

@@ -9,8 +9,9 @@ from collections.abc import Iterator, Mapping
 from ..language.amounts import amount, direction, distance, number, percent
 from ..language.colours import colour
 from ..language.grammar import Reading, either, keyword, tokenise
-from ..language.lexicon import PICTURE, word_set
+from ..language.lexicon import FUNCTION_WORDS, PICTURE, word_set
 from ..language.times import duration, moment, span
+from ..language.verbs import IMPERATIVES
 from .phrases import familiar, known_thing
 from .qualities import made
 
@@ -69,17 +70,27 @@ def corrected(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[s
         yield last
 
 
-_STATES = (
-    r"(?:is|are|was|isn't|aren't|is not|are not|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|hasn't|doesn't|does not|"
-    r"don't|do not|[a-z]+s (?:me|us|my|our)|"
-    r"hates?|dislikes?|detests?|keeps?|gets?|bothers?|distracts?|annoys?|spoils?|ruins?|blocks?|moves?|drives?|runs?|goes|walks?)"
+_FINITE = (
+    r"(?:is|are|was|were|has|had|have|does|did|will|went|said|felt|got|came|made|isn't|aren't|wasn't|weren't|hasn't|haven't|"
+    r"doesn't|"
+    r"didn't|won't|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|keeps?|gets?|moves?|drives?|runs?|goes|walks?|hates?|"
+    r"[a-z]{2,}ed|[a-z]+s (?:me|us|my|our|the|a|an|too|so|at|in|on|like|off|out))"
 )
+"""What makes a clause of words behind a noun: it states something."""
+_CHANGES = r"(?:turns|becomes|changes|starts|stops|begins|grows|shrinks|fades|transforms|morphs)"
+"""With which a clause may say what is wished for: "it turns into gold"."""
+_LOOK = r"(?:looks?|feel|feeling|mood|vibes?|effect|style|aesthetic|atmosphere|impression|touch|drama|tone|quality|character)"
+_AFTER_A_LOOK = (
+    r"(?:i|we|they|he|she)(?:'m| am|'re| are)? (?:really |just |all )?(?:want|need|like|love|prefer|after|going for|aiming for|"
+    rf"looking for|wants|likes|loves)(?: for)? (?:that|a|an|the|this|some|something)\b[^,.;]*?\b{_LOOK}(?: here| in it)?"
+)
+"""A wish that says what for: "I want that dreamy look"."""
 _REMARK = (
-    rf"(?:(?:(?:the|that|this|these|those|my|our|its?) )?(?:[\w'-]+ ){{0,4}}?{_STATES}\b.*?|"
-    r"(?:i|we|people|nobody|no one|you)(?:'m|'re)? (?:really |just |also )?(?:not|do not|don't|dont|never|can't|cannot|can "
-    r"not|can hardly|hate|dislike|needs? (?:that|this)|wants? (?:that|this)|likes?|loves?|have|has|see|notice|think|am|are|"
-    r"changed (?:my|our) mind|is)\b.*?|there(?: is| are|'s) .*?|(?:it|that|this|he|she) \w+s (?:me|us|my|our|the (?:eye|"
-    r"view|viewer|mood|shot))\b.*?)"
+    rf"(?:(?:in|on|at|for|with|as|when|since|because|to) (?:[\w'-]+ ){{1,4}}?)?(?:"
+    rf"(?:(?:the|that|this|these|those|my|our|his|her|their|its|a|an|any|every|no|most|some|half) )?(?:[\w'-]+ ){{0,4}}?{_FINITE}"
+    rf"\b.*?|(?:i|we|they|you|people|nobody|no one|everyone|everybody|someone|somebody)(?:'(?:m|re|ve|d|ll))? .*?|"
+    rf"(?:it|that|this|he|she|there|which|who|what)(?:'s|'ll|'d| (?:[a-z]+ly )?(?!{_CHANGES}\b)(?:{_FINITE}|[a-z]+s))\b.*?|"
+    rf"{_AFTER_A_LOOK})"
 )
 _REMARKED = re.compile(
     rf"^(?P<remark>{_REMARK})(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so "
@@ -94,17 +105,30 @@ _IN_OTHER_WORDS = re.compile(
 )
 _IN_PICTURE = re.compile(rf"\b(?:in|of|on) (?:the|this) (?:{PICTURE})\b")
 _WISH = re.compile(
-    r"\b(?:should|must|shall|would|could|can(?! hardly| barely| not|not|['’]t)|want|wish|please|make|let|(?<!used )to be|"
-    r"needs? to|has to|have to|except|but|only|until|after|before|second|seconds|frame|frames)\b|\d|%",
+    r"\b(?:should|must|shall|would|could|can(?! hardly| barely| not|not|['’]t)|(?<!nobody )(?<!no one )(?<!not )(?<!n't )"
+    r"(?:wants?|wish|needs?(?! th[ai][ts]\b))|please|make|let|(?<!used )to be|has to|have to|except|but|only|"
+    r"(?:until|after|before) (?:(?:a|the|that|this|about) )?(?:\w+ )?(?:second|end|start|half|middle|first|last)|seconds?|frames?)"
+    r"\b|\d|%",
     re.IGNORECASE,
 )
 """What may be part of the command itself."""
 
 
+def _is_remark(text: str, headline: bool = False) -> bool:
+    """Whether somebody says how something is, or which look is wanted, and gives no order but one that a `headline` tells."""
+    first = text.split()[0].lower().strip(",")
+    return bool(re.fullmatch(_AFTER_A_LOOK, text, re.IGNORECASE)) or not (
+        _WISH.search(text) or (first in IMPERATIVES - FUNCTION_WORDS and not headline)
+    )
+
+
 def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
     """The command behind a remark, with the thing of the remark in front: "the pole: get rid of it"."""
     match = _IN_OTHER_WORDS.match(sentence) or _REMARKED.match(sentence.strip())
-    if match is None or (match.re is _REMARKED and _WISH.search(match["remark"])):
+    if match is None:
+        return
+    headline = sentence.strip()[match.end("remark") :].startswith(":")
+    if match.re is _REMARKED and not _is_remark(match["remark"], headline):
         return
     remark, command = (
         Reading.of(text, tokenise(text), known) for text in (_IN_PICTURE.sub("", match["remark"]), match["command"])
@@ -125,13 +149,11 @@ def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[st
 
 
 _BREAK = re.compile(
-    r"(\s*(?:[,;:.!?…()]+(?=\s|$)|\s[-–—]+(?=\s)|\s\(|\s(?=so (?:that )?(?:it|this|that|everything) ))\s*)"
+    r"(\s*(?:[,;:.!?…()]+(?=\s|$)|\s[-–—]+(?=\s)|\s\(|\s(?=(?:so(?: that)?|because|since|as) (?:it|this|that|everything|they|he|"
+    r"she|i|we|"
+    r"you|people|nobody|the|my|our) ))\s*)"
 )
-_BESIDE = re.compile(
-    rf"(?:and |but |because |since |as |well,? )?(?:{_REMARK}|so (?:that )?(?:it|this|that|everything) (?:looks?|seems?|"
-    rf"feels?) .*)",
-    re.IGNORECASE,
-)
+_BESIDE = re.compile(rf"(?:and |but |because |since |as |so (?:that )?|well,? )?(?:{_REMARK})", re.IGNORECASE)
 """What is said beside the command and tells how it is, or what it will look like."""
 
 
@@ -142,7 +164,7 @@ def without_remarks(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iter
     for sign, part in zip(others[::2], others[1::2], strict=True):
         if sign.strip() == ":" and kept == [first] and not _means_something(first, known):
             kept, left_out = [part], True
-        elif part and _BESIDE.fullmatch(part) and not _WISH.search(part) and _is_harmless(part, known):
+        elif part and _BESIDE.fullmatch(part) and _is_remark(part) and _is_harmless(part, known):
             left_out = True
         else:
             kept += [sign, part]

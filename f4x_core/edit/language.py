@@ -14,7 +14,7 @@ from difflib import SequenceMatcher, get_close_matches
 from typing import Any
 
 from ..errors import F4xError
-from ..language.amounts import number
+from ..language.amounts import Amount, number
 from ..language.asides import ASKS, PURPOSES, cut, without_asides
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
@@ -23,6 +23,7 @@ from ..language.grammar import (
     VOCABULARY,
     Doubt,
     Final,
+    Mismatch,
     Reading,
     Refusal,
     Rule,
@@ -53,17 +54,16 @@ from ..language.paraphrases import closed_up, in_order, opened, paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS
 from . import qualities
-from .clauses import OF_ALL, Clauses, Search, arguments
+from .clauses import OF_ALL, Clause, Clauses, Search, arguments
 from .commands import COMMANDS
 from .corrections import corrected, remarked, without_remarks
 from .description import describe
-from .making import BESIDE, COPY_DISTANCE, SHOWN, THE_COPY, is_of_a_clip, is_of_a_picture
+from .making import BESIDE, COPY_DISTANCE, SHOWN, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
 from .operations import (
     Delete,
     Duplicate,
     Extract,
     Freeze,
-    Grade,
     Match,
     Opacity,
     Operation,
@@ -128,6 +128,8 @@ def parse(
         return _settled(read, context, _recalled(before, context))
 
     before = _clauses_before(earlier, known)
+    if before and _BROUGHT_BACK.search(sentence) and _deletes(before[-1]):
+        raise Refusal("What was removed comes back by undoing it: use `f4x undo SCENE`, or the button for it.")
     read = _read_somehow(sentence, known, settled)
     for rule, doubt in _DOUBTFUL:
         if any(rule.at(read.reading, at) for at in range(len(read.reading.tokens))):
@@ -138,7 +140,7 @@ def parse(
         try:
             operations = read.operations or settled(read)
             _ask_about_purpose(sentence, known, read, operations)
-            if any(map(_removes, operations)) and any(read.reading.word(at) not in EMPTY | {"the"} for at in read.idle):
+            if _removes_loosely(replace(read, operations=operations)):
                 asked = _without_idle(replace(read, operations=operations))
                 raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
             return operations
@@ -242,6 +244,11 @@ def _read_somehow(
         ):
             loose, why = _matched(reading, known, settled, guess)
             reason = reason or why
+            if loose and _removes_loosely(loose) and not guess:
+                surer = (
+                    _matched(_words_of(way, known), known, settled, guess)[0] for way in without_remarks(plain, known)
+                )
+                return next((one for one in surer if one and not _removes_loosely(one)), loose)
             if loose:
                 return loose
     if isinstance(first, Refusal):
@@ -316,13 +323,32 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
         raise (Slip if sure else Doubt)(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
+_BROUGHT_BACK = re.compile(
+    r"\b(?:bring|put|get|give|have|want|need|take|add)\b.*\bback\b|\b(?:restore|undelete|unremove|come back)\b|"
+    r"\b(?:show|see)\b.*\bagain\b",
+    re.IGNORECASE,
+)
+
+
+def _deletes(clause: Clause) -> bool:
+    """Whether a clause of the sentence before removed something."""
+    return clause.command.make not in (REMARK, AGAIN) and clause.command.make(**arguments(clause.slots)) in (
+        deleted,
+        extracted,
+    )
+
+
+_ISOLATED = re.compile(r"\b(?:isolat|extract|keep only|show only|leave only|remove|delet|eras)", re.IGNORECASE)
+"""Verbs that mean one thing whatever it is for; "cut it out" does not."""
+
+
 def _ask_about_purpose(
     sentence: str, known: Mapping[tuple[str, ...], str], read: Read, operations: tuple[Operation, ...]
 ) -> None:
     """Raise `Doubt` where something would be gone and the reason that is given may mean otherwise: "cut it out so I can …"."""
     plain, left_out = _plainly(sentence, known)
     gone = any(isinstance(one, Delete | Extract) for one in operations)
-    if gone and left_out & PURPOSES and read.reading.sentence == plain:
+    if gone and left_out & PURPOSES and read.reading.sentence == plain and not _ISOLATED.search(plain):
         raise Doubt(f"I would do: {_in_words(operations)}. The reason may mean something else.", plain)
 
 
@@ -380,6 +406,16 @@ def _without_idle(read: Read) -> Doubt:
 def _removes(operation: Operation) -> bool:
     """Whether something is no longer seen."""
     return isinstance(operation, Delete | Extract) or (isinstance(operation, Opacity) and not operation.factor)
+
+
+def _removes_loosely(read: Read) -> bool:
+    """Whether something is no longer seen and a word is left unexplained that may say whether or what."""
+    harmless = EMPTY | {"the"}
+    words = [read.reading.word(at) for at in read.idle]
+    what_for = words[:1] == ["for"] and not any(token.is_word for token in read.reading.tokens[read.idle[-1] + 1 :])
+    if what_for and _ISOLATED.search(read.reading.sentence):
+        return False
+    return any(map(_removes, read.operations)) and any(word not in harmless for word in words)
 
 
 def _unsure(read: Read) -> bool:
@@ -564,10 +600,20 @@ def _made(
     made = command.make(**arguments(piece))
     values = made if isinstance(made, tuple) else ((made,),)
     operations = _compatible([value(who, when, context) for (value,) in values])
+    if "degree" in piece or "lessened" in piece:
+        operations = [_by_degree(one, piece.get("degree"), "lessened" in piece) for one in operations]
     of_all = who == All() and not all(map(is_of_a_picture, operations))
     if assumed and (of_all or any(isinstance(one, Match | Delete | Extract) for one in operations)):
         raise Refusal("It is not said whom or what the command is for; name a thing, or say 'it' for what is selected.")
     return operations
+
+
+def _by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operation:
+    """As `by_degree`; Refusal where there are no degrees."""
+    try:
+        return by_degree(one, how, back)
+    except Mismatch:
+        raise Refusal("That is there or not, and comes by no degrees; leave out how much.") from None
 
 
 def _shared(clauses: Clauses) -> Clauses:
@@ -616,6 +662,8 @@ def _remarked(who: SelectKind, piece: Mapping[str, Any], context: SentenceContex
     if piece.get("complaint"):
         context.last = who
         helps = piece["complaint"](who, When(), context)
+        if piece.get("fix"):
+            helps = _by_degree(helps, piece["fix"])
         if who == All() and isinstance(helps, Transform):
             raise Refusal("The clip itself has no size and no place to change; say which thing is meant.")
         context.complaints.append(helps)
@@ -723,11 +771,11 @@ def _about(moment: TimeExpression, length: Span) -> Span:
 
 
 def _same_way(one: Operation, other: Operation) -> bool:
-    """Whether two changes of light or color differ in how far they go alone: "let it pop, way more saturated"."""
+    """Whether two changes differ in how far they go alone: "let it pop, way more saturated", "in slow motion, at 40 %"."""
     a, b = one.to_json(), other.to_json()
-    if not isinstance(one, Grade) or a.keys() != b.keys() or a["select"] != b["select"]:
+    if a["op"] != b["op"] or a.keys() != b.keys() or a["select"] != b["select"]:
         return False
-    pairs = [(a[key], b[key]) for key in ("contrast", "saturation") if key in a]
+    pairs = [(a[key], b[key]) for key in ("contrast", "saturation", "speed", "scale") if key in a]
     return bool(pairs) and all((x > 1) == (y > 1) for x, y in pairs)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from ..language.amounts import PLACES, Amount, Distance, Steps, Vector, displacement
+from ..language.amounts import PLACES, Amount, Distance, Steps, Vector, displacement, factor
 from ..language.colour_names import Colour
 from ..language.colours import GRAY
 from ..language.grammar import Mismatch, Refusal
@@ -361,6 +361,43 @@ def lasting(to: TimeExpression) -> Value:
         return Retime(who, round((when.frames[1] - when.frames[0]) / to.resolve(context), PLACES), **when.pace)
 
     return value
+
+
+def by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operation:
+    """A bit of an operation or much of it, or that much `back`: "a touch less"; Mismatch where there is no such thing."""
+
+    def again(x: float) -> float:
+        return x if x == 1 else factor(how, (x > 1) != back)
+
+    little, sign = how is not None and how.kind == "small", -1 if back else 1
+    share = sign * (0.5 if little else 1.0 if how is None else 2.0)
+    if isinstance(one, Recolour) and one.mode == "multiply":
+        return replace(one, rgb=(again(one.rgb[0]),) * 3)
+    if isinstance(one, Grade):
+        return replace(
+            one,
+            contrast=again(one.contrast),
+            saturation=again(one.saturation),
+            warmth=one.warmth and share * one.warmth,
+        )
+    if isinstance(one, Retime):
+        return replace(one, speed=again(one.speed))
+    if isinstance(one, Transform) and (one.unit == "size" or not any(one.translate)):
+        far = sign * (0.3 if little else 1.0 if how is None else 2.0)
+        x, y, z = (far * step for step in one.translate)
+        pitch, yaw, roll = (share * angle for angle in one.rotate)
+        return replace(one, translate=(x, y, z), rotate=(pitch, yaw, roll), scale=again(one.scale))
+    if back:
+        raise Mismatch
+    if isinstance(one, Recolour | Style):
+        return replace(one, strength=A_BIT if little else 1.0)
+    if isinstance(one, Blur):
+        return replace(one, radius=share * one.radius)
+    if isinstance(one, Glow):
+        return replace(one, strength=share * one.strength)
+    if isinstance(one, Opacity) and 0 < one.factor < 1:
+        return replace(one, factor=0.8 if little else 0.2)
+    raise Mismatch
 
 
 def noted(context: SentenceContext, who: SelectKind) -> SelectKind:

@@ -31,7 +31,18 @@ from ..language.grammar import (
     tokenise,
     unless,
 )
-from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, PEOPLE, PICTURE, is_adverb, singular, word_set
+from ..language.lexicon import (
+    EVERYBODY,
+    FUNCTION_WORDS,
+    NO_THINGS,
+    ONES,
+    PEOPLE,
+    PICTURE,
+    TENS,
+    is_adverb,
+    singular,
+    word_set,
+)
 from ..language.times import END, START, Clip, Span, no_such_time
 from ..language.verbs import IMPERATIVES
 from .operations import Duplicate, Operation
@@ -266,8 +277,12 @@ _MAX_MODIFIERS = 3
 def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known thing with other words before it: "parked car", "woman's hat"."""
     before = at
+    behind_article = reading.word(at - 1) in _ARTICLES
     while before - at < _MAX_MODIFIERS and (
-        _open(reading, before) or reading.word(before) in SHADES or (reading.word(before),) in reading.known
+        _open(reading, before)
+        or reading.word(before) in SHADES
+        or (reading.word(before),) in reading.known
+        or (behind_article and _describes(reading.word(before)))
     ):
         thing_before = before > at and reading.word(before - 1) not in SHADES
         if reading.word(before) in COLOURS and thing_before and any(True for _ in _known_at(reading, before - 1)):
@@ -279,6 +294,25 @@ def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         for end, label in _known_at(reading, before):
             if reading.word(end - 1) not in seen:
                 yield end, f"{reading.text_of(at, before).lower()} {label}"
+
+
+_ARTICLES = word_set("the a an my our that this your his her their these those")
+_ADJECTIVE = re.compile(r".{2,}(?:ing|ed|y|en|ish|ful|ous|ic|al|ive|less)")
+_ADJECTIVES = word_set(
+    "old young plain bare dry wet fat thin round open closed broken clean soft hard hot cheap real wild rough odd strange huge"
+)
+_SELECTING = word_set(
+    "moving static missing remaining missed only many any every early ordinary duplicated copied selected"
+)
+"""Words that say which of several and are nothing that a thing is like."""
+
+
+def _describes(word: str) -> bool:
+    """Whether a word before a noun says what it is like, also where it means something elsewhere: "the shiny car"."""
+    return word in _ADJECTIVES or (
+        bool(_ADJECTIVE.fullmatch(word))
+        and word not in FUNCTION_WORDS | NO_THINGS | _SELECTING | ONES.keys() | TENS.keys()
+    )
 
 
 _PARTS_IN_ING = word_set("wing ring earring lining railing clothing building painting string spring ceiling coating")
@@ -466,7 +500,13 @@ def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         start += relative and reading.word(start) in ("is", "are")
         verb = reading.word(start)
         form = verb.endswith("ing") or (relative and verb.endswith("s") and verb not in ("is", "was", "has", "does"))
-        if not form or len(verb) < 5 or verb in FUNCTION_WORDS or (verb in VOCABULARY and not relative):
+        object_follows = reading.word(start + 1) in _ARTICLES and any(_known_at(reading, start + 2))
+        if (
+            not form
+            or len(verb) < 5
+            or verb in FUNCTION_WORDS
+            or (verb in VOCABULARY and not (relative or object_follows))
+        ):
             continue
         ends = [start + 1]
         after = start + 1 + (reading.word(start + 1) in ("on", "in", "with", "over", "through", "at", "along", "past"))
@@ -720,7 +760,7 @@ _everybody_else = _everybody + keyword("else") >> (
 )
 _in_scene = ~keyword(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]|out of the "
-    f"[{PICTURE}]"
+    f"[{PICTURE}]|[over|out|back|up|down] there|over here"
 )
 _named_noun = _determined | familiar
 
@@ -731,7 +771,9 @@ def _with_number_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[Who,
 
 
 _kind_and_number = either(
-    keyword("everything|all|whatever|what|anything|all (the) [things|objects]|the [things|objects|stuff]")
+    keyword(
+        "everything|all|whatever|what|anything|all (the) [things|objects]|the [thing|things|object|objects|stuff|item|items]"
+    )
     >> (lambda: (lambda context: All(), True)),
     _everybody >> (lambda who: (who, True)),
     ~_article + keyword("one|ones") >> (lambda: (SentenceContext.one, False)),
@@ -927,6 +969,14 @@ place = either(
     >> (lambda other, where: Place(where, other)),
 )
 """A `Place`."""
+brought_to = (
+    table({"(over|up|across|right) [to|toward]": "near"}, reserve=False)
+    + ~_article
+    + familiar
+    + unless(keyword("left|right|'s"))
+    >> Place
+)
+"""The `Place` to which something is brought."""
 beside_itself = table(WHERE, reserve=False) + THE_FIRST + unless(keyword("left|right")) >> (
     lambda where: Place(where, lambda context: context.it("'it'"))
 )

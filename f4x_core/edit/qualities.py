@@ -172,6 +172,7 @@ backward = keyword(
     "|in reverse order|(the) other way around|from back to front|from end to start"
 ) >> (lambda: making.reversed)
 _see_through = keyword("transparent|see through|translucent|transparency|sheer")
+_solid = literal("opaque|solid|visible")
 _share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
 
 
@@ -200,10 +201,16 @@ _transparency = either(
     fraction + keyword("opaque|visible|opacity"),
     keyword("(an|a) opacity (of)") + (percent | number >> as_fraction),
     keyword("(a) transparency (of)") + (percent | number >> as_fraction) >> (lambda x: 1 - x),
-    keyword("(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|reappear")
+    keyword(
+        "(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|(completely|fully) solid again|"
+        "reappear"
+    )
     >> (lambda: making.SHOWN),
-    optional(amount) + keyword("more") + _see_through >> (lambda how: 1 - _share_of(how)),
-    optional(amount) + keyword("less") + _see_through >> (lambda how: 1 + 2 * _share_of(how)),
+    optional(amount) + (keyword("more") + _see_through | keyword("less") + _solid) >> (lambda how: 1 - _share_of(how)),
+    optional(amount) + (keyword("less") + _see_through | keyword("more") + _solid)
+    >> (lambda how: 1 + 2 * _share_of(how)),
+    keyword("(very) faint|[almost|nearly|next to|all but|close to] [invisible|transparent|gone|vanished]")
+    >> (lambda: 0.2),
     keyword(
         "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not "
         "visible|vanish|vanished|disappear|disappeared"
@@ -254,6 +261,7 @@ scene_look = table(
     {look: look for look in making.PICTURE_LOOKS}
     | {
         "night time|nighttime": "night",
+        "day for night": "night",
         "golden hour|magic hour": "sunset",
         "sepia toned|sepia tone": "sepia",
         "dusk|sundown": "sunset",
@@ -306,7 +314,7 @@ a_look = either(
     )
     + ~keyword("(it is|they are) made (out) (of)|made (out) of|(shot|filmed|taken|recorded|set) [at|in|during] (the)")
     + ~keyword("a|an|pure|solid|real")
-    + look_name,
+    + (look_name | _look_adjective),
     constant(1.0)
     + keyword("(made|built|carved|cast) (out) of|in the style of|into|in")
     + ~keyword("a|an|pure|solid")

@@ -110,7 +110,7 @@ FULL_TURN = table(
 )
 _so_often = table(
     {
-        "180|[halfway|half way] (around)": 180.0,
+        "180|[halfway|half way] (around|round)": 180.0,
         "360|all the way around|once (around|completely)|around once|one [full|complete|whole] time": 360.0,
         "twice|two times": 720.0,
         "three times": 1080.0,
@@ -149,6 +149,14 @@ SHIFT = either(
     + duration
     + ~keyword("later|behind|after (it)|behind it|of delay|delay|afterward|on its path|along (its|the same) path"),
     _lagging
+    + ~keyword("each (one) (is|comes|runs|starts|being)")
+    + duration
+    + keyword(
+        "[later|behind|after|apart] (than|from|behind|after) the [one|copy|last|previous|first] (one) (before|ahead) (of) (it|"
+        "that)|"
+        "later|behind|late|after the [one|copy|last|previous] (one) (before) (it)"
+    )
+    | _lagging
     + duration
     + keyword(
         "later|behind|late|after|[after|behind] [it|him|her|itself|the original|the first (one)|the other (one)]|afterward|"

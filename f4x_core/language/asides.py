@@ -187,7 +187,9 @@ _PLAIN = {
 """Class -> what is dropped, on the words of a sentence with blanks between."""
 _LIKE = (
     r"(?:,\s*)?\b(?:just |exactly |a bit |kind of )?like (?:in |on |at |from )?(?:a|an|the|some|those|that|these|my|your|"
-    r"our|they|you|we|when|fresh|ripe|in|on|from)\b[^,.;!?]*"
+    r"our|they|you|we|when|fresh|ripe|in|on|from)\b[^,.;!?]*|"
+    r"(?:,\s*)?\b(?:like|as|the way) (?:it|he|she|they) (?:is|are|was|were|does|do|did|always|usually|often|normally)(?: (?:is|are|"
+    r"was|were|does|do|did|looks?|always|usually|often))? (?:in|on|at|when|during|for|back|every|with|after|before)\b[^,.;!?]*"
 )
 _LIKENED = word_set(
     "look looks looking seem seems feel feels sound act move run walk dance be is are something more should would i we you "

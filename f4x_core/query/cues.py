@@ -270,7 +270,8 @@ by-factor: how much|how many times|by how much|by what factor|by which factor|ho
     much more
 closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
 closing = away: away from|[farther|further] [from|away|apart]|apart
-around: in the [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close
+around: [on|at|to] [either|both|each] [side|sides] of|[left|to the left] and [right|to the right] of|in the
+    [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close
     to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the neighbors of
 whereto: where
 sideways = left: (to|toward|towards) (the) left (side)|leftward|leftwards
@@ -422,7 +423,8 @@ colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? seen? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing owner | how-many thing counted | how-many thing seen? side? stands? remain? | several thing seen? side?
+count: how-many thing doing | how-many thing owner | how-many thing counted | how-many thing seen? side? stands? remain? |
+    several thing seen? side?
     stands? remain?
 still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? |
     who stands always? | how-many thing rest stands? | how-many thing not move

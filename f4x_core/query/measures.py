@@ -365,6 +365,8 @@ class Comparison:
             sentences.append(
                 f"{label}: {len(numbers)} separate in the scene {self._at(0)}; those that touch count as one."
             )
+            if self.asked.manner:
+                sentences.append(f"Whether they are {self.asked.manner} I cannot tell.")
         return " ".join(sentences)
 
     def _moving(self) -> str:

@@ -223,6 +223,13 @@ def _aside_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
                 yield end, None
 
 
+def _doing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
+    """What somebody does that no cue knows: "are watching"."""
+    for begin in cue("is|are|was|were").at(reading, at):
+        if reading.word(begin).endswith("ing") and reading.word(begin) not in WORDS:
+            yield begin + 1, reading.word(begin)
+
+
 _INTERROGATIVES = word_set("when where how what which who if whether tell")
 """Words with which a remark would be part of the question."""
 _slots: dict[str, Rule] = {
@@ -243,6 +250,7 @@ _slots: dict[str, Rule] = {
     "other": cue("to|from|of|than|and|-|with|toward|till|compared to|or") + _whom,
     "than": cue("than|as") + _names,
     "versus": cue("vs|versus|against|or") + _names,
+    "doing": generated(_doing_at),
     "us": cue("to|from|of|for|toward") + _us,
     "pair": either(
         cue("between|in between|from") + _end + cue("and|to") + _end >> (lambda one, two: one + two),
@@ -340,7 +348,9 @@ def read_question(
         lambda call: f"{call[1]} of {' and '.join(filter(None, call.groups()[1:]))}",
         text,
     )
-    text = without_courtesy(text)
+    text = without_courtesy(
+        re.sub(r",? or (?:am i|are we|do i|did i|have i|is (?:it|that) (?:just|only) me)\b[^?]*", "", text)
+    )
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
     text = re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
@@ -367,9 +377,11 @@ def read_question(
         more = _things_alone(follow_up[1]) if follow_up else ()
         if more:
             understood.append(replace(understood[-1], things=(*more, *understood[-1].things[len(more) :])))
-        elif understood and _matches(CUES["when"], part):
-            if understood[-1].kind not in _TELLS_WHEN:
-                understood.append(replace(understood[-1], polar=False, negated=False))
+        elif understood and (_matches(CUES["when"], part) or _THEN_WHEN.fullmatch(part)):
+            moment = _MOMENT.get((understood[-1].kind, understood[-1].extreme), "")
+            if moment or understood[-1].kind not in _TELLS_WHEN:
+                last = replace(understood[-1], polar=False, negated=False)
+                understood.append(replace(last, kind=moment, extreme="") if moment else last)
         else:
             try:
                 more_asked = _read(part, Clip(fps, frames), it)
@@ -391,6 +403,16 @@ _SAID_AFTER = re.compile(
     r"(?:i|we|my|can not|cannot|could not|do not)\b(?!.*\b(?:when|where|how|what|which|who|if|whether|tell me|know)\b)"
 )
 """A sentence beside the question: "I can't quite tell"."""
+_THEN_WHEN = re.compile(
+    r"(?:at )?(?:when|(?:which|what) (?:time|moment|second|frame|point)) (?:is|was|does|did|do) (?:that|this|it|he|she|they)"
+    r"(?: (?:happen|occur|take place|(?:reach|hit|get to|attain|have|get there)(?: (?:it|that|this))?))?"
+)
+"""When what was asked before is so: "when does he reach it"."""
+_MOMENT = {
+    ("fast", "max"): "fastest_moment", ("fast", "min"): "slowest_moment", ("distance", "min"): "nearest_moment",
+    ("distance", "max"): "farthest_moment", ("rise", ""): "highest_moment", ("rise", "max"): "highest_moment",
+}  # fmt: skip
+"""(kind, extreme) of a question about how much -> the kind of when it is so."""
 _THEN = {"fastest_moment": "max", "slowest_moment": "min"}
 """Kind of a question about a moment -> the speed that "how fast is it then?" asks for."""
 _TOPIC = re.compile(rf"(?P<topic>[^,:]+)[,:-] *(?:so |and |but )?(?P<question>(?:tell me |say )?{_ASKING}\b.*)")
@@ -609,6 +631,7 @@ _JOINED = ["near-to", "place-of", "place-or", "around-of", "passes-by", "closing
 _MANNERS = (
     *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
     "farther-aside",
+    "doing",
 )
 """Slots, the first that is filled: what says in which manner, or by which relation."""
 _OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}

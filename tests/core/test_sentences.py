@@ -8,7 +8,6 @@ from f4x_core.edit.request import Request
 from f4x_core.language.grammar import Doubt, Slip
 
 REFUSED = (
-    "loop the kick between 0.5 and 1.5 seconds",
     "loop the spin from 1 to 2 seconds",
     "is anybody dancing?",
     "dress in #ff8800 for the dancer",
@@ -40,11 +39,7 @@ REFUSED = (
     "spawn a ghost racer: man + scooter again, 0.5s behind the originals",
     "Has the horse got somebody riding it, or is it out there all alone?",
     "paint out the car but leave its shadow in the plate",
-    "Fade the camel in over the first second, the way we used to",
-    "Day for night, if you please",
-    "In my day we'd have undercranked it. Give me the car at double speed.",
     "Legal wants the number plate gone from the car",
-    "can we stretch the clip to 6 seconds so it fits the slot",
     "make it loop for Instagram",
     "can there be ten swans",
     "Hi all, newbie here. How would I go about making the road darker? TIA",
@@ -161,7 +156,7 @@ def test_half_an_understanding_is_none(sentence):
         ("the bird is a bit small", ["make the bird bigger"]),
         ("not bright enough", ["make everything brighter"]),
         ("could the car be a darker blue", ["make the car rgb 0, 0, 0.5"]),
-        ("paint the car in a nice chestnut brown", ["make the car brown"]),
+        ("paint the car in a nice walnut brown", ["make the car brown"]),
         ("bird red until second 1, then blue",
          ["make the bird red from frame 0 to frame 24", "make the bird blue from frame 24 on"]),
         ("the bird should be where the car is and vice versa", ["swap the bird with the car"]),
