@@ -52,7 +52,8 @@ class GaussianSet:
     @property
     def sh(self) -> Tensor:
         """(N,S,3) spherical-harmonic coefficients, DC first."""
-        return torch.cat([self.parameters["sh0"], self.parameters["shN"]], 1)
+        first, more = self.parameters["sh0"], self.parameters["shN"]
+        return torch.cat([first, more], 1) if more.shape[1] else first
 
     def splats(self, means: Tensor, quats: Tensor) -> Splats:
         """The Gaussians, activated, at `means` (N,3) and `quats` (N,4) in the world."""

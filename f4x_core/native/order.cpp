@@ -1,4 +1,4 @@
-// Back-to-front order of Gaussians by the depth of their centres: stable least-significant-digit radix sort (Satish et al. 2009).
+// Back-to-front order of Gaussians by the depth of their centres.
 //
 // The depth of centre x of a cloud is row . (x, 1). What is transparent or outside (near_plane, far_plane) is left out. The bits
 // of depths sort like the numbers because they are positive. Exact order takes three passes over as many bits as nearest and
@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "lanes.hpp"
-#include "threads.hpp"
+#include "radix.hpp"
 
 // Mirrored field by field in scene/depth_order.py.
 struct DepthOrder {
@@ -30,26 +30,7 @@ using namespace f4x;
 
 namespace {
 
-constexpr int PASSES = 3, COARSE_BITS = 12;
-constexpr int64_t WORTH_A_THREAD = 1 << 16;  // Gaussians that take longer to sort than a thread takes to start
-
-struct Item {
-    uint32_t key, index;
-};
-
-struct Team {
-    int threads;
-    int64_t count;
-
-    // work(part, begin, end) for every part of the items; parts are in order.
-    template <class Work>
-    void each_part(const Work& work) const {
-        parallel(threads, threads, [&](std::atomic<int64_t>& cursor) {
-            for (int64_t part; (part = cursor++) < threads;)
-                work(part, count * part / threads, count * (part + 1) / threads);
-        });
-    }
-};
+constexpr int COARSE_BITS = 12;
 
 // The depths of the Gaussians that are seen, as (bits, index) in `items`; returns their number.
 int64_t collect(const DepthOrder& d, const Team& team, Item* items) {
@@ -79,64 +60,19 @@ int64_t collect(const DepthOrder& d, const Team& team, Item* items) {
     return total;
 }
 
-// One stable pass over the digit of `bits` bits above `shift`: put(place, item) for every item.
-template <class Put>
-void pass(const Team& team, const Item* from, int shift, int bits, std::vector<uint32_t>& counts, const Put& put) {
-    const size_t digits = size_t(1) << bits;
-    const uint32_t mask = uint32_t(digits - 1);
-    counts.assign(team.threads * digits, 0);
-    team.each_part([&](int64_t part, int64_t begin, int64_t end) {
-        uint32_t* mine = &counts[part * digits];
-        for (int64_t i = begin; i < end; ++i) ++mine[(from[i].key >> shift) & mask];
-    });
-    uint32_t place = 0;
-    for (size_t digit = 0; digit < digits; ++digit)
-        for (int part = 0; part < team.threads; ++part) {
-            uint32_t& mine = counts[part * digits + digit];
-            const uint32_t number = mine;
-            mine = place;
-            place += number;
-        }
-    team.each_part([&](int64_t part, int64_t begin, int64_t end) {
-        uint32_t* mine = &counts[part * digits];
-        for (int64_t i = begin; i < end; ++i) put(mine[(from[i].key >> shift) & mask]++, from[i]);
-    });
-}
-
-// Counts keys from the nearest one on; returns how many bits they have, at least 1.
-int rebase(const Team& team, Item* items) {
-    uint32_t low = UINT32_MAX, high = 0;
-    for (int64_t i = 0; i < team.count; ++i) {
-        low = std::min(low, items[i].key);
-        high = std::max(high, items[i].key);
-    }
-    for (int64_t i = 0; i < team.count; ++i) items[i].key -= low;
-    int bits = 1;
-    while (bits < 32 && (high - low) >> bits) ++bits;
-    return bits;
-}
-
 int64_t sort(const DepthOrder& d) {
     // Kept by the calling thread: fresh pages cost more than the sort.
     static thread_local Buffer<Item> first, second;
-    const int64_t wanted = std::min<int64_t>(d.threads, 1 + d.count / WORTH_A_THREAD);
-    Team team{int(std::max<int64_t>(1, wanted)), d.count};
-    Item *items = first.resize(d.count), *other = second.resize(d.count);
+    Team team = Team::of(d.threads, d.count);
+    Item* items = first.resize(d.count);
     team.count = collect(d, team, items);
-    if (!team.count) return 0;
-    std::vector<uint32_t> counts;
-    const int bits = rebase(team, items), last = int(team.count - 1);
-    const auto finish = [&](uint32_t place, const Item& item) { d.order[last - place] = float(item.index); };
+    const auto finish = [&](uint32_t place, const Item& item) { d.order[team.count - 1 - place] = float(item.index); };
     if (d.coarse) {
-        pass(team, items, std::max(0, bits - COARSE_BITS), COARSE_BITS, counts, finish);
-        return team.count;
+        const KeyRange range = KeyRange::of(team, items);
+        radix_pass(team, items, range.low, std::max(0, range.bits - COARSE_BITS), COARSE_BITS, finish);
+    } else {
+        radix_sort(team, items, second.resize(d.count), finish);
     }
-    const int digit = (bits + PASSES - 1) / PASSES;
-    for (int turn = 0; turn < PASSES - 1; ++turn) {
-        pass(team, items, turn * digit, digit, counts, [&](uint32_t place, const Item& item) { other[place] = item; });
-        std::swap(items, other);
-    }
-    pass(team, items, (PASSES - 1) * digit, digit, counts, finish);
     return team.count;
 }
 

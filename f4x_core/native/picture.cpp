@@ -46,6 +46,7 @@ struct PictureKernels {
 }  // namespace
 
 #define F4X_FILE "picture.cpp"
+#define F4X_WIDE_TOO
 #include "each_isa.hpp"
 
 namespace {
@@ -64,7 +65,7 @@ F4X_API int32_t f4x_picture_loss(const Picture* problem, double* total) {
     try {
         // Kept by the calling thread, so that a training loop does not fault in fresh pages at every step.
         static thread_local Buffer<float> across, slopes;
-        const int height = problem->height, rows = height * problem->channels, pitch = (problem->width + 7) / 8 * 8 + 16;
+        const int height = problem->height, rows = height * problem->channels, pitch = (problem->width + 15) / 16 * 16 + 16;
         across.resize(size_t(rows) * MAPS * pitch);
         if (problem->gradient) slopes.resize(size_t(rows) * SLOPES * pitch);
         Plan plan{*problem, pitch, across, slopes};
@@ -93,26 +94,26 @@ namespace F4X_ISA {
 
 // out[x] = sum_k window[k] in[x + k] for a padded row.
 F4X_HOT void blur_across(const float* window, const float* in, float* out, int width) {
-    for (int x = 0; x < width; x += 8) {
-        f8 sum = broadcast(window[0]) * load(in + x);
+    for (int x = 0; x < width; x += LANES) {
+        fp sum = broadcast<fp>(window[0]) * load<fp>(in + x);
         F4X_UNROLL
-        for (int k = 1; k <= 2 * HALF; ++k) sum += broadcast(window[k]) * load(in + x + k);
+        for (int k = 1; k <= 2 * HALF; ++k) sum += broadcast<fp>(window[k]) * load<fp>(in + x + k);
         store(out + x, sum);
     }
 }
 
-// Eight pixels from `x` on of N maps blurred down, for the row of `channel` at `y`. All maps step by step: one map's chain of
+// LANES pixels from `x` on of N maps blurred down, for the row of `channel` at `y`. All maps step by step: one map's chain of
 // dependent additions is too long for a processor to look past.
 template <int N>
-F4X_HOT void blur_down(const float* window, const float* maps, int pitch, int channel, int y, int height, int x, f8* out) {
+F4X_HOT void blur_down(const float* window, const float* maps, int pitch, int channel, int y, int height, int x, fp* out) {
     const int first = std::max(0, HALF - y), last = std::min(2 * HALF, height - 1 + HALF - y);
     const float* row = maps + size_t(channel * height + y + first - HALF) * N * pitch + x;
     F4X_UNROLL
-    for (int m = 0; m < N; ++m) out[m] = broadcast(0.0f);
+    for (int m = 0; m < N; ++m) out[m] = broadcast<fp>(0.0f);
     for (int k = first; k <= last; ++k, row += size_t(N) * pitch) {
-        const f8 share = broadcast(window[k]);
+        const fp share = broadcast<fp>(window[k]);
         F4X_UNROLL
-        for (int m = 0; m < N; ++m) out[m] += share * load(row + m * pitch);
+        for (int m = 0; m < N; ++m) out[m] += share * load<fp>(row + m * pitch);
     }
 }
 
@@ -142,11 +143,11 @@ F4X_HOT void apart(const Picture& p, int y, float* terms) {
 F4X_TARGET double apart_row(Plan& plan, int y, float* scratch) {
     const Picture& p = plan.p;
     p.channels == 3 ? apart<3>(p, y, scratch) : apart<0>(p, y, scratch);
-    std::fill(scratch + p.width, scratch + (p.width + 7) / 8 * 8, 0.0f);
-    f8 total = broadcast(0.0f);
-    for (int x = 0; x < p.width; x += 8) total += load(scratch + x);
+    std::fill(scratch + p.width, scratch + (p.width + LANES - 1) / LANES * LANES, 0.0f);
+    fp total = broadcast<fp>(0.0f);
+    for (int x = 0; x < p.width; x += LANES) total += load<fp>(scratch + x);
     double sum = 0;
-    for (int lane = 0; lane < 8; ++lane) sum += total[lane];
+    for (int lane = 0; lane < LANES; ++lane) sum += total[lane];
     return sum;
 }
 
@@ -174,26 +175,26 @@ F4X_TARGET void blur_row(Plan& plan, int row, float* scratch) {
 F4X_TARGET double compare_row(Plan& plan, int row, float* scratch) {
     const Picture& p = plan.p;
     const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
-    const f8 one = broadcast(1.0f), two = broadcast(2.0f), c1 = broadcast(p.c1), c2 = broadcast(p.c2);
+    const fp one = broadcast<fp>(1.0f), two = broadcast<fp>(2.0f), c1 = broadcast<fp>(p.c1), c2 = broadcast<fp>(p.c2);
     std::memset(scratch, 0, sizeof(float) * MAPS * pitch);
-    alignas(32) float weight[8] = {};
-    f8 total = broadcast(0.0f);
-    for (int x = 0; x < p.width; x += 8) {
-        f8 map[MAPS];
+    alignas(64) float weight[LANES] = {};
+    fp total = broadcast<fp>(0.0f);
+    for (int x = 0; x < p.width; x += LANES) {
+        fp map[MAPS];
         blur_down<MAPS>(p.window, plan.across, pitch, channel, y, p.height, x, map);
-        const f8 mean_a = map[0], mean_b = map[1], means = mean_a * mean_a + mean_b * mean_b;
-        const f8 b1 = means + c1, b2 = map[2] - means + c2;
-        const f8 luminance = (two * mean_a * mean_b + c1) / b1;
-        const f8 structure = (two * (map[3] - mean_a * mean_b) + c2) / b2;
+        const fp mean_a = map[0], mean_b = map[1], means = mean_a * mean_a + mean_b * mean_b;
+        const fp b1 = means + c1, b2 = map[2] - means + c2;
+        const fp luminance = (two * mean_a * mean_b + c1) / b1;
+        const fp structure = (two * (map[3] - mean_a * mean_b) + c2) / b2;
         const float* from = p.weight + int64_t(y) * p.width + x;
-        for (int lane = 0; x + 8 > p.width && lane < 8; ++lane) weight[lane] = x + lane < p.width ? from[lane] : 0;
-        const f8 w = load(x + 8 > p.width ? weight : from);
+        for (int lane = 0; x + LANES > p.width && lane < LANES; ++lane) weight[lane] = x + lane < p.width ? from[lane] : 0;
+        const fp w = load<fp>(x + LANES > p.width ? weight : from);
         total += w * (one - luminance * structure);
         if (!p.gradient) continue;
         // Derivatives of -w SSIM by the blurred picture, the blurred squares and the blurred product.
-        const f8 by_product = two * luminance / b2, by_squares = luminance * structure / b2;
-        const f8 by_mean = structure * two * (mean_b - luminance * mean_a) / b1 + two * mean_a * by_squares - mean_b * by_product;
-        const f8 minus = broadcast(0.0f) - w;
+        const fp by_product = two * luminance / b2, by_squares = luminance * structure / b2;
+        const fp by_mean = structure * two * (mean_b - luminance * mean_a) / b1 + two * mean_a * by_squares - mean_b * by_product;
+        const fp minus = broadcast<fp>(0.0f) - w;
         store(scratch + HALF + x, minus * by_mean);
         store(scratch + pitch + HALF + x, w * by_squares);
         store(scratch + 2 * pitch + HALF + x, minus * by_product);
@@ -203,7 +204,7 @@ F4X_TARGET double compare_row(Plan& plan, int row, float* scratch) {
         for (int m = 0; m < SLOPES; ++m) blur_across(p.window, scratch + m * pitch, out + m * pitch, p.width);
     }
     double sum = 0;
-    for (int lane = 0; lane < 8; ++lane) sum += total[lane];
+    for (int lane = 0; lane < LANES; ++lane) sum += total[lane];
     return sum;
 }
 
@@ -211,8 +212,8 @@ F4X_TARGET double compare_row(Plan& plan, int row, float* scratch) {
 F4X_TARGET void gradient_row(Plan& plan, int row, float* scratch) {
     const Picture& p = plan.p;
     const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
-    for (int x = 0; x < p.width; x += 8) {
-        f8 slope[SLOPES];
+    for (int x = 0; x < p.width; x += LANES) {
+        fp slope[SLOPES];
         blur_down<SLOPES>(p.window, plan.slopes, pitch, channel, y, p.height, x, slope);
         for (int m = 0; m < SLOPES; ++m) store(scratch + m * pitch + x, slope[m]);
     }

@@ -2,7 +2,7 @@
 // hand-written backward pass. Float32, C++17, plain C functions at the end; no Python, no OpenMP.
 //
 //   project       one Splat per Gaussian                                          (parallel over Gaussians)
-//   bind          depth order, exact ellipse/tile lists in that order             (radix and counting sort)
+//   bind          depth order, exact ellipse/tile lists in that order             (radix and counting sort, parallel)
 //   forward_tile  16x16 pixels: chunks of splats are binned to blocks of 4x2 pixels, 4x4 where vectors are wide; per block
 //                 first the weights w = alpha T of all its splats (one pixel a lane), then the channels are blended with them
 //   backward_tile the same chunks in reverse; writes one gradient row per (splat, tile) pair
@@ -24,6 +24,7 @@
 #include <vector>
 
 #include "lanes.hpp"
+#include "radix.hpp"
 #include "threads.hpp"
 
 // ------------------------------------------------------------------------------------------------ what C callers hand in
@@ -93,10 +94,11 @@ struct Span {
 struct State {
     int tile_columns = 0, tile_rows = 0, first_tile_row = 0;  // of the rows that are drawn; numbers of rows count from there
     Buffer<Splat> splats;
-    Buffer<uint32_t> depth_bits, order, order_swap, key, key_swap;
+    Buffer<uint32_t> depth_bits, order;
+    Buffer<Item> items, other_items;          // of the sort by depth
     Buffer<Extent> extents;                   // per Gaussian and one more
     Buffer<Span> spans;
-    Buffer<int64_t> tile_start, tile_cursor;  // per tile
+    Buffer<int64_t> tile_start;               // per tile
     Buffer<Entry> entries;                    // tile after tile, each front to back
     Buffer<uint32_t> blocks;                  // per entry: the blocks of its tile that the splat meets, one bit each
     Buffer<int64_t> chunk_start;              // per tile
@@ -149,104 +151,103 @@ inline bool culled(const Extent& extent) { return extent.row0 == extent.row1; }
 
 // -------------------------------------------------------------------------------------------------- order and tile lists
 
-// Stable: Gaussians of equal depth keep their input order. Depths are positive, so their bits sort like the numbers.
-int64_t sort_by_depth(State& s, int64_t count) {
-    uint32_t *key = s.key.resize(count), *key_swap = s.key_swap.resize(count);
-    uint32_t *order = s.order.resize(count), *order_swap = s.order_swap.resize(count);
-    constexpr int BITS = 11, BUCKETS = 1 << BITS, PASSES = 3;
-    std::vector<uint32_t> histogram(PASSES * BUCKETS, 0);
-    int64_t n = 0;
-    for (int64_t i = 0; i < count; ++i) {
-        if (culled(s.extents[i])) continue;
-        const uint32_t bits = s.depth_bits[i];
-        for (int pass = 0; pass < PASSES; ++pass) ++histogram[pass * BUCKETS + (bits >> (pass * BITS)) % BUCKETS];
-        key[n] = bits;
-        order[n++] = uint32_t(i);
-    }
-    for (int pass = 0; pass < PASSES; ++pass) {
-        uint32_t sum = 0;
-        uint32_t* start = &histogram[pass * BUCKETS];
-        for (int b = 0; b < BUCKETS; ++b) sum += std::exchange(start[b], sum);
-        for (int64_t i = 0; i < n; ++i) {
-            const uint32_t to = start[(key[i] >> (pass * BITS)) % BUCKETS]++;
-            key_swap[to] = key[i];
-            order_swap[to] = order[i];
-        }
-        std::swap(key, key_swap);
-        std::swap(order, order_swap);
-    }
-    if (order != s.order) std::memcpy(s.order, order, n * sizeof *order);
-    return n;
-}
-
 inline void prefetch(const void* from, size_t bytes = 1) {
 #if defined(__GNUC__)
     for (size_t i = 0; i < bytes; i += 64) __builtin_prefetch(static_cast<const char*>(from) + i);
 #endif
 }
 
-// Lists of splats per tile, front to back: measure the tile rows of every splat, count, then scatter in depth order.
-// Tile rows are cut into bands, one per thread; what a band holds does not depend on the cut.
-void bind(const Problem& p, State& s, const Kernels& kernels) {
-    Extent* extents = s.extents;
-    uint64_t spans = 0, pairs = 0;
-    for (int64_t i = 0; i < p.count; ++i) {
-        extents[i].span = uint32_t(spans);
-        spans += extents[i].row1 - extents[i].row0;
-    }
-    s.spans.resize(spans);
-    parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) { kernels.measure(p, s, begin, end); });
-    for (int64_t i = 0; i < p.count; ++i) pairs += std::exchange(extents[i].pair, uint32_t(pairs));
-    if (std::max(spans, pairs) > std::numeric_limits<uint32_t>::max()) throw std::bad_alloc();
-    extents[p.count] = {uint32_t(spans), uint32_t(pairs), 0, 0};
+// Numbers of things in units of GRAIN Gaussians -> of those in the units before; returns how many there are in all.
+int64_t add_up(std::vector<int64_t>& counts) {
+    int64_t sum = 0;
+    for (int64_t& count : counts) sum += std::exchange(count, sum);
+    return sum;
+}
 
-    const int64_t n = sort_by_depth(s, p.count);
-    const int tiles = s.tile_columns * s.tile_rows;
-    const int bands = std::max(1, std::min(p.threads, s.tile_rows));
-    int64_t* tile_start = s.tile_start.resize(tiles + 1);
-    int64_t* tile_cursor = s.tile_cursor.resize(tiles);
-    // Calls visit(tile, pair) for what splat i has in tile rows first <= row < last.
-    auto scan = [&](uint32_t i, int first, int last, auto&& visit) {
-        const Extent& extent = extents[i];
-        if (extent.row1 <= first || extent.row0 >= last) return;
+// Projects, and finds where the tiles of every splat are written down and the order of those that are seen, front to back;
+// returns their number. Gaussians of equal depth keep their input order. Depths are positive, so their bits sort like the numbers.
+int64_t order_splats(const Problem& p, State& s, const Kernels& kernels, uint8_t* visible) {
+    Extent* extents = s.extents.resize(p.count + 1);
+    s.splats.resize(p.count + 7);  // written eight at a time
+    s.depth_bits.resize(p.count);
+    const size_t units = (p.count + GRAIN - 1) / GRAIN;
+    std::vector<int64_t> spans(units), pairs(units), seen(units);
+    parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) {
+        kernels.project(p, s, begin, end, visible);
+        for (int64_t i = begin; i < end; ++i) {
+            spans[begin / GRAIN] += extents[i].row1 - extents[i].row0;
+            seen[begin / GRAIN] += !culled(extents[i]);
+        }
+    });
+    const int64_t all_spans = add_up(spans), n = add_up(seen);
+    s.spans.resize(all_spans);
+    parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) {
+        int64_t next = spans[begin / GRAIN];
+        for (int64_t i = begin; i < end; ++i) {
+            extents[i].span = uint32_t(next);
+            next += extents[i].row1 - extents[i].row0;
+        }
+        kernels.measure(p, s, begin, end);
+        for (int64_t i = begin; i < end; ++i) pairs[begin / GRAIN] += extents[i].pair;
+    });
+    const int64_t all_pairs = add_up(pairs);
+    if (std::max(all_spans, all_pairs) > int64_t(std::numeric_limits<uint32_t>::max())) throw std::bad_alloc();
+    extents[p.count] = {uint32_t(all_spans), uint32_t(all_pairs), 0, 0};
+    Item* items = s.items.resize(n);
+    parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) {
+        int64_t next = pairs[begin / GRAIN], place = seen[begin / GRAIN];
+        for (int64_t i = begin; i < end; ++i) {
+            next += std::exchange(extents[i].pair, uint32_t(next));
+            if (!culled(extents[i])) items[place++] = {s.depth_bits[i], uint32_t(i)};
+        }
+    });
+    uint32_t* order = s.order.resize(n);
+    const auto write = [=](uint32_t rank, const Item& item) { order[rank] = item.index; };
+    radix_sort(Team::of(p.threads, n), items, s.other_items.resize(n), write);
+    return n;
+}
+
+// Lists of splats per tile, front to back: counted, then written, by threads that have a part of the ranks each.
+void bind(const Problem& p, State& s, const Kernels& kernels, uint8_t* visible) {
+    const Team team = Team::of(p.threads, order_splats(p, s, kernels, visible));
+    // Calls visit(tile, pair) for the tiles of splat i.
+    const auto visit_tiles = [&](uint32_t i, const auto& visit) {
+        const Extent& extent = s.extents[i];
         const Span* span = s.spans + extent.span;
         uint32_t pair = extent.pair;
-        for (int row = extent.row0; row < std::min<int>(extent.row1, last); ++row, ++span) {
-            if (row < first)
-                pair += span->end - span->begin;
-            else
-                for (int column = span->begin; column < span->end; ++column) visit(row * s.tile_columns + column, pair++);
-        }
+        for (int row = extent.row0; row < extent.row1; ++row, ++span)
+            for (int column = span->begin; column < span->end; ++column) visit(row * s.tile_columns + column, pair++);
     };
-    auto each_band = [&](auto&& work) {
-        parallel(p.threads, bands, [&](std::atomic<int64_t>& cursor) {
-            for (int64_t band; (band = cursor++) < bands;)
-                work(int(s.tile_rows * band / bands), int(s.tile_rows * (band + 1) / bands));
-        });
-    };
-    std::fill(tile_cursor, tile_cursor + tiles, 0);
-    each_band([&](int first, int last) {
-        for (int64_t i = 0; i < p.count; ++i)
-            scan(uint32_t(i), first, last, [&](int tile, uint32_t) { ++tile_cursor[tile]; });
-    });
-    int64_t sum = 0;
-    for (int tile = 0; tile < tiles; ++tile) {
-        tile_start[tile] = sum;
-        sum += std::exchange(tile_cursor[tile], sum);
-    }
-    tile_start[tiles] = sum;
-    Entry* entries = s.entries.resize(sum);
-    s.blocks.resize(sum);
-    constexpr int64_t LATER = 32, SOON = 16;  // ranks fetched ahead: first the extent, then the spans it points to
-    each_band([&](int first, int last) {
-        for (int64_t rank = 0; rank < n; ++rank) {
-            if (rank + LATER < n) {
-                prefetch(&extents[s.order[rank + LATER]]);
-                prefetch(&s.spans[extents[s.order[rank + SOON]].span]);
+    // Calls work(splat) for ranks begin <= rank < end.
+    const auto by_rank = [&](int64_t begin, int64_t end, const auto& work) {
+        constexpr int64_t LATER = 32, SOON = 16;  // ranks fetched ahead: first the extent, then the spans it points to
+        for (int64_t rank = begin; rank < end; ++rank) {
+            if (rank + LATER < end) {
+                prefetch(&s.extents[s.order[rank + LATER]]);
+                prefetch(&s.spans[s.extents[s.order[rank + SOON]].span]);
             }
-            const uint32_t i = s.order[rank];
-            scan(i, first, last, [&](int tile, uint32_t pair) { entries[tile_cursor[tile]++] = {i, pair}; });
+            work(s.order[rank]);
         }
+    };
+    const size_t tiles = size_t(s.tile_columns) * s.tile_rows;
+    std::vector<uint32_t> places(team.threads * tiles);
+    team.each_part([&](int64_t part, int64_t begin, int64_t end) {
+        uint32_t* mine = &places[part * tiles];
+        const auto count = [&](uint32_t i) { visit_tiles(i, [=](int tile, uint32_t) { ++mine[tile]; }); };
+        if (team.threads == 1)  // all of them, in the order in which they lie in memory
+            for (int64_t i = 0; i < p.count; ++i) count(uint32_t(i));
+        else
+            by_rank(begin, end, count);
+    });
+    start_places(places, team.threads, tiles, s.tile_start.resize(tiles + 1));
+    const int64_t pairs = s.tile_start[tiles];
+    Entry* entries = s.entries.resize(pairs);
+    s.blocks.resize(pairs);
+    team.each_part([&](int64_t part, int64_t begin, int64_t end) {
+        uint32_t* mine = &places[part * tiles];
+        by_rank(begin, end, [&](uint32_t i) {
+            visit_tiles(i, [=](int tile, uint32_t pair) { entries[mine[tile]++] = {i, pair}; });
+        });
     });
 }
 
@@ -309,11 +310,7 @@ std::unique_ptr<State> forward(const Problem& p, bool keep, float* channels, flo
     s.first_tile_row = p.first_row / TILE;
     s.tile_rows = (p.last_row + TILE - 1) / TILE - s.first_tile_row;
     const int tiles = s.tile_columns * s.tile_rows;
-    s.splats.resize(p.count + 7);  // written eight at a time
-    s.depth_bits.resize(p.count);
-    s.extents.resize(p.count + 1);
-    parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) { k.project(p, s, begin, end, visible); });
-    bind(p, s, k);
+    bind(p, s, k, visible);
 
     int64_t* chunk_start = s.chunk_start.resize(tiles + 1);
     int64_t chunks = 0;

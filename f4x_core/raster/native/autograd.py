@@ -37,7 +37,7 @@ class _Rasterize(torch.autograd.Function):
         _ = ctx.saved_tensors
         sent = (None if g is None else g.numpy() for g in (channels, depth, alpha))
         got: dict[str, Any] = library.backward(ctx.library, ctx.render, *sent)
-        if ctx.render.inputs["background"] is not None and channels is not None:
+        if ctx.needs_input_grad[1 + NAMES.index("background")] and channels is not None:
             left = 1 - torch.from_numpy(ctx.render.output.alpha)  # (H, W)
             got["background"] = torch.einsum("hw,hwc->c", left, channels).numpy()
         needed = zip(NAMES, ctx.needs_input_grad[1:], strict=True)
