@@ -13,6 +13,7 @@ from ..language.amounts import (
     LEAST_PERCENTS,
     Amount,
     amount,
+    comparison,
     degree,
     distance,
     factor,
@@ -99,9 +100,9 @@ ADDS_NOTHING = either(
     WISHES,
     COMMENTS,
     literal(
-        "needs|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|"
+        "needs|wants|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|"
         "has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|"
-        "are supposed to|might] (to) ([be|become|get|turn|go|look|appear|stay|end up|have])|[become|becomes|becoming|"
+        "are supposed to|might|had better|should have|ought to have|had best|do need to] (to) ([be|become|get|turn|go|look|appear|stay|end up|have|been|gone|become])|[become|becomes|becoming|"
         "being|be|were|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to|be [possible|feasible|"
         "doable]|could [do with|use] being"
     ),
@@ -159,7 +160,7 @@ _noun_of_colour = either(
     ~literal("with|in|to|of|as") + ~literal("the|a") + literal("color") + ~literal(":|=|of|to") + colour
     >> making.assigned,
     ~literal("with|in") + literal("some") + colour >> making.assigned,
-    literal("as")
+    ~literal("as")
     + colour
     + literal("as")
     + ~literal("a|an|the")
@@ -362,7 +363,7 @@ _command("match the dog to the cat", making.matched, "verb source")(
 )
 _command("copy the color of the cat to the dog", as_given, "verb values")(
     who=literal("to|onto|on|over to|for|into") + thing,
-    verb=literal(every_form("copy|transfer|carry|bring|take|carry over|copy over|lend|sample")),
+    verb=literal(every_form("grab|pick|copy|transfer|carry|bring|take|carry over|copy over|lend|sample")),
     values=qualities.same_colour + ~literal("over|across") >> (lambda value: ((value,),)),
 )
 _command("shift the hue of the car to red", making.hued, "rgb", NAMED)(
@@ -395,6 +396,7 @@ _command("the colors should pop", as_given, "values")(
         either(
             qualities.warmth_value,
             qualities.saturation_value,
+            comparison("stronger|bolder", "weaker|fainter", "strong|bold", "weak|faint") >> making.saturated,
             qualities.contrast_value,
             qualities.brightness_value,
             qualities.pop,
@@ -439,7 +441,8 @@ _only = literal("only|just|nothing but|solely|nothing except|nothing else but|no
 _command("only the dog keeps its color", always(making.rest_grayed), "only keeps", NAMED)(
     verb=literal(any_form("keep", "show") + "|let"),
     only=_only,
-    keeps=literal(
+    keeps=literal("stays|stay|keeps|keep|remains|remain") + ~literal("its|their|his|her") + silent(colour)
+    | literal(
         "[keeps|keep|retains|stays|stay|remains|remain|has|have] (its|their|his|her) [color|colors|colored|in color]"
     )
     | _in_color,
@@ -485,18 +488,20 @@ _EVENTS = word_set(
     "landing jump leap kick fall crash throw catch dive trick stunt takeoff impact moment part bit section segment stretch "
     "portion passage action collision splash somersault backflip approach arrival exit entrance climax peak lap hit"
 )
-_event = (
-    literal("the|that|this")
-    + ~Rule(lambda reading, at: {at + 1: ()} if is_strange(reading.word(at), {w[-1] for w in reading.known}) else {})
-    + here(
-        lambda reading, at: (
-            reading.word(at) in _EVENTS
-            and reading.word(at + 1) not in ("of", "'s")
-            and any(span.at(reading, i) for i in range(len(reading.tokens)))
-        )
+_event_noun = ~Rule(
+    lambda reading, at: {at + 1: ()} if is_strange(reading.word(at), {w[-1] for w in reading.known}) else {}
+) + Rule(
+    lambda reading, at: (
+        {at + 1: ()}
+        if reading.word(at) in _EVENTS
+        and reading.word(at + 1) not in ("of", "'s")
+        and any(span.at(reading, i) for i in range(len(reading.tokens)))
+        else {}
     )
-    + Rule(lambda reading, at: {at + 1: ()})
-) >> (lambda: lambda context: making.noted(context, All()))
+)
+_event = literal("the|that|this") + ~literal("run up to the") + _event_noun >> (
+    lambda: lambda context: making.noted(context, All())
+)
 """What happens at a time that the sentence tells: "the landing"."""
 # More and less of a quality
 
@@ -796,21 +801,34 @@ _command("show everything but the dog", always(making.opacity(0.0)), "verb", NAM
 _command("without the dog", always(making.deleted), "without", NAMED)(
     verb=literal(every_form("make|show|play|have|see|want|need|like")),
     without=keyword(
-        "(the|this) [scene|picture|video|clip|image] (but) without|without|minus|no more|[i|we] no longer [want|need] (to "
+        "(the|this) (same) [scene|picture|video|clip|image|shot] ([would be|is|looks|would look] (so|much|a lot|way) "
+        "[better|nicer|best|good|cleaner]) (but) without|without|minus|no more|[i|we] no longer [want|need] (to "
         "see)|there should be no|there must be no|let there be no|[i|we] can do without|[i|we] (really) do not "
         "[want|need|like] (to [see|have])"
     )
     | literal("no") + unless(literal(",|.|the|that|this|it|wait|not|need"))
+    | literal(
+        "[is|are] not (really) [needed|wanted|necessary|required] (here|there|any more)|[is|are] [unwanted|unnecessary|superfluous]|[does|do] not "
+        "belong [here|there|in there|in the picture|in the shot|in the scene]|should not be in [here|there|the picture|the shot|the scene|the "
+        "frame|the video|the clip|this shot]"
+    )
     | literal("should not be there|is not to be there|there [should|must|shall|may] not be|is no longer there"),
     out=literal(
         "in [the|this] [scene|picture|video|clip|image|shot]|any more|anymore|there|any longer|in [it|here|there]"
     ),
 )
+_command("cut out the dog and drop the rest", always(making.extracted), "verb rest", NAMED)(
+    verb=literal(
+        every_form("cut out|cut|clip out|crop out|lift out|mask out|key out|rotoscope|roto|roto out|take out")
+    ),
+    out=literal("out"),
+    rest=~_joined + literal(asked_form("delete", "hide")) + silent(everything_else),
+)
 _command("take the car out", always(making.deleted), "verb out", NAMED)(verb=literal(asked_form("take")), out=OUT)
 _command("delete the car", always(making.deleted), "verb", NAMED)(
     verb=literal(
         asked_form("delete")
-        + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|not "
+        + "|(can|could|may|should) [it|he|she|they] [go|leave|come out]|out with|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|not "
         "there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out|come out|come "
         "off|be out] (away|out|the [scene|picture|video|clip|image|shot|frame|view])|bye bye|goodbye|no more|no longer "
         "[want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|[i|we] do not [want|need] (to [see|"
@@ -824,7 +842,8 @@ _command("delete the car", always(making.deleted), "verb", NAMED)(
 _command("hide the car from second 1 on", always(making.opacity(0.0)), "verb", NAMED)(
     who=_whom | _about + whose("visibility|display"),
     verb=literal(
-        any_form("hide") + "|away|off|invisible|hidden|out of sight|do not show|not (to) (be) [visible|shown|seen]|"
+        any_form("hide")
+        + "|away|go away|goes away|off|invisible|hidden|out of sight|do not show|not (to) (be) [visible|shown|seen]|"
         "[nobody|no one|none] (should|must|can|may|shall) [see|sees|notice|notices]"
     ),
     switch=literal(every_form("switch|turn|toggle|flip|shut|keep|stay|remain|leave")),
@@ -949,7 +968,10 @@ _RUNNING = frozenset(any_form("run").split("|")) - word_set(
 )
 _not_run_backward = here(
     lambda reading, at: (
-        reading.word(at - 1) not in {"backward": _RUNNING, "back": ("come", "comes")}.get(reading.word(at), ())
+        reading.word(at - 1)
+        not in {"backward": _RUNNING, "back": ("come", "comes"), "away": ("go", "goes", "going")}.get(
+            reading.word(at), ()
+        )
     )
 )
 """What drives backward is played in reverse, not moved, and what comes back is shown."""
@@ -1123,6 +1145,7 @@ _motion = _event | whose(
     "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall|kick|leap|hop"
 )
 _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
+    event=literal("(right) [at|on|in|during]") + ~literal("the|its|his|her") + _event_noun + ~literal(",|-"),
     who=_about + thing
     | literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement")
     >> (lambda: lambda context: making.noted(context, All())),
@@ -1138,6 +1161,14 @@ _playing = _motion | _about + thing
 _command("start it again at second 2", always(making.retimed(1.0)), "verb again when")(
     verb=literal(every_form("start|resume|continue|go|move|run|play|carry|let go|unfreeze|release")),
     again=literal("again|on|on again|moving|moving again|as before|normally"),
+)
+_command("only the dog keeps moving", always(making.rest_frozen), "only moves", NAMED)(
+    only=_only,
+    verb=literal("let|should|may|can|could|must|shall|to|will"),
+    moves=literal(
+        "[keep|keeps|keeping|continue|continues|go|goes|carry|carries] (on) [moving|going|to move|running]|[moves|move|go] on|to move|moves"
+    ),
+    rest=~_joined + silent(everything_else) + literal(any_form("freeze")),
 )
 _command("keep the dog still", always(making.frozen), "verb still", NAMED)(
     verb=literal(every_form("keep|hold|leave")),
@@ -1155,7 +1186,7 @@ _command("repeat the dog from second 1 to 2", always(making.looped), "again", WH
     verb=literal(any_form("run", "loop")),
     again=literal(
         any_form("loop")
-        + "|on loop|in a loop|on repeat|over and over (again)|again and again|endlessly|forever|in an endless loop|"
+        + "|on (a) loop|in a loop|on repeat|over and over (again)|again and again|endlessly|forever|in an endless loop|"
         "as a loop|a loop|repeatedly|looping"
     ),
     motion=literal("motion of|the motion of|the movement of|the part|part|of|the bit"),
@@ -1182,7 +1213,7 @@ _command("slow motion, please", as_given, "values", WHOLE)(
     verb=literal(any_form("run")),
     values=either(_pace_of, qualities.pace, qualities.backward) >> (lambda value: ((value,),)),
 )
-_command("the clip should be twice as long", as_given, "values")(
+_command("the clip should be twice as long", as_given, "values", TIMED)(
     who=literal("the (whole|entire)|this|my|our|a")
     + literal("clip|video|scene|movie|film|shot|footage|sequence|animation|thing")
     >> (lambda: lambda context: making.noted(context, All()))
@@ -1190,7 +1221,22 @@ _command("the clip should be twice as long", as_given, "values")(
     verb=literal(any_form("last")),
     values=as_long >> (lambda value: ((value,),)),
 )
+_LENGTHS = word_set("longer shorter briefer")
 _LASTS = word_set("lasts last takes take")
+_command("halve the length of the clip", _changed, "quality who", NAMED)(
+    who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s")
+    >> (lambda: lambda context: making.noted(context, All())),
+    verb=_set,
+    quality=~literal("the|a|its")
+    + either(
+        table({"length|duration|running time|runtime|run time": making.stretched}, reserve=False),
+        here(lambda reading, at: reading.word(at) in _LENGTHS) >> (lambda: making.stretched),
+    ),
+    way=_way | table({"longer": True, "shorter|briefer": False}, reserve=False),
+    how=amount,
+    to=_to_value,
+    times=_times_as_much,
+)
 _command("the movement of the dog should take three seconds", making.lasting, "verb to", WHOLE)(
     who=~literal("the") + _whom + ~literal("'s") + ~literal("motion|movement|action"),
     verb=literal(any_form("last")),
@@ -1210,10 +1256,10 @@ _command("the movement of the dog should take three seconds", making.lasting, "v
 )
 
 # Colours of others, names
-_ENDING = word_set("and then but so please now")
+_ENDING = word_set("and then but so please now from")
 """Words behind a name that are no part of it."""
 _command("call the dog rex", making.named, "verb called", NAMED)(
-    verb=literal(every_form("call|name|label|tag|dub|nickname")),
+    verb=literal(every_form("call|name|label|tag|dub|nickname|rename|relabel")),
     called=~literal("as|to")
     + here(lambda reading, at: reading.word(at - 1) not in ("the", "my", "that", "this"))
     + unless(here(lambda reading, at: reading.word(at) in IMPERATIVES))
@@ -1251,7 +1297,10 @@ _command("put a slight blur on the dog", making.blurred, "how")(
 )
 _command("blur the background", making.blurred, "verb")(
     who=_whom | whose("edge|edges|outline|border|borders"),
-    verb=literal(any_form("blur") + "|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"),
+    verb=literal(
+        any_form("blur")
+        + "|anonymous|illegible|unreadable|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"
+    ),
     how=qualities.softly,
 )
 _command("add a soft blue glow around the dog", _haloed, "light")(
@@ -1266,17 +1315,19 @@ _command("add a soft blue glow around the dog", _haloed, "light")(
     rgb=~literal("in|in a|with") + colour + ~literal("light|color"),
 )
 _command("make the dog glow", making.glowing, "verb")(
-    verb=literal(any_form("glow") + "|aglow|luminous|radiant") + ~literal("on|effect"),
+    verb=literal(any_form("glow") + "|aglow|luminous|radiant") + ~literal("on|effect|in the dark"),
     how=qualities.softly,
     rgb=_a + ~_slight + qualities.shade_of + colour + ~literal("light|color|tone|shade|hue"),
 )
 
 # Two things
+_spots = literal("place|position|spot|location|places|positions|spots|locations")
 _command("swap the dog and the cat", making.swapped, "verb", NAMED)(
     who=~literal("(the) [places|positions|spots|locations|place|position] [of|between]|between|of")
-    + (two_of_them | thing),
+    + (two_of_them | thing)
+    + ~(literal("'s") + _spots),
     verb=literal(any_form("swap") + "|swap of"),
-    other=literal("with|for|and") + there_already,
+    other=literal("with|for|and") + there_already + ~(literal("'s") + ~_spots),
     places=literal(
         "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|around|"
         "over"
@@ -1300,7 +1351,7 @@ _command("fade the background", lambda by=0.5: making.faded(by), "verb")(
     | literal("by") + percent >> (lambda x: 1 - x),
 )
 _fading = ~literal("a|some") + ~literal("slow|gentle|soft|quick|smooth|nice|long|short|gradual")
-_command("fade out the dog", making.faded, "verb")(
+_command("fade out the dog", making.faded, "verb", TIMED)(
     verb=_fading + literal(any_form("vanish")),
     inward=unless(silent(span))  # "faded out in the last second"
     + table(
@@ -1320,8 +1371,9 @@ _command("fade out the dog", making.faded, "verb")(
     )
     >> (lambda: True),
 )
-_command("fade in the dog from second 1 to 2", always(making.appearing), "verb", NAMED)(
+_command("fade in the dog from second 1 to 2", always(making.appearing), "verb", TIMED)(
     verb=_fading + literal(any_form("appear")),
+    only=literal("only|just"),
     gone=literal(
         "from (being) (fully|completely|totally) [invisible|nothing|zero|nowhere|transparent|black|hidden|0 (%)|nothingness|thin "
         "air]|(up) "

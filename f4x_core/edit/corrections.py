@@ -94,7 +94,8 @@ _REMARK = (
 )
 _REMARKED = re.compile(
     rf"^(?P<remark>{_REMARK})(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so "
-    r"(?:please )?)(?P<command>[^\s].*)$",
+    r"(?:please )?|\s+(?=(?:please )?(?:make|turn|get|take|put|let|move|remove|delete|hide|lose|paint|blur|kill|bring|give|slow|speed) "
+    r"(?:it|him|her|them|that) ))(?P<command>[^\s].*)$",
     re.IGNORECASE,
 )
 """What says how it is, and the command behind it."""

@@ -85,7 +85,7 @@ MAX_BARRED = 3
 """Commands that fit a sentence and cannot be carried out, before it is given up."""
 
 
-_polite = keyword("please|could|can|maybe|perhaps") | ASKS
+_polite = keyword("please|could|can|maybe|perhaps|would") | ASKS
 _POLITE_BEFORE = 8
 """Words within which a request begins: "okay, now could you"."""
 _PHRASAL = frozenset(
@@ -712,6 +712,13 @@ def _placed(operations: list[Operation]) -> list[Operation]:
             continue
         if _says_no_more(made, one):
             continue
+        if (
+            isinstance(made, Delete)
+            and isinstance(one, Delete | Opacity)
+            and one.select == Not(made.select)
+            and _removes(one)
+        ):
+            raise Refusal("Nothing would be left; say for example 'keep only the dog' if the rest is to go.")
         if one != made and _is_overridden(made, one):
             placed.pop()
         opposite = (
@@ -792,10 +799,10 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 _UNDOING = keyword(
     "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|"
-    "bring] [it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|back "
+    "bring] [it|that|this|them] back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|back "
     "to the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|"
     "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|"
-    "command] back|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|reverse|roll back|"
+    "command] back|[scratch|strike|axe|belay] [that|this|it]|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|reverse|roll back|"
     "undo] [my|the|that|this|your] (very) [last|previous] (two|three|four|few|couple of|2|3|4|5) [change|edit|step|"
     "command|one|changes|edits|steps|commands|things]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|"
     "this|everything|all)|put everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|"

@@ -253,6 +253,11 @@ def rest_grayed(who: SelectKind, when: When, context: SentenceContext) -> Operat
     return GRAYED(Not(who), when, context)
 
 
+def rest_frozen(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+    """All others stand still."""
+    return frozen(Not(who), when, context)
+
+
 def scaled(by: float) -> Value:
     """So many times as big."""
     return lambda who, when, _: Transform(who, scale=round(by, PLACES), pivot="base", **when.growth)
@@ -356,9 +361,10 @@ def lasting(to: TimeExpression) -> Value:
             raise Refusal("Nothing can last no time at all; say a longer time.")
         if when.frames is None:
             return Retime(who, round(context.frames / to.resolve(context), PLACES), **when.pace)
-        if when.frames[1] is None:
+        if when.frames[1] is None and when.kind not in ("range", "from"):
             raise Refusal("It is not said which part is to last so long; add for example 'from second 1 to 2'.")
-        return Retime(who, round((when.frames[1] - when.frames[0]) / to.resolve(context), PLACES), **when.pace)
+        end = context.frames - 1 if when.frames[1] is None else when.frames[1]
+        return Retime(who, round((end - when.frames[0]) / to.resolve(context), PLACES), **when.pace)
 
     return value
 

@@ -335,8 +335,18 @@ def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A part that no label has of a known whole: "legs of the dog"."""
     for middle, part in _stranger_at(reading, at):
-        if reading.word(middle) == "of" and reading.word(middle + 1) in ("the", "a", "an", "that", "this", "my"):
-            for end, label in _known_at(reading, middle + 2):
+        if reading.word(middle) == "of" and reading.word(middle + 1) in (
+            "the",
+            "a",
+            "an",
+            "that",
+            "this",
+            "my",
+            "all",
+            "every",
+            "any",
+        ):
+            for end, label in _known_at(reading, middle + 2 + (reading.word(middle + 2) in ("the", "these", "those"))):
                 yield end, f"{label}'s {part}"
 
 
@@ -397,6 +407,8 @@ def _strangers_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     end = at
     while end - at < _MAX_MODIFIERS and _open(reading, end) and not any(True for _ in _known_at(reading, end)):
         end += 1
+    if reading.word(end) in _ARTICLES and reading.word(end - 1).endswith("s"):  # "the client hates the color"
+        return
     for last in range(at + 2, end + 1):
         for _, name in _stranger_at(reading, last - 1):
             yield last, f"{reading.text_of(at, last - 1).lower()} {name}"
@@ -404,7 +416,7 @@ def _strangers_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """The label of people in "everyone"."""
-    if reading.word(at) in ("everyone", "everybody"):
+    if reading.word(at) in ("everyone", "everybody", "whoever"):
         yield at + 1, next((label for label in EVERYBODY if (label,) in reading.known), EVERYBODY[0])
 
 
@@ -720,7 +732,7 @@ _everything = silent(
             "[things|objects]|all [things|objects]|every [object|thing]"
         ),
         keyword(
-            f"(the) [whole|entire|full|complete] [{PICTURE}|thing]|[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
+            f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|the world|[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
         ),
     )
 )

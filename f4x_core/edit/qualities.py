@@ -100,8 +100,8 @@ contrast_value = (
 )
 saturation_value = (
     comparison(
-        "more saturated|richer|livelier|stronger|bolder|more intense",
-        "duller|less saturated|paler|weaker",
+        "more saturated|richer|livelier|more intense",
+        "duller|less saturated|paler",
         "saturated|vivid|colorful|vibrant|intense|rich|lively|colored",
         "desaturated|muted|dull|washed out|pale|faded",
     )
@@ -168,7 +168,7 @@ pace_value = (
 )
 pace = either(pace_value, keyword("at|in|to") + _paced >> making.retimed)
 backward = keyword(
-    "backward|in reverse|reversed|in the opposite direction|back to front|from the end to the start"
+    "backward ([in|through] time)|back in time|in reverse|reversed|in the opposite direction|back to front|from the end to the start"
     "|in reverse order|(the) other way around|from back to front|from end to start"
 ) >> (lambda: making.reversed)
 _see_through = keyword("transparent|see through|translucent|transparency|sheer")
@@ -282,6 +282,7 @@ described = ~silent(
 transformed = (
     literal("into|to")
     + ~literal("a|an|pure|solid|real|some")
+    + ~literal("molten|liquid|solid|pure|shiny|glittering|glowing|polished|burning")
     + _of_matter
     + ~literal("statue|block|sculpture|figure|figurine|bar")
     >> making.styled
@@ -312,7 +313,10 @@ a_look = either(
     + keyword(
         "like ([it|he|she] [is|was|were]|they [are|were]|at)|as [if|though] [it|they] [were|is|was|are]|similar to"
     )
-    + ~keyword("(it is|they are) made (out) (of)|made (out) of|(shot|filmed|taken|recorded|set) [at|in|during] (the)")
+    + ~keyword(
+        "[it is|they are|it was|it were|they were] ([made|carved|built|cast|cut|formed]) (out) ([of|from|in])|[made|carved|cast|cut] (out) "
+        "[of|from]|(shot|filmed|taken|recorded|set) [at|in|during] (the)"
+    )
     + ~keyword("a|an|pure|solid|real")
     + (look_name | _look_adjective),
     constant(1.0)

@@ -19,6 +19,7 @@ from .grammar import (
     literal,
     optional,
     table,
+    unless,
 )
 from .lexicon import FRACTIONS, ONES, PICTURE, TENS
 
@@ -135,6 +136,9 @@ _hedge = ~keyword(",") + ~literal(
     "(only|just) [about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly|almost|close to|just "
     "about|at least|at most|easily|a good|only|just|no more than]"
 )
+_counting = literal(
+    "frame|frames|f|second|seconds|s|degrees|degree|x|times|units|unit|width|widths|stop|stops|%|percent|to|-|th"
+)
 _notches = number + literal("shade|shades|notch|notches|step|steps|click|clicks|tick|ticks|tone|tones") >> (
     lambda x: Amount("times", round(SMALL_STEP[0] ** x, PLACES))
 )
@@ -198,7 +202,7 @@ def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -
         optional(amount) + more >> factor,
         ~literal("a (little|wee|tiny) bit|a little|slightly|somewhat|if possible|please") + not_so
         >> (lambda upward: factor(None, not upward)),
-        more + ~literal(",|-|(|:") + (amount | keyword("by") + _hedge + percents) + ~literal(")")
+        more + ~literal(",|-|(|:") + (amount | ~keyword("by") + _hedge + percents + unless(_counting)) + ~literal(")")
         >> (lambda upward, how: factor(how, upward)),
         _hedge + multiple + so >> (lambda x, upward: factor(Amount("times", x), True) if upward else _inverse(x)),
         percent + so >> (lambda x, upward: x if upward else _inverse(x)),

@@ -25,7 +25,7 @@ CALLS = literal(
 """Calls, interjections and hedges: they add nothing to an edit or a question."""
 ASKS = literal(
     "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
-    "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could|does] [i|you|we|one]|"
+    "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could|does] [i|you|we|one] (go about)|"
     "is there [a|any] way to|[is it|would it be] [possible|okay|fine|all right|cool|nice|great] (to|if [you|we|i])|"
     "see (your|their) way (clear) to|(is there) any chance [you|we] could|(is there) any chance (of|that|you [can|could])"
 )
@@ -35,8 +35,8 @@ WISHES = either(
         "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] [like|love|prefer|rather|sooner] "
         "(to [see|have|get]|that|it if)|[i|we] would [end|start|finish|begin|open] [on|with]|i wonder (about)|[i|we] "
         "would rather have|(i want|i would like|i need) you|[you|we] (really|just|probably) [should|could|can|may|must|"
-        "ought to|had better|need to|have to]|let us|let me|go ahead and|try to|help me (to)|[make sure|ensure|see to "
-        "it|be sure] (that)|so that|in such a way that|how to|feel free to|it is [necessary|required|needed|important] "
+        "ought to|had better|need to|have to]|let us|let me|go (ahead) and|(i|we|do) not forget to|remember to|try to|help me (to)|[make sure|ensure|see to "
+        "it|be sure] (that)|so that|in such a way that|how to|feel free to|it is [necessary|required|needed|important|essential|vital|crucial|imperative] "
         "(to|that)|[i|we] [search|try|aim|intend|plan|seek] to|[i|we] can not [figure out|work out|find out|find|see] "
         "how to|it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i "
         "am] going to|your task is to|time to|see|to see|have|to have|to get|want|would like|[what|all] [i|we] (really|"
@@ -64,7 +64,7 @@ COMMENTS = either(
     ~literal("that|it|this|which|and that")
     + literal("would|might|could|will|should")
     + ~literal("really|surely|definitely|also|probably|certainly")
-    + literal("be|look|seem|feel|do|work")
+    + literal("be|look|seem|feel|do|work|sell|read|come across|show|go|suit|fit")
     + ~literal("so much|much|way|a lot|even|just|really|very|far|pretty")
     + literal(_NICE + "|the trick")
     + ~literal("to [see|have]|if|there|here"),
@@ -80,7 +80,7 @@ _CALLED = (
 _UNTIL = r"(?=\s*(?:[.;!?,:]|$| and | then ))"
 _POLITE_WORDS = (
     r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|please|"
-    r"so|kind|enough|able|to|me|us|for|with|all|at|too|much|trouble|bother|a|an|any|the|problem|work|works|manage|that|"
+    r"so|kind|good|nice|enough|able|to|me|us|for|with|all|at|too|much|trouble|bother|a|an|any|the|problem|work|works|manage|that|"
     r"this|it|you|i|we|way|have|time|get|chance|moment|minute|second|feel|wish|prefer|need|know|how|there|help|sure|"
     r"somehow|ask|must|anyhow|doable|say|easy|hard|agree|allowed|no|big|deal|permit|only|makes|sense"
 )
@@ -101,13 +101,14 @@ _WISHING_WORDS = (
     "possible|possibly|way|chance|mind|moment|trouble|too|rather|maybe|perhaps|happen|now|ok|okay|well|um|uh|er|erm|hmm|oh|"
     "question|quick|wait|as|at|all|of|up|still|obliged|feasible|doable|conceivable|permissible|permitted|acceptable|able|"
     "request|requesting|trouble|troubling|bother|bothering|humbly|kindly|politely|feel|free|inclined|manage|arrange|willing|"
-    "might|must|hear|care|telling|tell|explain|explaining|show|showing|let|letting|inform|opinion|dare|allow|allowed|"
+    "confirm|verify|establish|ascertain|specify|indicate|advise|might|must|hear|care|telling|tell|explain|explaining|show|showing|let|letting|inform|opinion|dare|allow|allowed|"
     "apologise|apologize|need|needs|required|desire|desired|ideal|ideally"
 )
 WISHING = rf"(?:(?:{_WISHING_WORDS})(?:n?['’](?:d|m|s|ll|ve|re|t))?(?:[ ,]+|\.\.+ *))+"
 """How a wish or a question begins that says only that it is one: "I'd be ever so grateful", "wouldn't it be nice"."""
 _ASKED_AFTER = re.compile(
     rf"^{WISHING}(?:(?=(?:if|whether|when|where|how|what|which|who|why)\b)"
+    r"|(?=the (?:colou?r|size|speed|distance|number|position|length|duration|order)\b)"
     r"|(?<=[,:.;] )(?=(?:is|are|does|do|did|can|could|has|was|were)\b))"
 )
 _INTERJECTIONS = (
@@ -157,19 +158,26 @@ _PLAIN = {
     "apology": r"^\s*(?:(?:i|we) )?(?:(?:do|must|really|humbly|am|very|so|terribly) )*(?:apologi[sz]e|beg (?:your |you )?"
     r"pardon|sorry|excuse me|pardon(?: me)?|forgive me|my bad|oops)\b(?: (?:for|to|about|that) "
     r"[^,.;]*?)?\s*[,.;:!-]+\s*(?:but\b,?)?",
+    "as said": r"(?:,\s*)?\b(?:like|as) (?:i|we|you) (?:said|told you|mentioned|asked|discussed|agreed|know|see|can see)(?: before| earlier|"
+    r" already| above)?\b\s*,?",
     "said": r"(?:^|[,.;])\s*(?:(?:but|so|and|now|yes|okay)\b,?\s*)?(?:i|we) (?:know (?:i|we) )?(?:said|wrote|typed|"
     r"asked for|told you)\b [\w # ]{1,40}?,? but\b,?(?: now\b)?",
     "vocative": rf"^\s*{_CALLED}\s*[,!]\s*|(?:,\s*{_CALLED})+\s*(?=[?.!]*\s*$)",
     "favor": r"^\s*(?:please )?(?:be|do|go) (?:an? |the |me )?(?:[a-z]+ ){1,3}and (?=[a-z]+ (?:the|my|it|that|this|an?|"
     r"all|every)\b)",
+    "source": r"(?:,\s*)?\b(?:according to|as per|per|in line with|in keeping with|in accordance with|following) (?:the|my|our|your|their) "
+    r"(?:\w+ )?(?:brief|client|script|storyboard|plan|notes?|request|boss|director|instructions?|guidelines?|guide|feedback|spec|"
+    r"specs|email|order|rules?|book|wishes)\b(?: s \w+)?\s*,?",
+    "contrast": r",\s*(?:and )?not (?:on|in|at|to|by|under|behind|near|onto|into) (?:the|my|a|that|its) (?!first|last|second|start|end|"
+    r"beginning|middle)[a-z]+(?=\s*[.,;!]|\s*$)",
     "role": r"^\s*as (?:an?|the|your) [\w ]{1,30}?,? (?=(?:i|we)\b)",
     "no": r"^\s*(?:no\b[ ,.!]*)+(?=(?:not|do not|i|leave)\b)",
     "hurry": r"^\s*(?:hurry(?: up)?|come on|go on|quick|now then|right then|chop chop|look lively)\b\s*(?:[,.!]|"
     r"and\b)\s*(?:and\b)?",
     "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
     r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
-    "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:one (?:more|last|final|other) "
-    r"thing|another thing|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|for (?:a start|starters)|"
+    "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:(?:(?:one|the|a|and) )?(?:more|last|final|other|"
+    r"next|first|another) (?:thing|request|point|item|wish)|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|for (?:a start|starters)|"
     r"first off|first of all|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
     # reasons
     "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
@@ -179,6 +187,8 @@ _PLAIN = {
     r"every|no) \w+|"
     r"[a-z]+s(?= (?:can|could|will|feel|see|know|get|notice))) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
     "to": r"^\s*(?:and |so )?to (?!the\b|my\b|an?\b|me\b|us\b|its?\b)[a-z]+ [^,.;]*,",
+    "match": r"(?:,\s*)?\b(?:so as |in order )?to (?:match|fit|suit|go with|draw|catch|attract|emphasi[sz]e|highlight|convey|suggest|"
+    r"indicate|impress|please|avoid|prevent|surprise|amuse|celebrate|honou?r|test|check|see (?:if|whether|how)) [^,.;!?]*",
     "for": r"(?:,\s*)?\bfor (?:[a-z]+ ){1,4}(?:reasons?|purposes?|sake|looks?|feel|feeling|effect|mood|vibes?|atmosphere|"
     r"impression|drama|clarity|kicks)\b|(?:,\s*)?\b(?:just )?for (?:kicks|laughs|giggles|sport|show)\b|"
     r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic "
@@ -187,7 +197,7 @@ _PLAIN = {
 """Class -> what is dropped, on the words of a sentence with blanks between."""
 _LIKE = (
     r"(?:,\s*)?\b(?:just |exactly |a bit |kind of )?like (?:in |on |at |from )?(?:a|an|the|some|those|that|these|my|your|"
-    r"our|they|you|we|when|fresh|ripe|in|on|from)\b[^,.;!?]*|"
+    r"our|they|you|we|when|magic|crazy|mad|hell|anything|never before|fresh|ripe|in|on|from)\b[^,.;!?]*|"
     r"(?:,\s*)?\b(?:like|as|the way) (?:it|he|she|they) (?:is|are|was|were|does|do|did|always|usually|often|normally)(?: (?:is|are|"
     r"was|were|does|do|did|looks?|always|usually|often))? (?:in|on|at|when|during|for|back|every|with|after|before)\b[^,.;!?]*"
 )
@@ -208,7 +218,7 @@ _REPORTED = (
 """A wish of somebody else: "my boss wants"."""
 _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |the )*([a-z]+)")
 _NUMBERS = re.compile(r"\d")
-PURPOSES = frozenset({"so", "for", "to"})
+PURPOSES = frozenset({"so", "for", "to", "match"})
 """Classes that may say what is meant to become of a thing."""
 _COURTESIES = ("opening", "ordering", "if", "thanks", "interjection", "apology", "vocative", "hurry")
 """Classes that questions have, too."""

@@ -69,7 +69,7 @@ def _is_stressed(run: list[Token]) -> bool:
     return run[0].is_word and len(run) > (1 if run[0].text in _SAID_TWICE else 2)
 
 
-_SAID_TWICE = word_set("very really so please much super way far")
+_SAID_TWICE = word_set("very really so please much super way far tiny big huge small little bright dark fast slow")
 _STRETCHED = re.compile(r"([a-z])\1{2,}")
 
 

@@ -44,8 +44,10 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"\b(more|less) and \1 (?!transparent|see)", r"gradually \1 "),
     (r"^(\W*)(?:(can)['’]?t|(could|should|would)n['’]?t) (?=(?:we|you|i|the|it|they|my|that|this)\b)", r"\1\2\3 "),
     (r"^(\w+)\.(\w+)\(([^()]*)\)", r"\2 the \1 \3"),
+    (r"^(\w+)\((\w+), *([+-]\d+ *%)\)", r"the \1 of the \2 \3"),
     (r"^(?!distance|gap|compare|relation)(?:set_?)?(\w+)\(\W*(\w+)\W*,\W*([\w. ]+?)\W*\)", r"make the \1 of the \2 \3"),
     (r"^(\w+)\(\W*(\w+)\W*\)", r"\1 the \2"),
+    (r"^(\w+)\((\w+), *(\w+) *= *([^=(),]+)\)", r"\1 the \2 \3 \4"),
     (r"\breappear(s|ed|ing)?\b", r"come\1 back"),
     (r"\bits (?=(?:way|too|so|really|not|just|super|far|much|kind of|a (?:bit|little|tad)) )", "it is "),
     (r"(?<=\d)½", ".5"),
@@ -138,7 +140,8 @@ SYNONYMS = _table(
     "tram streetcar, hound dog, bunny rabbit, biker cyclist, lass girl, youngster child, tot child, infant baby, folks "
     "people, spectator person, pavement sidewalk, seaside sea, birdie bird, ducky duck, duckie duck, horsie horse, horsey "
     "horse, piggy pig, froggy frog, fishy fish, onlooker person, bystander person, breakdancer dancer, ballerina dancer, "
-    "trike bicycle, scoot scooter"
+    "trike bicycle, scoot scooter, individual person, pedestrian person, motorcar car, pickup truck, shrub bush, steed horse, mare "
+    "horse, stallion horse, foal horse, ship boat, yacht boat, dinghy boat, settee sofa, roadway road, blossom flower, turf grass"
 )
 """Another word -> the label that it means where a scene knows that, and not the word."""
 SINGULARS = word_set(

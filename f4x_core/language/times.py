@@ -250,7 +250,11 @@ _has_passed = (
     + _length
     + keyword("[has|have] [passed|gone by|elapsed|gone]|[is|are] [over|up|through|done|gone]|[passes|elapses]")
 )
+_share_has_passed = keyword("once|after|when|as soon as|until|till") + fraction + ~keyword("of") + keyword(
+    f"(the|this|my) [{PICTURE}] [is|has] [over|passed|gone|done|through|played|gone by|run]"
+) >> (lambda x: TimeExpression(clip=x))
 _since_then = either(
+    _share_has_passed,
     _since + _hedge + (moment | _middle_point) + _onward,
     keyword("(right) after|past|once|when") + ~keyword(_reaches) + _second_over + _onward,
     _since + keyword("the (very) [first|opening]") + _length + _onward >> START.plus,
@@ -373,7 +377,9 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|(all) the [whole|entire] [time|duration]|(for|over|during) the [whole|entire] thing|all the way "
+            "always|all the time|(all) the [whole|entire] [time|duration]|(for|over|during) the [whole|entire] thing|for the "
+            "(whole|entire|full) [duration|length] (of the [clip|video|film|scene|shot|footage|recording|movie|sequence])|all the "
+            "way "
             "through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the [whole|entire] [clip|"
             "video|time|film|shot|"
             "footage|movie|sequence|"

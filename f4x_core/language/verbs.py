@@ -17,7 +17,7 @@ VERBS: dict[str, str] = {
     "decorate, slap, splash, splatter, throw, smear, brush, lacquer, style, restyle, redo, colorize, tone, transition, morph, "
     "draw, pick, choose, select, add, sprinkle, lay, shift, swap, flip, restore, place, edit, modify, wear, ask for, go for, "
     "go with, opt for, fill, flood, soak, grade, reskin, retexture, recolorise, reshade, dunk, varnish, shift over, bring "
-    "over, kit out, repurpose, slather, daub, tart up, jazz up, doll up, deck out",
+    "over, kit out, drape, steep, cloak, swathe, shroud, repurpose, slather, daub, tart up, jazz up, doll up, deck out",
     "tint": "tint, tinge, tone, wash, stain slightly, suffuse, hint",
     "set": "trim, dip, whack, set, change, make, turn, put, bring, adjust, take, get, give, have, need, show, apply, use, keep, "
     "correct, modify, tweak, fix, move, pull, push, dial, drag, slide, crank, pump, knock, ramp, kick, jack, tone, want, could "
@@ -101,7 +101,7 @@ VERBS: dict[str, str] = {
     "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, rotoscope, roto, crop to, cut around, "
     "rotobrush, lift from the background, cherry pick, pluck out, carve out",
     # places
-    "move": "bung, scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, slide, bring, "
+    "move": "bounce, bung, scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, slide, bring, "
     "pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, drop, throw, "
     "relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, come, glide, wander, "
     "roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, sink, land, offset, "
@@ -119,7 +119,7 @@ VERBS: dict[str, str] = {
     "rotate round, spin around, spin round, revolve around, corkscrew",
     "turn": "swing, crank, turn, flip, swing round, swing around, wheel around, reorient, redirect, about face, whip "
     "around, whip round, spin round, swap round, twist around",
-    "tilt": "barrel roll, tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, cant, list, pitch, heel over, "
+    "tilt": "barrel roll, angle, tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, cant, list, pitch, heel over, "
     "lean to the side, dutch, dutch tilt, skew over",
     "topple": "tip over, knock over, topple, topple over, keel over, tip, knock, push over, upend, overturn, lay on its side, "
     "knock down, flop over",
@@ -150,7 +150,7 @@ VERBS: dict[str, str] = {
     "pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep still, "
     "stay put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its tracks, hold, petrify, "
     "arrest, come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, stop, stun, hold up, "
-    "put a stop to, hit the brakes on, stop the motion of, stop the movement of, kill the motion of, kill the movement of, "
+    "put a stop to, hit the brakes on, put the brakes on, apply the brakes to, stop the motion of, stop the movement of, kill the motion of, kill the movement of, "
     "hold the position of, stop time for, time stop, hitpause, keep motionless, make stop, make a statue of, mannequin",
     "reverse": "run back, play in rewind, run in rewind, play it back, reverse, rewind, play backward, run backward, go "
     "backward, move backward, walk backward, invert in time, play back to front, run in reverse, play in reverse, go in "
@@ -203,7 +203,8 @@ def asked_form(*senses: str) -> str:
 
 
 def _nouns(senses: Sequence[str]) -> list[str]:
-    return [noun for sense in senses if sense in _NOUNS for noun in _NOUNS[sense].split(", ")]
+    nouns = [noun for sense in senses if sense in _NOUNS for noun in _NOUNS[sense].split(", ")]
+    return [*nouns, *(f"{article} {noun} of" for noun in nouns for article in ("the", "a", "an"))]
 
 
 def _verbs(senses: Sequence[str]) -> str:

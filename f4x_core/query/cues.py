@@ -37,7 +37,7 @@ def _inflected(verbs: str) -> Iterator[tuple[str, str]]:
 
 _CUES = """
 clips: (little|short|whole|entire) [clip|video|film|movie|footage|sequence|recording|scene|shot]
-pictures: {clips}|plate|comp|composition|picture|image|view|frame|room|world|screen|sight|reconstruction
+pictures: {clips}|plate|comp|composition|picture|image|view|frame|room|world|screen|sight|reconstruction|field of view
 noun: label|labels|word|words|name|names|class|classes|thing|things|object|objects|one|ones|item|items|element|elements|stuff|
     mover|of (them) all|of all (of them)
 people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
@@ -66,7 +66,7 @@ rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on
     is|in place|not in motion|without moving
 set-off: {+take off|lift off|depart}|start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets
     going|set out|sets out
-stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full)
+stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full|complete|dead|total|sudden)
     [stop|halt|standstill|rest]|[stand|stands|stay|stays|remain|remains|standing|staying] still
 big-er: more [big|large|wide|long|tall]|bigger|larger|wider|longer|broader|thicker|greater
 small-er: smaller|tinier|narrower|littler
@@ -142,7 +142,7 @@ happens: what [happens|is happening|goes on|is going on|happened|takes place|is 
     action|what (can|could) you (can) [tell|say] (me) about [the|this] {clips}|anything (interesting) [happening|going on]|anything
     happens
 anybody: [anyone|anybody|someone|somebody] (else)
-several: [is|are] there [one|two|three|four]|several|multiple|many|[just|only|more than] one (or more)|one or more|more than
+several: [is|are] there [one|two|three|four]|[are we looking at|do we have|have we got|do i see] [one|two|three|four] |several|multiple|many|[just|only|more than] one (or more)|one or more|more than
     one|more|(just|only) a single
 in-out: (the) [in and out|in|out|entry and exit|start and end|first and last] [point|points|frame|frames] (of|for)
 first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which) ({people})
@@ -166,7 +166,7 @@ contents: what am i looking at|what does (the|this) {clips} [contain|show|includ
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
-filler: state|report|would you say|do you [reckon|suppose|believe|figure]|if [the scale|it|that]
+filler: state|report|confirm|verify|establish|ascertain|specify|indicate|or [one|two|three|four|more|several]|would you say|do you [reckon|suppose|believe|figure]|if [the scale|it|that]
     [permits|allows]|[above|over|from] {its} [starting|initial|original|first] [point|position|height|level]|is it
     [true|right|correct] that|am i [right|correct] (in thinking) that|[draw|trace|plot|show]
     (me|us)|{inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
@@ -197,7 +197,7 @@ close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
 big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which] size|(the)
-    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what [part|share|fraction|percentage]
+    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what [part|share|fraction|percentage|proportion|portion|amount]
     of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
 max-height: how [far|high] [above|over|off] (the|its) [ground|floor|water|surface]|(the) [greatest|maximum|peak|top|highest]
@@ -205,11 +205,11 @@ max-height: how [far|high] [above|over|off] (the|its) [ground|floor|water|surfac
 high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|how much height
 rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the
     ground
-go-up: [{+go|move|get|bob}] up [or|and] down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}]
+go-up: {+leave} the ground|[get|gets] off the ground|airborne|[{+go|move|get|bob}] up [or|and] down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}]
     [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
 comes: come|comes|came
-which-color: (of|in) [what|which] (main|kind of|sort of|exact|precise) [color|colors|colour|colours|shade|hue|shades|tint|tone]
+which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise) [color|colors|colour|colours|shade|hue|shades|tint|tone]
     (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color] [code|value|values]
     (of)|(the) (main|exact|dominant|average) [color|colors|colour|colours] (scheme|palette|of)|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)

@@ -251,7 +251,11 @@ _slots: dict[str, Rule] = {
     "than": cue("than|as") + _names,
     "versus": cue("vs|versus|against|or") + _names,
     "doing": generated(_doing_at),
-    "us": cue("to|from|of|for|toward") + _us,
+    "us": either(
+        cue("to|from|of|for|toward"),
+        here(lambda reading, at: reading.word(at - 1) in ("nearer", "closer", "nearest", "closest")),
+    )
+    + _us,
     "pair": either(
         cue("between|in between|from") + _end + cue("and|to") + _end >> (lambda one, two: one + two),
         cue("between|in between") + _names,
@@ -351,6 +355,7 @@ def read_question(
     text = without_courtesy(
         re.sub(r",? or (?:am i|are we|do i|did i|have i|is (?:it|that) (?:just|only) me)\b[^?]*", "", text)
     )
+    text = re.sub(r"^(?:so |and )?(?:is|was) it (.*? or .*?) (?:that|who|which) (.*?)[?. ]*$", r"which \2, \1", text)
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
     text = re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
