@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from ..language.amounts import degree, number
+from ..language.amounts import Amount, degree, number, percent
 from ..language.grammar import (
     NOTHING,
     Cover,
@@ -26,6 +26,7 @@ from ..language.grammar import (
     sign,
     silent,
     table,
+    unless,
 )
 from ..language.idle import EMPTY, idle_gaps
 from ..language.lexicon import FUNCTION_WORDS, word_set
@@ -68,11 +69,20 @@ _slowly = ~keyword(",") + table(
 _afterthought = either(
     ~keyword(",|-|(") + ~keyword("but|though|if|and|or") + keyword("only|just|merely|barely|(even) if only") + degree,
     keyword(",|(|-|but") + ~keyword("maybe|perhaps|say") + degree,
+    keyword(",|(|-")
+    + ~literal("by|like|say|maybe|about|around|roughly|approximately|perhaps|something like")
+    + percent
+    + unless(
+        literal(
+            "of|opacity|opaque|transparent|speed|size|brighter|darker|bigger|smaller|faster|slower|visible|more|less"
+        )
+    )
+    >> (lambda x: Amount("fraction", x)),
 )
 """How much, said behind what is done: "make it red, only slightly"."""
 _filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
 _SOFT, _HARD = (
-    ", and also|, and|and also|and|,|but|, but|plus|while|, while|whereas|, whereas",
+    ", and also|, and|and also|and|,|but|, but|plus|+|while|, while|whereas|, whereas",
     ".|;|!|then|and then|, then|, and then|afterward|, afterward|and afterward|thereafter|after that|and after that|, after that",
 )
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))

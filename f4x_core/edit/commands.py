@@ -7,6 +7,7 @@ Between the phrases there may be words that add nothing; every other word has to
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 from ..language.amounts import (
@@ -44,7 +45,7 @@ from ..language.grammar import (
     unless,
 )
 from ..language.idle import is_strange
-from ..language.lexicon import PICTURE, every_form, word_set
+from ..language.lexicon import PICTURE, every_form, singular, word_set
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, any_form, asked_form
 from . import making, qualities
@@ -102,7 +103,8 @@ ADDS_NOTHING = either(
     literal(
         "needs|wants|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|"
         "has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|"
-        "are supposed to|might|had better|should have|ought to have|had best|do need to] (to) ([be|become|get|turn|go|look|appear|stay|end up|have|been|gone|become])|[become|becomes|becoming|"
+        "are supposed to|might|had better|should have|ought to have|had best|do need to] (to) ([be|become|get|turn|go|look|appear|"
+        "stay|end up|have|been|gone|become])|[become|becomes|becoming|"
         "being|be|were|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to|be [possible|feasible|"
         "doable]|could [do with|use] being"
     ),
@@ -119,11 +121,14 @@ ADDS_NOTHING = either(
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
     + here(lambda reading, at: not reading.word(at).isalpha()),
     literal("too") + unless(_goes_on),
+    literal("(over|right) after [him|her|them]"),
     literal(
         "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its) [base|bottom|feet|ground|floor]|(,) (with) (the|its) [color "
         "space|mode|pivot] [=|:] [base|bottom]"
     ),
     literal("both") + unless(silent(two_of_them_behind)),
+    here(lambda reading, at: singular(reading.word(at - 1)) in {words[-1] for words in reading.known})
+    + literal("itself|himself|herself|themselves"),
     literal(every_form("give|do|perform"))
     + here(
         lambda reading, at: any(
@@ -296,7 +301,10 @@ _some_verb = Rule(
         {at + 1: ()}
         if is_strange(reading.word(at), {words[-1] for words in reading.known} | COMMAND_VERBS)
         and (at == 0 or reading.word(at - 1) in _BEFORE_VERBS)
-        and not {"to", "into"}.isdisjoint(reading.words[at + 2 :])
+        and any(
+            word in ("to", "into") or (word == "in" and (value == "the" or colour.at(reading, i)))
+            for i, (word, value) in enumerate(pairwise(reading.words[at + 2 :]), at + 3)
+        )
         else {}
     )
 )
@@ -333,7 +341,7 @@ def _command(example: str, make: Any, needed: str, use: Use = USUAL) -> Callable
 
 # What stays as it is
 _untouched = literal(
-    "alone|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|where "
+    "alone|be|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|where "
     "they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|in (full|"
     "its) (original|normal) [colors|color|state]|colored|sharp|in focus|crisp|raw|at full (opacity)|fully visible|"
     "opaque|solid|([keeps|keep|keeping]) (on) [moving|going] (on|normally|as before)|[goes|go|carries|carry|moves|move|"
@@ -808,8 +816,10 @@ _command("without the dog", always(making.deleted), "without", NAMED)(
     )
     | literal("no") + unless(literal(",|.|the|that|this|it|wait|not|need"))
     | literal(
-        "[is|are] not (really) [needed|wanted|necessary|required] (here|there|any more)|[is|are] [unwanted|unnecessary|superfluous]|[does|do] not "
-        "belong [here|there|in there|in the picture|in the shot|in the scene]|should not be in [here|there|the picture|the shot|the scene|the "
+        "[is|are] not (really) [needed|wanted|necessary|required] (here|there|any more)|[is|are] [unwanted|unnecessary|"
+        "superfluous]|[does|do] not "
+        "belong [here|there|in there|in the picture|in the shot|in the scene]|should not be in [here|there|the picture|the shot|"
+        "the scene|the "
         "frame|the video|the clip|this shot]"
     )
     | literal("should not be there|is not to be there|there [should|must|shall|may] not be|is no longer there"),
@@ -828,7 +838,8 @@ _command("take the car out", always(making.deleted), "verb out", NAMED)(verb=lit
 _command("delete the car", always(making.deleted), "verb", NAMED)(
     verb=literal(
         asked_form("delete")
-        + "|(can|could|may|should) [it|he|she|they] [go|leave|come out]|out with|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|not "
+        + "|(can|could|may|should) [it|he|she|they] [go|leave|come out]|out with|gone|out of [the|this] [scene|picture|video|clip|"
+        "image|shot|frame|view|movie|film]|no longer there|not "
         "there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out|come out|come "
         "off|be out] (away|out|the [scene|picture|video|clip|image|shot|frame|view])|bye bye|goodbye|no more|no longer "
         "[want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|[i|we] do not [want|need] (to [see|"
@@ -847,7 +858,9 @@ _command("hide the car from second 1 on", always(making.opacity(0.0)), "verb", N
         "[nobody|no one|none] (should|must|can|may|shall) [see|sees|notice|notices]"
     ),
     switch=literal(every_form("switch|turn|toggle|flip|shut|keep|stay|remain|leave")),
-    fully=literal("from [view|sight]|completely|entirely|fully|totally|for good|permanently"),
+    fully=literal(
+        "from [view|sight]|completely|entirely|fully|totally|for good|permanently|any more|anymore|any longer"
+    ),
 )
 _LEAVING = frozenset(every_form("leave|let").split("|"))
 _command("keep only the dog", always(making.extracted), "only", NAMED)(
@@ -1109,7 +1122,8 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
     trail=~literal("a|an|some|the|that|which|who")
     + ~literal("fading|ghostly|faint|transparent|soft|see through")
     + (
-        literal("delayed|lagging|late|trailing|following|time shifted")
+        here(lambda reading, at: at == 0 or reading.word(at - 1) in _BEFORE_VERBS) + literal("ghost")
+        | literal("delayed|lagging|late|trailing|following|time shifted")
         + here(lambda reading, at: _copy_noun.at(reading, at))
         | literal(
             "trail|trails|[motion|ghost|light] [trail|trails]|[ghost|after] [image|images]|streaks|motion streaks|ghosting|"
@@ -1137,7 +1151,10 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
     shift=SHIFT
     | ~literal("with a lag of|at|every|each|by|with|spaced")
     + duration
-    + ~literal("apart|later|late|behind|delay|of delay|lag|offset (each)|each|between them|intervals|after it"),
+    + ~literal(
+        "apart|later|late|behind|offset|between each (one)|between (each of) them|delay|of delay|lag|offset (each)|each|between "
+        "them|intervals|after it"
+    ),
 )
 
 # Time
@@ -1151,6 +1168,7 @@ _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
     >> (lambda: lambda context: making.noted(context, All())),
     lead=literal(every_form("bring|come")),
     spot=literal("in place|on the spot|in [its|his|her|their] tracks"),
+    as_what=literal("as a [still|freeze frame|still frame|still image|photo]"),
     verb=literal(
         any_form("freeze")
         + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no "
@@ -1166,7 +1184,8 @@ _command("only the dog keeps moving", always(making.rest_frozen), "only moves", 
     only=_only,
     verb=literal("let|should|may|can|could|must|shall|to|will"),
     moves=literal(
-        "[keep|keeps|keeping|continue|continues|go|goes|carry|carries] (on) [moving|going|to move|running]|[moves|move|go] on|to move|moves"
+        "[keep|keeps|keeping|continue|continues|go|goes|carry|carries] (on) [moving|going|to move|running]|[moves|move|go] on|to "
+        "move|moves"
     ),
     rest=~_joined + silent(everything_else) + literal(any_form("freeze")),
 )

@@ -82,9 +82,15 @@ _CHANGES = r"(?:turns|becomes|changes|starts|stops|begins|grows|shrinks|fades|tr
 _LOOK = r"(?:looks?|feel|feeling|mood|vibes?|effect|style|aesthetic|atmosphere|impression|touch|drama|tone|quality|character)"
 _AFTER_A_LOOK = (
     r"(?:i|we|they|he|she)(?:'m| am|'re| are)? (?:really |just |all )?(?:want|need|like|love|prefer|after|going for|aiming for|"
-    rf"looking for|wants|likes|loves)(?: for)? (?:that|a|an|the|this|some|something)\b[^,.;]*?\b{_LOOK}(?: here| in it)?"
+    rf"looking for|wants|likes|loves)(?: for)? (?:that|a|an|the|this|some|something)\b[^,.;]*?\b{_LOOK}(?: here| in it)?|"
+    r"(?:i|we|they|he|she)(?:'ll| will| really| just| would|'d)*? (?:needs?|wants?|have|has|like|love) to (?:look|see|check|study|"
+    r"watch|"
+    r"focus|concentrate|read|find|compare|count|measure|send|use|submit|print|know|understand|think|inspect|examine|analy[sz]e|"
+    r"present|"
+    r"review|talk|hear)\b[^,.;\d]*|"
+    r"(?:my|our|the|all|your|everyone's)(?: \w+)? (?:attention|focus|eyes?|emphasis|gaze|viewers?|audience|interest)\b[^,.;\d]*"
 )
-"""A wish that says what for: "I want that dreamy look"."""
+"""A wish that says what for: "I want that dreamy look", "I need to look at his knee"."""
 _REMARK = (
     rf"(?:(?:in|on|at|for|with|as|when|since|because|to) (?:[\w'-]+ ){{1,4}}?)?(?:"
     rf"(?:(?:the|that|this|these|those|my|our|his|her|their|its|a|an|any|every|no|most|some|half) )?(?:[\w'-]+ ){{0,4}}?{_FINITE}"
@@ -94,7 +100,8 @@ _REMARK = (
 )
 _REMARKED = re.compile(
     rf"^(?P<remark>{_REMARK})(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so "
-    r"(?:please )?|\s+(?=(?:please )?(?:make|turn|get|take|put|let|move|remove|delete|hide|lose|paint|blur|kill|bring|give|slow|speed) "
+    r"(?:please )?|\s+(?=(?:please )?(?:make|turn|get|take|put|let|move|remove|delete|hide|lose|paint|blur|kill|bring|give|slow|"
+    r"speed) "
     r"(?:it|him|her|them|that) ))(?P<command>[^\s].*)$",
     re.IGNORECASE,
 )
@@ -115,11 +122,16 @@ _WISH = re.compile(
 """What may be part of the command itself."""
 
 
+_CONDITIONS = word_set("if when whenever unless until till while once should wherever where")
+
+
 def _is_remark(text: str, headline: bool = False) -> bool:
     """Whether somebody says how something is, or which look is wanted, and gives no order but one that a `headline` tells."""
     first = text.split()[0].lower().strip(",")
+    if first == "so":  # what it comes to: "so it's only her left"
+        text = re.sub(r"\bonly\b", "", text)
     return bool(re.fullmatch(_AFTER_A_LOOK, text, re.IGNORECASE)) or not (
-        _WISH.search(text) or (first in IMPERATIVES - FUNCTION_WORDS and not headline)
+        _WISH.search(text) or first in _CONDITIONS or (first in IMPERATIVES - FUNCTION_WORDS and not headline)
     )
 
 
@@ -151,8 +163,7 @@ def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[st
 
 _BREAK = re.compile(
     r"(\s*(?:[,;:.!?…()]+(?=\s|$)|\s[-–—]+(?=\s)|\s\(|\s(?=(?:so(?: that)?|because|since|as) (?:it|this|that|everything|they|he|"
-    r"she|i|we|"
-    r"you|people|nobody|the|my|our) ))\s*)"
+    r"she|i|we|you|people|nobody|the|my|our)\b))\s*)"
 )
 _BESIDE = re.compile(rf"(?:and |but |because |since |as |so (?:that )?|well,? )?(?:{_REMARK})", re.IGNORECASE)
 """What is said beside the command and tells how it is, or what it will look like."""

@@ -128,6 +128,10 @@ def parse(
         return _settled(read, context, _recalled(before, context))
 
     before = _clauses_before(earlier, known)
+    if _TAKEN_BACK.fullmatch(sentence.strip()):
+        raise Refusal(
+            "That may be an undoing: use `f4x undo SCENE`, or the button for it, or say what is to be removed."
+        )
     if before and _BROUGHT_BACK.search(sentence) and _deletes(before[-1]):
         raise Refusal("What was removed comes back by undoing it: use `f4x undo SCENE`, or the button for it.")
     read = _read_somehow(sentence, known, settled)
@@ -323,6 +327,13 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
         raise (Slip if sure else Doubt)(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
+_TAKEN_BACK = re.compile(
+    r"(?:(?:oh|no|wait|nah|actually|ok|okay|please|and)\b[ ,.!]*)*(?:scratch|strike|scrap|drop|forget|cancel|kill|lose|undo|axe|"
+    r"ditch|"
+    r"discard|never ?mind) (?:that|this)(?: one| again)?(?: please)?[ .!]*",
+    re.IGNORECASE,
+)
+"""What may speak of the sentence before: "scratch that"."""
 _BROUGHT_BACK = re.compile(
     r"\b(?:bring|put|get|give|have|want|need|take|add)\b.*\bback\b|\b(?:restore|undelete|unremove|come back)\b|"
     r"\b(?:show|see)\b.*\bagain\b",
@@ -799,10 +810,12 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 _UNDOING = keyword(
     "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|"
-    "bring] [it|that|this|them] back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|back "
+    "bring] [it|that|this|them] back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|"
+    "back "
     "to the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|"
     "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|"
-    "command] back|[scratch|strike|axe|belay] [that|this|it]|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|reverse|roll back|"
+    "command] back|[scratch|strike|axe|belay] [that|this|it]|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|"
+    "remove|delete|reverse|roll back|"
     "undo] [my|the|that|this|your] (very) [last|previous] (two|three|four|few|couple of|2|3|4|5) [change|edit|step|"
     "command|one|changes|edits|steps|commands|things]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|"
     "this|everything|all)|put everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|"

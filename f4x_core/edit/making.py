@@ -375,6 +375,10 @@ def by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operati
     def again(x: float) -> float:
         return x if x == 1 else factor(how, (x > 1) != back)
 
+    if how is not None and how.kind not in ("small", "large"):  # of factors alone
+        plain = isinstance(one, Retime | Grade) or (isinstance(one, Recolour) and one.mode == "multiply")
+        if not plain and not (isinstance(one, Transform) and not any((*one.translate, *one.rotate))):
+            raise Mismatch
     little, sign = how is not None and how.kind == "small", -1 if back else 1
     share = sign * (0.5 if little else 1.0 if how is None else 2.0)
     if isinstance(one, Recolour) and one.mode == "multiply":

@@ -732,7 +732,8 @@ _everything = silent(
             "[things|objects]|all [things|objects]|every [object|thing]"
         ),
         keyword(
-            f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|the world|[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
+            f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|[the|"
+            f"this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
         ),
     )
 )

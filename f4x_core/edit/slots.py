@@ -180,7 +180,7 @@ SHIFT = either(
     ~keyword(",")
     + ~keyword("each")
     + duration
-    + keyword("apart (each)|between them|in between|from each other|from one another"),
+    + keyword("apart (each)|between [them|each|each of them|each one]|in between|from each other|from one another"),
     _lagging + duration + keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
     >> (lambda length: length.plus(length, -2.0)),
 )

@@ -15,7 +15,8 @@ CALLS = literal(
     "i am afraid|i fear|you know what|let us say|right now|immediately|at once|straight away|this instant|i do not know|do "
     "not know|hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|"
     "um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|"
-    "probably|rather|somehow|for now|right away|asap|for me|for us|if possible|if you [can|could|would|like|will]|when you "
+    "probably|rather|somehow|for now|right away|asap|for me|for us|from [that|this|the] [point|moment] (on|onward)|from there (on|"
+    "onward)|if possible|if you [can|could|would|like|will]|when you "
     "can|again|there|in [here|there]|around here|here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|"
     "lovely|kind of|sort of|you know|after all|i think|i guess|i feel like|i believe|[i|we] find|i would say|let me [think|"
     "see]|this time|from there|in one go|of course|though|yeah|yes|preferably|by preference|overall|in total|all in all|"
@@ -25,18 +26,22 @@ CALLS = literal(
 """Calls, interjections and hedges: they add nothing to an edit or a question."""
 ASKS = literal(
     "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
-    "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could|does] [i|you|we|one] (go about)|"
+    "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could|does] [i|you|we|one] (go "
+    "about)|"
     "is there [a|any] way to|[is it|would it be] [possible|okay|fine|all right|cool|nice|great] (to|if [you|we|i])|"
     "see (your|their) way (clear) to|(is there) any chance [you|we] could|(is there) any chance (of|that|you [can|could])"
 )
 """Wishes that are put as questions."""
 WISHES = either(
     literal(
-        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] [like|love|prefer|rather|sooner] "
+        "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] (so|really|just|absolutely|totally|dearly|"
+        "quite) [like|love|prefer|rather|sooner] "
         "(to [see|have|get]|that|it if)|[i|we] would [end|start|finish|begin|open] [on|with]|i wonder (about)|[i|we] "
         "would rather have|(i want|i would like|i need) you|[you|we] (really|just|probably) [should|could|can|may|must|"
-        "ought to|had better|need to|have to]|let us|let me|go (ahead) and|(i|we|do) not forget to|remember to|try to|help me (to)|[make sure|ensure|see to "
-        "it|be sure] (that)|so that|in such a way that|how to|feel free to|it is [necessary|required|needed|important|essential|vital|crucial|imperative] "
+        "ought to|had better|need to|have to]|let us|let me|go (ahead) and|(i|we|do) not forget to|remember to|try to|help me "
+        "(to)|[make sure|ensure|see to "
+        "it|be sure] (that)|so that|in such a way that|how to|feel free to|it is [necessary|required|needed|important|essential|"
+        "vital|crucial|imperative] "
         "(to|that)|[i|we] [search|try|aim|intend|plan|seek] to|[i|we] can not [figure out|work out|find out|find|see] "
         "how to|it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i "
         "am] going to|your task is to|time to|see|to see|have|to have|to get|want|would like|[what|all] [i|we] (really|"
@@ -101,7 +106,8 @@ _WISHING_WORDS = (
     "possible|possibly|way|chance|mind|moment|trouble|too|rather|maybe|perhaps|happen|now|ok|okay|well|um|uh|er|erm|hmm|oh|"
     "question|quick|wait|as|at|all|of|up|still|obliged|feasible|doable|conceivable|permissible|permitted|acceptable|able|"
     "request|requesting|trouble|troubling|bother|bothering|humbly|kindly|politely|feel|free|inclined|manage|arrange|willing|"
-    "confirm|verify|establish|ascertain|specify|indicate|advise|might|must|hear|care|telling|tell|explain|explaining|show|showing|let|letting|inform|opinion|dare|allow|allowed|"
+    "confirm|verify|establish|ascertain|specify|indicate|advise|might|must|hear|care|telling|tell|explain|explaining|show|showing|"
+    "let|letting|inform|opinion|dare|allow|allowed|"
     "apologise|apologize|need|needs|required|desire|desired|ideal|ideally"
 )
 WISHING = rf"(?:(?:{_WISHING_WORDS})(?:n?['’](?:d|m|s|ll|ve|re|t))?(?:[ ,]+|\.\.+ *))+"
@@ -124,6 +130,8 @@ _INTERJECTIONS = (
     r"no biggie|no big deal|all of them|every one of them|each of them|both of them)"
 )
 """Words that stand for themselves."""
+_WISHED = word_set("like love want need wish prefer going way able me us how have try")
+_NOT_WISHED = "".join(f"(?<!{word} )" for word in sorted(_WISHED))
 _PLAIN = {
     # politeness
     "if": rf"(?:,\s*)?(?<!as )\b(?:if|provided|providing|assuming|supposing|in case|as long as)(?: that)? (?:that|this|it|you|"
@@ -158,17 +166,20 @@ _PLAIN = {
     "apology": r"^\s*(?:(?:i|we) )?(?:(?:do|must|really|humbly|am|very|so|terribly) )*(?:apologi[sz]e|beg (?:your |you )?"
     r"pardon|sorry|excuse me|pardon(?: me)?|forgive me|my bad|oops)\b(?: (?:for|to|about|that) "
     r"[^,.;]*?)?\s*[,.;:!-]+\s*(?:but\b,?)?",
-    "as said": r"(?:,\s*)?\b(?:like|as) (?:i|we|you) (?:said|told you|mentioned|asked|discussed|agreed|know|see|can see)(?: before| earlier|"
+    "as said": r"(?:,\s*)?\b(?:like|as) (?:i|we|you) (?:said|told you|mentioned|asked|discussed|agreed|know|see|can see)(?: "
+    "before| earlier|"
     r" already| above)?\b\s*,?",
     "said": r"(?:^|[,.;])\s*(?:(?:but|so|and|now|yes|okay)\b,?\s*)?(?:i|we) (?:know (?:i|we) )?(?:said|wrote|typed|"
     r"asked for|told you)\b [\w # ]{1,40}?,? but\b,?(?: now\b)?",
     "vocative": rf"^\s*{_CALLED}\s*[,!]\s*|(?:,\s*{_CALLED})+\s*(?=[?.!]*\s*$)",
     "favor": r"^\s*(?:please )?(?:be|do|go) (?:an? |the |me )?(?:[a-z]+ ){1,3}and (?=[a-z]+ (?:the|my|it|that|this|an?|"
     r"all|every)\b)",
-    "source": r"(?:,\s*)?\b(?:according to|as per|per|in line with|in keeping with|in accordance with|following) (?:the|my|our|your|their) "
+    "source": r"(?:,\s*)?\b(?:according to|as per|per|in line with|in keeping with|in accordance with|following) (?:the|my|our|"
+    "your|their) "
     r"(?:\w+ )?(?:brief|client|script|storyboard|plan|notes?|request|boss|director|instructions?|guidelines?|guide|feedback|spec|"
     r"specs|email|order|rules?|book|wishes)\b(?: s \w+)?\s*,?",
-    "contrast": r",\s*(?:and )?not (?:on|in|at|to|by|under|behind|near|onto|into) (?:the|my|a|that|its) (?!first|last|second|start|end|"
+    "contrast": r",\s*(?:and )?not (?:on|in|at|to|by|under|behind|near|onto|into) (?:the|my|a|that|its) (?!first|last|second|"
+    "start|end|"
     r"beginning|middle)[a-z]+(?=\s*[.,;!]|\s*$)",
     "role": r"^\s*as (?:an?|the|your) [\w ]{1,30}?,? (?=(?:i|we)\b)",
     "no": r"^\s*(?:no\b[ ,.!]*)+(?=(?:not|do not|i|leave)\b)",
@@ -177,7 +188,8 @@ _PLAIN = {
     "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
     r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
     "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:(?:(?:one|the|a|and) )?(?:more|last|final|other|"
-    r"next|first|another) (?:thing|request|point|item|wish)|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|for (?:a start|starters)|"
+    r"next|first|another) (?:thing|request|point|item|wish)|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|"
+    r"for (?:a start|starters)|"
     r"first off|first of all|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
     # reasons
     "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
@@ -187,8 +199,10 @@ _PLAIN = {
     r"every|no) \w+|"
     r"[a-z]+s(?= (?:can|could|will|feel|see|know|get|notice))) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
     "to": r"^\s*(?:and |so )?to (?!the\b|my\b|an?\b|me\b|us\b|its?\b)[a-z]+ [^,.;]*,",
-    "match": r"(?:,\s*)?\b(?:so as |in order )?to (?:match|fit|suit|go with|draw|catch|attract|emphasi[sz]e|highlight|convey|suggest|"
-    r"indicate|impress|please|avoid|prevent|surprise|amuse|celebrate|honou?r|test|check|see (?:if|whether|how)) [^,.;!?]*",
+    "match": rf"(?:,\s*)?\b{_NOT_WISHED}(?:so as |in order )?to (?:match|fit|suit|go with|draw|catch|attract|emphasi[sz]e|"
+    "highlight|"
+    r"convey|suggest|indicate|impress|please|avoid|prevent|surprise|amuse|celebrate|honou?r|test|check|see (?:if|whether)) "
+    r"[^,.;!?]*",
     "for": r"(?:,\s*)?\bfor (?:[a-z]+ ){1,4}(?:reasons?|purposes?|sake|looks?|feel|feeling|effect|mood|vibes?|atmosphere|"
     r"impression|drama|clarity|kicks)\b|(?:,\s*)?\b(?:just )?for (?:kicks|laughs|giggles|sport|show)\b|"
     r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic "
@@ -198,6 +212,7 @@ _PLAIN = {
 _LIKE = (
     r"(?:,\s*)?\b(?:just |exactly |a bit |kind of )?like (?:in |on |at |from )?(?:a|an|the|some|those|that|these|my|your|"
     r"our|they|you|we|when|magic|crazy|mad|hell|anything|never before|fresh|ripe|in|on|from)\b[^,.;!?]*|"
+    r"(?:,\s*)?\bas (?:if|though) (?:i|we|you|someone|somebody|nobody|they|nothing|by|it (?:had|has|never|was never))\b[^,.;!?]*|"
     r"(?:,\s*)?\b(?:like|as|the way) (?:it|he|she|they) (?:is|are|was|were|does|do|did|always|usually|often|normally)(?: (?:is|are|"
     r"was|were|does|do|did|looks?|always|usually|often))? (?:in|on|at|when|during|for|back|every|with|after|before)\b[^,.;!?]*"
 )
@@ -253,7 +268,8 @@ def without_asides(
         words = found.group().replace(",", " ").split()
         compared = words[1:2] and words[1] in ("a", "an") and len(words) < _MOST_COMPARED
         named = things & {form for word in words for form in (word, singular(word))}
-        plain = (compared or not named) and not any(map(is_look, words))
+        supposed = words[:2] in (["as", "if"], ["as", "though"])
+        plain = (compared or supposed or not named) and not any(map(is_look, words))
         goes_on = any(verb in verbs for verb in _GOES_ON.findall(found.group().lstrip(" ,")))
         likened = {*text[: found.start()].split()[-1:]} & _LIKENED
         if plain and not likened and not goes_on and not _NUMBERS.search(found.group()):

@@ -18,18 +18,24 @@ _PARTS |= {"WISHING": WISHING, "COLOUR": "|".join(sorted(COLOURS))}
 _PARTS["BE"] = "(?:is|are|was|were|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be)"
 """What stands in braces in a pattern."""
 _REWRITINGS = r"""
-^(?:make|have|set) it(?: so)?(?: that)? {X} (?:is|are|be) (?:not|n't) {REST}$|^(?:make|have|set) it(?: so)?(?: that)? {Y}
+^(?:(?:make|have|set) it(?: so)?|(?:i|we) (?:want|need|wish|would like))(?: that)? {X} (?:is|are|be) (?:not|n't)
+    {REST}$|^(?:make|have|set)
+    it(?: so)?(?: that)? {Y}
     (?:isn'?t|aren'?t) {END}$ => \g<x>\g<y> should not be \g<rest>\g<end>
 ^(?:{WISHING}(?:if|whether|that|when)|(?:i|we)(?: would|'d| had)? (?:really |do |just )?(?:wish|hoped?|rather|prefer)) {X}
     (?:were|was|is|are|be|would be|had been) {REST}$ => \g<x> should be \g<rest>
-^(?:wherever|whenever|anywhere|in case) (?:there is|there's|there are|you (?:see|find|spot)) (?:a |an |any )?{X}, {REST}$ => \g<x>: \g<rest>
+^(?:wherever|whenever|anywhere|in case) (?:there is|there's|there are|you (?:see|find|spot)) (?:a |an |any )?{X}, {REST}$ =>
+    \g<x>: \g<rest>
 ^any {X} (?:you (?:can )?(?:see|find|spot)|there is|there are),? {REST}$ => \g<x>: \g<rest>
 ^(?:now |and |then )*(?:do )?(?:it |that )?(?:the )?same(?: thing)?(?: again)?,? but (?:in |with )?{REST}$ => make it \g<rest>
-^(?:grab|pick|take|get|copy|sample|use|borrow|steal) the colou?rs? (?:of|from) {X},? and (?:put|use|apply|paste|give) (?:it|that|them)
+^(?:grab|pick|take|get|copy|sample|use|borrow|steal) the colou?rs? (?:of|from) {X},? and (?:put|use|apply|paste|give)
+    (?:it|that|them)
     (?:on|onto|to|for) {REST}$ => match \g<rest> to \g<x>
-^(?:the )?same (?:(?:scene|shot|clip|video|thing|picture)(?: as before| again)?|as before|again),? (?:but|only|just)(?: with)? {X} (?:is|are|being)
+^(?:the )?same (?:(?:scene|shot|clip|video|thing|picture)(?: as before| again)?|as before|again),? (?:but|only|just)(?: with)?
+    {X} (?:is|are|being)
     {REST}$ => make \g<x> \g<rest>
-^(?:the )?same (?:(?:scene|shot|clip|video|thing|picture)(?: as before| again)?|as before|again),? (?:but|only|just)(?: with)? {END}$ => make \g<end>
+^(?:the )?same (?:(?:scene|shot|clip|video|thing|picture)(?: as before| again)?|as before|again),? (?:but|only|just)(?: with)?
+    {END}$ => make \g<end>
 ^(?:let me see|i want to see|i'd like to see|imagine|picture|what if|what about|how about|suppose) {X} {BE} {REST}$ => make
     \g<x> \g<rest>
 ^(?:{WISHING})?(?:what|how) (?:would {X} look|{Y} (?:would look|looks?)) (?:like )?{REST}$ => make \g<x>\g<y> \g<rest>

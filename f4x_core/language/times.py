@@ -323,7 +323,7 @@ span = either(
     + _length
     + keyword("[is|are] [over|up|done|through]|[has|have] [passed|ended|gone by]")
     >> (lambda length: Span(START, length)),
-    keyword(_TO_THE_END) >> (lambda: Span(START, END)),
+    keyword(f"{_TO_THE_END}|before the [{PICTURE}] [ends|is over|stops|finishes]") >> (lambda: Span(START, END)),
     ~keyword("for|over|in|during|within") + keyword("the next") + _length
     >> (lambda length: Span(NOW, NOW.plus(length))),
     keyword("for the [rest|remainder]") + ~_of_it >> (lambda: Span(NOW, None, "from")),

@@ -101,7 +101,8 @@ VERBS: dict[str, str] = {
     "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, rotoscope, roto, crop to, cut around, "
     "rotobrush, lift from the background, cherry pick, pluck out, carve out",
     # places
-    "move": "bounce, bung, scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, slide, bring, "
+    "move": "bounce, bung, scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, "
+    "slide, bring, "
     "pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, drop, throw, "
     "relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, come, glide, wander, "
     "roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, sink, land, offset, "
@@ -139,7 +140,7 @@ VERBS: dict[str, str] = {
     "clone stamp, rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, reduplicate, ghost copy, cookie cut",
     "add": "line up, arrange, lay out, set up, distribute, scatter, comp, comp in, instantiate, instance, spawn, "
     "respawn, conjure, make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, "
-    "need, stand, be, appear, duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer",
+    "need, stand, be, appear, duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer, send",
     "follow": "follow, come after, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come "
     "behind, follow behind, drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue, "
     "tag after, tag along, string along behind, come along behind, hang behind, straggle behind, lag after",
@@ -150,7 +151,8 @@ VERBS: dict[str, str] = {
     "pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep still, "
     "stay put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its tracks, hold, petrify, "
     "arrest, come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, stop, stun, hold up, "
-    "put a stop to, hit the brakes on, put the brakes on, apply the brakes to, stop the motion of, stop the movement of, kill the motion of, kill the movement of, "
+    "put a stop to, hit the brakes on, put the brakes on, apply the brakes to, stop the motion of, stop the movement of, kill the "
+    "motion of, kill the movement of, "
     "hold the position of, stop time for, time stop, hitpause, keep motionless, make stop, make a statue of, mannequin",
     "reverse": "run back, play in rewind, run in rewind, play it back, reverse, rewind, play backward, run backward, go "
     "backward, move backward, walk backward, invert in time, play back to front, run in reverse, play in reverse, go in "
@@ -236,7 +238,7 @@ VOCABULARY.update(
         "repeatedly halve double triple treble quadruple radiate sheen halo aura"
     )
 )
-COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"))
+COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|")) - {"the", "a", "an"}
 """First words of the verbs of commands."""
 IMPERATIVES: frozenset[str] = frozenset(verb.split()[0] for verbs in VERBS.values() for verb in verbs.split(", "))
 """Those with which a command begins: not "stands" of "the man who stands left"."""

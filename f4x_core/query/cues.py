@@ -142,7 +142,8 @@ happens: what [happens|is happening|goes on|is going on|happened|takes place|is 
     action|what (can|could) you (can) [tell|say] (me) about [the|this] {clips}|anything (interesting) [happening|going on]|anything
     happens
 anybody: [anyone|anybody|someone|somebody] (else)
-several: [is|are] there [one|two|three|four]|[are we looking at|do we have|have we got|do i see] [one|two|three|four] |several|multiple|many|[just|only|more than] one (or more)|one or more|more than
+several: [is|are] there [one|two|three|four]|[are we looking at|do we have|have we got|do i see] [one|two|three|four]
+    |several|multiple|many|[just|only|more than] one (or more)|one or more|more than
     one|more|(just|only) a single
 in-out: (the) [in and out|in|out|entry and exit|start and end|first and last] [point|points|frame|frames] (of|for)
 first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which) ({people})
@@ -166,7 +167,8 @@ contents: what am i looking at|what does (the|this) {clips} [contain|show|includ
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
-filler: state|report|confirm|verify|establish|ascertain|specify|indicate|or [one|two|three|four|more|several]|would you say|do you [reckon|suppose|believe|figure]|if [the scale|it|that]
+filler: state|report|confirm|verify|establish|ascertain|specify|indicate|or [one|two|three|four|more|several]|would you say|do
+    you [reckon|suppose|believe|figure]|if [the scale|it|that]
     [permits|allows]|[above|over|from] {its} [starting|initial|original|first] [point|position|height|level]|is it
     [true|right|correct] that|am i [right|correct] (in thinking) that|[draw|trace|plot|show]
     (me|us)|{inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
@@ -190,14 +192,16 @@ far: how far|how much (ground|distance|way)|[what|which] (total|overall|entire|w
     [distance|way]|(the) (total) distance [traveled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how long
     (is) (the) [path|way|route|journey]|how long a way|[what|which] [way|distance] in total|how many [meters|metres|units|steps]
 gap: (the) depth (of)|how [far|close|near] (away|apart|off|together)|(the) (current)
-    [distance|gap|space|spacing|separation]|apart|how much [space|room|distance|gap]|how [big|large|wide|small|long] (is) (a|the)
+    [distance|gap|space|spacing|separation|clearance]|apart|how much [space|room|distance|gap]|how [big|large|wide|small|long]
+    (is) (a|the)
     [gap|distance|space]|[what|which] [distance|gap|separation]|at [what|which] distance|how many units
 least: (the|{at-its}) [shortest|smallest|minimum|min|minimal|closest|least|nearest|lowest]|at the [closest|nearest] (point)
 close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
 big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which] size|(the)
-    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what [part|share|fraction|percentage|proportion|portion|amount]
+    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what
+    [part|share|fraction|percentage|proportion|portion|amount]
     of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
 max-height: how [far|high] [above|over|off] (the|its) [ground|floor|water|surface]|(the) [greatest|maximum|peak|top|highest]
@@ -205,11 +209,13 @@ max-height: how [far|high] [above|over|off] (the|its) [ground|floor|water|surfac
 high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|how much height
 rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the
     ground
-go-up: {+leave} the ground|[get|gets] off the ground|airborne|[{+go|move|get|bob}] up [or|and] down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}]
+go-up: {+leave} the ground|[get|gets] off the ground|airborne|[{+go|move|get|bob}] up [or|and]
+    down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}]
     [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
 comes: come|comes|came
-which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise) [color|colors|colour|colours|shade|hue|shades|tint|tone]
+which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise)
+    [color|colors|colour|colours|shade|hue|shades|tint|tone]
     (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color] [code|value|values]
     (of)|(the) (main|exact|dominant|average) [color|colors|colour|colours] (scheme|palette|of)|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
@@ -257,7 +263,8 @@ brightest = brightest: (the) (very) [brightest|lightest] ({noun})
 brightest = darkest: (the) (very) [darkest|dimmest] ({noun})
 speediest = fastest: (the) [fastest|quickest|speediest] (moving) ({noun})|(the) [faster|quicker] (one)
 speediest = slowest: (the) [slowest] (moving) ({noun})|(the) slower (one)
-bigger = bigger: (much|the|a lot) {big-er} (one|in size)
+bigger = bigger: (much|the|a lot) {big-er} (one|in size)|[{+take up|cover|fill|occupy}] (much) more ([space|room|area|ground])
+    (of the {pictures})
 bigger = smaller: (much|the|a lot) {small-er} (one|in size)
 bigger = taller: (much|the|a lot) [more high|taller|higher] (one)
 bigger = lower: (much|the|a lot) [shorter|lower] (one)

@@ -45,7 +45,6 @@ REFUSED = (
     "Hi all, newbie here. How would I go about making the road darker? TIA",
     "swap out the car's paint for cherry red",
     "can we get the dog to glow like he's radioactive, green",
-    "freeze frame on the jumper at the peak, like frame 34",
     "Children, let us paint the ball yellow.",
     "wipe the pole from frame 24 onwards",
     "ease the lamp up to 150% brightness over the first second",
