@@ -103,7 +103,8 @@ ADDS_NOTHING = either(
     literal(
         "needs|wants|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|"
         "has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|"
-        "are supposed to|might|had better|should have|ought to have|had best|do need to] (to) ([be|become|get|turn|go|look|appear|"
+        "are supposed to|might|is meant to|are meant to|was meant to|had better|should have|ought to have|had best|do need to] "
+        "(to) ([be|become|get|turn|go|look|appear|"
         "stay|end up|have|been|gone|become])|[become|becomes|becoming|"
         "being|be|were|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to|be [possible|feasible|"
         "doable]|could [do with|use] being"
@@ -147,7 +148,7 @@ _toward = ~literal(
     "postcard] (,) (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|"
     "nice|some|for|but|but in|be of|from"
 )
-_a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
+_a = ~literal("with|in|of|to|into") + ~literal("a|an|some|the|that|this")
 _slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|touch of|bit of|dash of|little bit of")
 _hue = qualities.shade_of + (colour | colourish)
 _noun_of_colour = either(
@@ -629,7 +630,7 @@ def _by_number(x: float) -> Amount:
     return Amount("times", x) if x < LEAST_PERCENTS else Amount("fraction", _percents(x))
 
 
-_set = literal(any_form("set", "become", "apply")) | _some_verb
+_set = unless(literal("add|adds|adding|added")) + literal(any_form("set", "become", "apply")) | _some_verb
 _command("lift the dog by half a stop", lambda way, by: making.brightened(factor(by, way)), "way by")(
     verb=_set,
     way=table(
@@ -683,7 +684,7 @@ _command("increase the contrast of the dog", _changed, "quality", WHOLE)(
     | here(lambda reading, at: reading.word(at - 1) != "to") + number + unless(literal("x|times|stop|stops"))
     >> _percents,
     how=amount | literal("by") + number >> _by_number | literal("way") >> (lambda: Amount("large")),
-    off=percent + literal("off|off of|away from"),
+    off=(percent | fraction) + literal("off|off of|away from"),
     to=_to_value,
     particle=table({"up": True, "down": False}, reserve=False),
     times=_times_as_much,
@@ -859,7 +860,7 @@ _command("hide the car from second 1 on", always(making.opacity(0.0)), "verb", N
     ),
     switch=literal(every_form("switch|turn|toggle|flip|shut|keep|stay|remain|leave")),
     fully=literal(
-        "from [view|sight]|completely|entirely|fully|totally|for good|permanently|any more|anymore|any longer"
+        "from [view|sight]|into thin air|completely|entirely|fully|totally|for good|permanently|any more|anymore|any longer"
     ),
 )
 _LEAVING = frozenset(every_form("leave|let").split("|"))
@@ -1000,7 +1001,7 @@ _command("put the dog behind the bush", making.placed, "place")(
     who=_for_it + there_already,
     verb=unless(literal(every_form("drop"))) + (_moving | literal(every_form("pop"))),
     place=~literal(
-        "sitting|standing|lying|hanging|placed|resting|located|seated|floating|hovering|positioned|so that [it|he|she] "
+        "sitting|standing|lying|hanging|placed|resting|located|seated|floating|hovering|positioned|so (that) [it|he|she] "
         "[is|stands|sits|lies|hangs]"
     )
     + ~literal("over|right|back|directly|straight|to|somewhere|down|up|just|a bit|a little|slightly")

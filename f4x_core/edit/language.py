@@ -349,8 +349,8 @@ def _deletes(clause: Clause) -> bool:
     )
 
 
-_ISOLATED = re.compile(r"\b(?:isolat|extract|keep only|show only|leave only|remove|delet|eras)", re.IGNORECASE)
-"""Verbs that mean one thing whatever it is for; "cut it out" does not."""
+_CUT = re.compile(r"\b(?:cut|mask|key|lift|crop|take|roto|comp|pull)", re.IGNORECASE)
+"""Verbs that take out to keep or to drop, as it is for."""
 
 
 def _ask_about_purpose(
@@ -359,7 +359,7 @@ def _ask_about_purpose(
     """Raise `Doubt` where something would be gone and the reason that is given may mean otherwise: "cut it out so I can …"."""
     plain, left_out = _plainly(sentence, known)
     gone = any(isinstance(one, Delete | Extract) for one in operations)
-    if gone and left_out & PURPOSES and read.reading.sentence == plain and not _ISOLATED.search(plain):
+    if gone and left_out & PURPOSES and read.reading.sentence == plain and _CUT.search(plain):
         raise Doubt(f"I would do: {_in_words(operations)}. The reason may mean something else.", plain)
 
 
@@ -424,7 +424,7 @@ def _removes_loosely(read: Read) -> bool:
     harmless = EMPTY | {"the"}
     words = [read.reading.word(at) for at in read.idle]
     what_for = words[:1] == ["for"] and not any(token.is_word for token in read.reading.tokens[read.idle[-1] + 1 :])
-    if what_for and _ISOLATED.search(read.reading.sentence):
+    if what_for and not _CUT.search(read.reading.sentence):
         return False
     return any(map(_removes, read.operations)) and any(word not in harmless for word in words)
 
@@ -548,7 +548,7 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             own = _about(clause.front.start, own)
         elif own and clause.front:
             raise Refusal("Two times are said for one command; leave one out.")
-        who, assumed = _whom(command, piece, context)
+        who, assumed = _whom(command, piece, context, timed=front is not None)
         if "stated" in piece and not (own or front):
             raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
         if command.make is REMARK:
@@ -574,14 +574,16 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         context.they = together(topics)
 
 
-def _whom(command: Command, piece: Mapping[str, Any], context: SentenceContext) -> tuple[SelectKind, bool]:
+def _whom(
+    command: Command, piece: Mapping[str, Any], context: SentenceContext, timed: bool = False
+) -> tuple[SelectKind, bool]:
     """Whom a command is for, and whether that is only assumed."""
     use = command.use
     if "who" not in piece and context.last in context.spared:  # "black and white, but leave the rose alone"
         context.last = None
     unnamed = context.last is None and not context.selected and not context.overall
     of_clip = unnamed and _of_a_clip(command, piece)
-    nobody = context.last is None and "when" in piece and (use.timed or of_clip)
+    nobody = context.last is None and not context.selected and (timed or "when" in piece) and (use.timed or of_clip)
     if "who" not in piece and ((use.whole and not context.selected) or nobody or "besides" in piece):
         context.last = All()
     context.overall = context.overall or use.whole or use.timed or of_clip
@@ -721,6 +723,16 @@ def _placed(operations: list[Operation]) -> list[Operation]:
         if isinstance(made, Freeze) and isinstance(one, Retime) and one.speed == 1 and one.select == made.select:
             placed[-1] = replace(made, until=one.frames[0] if one.frames else None)
             continue
+        if (
+            isinstance(made, Duplicate)
+            and isinstance(one, Transform)
+            and one.select == Named(made.name)
+            and made.offset != BESIDE
+            and any(a * b < 0 for a, b in zip(made.offset, one.translate, strict=True))
+        ):
+            raise Refusal(
+                "Two ways are said for one copy; say for example 'copy the dog to the left, and the dog to the right'."
+            )
         if _says_no_more(made, one):
             continue
         if (
@@ -801,7 +813,7 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
     """The operations; Refusal when two of them set the same thing."""
     if all(_same_way(one, operations[-1]) for one in operations):
         operations = operations[-1:]
-    kinds = {(type(one), getattr(one, "mode", None), getattr(one, "rotate", None)) for one in operations}
+    kinds = {(type(one), *(getattr(one, name, None) for name in ("mode", "rotate"))) for one in operations}
     unseen = len(operations) > 1 and any(isinstance(one, Opacity) and one.factor == 0 for one in operations)
     if unseen or len(kinds) < len(operations):
         raise Final("Two things are said that exclude one another, as 'red and blue' do; say one of them.")

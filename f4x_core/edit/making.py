@@ -64,7 +64,7 @@ THE_COPY = Named("\0")
 """What an operation before it makes, until that has a name."""
 UPSIDE_DOWN = (0.0, 0.0, 180.0)
 """Degrees about the camera's axes."""
-RIGHT, UP, DOWN = (((None, way, None),) for way in ((1, 0, 0), (0, -1, 0), (0, 1, 0)))
+LEFT, RIGHT, UP, DOWN = (((None, way, None),) for way in ((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0)))
 """One step in a direction, as `phrases.steps` has it."""
 
 

@@ -575,7 +575,7 @@ _WHICH = {
     "bottom|bottommost|lower|lowest|bottom most": "bottom",
     "middle|central|center|centermost|middlemost": "middle",
     "nearest|closest|front|frontmost|foremost|nearer|closer|foreground": "nearest",
-    "farthest|furthest|back|rear|hind|rearmost|most distant|backmost|hindmost": "farthest",
+    "farthest|furthest|farther|further|back|rear|hind|rearmost|most distant|backmost|hindmost": "farthest",
     "biggest|largest|bigger|larger|tallest|longest|taller": "largest",
     "smallest|tiniest|littlest|smaller|shortest|shorter": "smallest",
 }
@@ -605,7 +605,7 @@ _kind = either(
     _moving_noun,
     _noun,
     keyword("one|ones") + keyword("of (the|these|those|my|all the)") + _noun,
-    keyword("of (the|these|those|my|all the)") + generated(_plural_at),
+    keyword("of (the|these|those|my|all the)") + ~_several + generated(_plural_at),
     keyword("one|ones") >> (lambda: SentenceContext.one),
 )
 

@@ -207,6 +207,7 @@ _transparency = either(
         "reappear"
     )
     >> (lambda: making.SHOWN),
+    (multiple | percent) + keyword("as") + _solid + ~keyword("as (it is|before|now)"),
     optional(amount) + (keyword("more") + _see_through | keyword("less") + _solid) >> (lambda how: 1 - _share_of(how)),
     optional(amount) + (keyword("less") + _see_through | keyword("more") + _solid)
     >> (lambda how: 1 + 2 * _share_of(how)),
@@ -350,7 +351,11 @@ same_as = (
     | keyword("(a|the) similar color") + keyword("as|like|to") + source
 ) >> making.matched
 colour_of = (
-    _article + keyword("color|colors|coloring|palette|look|appearance") + keyword("of|from") + source >> making.matched
+    _article
+    + keyword("color scheme|color palette|color|colors|coloring|palette|look|appearance")
+    + keyword("of|from")
+    + source
+    >> making.matched
 )
 _possessed = known_thing + keyword("'s|'") + keyword("color|colors|coloring|look|appearance") >> making.matched
 same_colour = same_as | colour_of | _possessed
@@ -378,7 +383,7 @@ made = either(
     bare_look,
 )
 
-LEFT, BACK, FORTH = (((None, way, None),) for way in ((-1, 0, 0), (0, 0, 1), (0, 0, -1)))
+BACK, FORTH = (((None, way, None),) for way in ((0, 0, 1), (0, 0, -1)))
 _MORE, _LESS = factor(None, True), factor(None, False)
 _TOO = {
     "bright|light|shiny|glaring|overexposed": (making.brightened(_LESS), making.brightened(_MORE)),
@@ -400,8 +405,8 @@ _TOO = {
     "much color|much saturation": (making.saturated(_LESS), making.saturated(_MORE)),
     "little color|little saturation": (making.saturated(_MORE), making.saturated(_LESS)),
     "much light|much brightness": (making.brightened(_LESS), making.brightened(_MORE)),
-    "[far|much] left|far to the left|left": (making.moved(making.RIGHT), making.moved(LEFT)),
-    "[far|much] right|far to the right|right": (making.moved(LEFT), making.moved(making.RIGHT)),
+    "[far|much] left|far to the left|left": (making.moved(making.RIGHT), making.moved(making.LEFT)),
+    "[far|much] right|far to the right|right": (making.moved(making.LEFT), making.moved(making.RIGHT)),
     "high|high up|far up": (making.moved(making.DOWN), making.moved(making.UP)),
     "low|far down": (making.moved(making.UP), making.moved(making.DOWN)),
     "close|near|close to the camera": (making.moved(BACK), making.moved(FORTH)),

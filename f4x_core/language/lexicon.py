@@ -324,7 +324,7 @@ NO_THINGS = word_set(
     "script program command commands server computer software user account data edit edits change changes history step "
     "sound sounds audio music song voice noise text word words sentence subtitle caption title camera lens zoom view "
     "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
-    "brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
+    "side sides brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
     "somebody someone anyone everyone everybody everything way lot bit kind sort fun problem idea question answer life "
     "love nonsense stuff overall volume weather mood heat day morning evening night afternoon"
 )

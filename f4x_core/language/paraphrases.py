@@ -24,6 +24,8 @@ _REWRITINGS = r"""
     (?:isn'?t|aren'?t) {END}$ => \g<x>\g<y> should not be \g<rest>\g<end>
 ^(?:{WISHING}(?:if|whether|that|when)|(?:i|we)(?: would|'d| had)? (?:really |do |just )?(?:wish|hoped?|rather|prefer)) {X}
     (?:were|was|is|are|be|would be|had been) {REST}$ => \g<x> should be \g<rest>
+^(?:keep|leave) (?!only|just|nothing){X}(?: as (?:it|he|she) is| alone| there)?,? but {REST}$ => leave \g<x> alone and \g<rest>
+^(?:only|just) {REST}, (?:and |but )?not {X}$ => \g<rest>
 ^(?:wherever|whenever|anywhere|in case) (?:there is|there's|there are|you (?:see|find|spot)) (?:a |an |any )?{X}, {REST}$ =>
     \g<x>: \g<rest>
 ^any {X} (?:you (?:can )?(?:see|find|spot)|there is|there are),? {REST}$ => \g<x>: \g<rest>

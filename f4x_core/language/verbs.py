@@ -27,7 +27,8 @@ VERBS: dict[str, str] = {
     "heighten, hike, step up, punch up, take up, deepen, improve, extend, augment, multiply, advance, go up, grow, buff, boost "
     "up, juice up, gain up, ride up, nudge up, inch up, creep up, notch up, hike up, max out, tick up, edge up, exaggerate, "
     "accentuate, emphasize, magnify, maximize, elevate",
-    "less": "easy on, go easy on, take it easy on, lay off, ease up on, ease off on, hold back on, cut back on, back "
+    "less": "shave, slash, slice, skim, chop, "
+    "easy on, go easy on, take it easy on, lay off, ease up on, ease off on, hold back on, cut back on, back "
     "off on, cool it with, reduce, decrease, lower, turn down, knock back, pull, back off, roll off, bring back, cut, "
     "cut down, lessen, tone down, bring down, dial down, weaken, diminish, drop, take down, cut back, pull down, take "
     "back, pull back, dial back, ramp down, scale back, soften, ease, mute, knock down, step down, go down, minimize, "
@@ -138,7 +139,7 @@ VERBS: dict[str, str] = {
     "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, dup, dupe, copy and paste, copy paste, "
     "duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, photostat, xerox, "
     "clone stamp, rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, reduplicate, ghost copy, cookie cut",
-    "add": "line up, arrange, lay out, set up, distribute, scatter, comp, comp in, instantiate, instance, spawn, "
+    "add": "stack, line up, arrange, lay out, set up, distribute, scatter, comp, comp in, instantiate, instance, spawn, "
     "respawn, conjure, make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, "
     "need, stand, be, appear, duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer, send",
     "follow": "follow, come after, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come "

@@ -99,9 +99,11 @@ place = below: below|under|beneath|underneath|lower (down)|lower than
 place = left of: (further|farther) (to|on|at) (the) left (hand) (side) of|left from
 place = right of: (further|farther) (to|on|at) (the) right (hand) (side) of|right from
 place = near: next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby
-side = left: (the) [leftmost|left most|far left] ({noun})|[to|on|at|in] (the) (far|very) left (hand) ({half}) (of the
+side = left: (the) [leftmost|left most|far left|furthest left|farthest left] ({noun})|[to|on|at|in] (the) (far|very) left
+    (hand) ({half}) (of the
     {pictures})
-side = right: (the) [rightmost|right most|far right] ({noun})|[to|on|at|in] (the) (far|very) right (hand) ({half}) (of the
+side = right: (the) [rightmost|right most|far right|furthest right|farthest right] ({noun})|[to|on|at|in] (the) (far|very)
+    right (hand) ({half}) (of the
     {pictures})
 side = middle: in the (very) [middle|center|centre] (of the {pictures})|central|centered
 on-side: (on|to|at|in) (the) {direction} ({half})
@@ -124,9 +126,11 @@ always: [stay|stays|remain|remains|staying|remaining] [visible|in
     {clips}|from (the) [beginning|start] to (the) end
 enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|step into}|{manner} into] (the|this)
     ({pictures})
-most-far: (the) [maximum|max|greatest|largest|biggest|longest|highest] [distance|gap|separation|spacing]
+most-far: (the) [maximum|max|greatest|largest|biggest|longest|highest] [distance|gap|separation|spacing]|(the) (very)
+    [furthest|farthest] [apart|away]
 mean-far: (the) [average|mean] [distance|gap|separation|spacing]
-hidden: hidden|invisible|covered|occluded|out of [sight|view|frame|the {pictures}]|not ({now}) [visible|seen|shown|there|in
+hidden: hidden|invisible|covered|occluded|out of (the) [sight|view|frame|shot|the {pictures}]|not ({now})
+    [visible|seen|shown|there|in
     view|in sight|on screen]|off screen
 gone: gone|no longer [{inside}|there|here|around|visible]
 leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|out of [sight|view|the
@@ -167,7 +171,8 @@ contents: what am i looking at|what does (the|this) {clips} [contain|show|includ
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
-filler: state|report|confirm|verify|establish|ascertain|specify|indicate|or [one|two|three|four|more|several]|would you say|do
+filler: directly|immediately|state|report|confirm|verify|establish|ascertain|specify|indicate|or
+    [one|two|three|four|more|several]|would you say|do
     you [reckon|suppose|believe|figure]|if [the scale|it|that]
     [permits|allows]|[above|over|from] {its} [starting|initial|original|first] [point|position|height|level]|is it
     [true|right|correct] that|am i [right|correct] (in thinking) that|[draw|trace|plot|show]
@@ -191,7 +196,7 @@ extreme = min: (at) ({its}) [lowest|minimum|least|min|minimal]|at {its} slowest|
 far: how far|how much (ground|distance|way)|[what|which] (total|overall|entire|whole|full) [distance|length]|(the) total
     [distance|way]|(the) (total) distance [traveled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how long
     (is) (the) [path|way|route|journey]|how long a way|[what|which] [way|distance] in total|how many [meters|metres|units|steps]
-gap: (the) depth (of)|how [far|close|near] (away|apart|off|together)|(the) (current)
+gap: (the) depth (of)|how deep (in (the) {pictures})|how [far|close|near] (away|apart|off|together)|(the) (current)
     [distance|gap|space|spacing|separation|clearance]|apart|how much [space|room|distance|gap]|how [big|large|wide|small|long]
     (is) (a|the)
     [gap|distance|space]|[what|which] [distance|gap|separation]|at [what|which] distance|how many units
@@ -404,7 +409,7 @@ relation: where thing compared-to stands? | thing compared-to stands? | how thin
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 polar near: thing around-of stands? not?
-distance extreme=max: most-far pair | most-far thing other
+distance extreme=max: most-far thing get | most-far thing get other | most-far pair | most-far thing other
 distance extreme=mean: mean-far pair | mean-far thing other
 distance extreme=min: thing passes-by not? | thing passes not? | close thing get other | close thing get together | least gap
     pair | least gap thing other | close thing get | least thing get other

@@ -356,6 +356,12 @@ def read_question(
         re.sub(r",? or (?:am i|are we|do i|did i|have i|is (?:it|that) (?:just|only) me)\b[^?]*", "", text)
     )
     text = re.sub(r"^(?:so |and )?(?:is|was) it (.*? or .*?) (?:that|who|which) (.*?)[?. ]*$", r"which \2, \1", text)
+    text = re.sub(
+        r"\bwhere (?:did|has|have) (.+?) (?:go|gone|got to|get to|gone to|ended up|wound "
+        r"up)\b",
+        r"where does \1 end up",
+        text,
+    )
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
     text = re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
@@ -470,9 +476,7 @@ def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
     if asked is None and (plain := _REASON.sub("", text)) != text:
         asked = _understood(plain, clip, it)
     if asked is None:
-        instead = re.sub(
-            r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else misspelt(m[0], _ASKING_WORDS) or m[0], text
-        )
+        instead = re.sub(r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else _mended(m[0]), text)
         if instead != text and _understood(instead, clip, it, _LOOSELY):
             sure = all(
                 one == other or is_slip(one, other) for one, other in zip(text.split(), instead.split(), strict=True)
@@ -482,6 +486,12 @@ def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
     if asked.kind in ONE_BY_ONE and not asked.other:
         return [replace(asked, things=(thing,)) for thing in asked.things] or [asked]
     return [asked]
+
+
+def _mended(word: str) -> str:
+    """The word of questions that was probably meant, or the word itself, where it is another one with an ending: "party"."""
+    meant = misspelt(word, _ASKING_WORDS)
+    return word if meant is None or word in (meant + "y", meant + "ing", meant + "ed", meant + "er") else meant
 
 
 _REASON = re.compile(r",? (?:please,? )?for (?:the|my|our|a|an|your) [a-z]+(?: [a-z]+)?$")

@@ -65,6 +65,7 @@ REFUSED = (
     "give me the gap between the two cars in car lengths at 2 s",
     "Please to make the boat more little, the half of now",
     "Make darker the sky, but only a few",
+    "Is there a cat on the bed, or am I seeing things?",
 )
 """Sentences that are not understood, and refused. None else may be, and none may be misunderstood."""
 ROWS = [*sentence_cases.rows(), *sentence_cases.rows(sentence_cases.OPENED)]
