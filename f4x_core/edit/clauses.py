@@ -69,6 +69,12 @@ _slowly = ~keyword(",") + table(
 _afterthought = either(
     ~keyword(",|-|(") + ~keyword("but|though|if|and|or") + keyword("only|just|merely|barely|(even) if only") + degree,
     keyword(",|(|-|but") + ~keyword("maybe|perhaps|say") + degree,
+    keyword(",|(|-|but|and")
+    + ~keyword("but")
+    + keyword(
+        "go easy (on it)|take it easy|gently (please)|do not overdo it|not overdone|with restraint|keep it subtle|subtle|subtly"
+    )
+    >> (lambda: Amount("small")),
     keyword(",|(|-")
     + ~literal("by|like|say|maybe|about|around|roughly|approximately|perhaps|something like")
     + percent

@@ -122,6 +122,10 @@ ADDS_NOTHING = either(
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
     + here(lambda reading, at: not reading.word(at).isalpha()),
     literal("too") + unless(_goes_on),
+    literal(f"[the|this] [{PICTURE}] [should|must|may|shall|has to]")
+    + here(lambda reading, at: reading.word(at) in ("show", "contain", "have", "display", "keep", "only", "just")),
+    literal("done (up)") + here(lambda reading, at: reading.word(at) == "in"),
+    literal("[would be|is|are|will be] [better off|happier]|[starts|start|begins|begin] (out|off) (as)"),
     literal("(over|right) after [him|her|them]"),
     literal(
         "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its) [base|bottom|feet|ground|floor]|(,) (with) (the|its) [color "
@@ -291,7 +295,7 @@ _quality = either(
     >> making.styled,
     ~literal("a|the|more|really|very|rather|quite|nice and|pretty|in a|feel|look|looking|feeling")
     + qualities.simply
-    + ~literal("tone|tones|mood|look|light|color|colors"),
+    + ~literal("tone|tones|mood|look|light|color|colors|filter|grade|overlay|cast|wash"),
     _toward + qualities.bare_look,
 )
 _LIGHT = any_form("become", "apply", "leave")
@@ -772,8 +776,9 @@ _command("the dog is too dark", REMARK, "complaint")(
     fix=~literal(",|.|;")
     + ~literal("so")
     + literal(
-        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push] (it|that|this|them|him|her) "
-        "(down|up|back)"
+        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push|pump|boost|raise|lift|ramp] (it|"
+        "that|"
+        "this|them|him|her) (down|up|back)"
     )
     + optional(amount),
     opinion=literal("to me|for me|if you ask me|in my [opinion|eyes]"),
@@ -1167,8 +1172,10 @@ _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
     who=_about + thing
     | literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement")
     >> (lambda: lambda context: making.noted(context, All())),
-    lead=literal(every_form("bring|come")),
-    spot=literal("in place|on the spot|in [its|his|her|their] tracks"),
+    lead=literal(every_form("bring|come|hang|stand|stay|sit|remain|float|hover")),
+    spot=literal(
+        "where [it|he|she] [is|stands]|where they are|in the air|in mid air|in place|on the spot|in [its|his|her|their] tracks"
+    ),
     as_what=literal("as a [still|freeze frame|still frame|still image|photo]"),
     verb=literal(
         any_form("freeze")
@@ -1321,7 +1328,7 @@ _command("blur the background", making.blurred, "verb")(
         any_form("blur")
         + "|anonymous|illegible|unreadable|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"
     ),
-    how=qualities.softly,
+    how=~literal(",") + qualities.softly,
 )
 _command("add a soft blue glow around the dog", _haloed, "light")(
     verb=_doing,

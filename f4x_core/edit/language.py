@@ -146,6 +146,8 @@ def parse(
             _ask_about_purpose(sentence, known, read, operations)
             if _removes_loosely(replace(read, operations=operations)):
                 asked = _without_idle(replace(read, operations=operations))
+                if (strange := _named_besides(read)) and not read.reading.word(read.idle[0] - 1) == "for":
+                    raise Refusal(f"I do not know what '{strange}' is, so nothing is removed.")
                 raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
             return operations
         except Doubt:
@@ -375,6 +377,8 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
         return
     if any(_is_a_verb(read.reading, at) for at in read.idle):
         return
+    if any(map(_removes, read.operations)) and _named_besides(read):
+        return
     if "who" not in read.clauses[0].slots:
         return  # whom it is for may be what was left out
     doubt = _without_idle(read)
@@ -427,6 +431,13 @@ def _removes_loosely(read: Read) -> bool:
     if what_for and not _CUT.search(read.reading.sentence):
         return False
     return any(map(_removes, read.operations)) and any(word not in harmless for word in words)
+
+
+def _named_besides(read: Read) -> str:
+    """The unknown thing with an article among the words left unexplained, which may be what is to be removed: "the graffiti"."""
+    words = read.reading.words
+    at = next((at for at in read.idle if words[at] in ("the", "my", "that", "those") and at + 1 in read.idle), None)
+    return "" if at is None or words[at + 2] == "'s" else read.reading.text_of(at, at + 2)
 
 
 def _unsure(read: Read) -> bool:

@@ -476,7 +476,7 @@ WHERE: dict[str, Where] = {
     "(to the) right of|[on|at|to] the right (side|hand side) of|right from": "right",
     "behind|in back of|at the back of|further back than": "behind",
     "in front of|before|ahead of": "front",
-    "above|over|on top of|on": "above",
+    "above|over|on top of|on|(up) onto|up on": "above",
     "below|under|underneath|beneath": "below",
 }
 """Words -> how a thing stands to another."""
@@ -510,6 +510,8 @@ def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         start = middle + (reading.word(middle) in ("who", "that", "which"))
         relative = start > middle
         start += relative and reading.word(start) in ("is", "are")
+        for end in colour.at(reading, start) if start > middle + 1 else ():
+            yield end, f"{reading.text_of(start, end).lower()} {label}"
         verb = reading.word(start)
         form = verb.endswith("ing") or (relative and verb.endswith("s") and verb not in ("is", "was", "has", "does"))
         object_follows = reading.word(start + 1) in _ARTICLES and any(_known_at(reading, start + 2))

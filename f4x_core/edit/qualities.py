@@ -24,6 +24,7 @@ from ..language.grammar import (
     constant,
     either,
     generated,
+    here,
     keyword,
     literal,
     optional,
@@ -121,6 +122,7 @@ pop = keyword(
 ) + unless(known_thing) >> (lambda: making.saturated(factor(None, True)))
 sized = either(
     ~keyword("very|really|quite")
+    + here(lambda reading, at: reading.words[at - 1 : at + 1] != ["a", "little"])  # how much, not how big
     + table(
         {
             "tiny|small|little|minute|miniature|teeny tiny|teeny weeny|teeny|itty bitty|tiny weeny": 0.5,
@@ -334,7 +336,9 @@ bare_look = ~literal(
     "(take|taking|takes) place at|(happen|happens|happening|set|shot|filmed|recorded) [at|during|in]|at|during|in the "
     "(middle of the)|by"
 ) + (table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled)
-given_look = (
+given_look = literal("the|a") + literal("texture|look|appearance|finish|surface|feel|sheen") + literal("of") + ~literal(
+    "a|an|pure|solid|real"
+) + (any_look >> making.styled) | (
     _article + (any_look | literal("frozen") >> (lambda: "ice")) + ~keyword("like|colored") + effect >> making.styled
 )
 source = (

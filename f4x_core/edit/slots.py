@@ -75,7 +75,8 @@ def as_given(values: Given) -> Given:
 
 
 as_long = either(
-    multiple + keyword("as long") >> making.stretched,
+    ~keyword("so (that) [it|they] [takes|take|lasts|last|runs|is|are]") + multiple + keyword("as long")
+    >> making.stretched,
     multiple + keyword("longer") >> making.stretched,
     ~keyword("to|by")
     + ~keyword("a factor of")

@@ -227,7 +227,8 @@ ITS = (
 def fraction_of(quality: str) -> Rule:
     """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
     noun = ~keyword("of") + ~keyword(ITS) + keyword(quality)
-    return either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0})) + noun
+    decimal = number + keyword("of") + ~keyword(ITS) + keyword(quality)
+    return decimal | either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0})) + noun
 
 
 # Which way -----------------------------------------------------------------------------------------------------------
@@ -295,7 +296,12 @@ distance = either(
     keyword("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
     _by + multiple + ~keyword("of") + keyword(ITS) + _body >> Distance,
     _by + (percent + ~keyword("of") + keyword(ITS) + _body) >> Distance,
-    _by + number + _any_word + keyword("width|widths|height|heights|length|lengths") >> Distance,
+    _by
+    + (number | keyword("a|one") >> (lambda: 1.0))
+    + _any_word
+    + ~keyword("'s")
+    + keyword("width|widths|height|heights|length|lengths")
+    >> Distance,
     _by
     + number
     + ~keyword("a|of a|of|of its|of its own|its|its own|full|[times|time] [its|his|her|their] (own)")

@@ -26,6 +26,12 @@ _REWRITINGS = r"""
     (?:were|was|is|are|be|would be|had been) {REST}$ => \g<x> should be \g<rest>
 ^(?:keep|leave) (?!only|just|nothing){X}(?: as (?:it|he|she) is| alone| there)?,? but {REST}$ => leave \g<x> alone and \g<rest>
 ^(?:only|just) {REST}, (?:and |but )?not {X}$ => \g<rest>
+^(?:(?:let|allow) (?:me|us|one|people|you)(?: to)?|(?:i|we)(?:'d like to| would like to| want to| should| could| wish to)?|make
+    it so (?:i|we|you|one) can)
+    see (?:right |straight )?through {X}(?: a (?:little|bit)| slightly)?$ => make \g<x> half transparent
+^give {X} (?P<c>{COLOUR}) (?P<rest>hair|eyes|lips|shoes|nails|ears|eyebrows|legs|wings|wheels|doors|windows|beard|curls)$ =>
+    make \g<x>'s \g<rest>
+    \g<c>
 ^(?:wherever|whenever|anywhere|in case) (?:there is|there's|there are|you (?:see|find|spot)) (?:a |an |any )?{X}, {REST}$ =>
     \g<x>: \g<rest>
 ^any {X} (?:you (?:can )?(?:see|find|spot)|there is|there are),? {REST}$ => \g<x>: \g<rest>
