@@ -8,7 +8,7 @@ that explains its flow to all other frames tells that it stands still (`second_l
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -27,9 +27,14 @@ MAX_MOVING_BORDER = 0.15
 floors and posts that were taken to move covered 18 to 47 % in rooms."""
 CELL = 16
 """Side in pixels of the squares that count alike: tracks are denser on what was taken to move."""
-MAX_INVERSE_DEPTH, ROUNDS = 8.0, 6
+MAX_INVERSE_DEPTH, ROUNDS = 5.0, 6
 """Largest inverse depth (1 at the median depth) at which a point may stand still, and rounds of the robust fit of it: still nearer
-to the camera, or behind it, some depth explains whatever runs along the camera's own way."""
+to the camera, or behind it, some depth explains whatever runs along the camera's own way. Chosen on camel, blackswan and rooms
+of cards: with 8, half of the swan stood still."""
+MAX_BEHIND = 1.0
+"""Most pixels of parallax (at a width of `REFERENCE_WIDTH`) by which what stands still may seem behind what is around it."""
+AROUND, FAR_WEIGHT, MIN_KNOWN = 24, 0.01, 1e-6
+"""Pixels around the mask whose depth is asked, the weight of those from afar beside them, and the least weight that counts."""
 MIN_AHEAD = 1e-3
 """Depth in another frame, over that in its own, below which a point counts as so near: nothing is divided by 0."""
 
@@ -71,33 +76,69 @@ def flow_beyond_cameras(
 
     `mask (F,H,W)` bool; `flows`: signed gap -> (F,H,W,2) pixels, of which `gaps` count, both ways. One inverse depth per pixel
     has to explain its flow over all gaps (as in plane + parallax, Irani & Anandan 1996, with the cameras known).
+
+    Along the way of the camera every even motion is that of some depth. So it has to be one at which a thing can stand: not in
+    the lens, and not behind what is around it, for what a camera follows looks far away, but is in front. A mask that fills the
+    border may hold the background itself, which is behind what is around it.
     """
     frames, height, width = mask.shape
     grid = pixel_grid(height, width)[STEP // 2 :: STEP, STEP // 2 :: STEP]
-    near = ndimage.maximum_filter(mask, (1, 2 * STEP + 1, 2 * STEP + 1))  # what lies between samples is interpolated
-    inside = near[:, STEP // 2 :: STEP, STEP // 2 :: STEP]
-    unit = max(height, width) / REFERENCE_WIDTH
+    near, around = (
+        ndimage.maximum_filter(mask, (1, reach, reach))[:, STEP // 2 :: STEP, STEP // 2 :: STEP]
+        for reach in (2 * STEP + 1, 2 * AROUND + 1)  # what lies between samples is interpolated
+    )
+    unit, doubted = max(height, width) / REFERENCE_WIDTH, fills_border(mask)
 
     def score(t: int) -> np.ndarray:
-        found, points = np.ones(inside[t].shape, np.float32), grid[inside[t]]
+        found, here = np.ones(near[t].shape, np.float32), grid[around[t]]
         there = [gap for gap in both_ways(gaps, frames) if 0 <= t + gap < frames]
-        if len(points) and there:
-            flow = np.stack([flows[gap][t, STEP // 2 :: STEP, STEP // 2 :: STEP][inside[t]] for gap in there])
-            back = [consistent_at(points, one, flows[-gap][t + gap]) for one, gap in zip(flow, there, strict=True)]
+        if len(here) and there:
+            flow = np.stack([flows[gap][t, STEP // 2 :: STEP, STEP // 2 :: STEP][around[t]] for gap in there])
+            back = [consistent_at(here, one, flows[-gap][t + gap]) for one, gap in zip(flow, there, strict=True)]
             trust = np.where(back, 1.0, DOUBT)
             others = np.array([t + gap for gap in there])
-            left = _left_by_depth(cameras, t, others, points, points + flow.astype(np.float64), trust, unit)
-            found[inside[t]] = score_of_residuals(left[None], trust[None], unit)[0]
+            fit = _fit_depth(cameras, t, others, here, here + flow.astype(np.float64), trust, unit)
+            by_itself = score_of_residuals(fit.left[None], trust[None], unit)[0]
+            behind = not doubted and _behind_the_rest(fit, around[t], near[t], by_itself) > MAX_BEHIND * unit
+            found[around[t]] = np.where(behind | (fit.rho >= MAX_INVERSE_DEPTH), 1, by_itself)
+            found[~near[t]] = 1
         return found
 
     return np.stack(in_threads(score, range(frames)))
 
 
-def _left_by_depth(
+@dataclass(frozen=True)
+class _DepthFit:
+    """The inverse depth of P pixels that explains best where they lie in K other frames."""
+
+    rho: np.ndarray
+    """(P,) inverse depth."""
+    left: np.ndarray
+    """(K,P) pixels that it leaves unexplained."""
+    sway: np.ndarray
+    """(P,) most pixels by which they would lie elsewhere for 1 more of inverse depth."""
+
+
+def _behind_the_rest(fit: _DepthFit, asked: np.ndarray, near: np.ndarray, by_itself: np.ndarray) -> np.ndarray:
+    """(P,) pixels of parallax by which the pixels `asked (h,w)` lie behind what stands still around those that are `near (h,w)`
+    the mask; `by_itself (P,)` is the score of their flow. 0 where nothing is known around.
+    """
+    stands = np.zeros(asked.shape)
+    stands[asked] = ~near[asked] * (1 - by_itself)
+    rho = np.zeros(asked.shape)
+    rho[asked] = fit.rho
+    weight, total = np.zeros(asked.shape), np.zeros(asked.shape)
+    for share, sigma in ((1.0, AROUND / STEP / 2), (FAR_WEIGHT, 4 * AROUND / STEP)):
+        weight += share * ndimage.gaussian_filter(stands, sigma)
+        total += share * ndimage.gaussian_filter(stands * rho, sigma)
+    of_the_rest = np.where(weight > MIN_KNOWN, total / np.maximum(weight, MIN_KNOWN), 0)
+    return (of_the_rest[asked] - fit.rho) * fit.sway
+
+
+def _fit_depth(
     cameras: CameraPath, t: int, others: np.ndarray, here: np.ndarray, there: np.ndarray, trust: np.ndarray, unit: float
-) -> np.ndarray:
-    """(K,P) pixels between `there (K,P,2)`, where the pixels `here (P,2)` of frame t lie in the frames `others (K,)`, and the
-    places that the best inverse depth of each gives them; `trust (K,P)`.
+) -> _DepthFit:
+    """The inverse depth of the pixels `here (P,2)` of frame t that lie at `there (K,P,2)` in the frames `others (K,)`; `trust (K,P)`.
 
     A pixel at inverse depth rho lands at a + rho b in homogeneous pixels: times its third component that is linear in rho.
     """
@@ -116,4 +157,4 @@ def _left_by_depth(
         ahead = np.maximum(a[..., 2] + rho * b[..., 2], MIN_AHEAD)
         left = length(fixed + rho[:, None] * along) / ahead
         weight = trust / (1 + (left / (PARALLAX_PIXELS * unit)) ** 2)
-    return left
+    return _DepthFit(rho, left, (length(along) / ahead).max(0))

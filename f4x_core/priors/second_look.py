@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 MAX_ERROR = 0.1
 """Largest error of a static point as a fraction of what its track shifts by beyond the camera's turn."""
+MAX_UNUSUAL, BACKGROUND = 3.0, 1000
+"""Largest error of a static point over the median of the background's, of which so many are asked: some point explains what moves
+evenly past a camera within a pixel or two."""
 MIN_RELEASED, MIN_RELEASED_MASK = 0.05, 0.02
 """Smallest fraction of the tracks on what moves that must stand still before they count, and of the mask before it is changed."""
 OWN_MOTION = 0.35
@@ -75,11 +78,17 @@ def _mask_is_given(priors: Priors) -> bool:
 
 
 def _stands_still(priors: Priors, asked: np.ndarray) -> np.ndarray:
-    """(n,) bool: which of the tracks `asked (n,)` are one point in space."""
+    """(n,) bool: which of the tracks `asked (n,)` are one point in space, as nearly as the background's are."""
     assert priors.cameras is not None and priors.tracks is not None and priors.tracks_visible is not None
-    points = fit_points(priors.cameras, priors.tracks[:, asked], priors.tracks_visible[:, asked])
+    assert priors.tracks_motion is not None
+    rest = np.flatnonzero((priors.tracks_motion <= STATIC_TRACK) & (priors.tracks_visible.sum(0) >= MIN_FRAMES))
+    rest = rest[:: len(rest) // BACKGROUND + 1]
+    points, background = (
+        fit_points(priors.cameras, priors.tracks[:, some], priors.tracks_visible[:, some]) for some in (asked, rest)
+    )
+    usual = float(np.median(background.rms)) if len(rest) else TRACK_OUTLIER_PX
     shift = points.spread * float(priors.cameras.intrinsics[:, 0, 0].mean())
-    return (points.rms < TRACK_OUTLIER_PX) & (points.rms < MAX_ERROR * shift)
+    return (points.rms < min(TRACK_OUTLIER_PX, MAX_UNUSUAL * usual)) & (points.rms < MAX_ERROR * shift)
 
 
 def _released(mask: np.ndarray, tracks: np.ndarray, visible: np.ndarray, stands: np.ndarray) -> np.ndarray:

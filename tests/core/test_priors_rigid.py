@@ -53,12 +53,16 @@ def test_a_camera_that_only_turns_explains_directions():
     assert rigid.explained_fraction(from_matrices(turning, FOCAL, CENTRE), near, visible) < 0.2
 
 
-def flows_of(gaps, shift):
-    """Signed gap -> (F,H,W,2): a slanting world seen by the cameras, whose left half stands still; the right half is moved by
-    `shift (2,)` pixels a frame besides."""
+def slanting():
+    """(H,W) depth of a world that slants."""
+    return np.tile(2.0 + (np.arange(WIDTH) + 0.5) / WIDTH, (HEIGHT, 1))
+
+
+def flows_of(gaps, shift, depth):
+    """Signed gap -> (F,H,W,2): a world of `depth (H,W)` seen by the cameras, whose left half stands still; the right half is moved
+    by `shift (2,)` pixels a frame besides."""
     cams, rows, columns = path(), np.arange(HEIGHT) + 0.5, np.arange(WIDTH) + 0.5
     pixels = np.stack(np.meshgrid(columns, rows), -1)
-    depth = 2.0 + pixels[..., 0] / WIDTH
     moves = (columns > WIDTH / 2)[None, :, None] * np.asarray(shift, float)
     flows = {}
     for gap in (sign * gap for gap in gaps for sign in (1, -1)):
@@ -70,16 +74,35 @@ def flows_of(gaps, shift):
     return flows
 
 
-def test_flow_of_what_stands_still_is_the_cameras(monkeypatch):
-    # The same depth is meant in every frame, so the way back is not that of the flow: trust is tested elsewhere.
+@pytest.fixture
+def trusted(monkeypatch):
+    """Flow whose way back is not asked: the same depth is meant in every frame here. Trust is tested elsewhere."""
     monkeypatch.setattr(rigid, "consistent_at", lambda points, *more: np.ones(len(points), bool))
+
+
+def test_flow_of_what_stands_still_is_the_cameras(trusted):
     mask = np.ones((FRAMES, HEIGHT, WIDTH), bool)
     mask[:, :40] = False
-    score = rigid.flow_beyond_cameras(path(), mask, flows_of((1, 2, 4), (0.0, 2.0)), (1, 2, 4))
+    score = rigid.flow_beyond_cameras(path(), mask, flows_of((1, 2, 4), (0.0, 2.0), slanting()), (1, 2, 4))
     assert score.shape == (FRAMES, HEIGHT // STEP, WIDTH // STEP)
     assert (score[:, : 40 // STEP - 1] == 1).all()  # nothing was asked there
     below = score[:, 40 // STEP + 1 :]
     assert below[..., : WIDTH // 2 // STEP].max() < 0.05 and below[..., WIDTH // 2 // STEP + 1 :].min() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("depth", "at_border", "moves"),
+    [(1.2, False, False), (9.0, False, True), (9.0, True, False), (0.15, False, True)],
+    ids=["in front", "behind what it hides", "the background itself", "in the lens"],
+)
+def test_a_depth_at_which_nothing_stands_is_no_excuse(trusted, depth, at_border, moves):
+    place = np.s_[:, :, :60] if at_border else np.s_[:, 40:80, 50:100]
+    mask = np.zeros((FRAMES, HEIGHT, WIDTH), bool)
+    mask[place] = True
+    world = np.where(mask[0], depth, slanting())
+    score = rigid.flow_beyond_cameras(path(), mask, flows_of((1, 2, 4), (0.0, 0.0), world), (1, 2, 4))
+    inside = score[5, 12:18, 2:13] if at_border else score[5, 12:18, 15:23]
+    assert (inside == 1).all() if moves else inside.max() < 0.05
 
 
 def test_what_would_be_behind_or_in_the_lens_is_no_point():
@@ -90,5 +113,5 @@ def test_what_would_be_behind_or_in_the_lens_is_no_point():
     at = np.array([2.0, 2.0, 0.05])
     lands = np.stack([cams[int(t)].project(cams[8].unproject(here, at))[0] for t in others])
     lands[:, 1] = 2 * np.array([100.0, 60.0]) - lands[:, 1]
-    left = rigid._left_by_depth(cams, 8, others, here, lands, np.ones((3, 3)), 1.0)
+    left = rigid._fit_depth(cams, 8, others, here, lands, np.ones((3, 3)), 1.0).left
     assert left[:, 0].max() < 1e-6 and left[:, 1].min() > 1 and left[1:, 2].min() > 5

@@ -121,6 +121,19 @@ def test_nothing_is_taken_out_without_proof(passing, case):
     assert passing.mask is before
 
 
+def test_a_point_that_explains_an_even_walk_within_pixels_is_no_proof(passing):
+    """Some point explains what walks evenly past the camera, but less nearly than those of the background are explained."""
+    rng = np.random.default_rng(3)
+    passing.tracks[:, :60] += rng.normal(0, 1.0, (FRAMES, 60, 2))
+    assert second_look._stands_still(passing, np.arange(60)).mean() > 0.8
+    still = np.tile(rng.uniform((-1, -1, 3), (1, 1, 5), (80, 3)), (FRAMES, 1, 1))
+    uv = (seen_by(passing.cameras, still)[0] + rng.normal(0, 0.2, (FRAMES, 80, 2))).astype(np.float32)
+    passing.tracks = np.concatenate([passing.tracks, uv], 1)
+    passing.tracks_visible = np.concatenate([passing.tracks_visible, np.ones((FRAMES, 80), bool)], 1)
+    passing.tracks_motion = np.append(passing.tracks_motion, np.zeros(80, np.float32))
+    assert second_look._stands_still(passing, np.arange(60)).mean() < 0.1
+
+
 def test_what_flow_explains_is_taken_out_where_no_track_lasts(passing, monkeypatch):
     monkeypatch.setattr(second_look, "densify", lambda *given, known: None)
     passing.tracks_visible[second_look.MIN_FRAMES - 1 :] = False
