@@ -133,6 +133,21 @@ def bonds_by_loops(far, appearance):
     return bonds, near, unit
 
 
+def strengthened_by_loops(bonds, near, ways, there):
+    pairs = [(i, j) for i in range(len(near)) for j in range(len(near)) if near[i, j] > 0]
+    far = [
+        [np.linalg.norm(ways[i, t] - ways[j, t]) for t in range(there.shape[1]) if there[i, t] and there[j, t]]
+        for i, j in pairs
+    ]
+    usual = np.median(np.concatenate(far))
+    changes = [(max(own) - min(own)) / (np.mean(own) + usual) for own in far]
+    bonds = bonds.copy()
+    for (i, j), change in zip(pairs, changes, strict=True):
+        steady = math.exp(-((change / max(objects.RIGID, np.median(changes))) ** 2))
+        bonds[i, j] += objects.TOGETHER * steady * (near[i, j] - bonds[i, j])
+    return bonds
+
+
 def appearance_by_loops(scene):
     """As inner products of all rows: the directions of the features are known up to their signs."""
     colours = 0.7 * np.clip(scene.colours, 0, 1)
@@ -264,8 +279,9 @@ def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
     joint = np.concatenate([places[:, time] for time in (0, 4, 7)], 1) / math.sqrt(3)
     index, weight, _, mine = group_by_loops(joint, looks[moving], weights[moving], 9)
     presence = np.stack([scene.dynamic.presence(time) for time in range(8)], 1)
-    far = apart_by_loops(*ways_by_loops(places, presence, index, weights[moving]))
-    bonds, near, unit = bonds_by_loops(far, mine)
+    ways = ways_by_loops(places, presence, index, weights[moving])
+    bonds, near, unit = bonds_by_loops(apart_by_loops(*ways), mine)
+    bonds = strengthened_by_loops(bonds, near, *ways)
     blend = np.zeros(len(mine))
     if static:
         away = [row - scene.cameras[4].center for row in scene.places[4.0][rest]]
