@@ -138,7 +138,8 @@ def _behind_the_rest(fit: _DepthFit, asked: np.ndarray, near: np.ndarray, by_its
 def _fit_depth(
     cameras: CameraPath, t: int, others: np.ndarray, here: np.ndarray, there: np.ndarray, trust: np.ndarray, unit: float
 ) -> _DepthFit:
-    """The inverse depth of the pixels `here (P,2)` of frame t that lie at `there (K,P,2)` in the frames `others (K,)`; `trust (K,P)`.
+    """The inverse depth of the pixels `here (P,2)` of frame t that lie at `there (K,P,2)`, trusted by `trust (K,P)`, in the
+    frames `others (K,)`.
 
     A pixel at inverse depth rho lands at a + rho b in homogeneous pixels: times its third component that is linear in rho.
     """

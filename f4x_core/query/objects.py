@@ -53,8 +53,8 @@ RIGID, NOISE, LASTING = 0.1, 3.0, 1.5
 """Two neighbours move as one where their distance changes by less than `LASTING` times this fraction of it, or times so many
 medians over all neighbours, as fits are not exact. Four filmed clips then stay in one piece, two things that touch do not."""
 TOGETHER = 0.3
-"""Of what differing looks take from the bond of two neighbours, the fraction that it keeps where their distance stays the same: a car's
-bonnet moves with its doors. Chosen on six filmed clips, of which .6 does as well."""
+"""Of what differing looks take from the bond of two neighbours, the fraction that it keeps where their distance stays the same:
+a car's bonnet moves with its doors. Chosen on six filmed clips, on which .6 does as well."""
 BLENDING = 2.0
 """Bonds of full strength from a superpoint to the static background that looks like it. Of .5, 1, 2, 4 and 8, a click finds
 most with 2: IoU in the clicked frame .678 on six filmed clips, .661 with 4; on four that were not looked at .691 and .676."""
