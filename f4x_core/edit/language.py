@@ -933,6 +933,13 @@ _DOUBTFUL = (
         "That may mean to remove or to do something else; say 'remove the ball' if it should be gone, or 'move the ball down'.",
     ),
     (
+        literal("add|adds|adding|insert|create|spawn|place")
+        + literal("a|an|some|another")
+        + literal("bigger|larger|smaller|taller|brighter|darker|lighter|big|large|small|tiny|huge|little")
+        + silent(familiar),
+        "Nothing new can be made; say for example 'copy the dog and make the copy bigger'.",
+    ),
+    (
         literal("grow|plant|build|raise up") + literal("a|an|some") + silent(familiar),
         "Nothing new can be made; say for example 'copy the tree', or 'make the tree bigger'.",
     ),

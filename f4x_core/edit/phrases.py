@@ -514,7 +514,9 @@ def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
             yield end, f"{reading.text_of(start, end).lower()} {label}"
         verb = reading.word(start)
         form = verb.endswith("ing") or (relative and verb.endswith("s") and verb not in ("is", "was", "has", "does"))
-        object_follows = reading.word(start + 1) in _ARTICLES and any(_known_at(reading, start + 2))
+        object_follows = reading.word(start + 1) in _ARTICLES and (
+            any(_known_at(reading, start + 2)) or any(_stranger_at(reading, start + 2))
+        )
         if (
             not form
             or len(verb) < 5

@@ -106,7 +106,9 @@ _clock = either(
 _through = keyword("(of the way) [through|in|into|along]|of the way") + ~keyword(f"the (whole) [{PICTURE}]|it")
 _of_it = keyword(f"of the [{PICTURE}]|of it")
 _part_way = either(
-    keyword("halfway|half way|midway|mid way") + ~(_through | keyword("point") + ~keyword(f"of the [{PICTURE}]"))
+    keyword("halfway|half way|midway|mid way")
+    + unless(keyword("around|round"))
+    + ~(_through | keyword("point") + ~keyword(f"of the [{PICTURE}]"))
     >> (lambda: HALF_WAY),
     keyword(
         f"the (very) middle of the [{PICTURE}]|(the) [midpoint|mid point|midway point] (of the [{PICTURE}])|the [halfway|"

@@ -22,6 +22,7 @@ from f4x_core.query.wording import read_question
 WORK = Path(__file__).parents[1] / "data" / "sentences_work.json"
 OPENED = WORK.with_name("sentences_opened.json")
 REWORDED = WORK.with_name("sentences_reworded.txt").read_text(encoding="utf-8").splitlines()
+LISTED = WORK.with_name("sentences_listed.txt").read_text(encoding="utf-8").splitlines()
 REWORDED_LABELS = [
     "dog",
     "cat",

@@ -93,6 +93,20 @@ def test_a_sentence_in_other_words_comes_to_its_summary(line):
         assert " + ".join(map(describe, parse(request))) == summary
 
 
+def test_what_english_has_for_each_slot_comes_to_its_summary():
+    wrong = {}
+    for line in sentence_cases.LISTED:
+        sentence, summary = line.rsplit(" => ", 1)
+        try:
+            made = parse(Request(sentence, sentence_cases.REWORDED_LABELS, fps=24.0, frames=72))
+        except Refusal as refusal:
+            wrong[sentence] = refusal.reason
+            continue
+        if (told := " + ".join(map(describe, made))) != summary:
+            wrong[sentence] = told
+    assert not wrong
+
+
 @pytest.mark.parametrize(
     ("sentence", "mended"),
     [
