@@ -47,7 +47,7 @@ from ..language.grammar import (
 from ..language.idle import is_strange
 from ..language.lexicon import PICTURE, every_form, singular, word_set
 from ..language.times import TimeExpression, duration, span
-from ..language.verbs import COMMAND_VERBS, IMPERATIVES, any_form, asked_form
+from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form, asked_form
 from . import making, qualities
 from .making import Value
 from .phrases import (
@@ -174,6 +174,7 @@ _noun_of_colour = either(
     + colour
     + literal("as")
     + ~literal("a|an|the")
+    + unless(literal(f"soon|{any_form(*VERBS)}"))
     + Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
     >> making.assigned,
     colour + literal("fur|coat|skin|feathers|plumage|hide|wool|paintwork|body|bodywork|exterior|surface")

@@ -74,7 +74,7 @@ _FINITE = (
     r"(?:is|are|was|were|has|had|have|does|did|will|went|said|felt|got|came|made|isn't|aren't|wasn't|weren't|hasn't|haven't|"
     r"doesn't|"
     r"didn't|won't|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|keeps?|gets?|moves?|drives?|runs?|goes|walks?|hates?|"
-    r"[a-z]{2,}ed|[a-z]+s (?:me|us|my|our|the|a|an|too|so|at|in|on|like|off|out))"
+    r"[a-z]{2,}ed|(?!this|less|always|plus|minus|across|unless)[a-z]{3,}s (?:me|us|my|our|the|a|an|too|so|at|in|on|like|off|out))"
 )
 """What makes a clause of words behind a noun: it states something."""
 _CHANGES = r"(?:turns|becomes|changes|starts|stops|begins|grows|shrinks|fades|transforms|morphs)"

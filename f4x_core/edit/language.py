@@ -128,7 +128,7 @@ def parse(
         return _settled(read, context, _recalled(before, context))
 
     before = _clauses_before(earlier, known)
-    if _TAKEN_BACK.fullmatch(sentence.strip()):
+    if _TAKEN_BACK.fullmatch(sentence.strip()) or _GIVEN_UP.search(sentence):
         raise Refusal(
             "That may be an undoing: use `f4x undo SCENE`, or the button for it, or say what is to be removed."
         )
@@ -336,6 +336,15 @@ _TAKEN_BACK = re.compile(
     re.IGNORECASE,
 )
 """What may speak of the sentence before: "scratch that"."""
+_GIVEN_UP = re.compile(
+    r"[,.;!?–—-]\s*(?:oh |no |well |actually |and |but |just |on second thoughts?,? )*(?:(?:forget|scrap|ignore|cancel|undo|"
+    r"scratch|strike) (?:it|that|"
+    r"this|all that|"
+    r"about (?:it|that))|never ?mind(?: that| it)?|rather not|better not|kidding|joking|jk|not (?:that|it)(?: one)?|leave it)[ "
+    r".!]*$",
+    re.IGNORECASE,
+)
+"""An end with which all is taken back: "make it red, forget it"."""
 _BROUGHT_BACK = re.compile(
     r"\b(?:bring|put|get|give|have|want|need|take|add)\b.*\bback\b|\b(?:restore|undelete|unremove|come back)\b|"
     r"\b(?:show|see)\b.*\bagain\b",
@@ -565,7 +574,7 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         if command.make is REMARK:
             if assumed and not _of_a_clip(command, piece):
                 raise Refusal("It is not said who is so; name a thing, or say 'it' for what is selected.")
-            _remarked(who, piece, context)
+            _remarked(who, piece, When.of(own or front, context), context)
             continue
         if command.make is AGAIN:
             if before is None:
@@ -678,14 +687,14 @@ _SPARING = frozenset({"remark", "untouched", "spared"})
 """Slots that say that somebody stays as it is."""
 
 
-def _remarked(who: SelectKind, piece: Mapping[str, Any], context: SentenceContext) -> None:
+def _remarked(who: SelectKind, piece: Mapping[str, Any], when: When, context: SentenceContext) -> None:
     """Note whom a remark spares, or what would help against what it complains of."""
     context.last = context.last or who
     if _SPARING & piece.keys():
         context.spared.append(who)
     if piece.get("complaint"):
         context.last = who
-        helps = piece["complaint"](who, When(), context)
+        helps = piece["complaint"](who, when, context)
         if piece.get("fix"):
             helps = _by_degree(helps, piece["fix"])
         if who == All() and isinstance(helps, Transform):

@@ -392,7 +392,7 @@ def by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operati
         )
     if isinstance(one, Retime):
         return replace(one, speed=again(one.speed))
-    if isinstance(one, Transform) and (one.unit == "size" or not any(one.translate)):
+    if isinstance(one, Transform) and one.beside is None and (one.unit == "size" or not any(one.translate)):
         far = sign * (0.3 if little else 1.0 if how is None else 2.0)
         x, y, z = (far * step for step in one.translate)
         pitch, yaw, roll = (share * angle for angle in one.rotate)

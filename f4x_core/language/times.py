@@ -349,7 +349,7 @@ span = either(
     _loosely >> (lambda: Span(END, None, "moment")),
     keyword("(in|during|for|over) the [first bit|first moments|intro|opening]|near the (very) [beginning|start]")
     >> (lambda: Span(START, None, "moment")),
-    keyword(f"[as|when|once|the [moment|second|instant]] the [{PICTURE}] [begins|starts|is starting]")
+    keyword(f"[as|when|once|as soon as|the [moment|second|instant]] the [{PICTURE}] [begins|starts|is starting]")
     >> (lambda: Span(START, None, "moment")),
     keyword(f"[as|when] the [{PICTURE}] [ends|is ending|is over|stops|finishes]")
     >> (lambda: Span(END, None, "moment")),
