@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass, replace
 
 from ..errors import F4xError
+from ..native.kernels import torch_threads
 from .config import FitConfig
 
 STEP, STEP_PER_PIXEL, STEP_PER_GAUSSIAN = 1.0, 2.65e-5, 1.58e-5
@@ -92,14 +93,8 @@ def raster_seconds(threads: int) -> float:
 
     Processor time shared by the threads, so that other work on the machine changes nothing: it is what an idle one takes.
     """
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)  # as in a fit, where the compiled library has the threads
-    try:
+    with torch_threads(1):  # as in a fit, where the compiled library has the threads
         return min(_raster_step(threads) for _ in range(5)) / threads
-    finally:
-        torch.set_num_threads(before)
 
 
 def _raster_step(threads: int) -> float:

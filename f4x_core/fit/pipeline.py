@@ -16,6 +16,7 @@ from ..errors import F4xError
 from ..geometry import quaternion
 from ..geometry.spherical_harmonics import degree_of
 from ..geometry.splats import Splats
+from ..native.kernels import torch_threads
 from ..priors import Priors, build_priors
 from ..priors.config import config_hash
 from ..progress import Progress, silent
@@ -76,10 +77,13 @@ class ClipFit:
 
     def run(self) -> FitResult:
         """All stages, one after the other."""
-        self.clip.require_enough()
         kernels = self.config.kernels
         # Torch's threads beside the compiled library's gain nothing and collapse when other work wants the cores.
-        torch.set_num_threads(1 if kernels.native else kernels.threads)
+        with torch_threads(1 if kernels.native else kernels.threads):
+            return self._run()
+
+    def _run(self) -> FitResult:
+        self.clip.require_enough()
         checkpoint, settings_hash = self.folder / "checkpoints" / "photometric.pt", self.settings_hash()
         if self.resume:
             load_checkpoint(checkpoint, settings_hash)  # what cannot be continued is refused before minutes of priors

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 
@@ -17,3 +19,16 @@ class Kernels:
 
 TORCH = Kernels()
 """Plain torch: any dtype, any order of derivatives."""
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Torch works on `count` threads within, then on as many as before."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
