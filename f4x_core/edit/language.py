@@ -53,7 +53,7 @@ from ..language.lexicon import (
 from ..language.paraphrases import closed_up, in_order, opened, paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS
-from . import qualities
+from . import meaning, qualities
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
 from .commands import COMMANDS
 from .corrections import corrected, remarked, without_remarks
@@ -158,6 +158,7 @@ def parse(
             raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
     if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
+        _ask_by_likeness(sentence, known, settled, request.selected)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
     raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
 
@@ -393,6 +394,19 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
     doubt = _without_idle(read)
     if _means(doubt.instead, read.operations, known, settled):
         raise doubt
+
+
+def _ask_by_likeness(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle, selected: bool) -> None:
+    """Raise `Doubt` with what sentences like it mean, where that is certain enough to be asked about."""
+    asked = None
+    with suppress(Refusal):
+        for instead in meaning.meant(_words_of(_plainly(sentence, known)[0], known), selected):
+            read = _read_somehow(instead, known, settled)
+            if read.operations and not read.idle and not _unsure(read):
+                asked = Doubt(f"I understand only a part of that. I would do: {_in_words(read.operations)}.", instead)
+                break
+    if asked:
+        raise asked
 
 
 def _is_a_verb(reading: Reading, at: int) -> bool:

@@ -1,0 +1,279 @@
+"""What a refused sentence may mean: its slots are certain, its operation is that of sentences like it. Only ever a question.
+
+Things, colors, times and amounts are found by the grammar's own rules and give way to the name of their slot; what is left is
+compared with `phrasings.txt`. The answer is a sentence of the grammar, so that no other plan builder exists.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from ..language.amounts import fraction, multiple, number, percent
+from ..language.colours import colour
+from ..language.grammar import Reading, literal, table
+from ..language.lexicon import singular, word_set
+from ..language.times import span
+from .phrases import known_thing
+from .qualities import any_look
+
+PHRASINGS = Path(__file__).with_name("phrasings.txt")
+"""Sentences that are known, without what stands in their slots: `# operation`, and below it a line each."""
+NOTHING = "nothing"
+"""The operation of what is no edit, or more than one."""
+CERTAIN, AHEAD = 0.28, 0.1
+"""Score from which an operation is asked about, and by how much it has to lead; right ones are at 1."""
+_SMOOTHING = 0.4
+"""Of the regression: how little a single phrasing counts."""
+
+_NEVER = word_set("not never no except but unless if when without why how undo instead while until or")
+"""Words with which a sentence means something else than what it names."""
+_PRONOUNS = word_set(
+    "it that this them her him he she they you we i me us itself himself herself one ones these those there what which who "
+    "my your our their its his"
+)
+_STANDING_FOR = ("it", "him", "her", "them")
+_WAY = table(
+    {
+        "(to|toward|on) (the|its|his|her) left (side)|leftward": "to the left",
+        "(to|toward|on) (the|its|his|her) right (side)|rightward": "to the right",
+        "up|upward|higher": "up",
+        "down|downward|lower": "down",
+        "forward|[closer|nearer] (to [us|me|the camera])|toward [us|me|the camera|the viewer]": "closer",
+        "back|backward|(further|farther) away (from [us|me|the camera])": "away",
+        "clockwise": "clockwise",
+        "counterclockwise": "counterclockwise",
+    },
+    reserve=False,
+)
+_SLOTS = {
+    "TIME": span,
+    "GRAY": literal("black and white|b&w|b & w|bw|greyscale|grayscale|monochrome|gray"),
+    "WHO": known_thing,
+    "LOOK": any_look,
+    "COLOR": colour,
+    "ANGLE": number + literal("degrees|degree|deg|grades"),
+    "LENGTH": number + literal("widths|width|heights|height|lengths|length|meters|meter|metres|metre|m|units|unit"),
+    "SHARE": fraction,
+    "AMOUNT": multiple | percent,
+    "SLIGHTLY": literal(
+        "a [little|tiny|wee] bit|a [little|touch|tad|smidge|shade|notch|hair|trifle|whisker]|slightly|a bit|subtly|gently|"
+        "somewhat|little bit|slight|subtle|only a little|just a little"
+    ),
+    "MUCH": literal("much|a lot|way|far|really|very|heavily|strongly|strong|massively|hugely|considerably|loads"),
+    "WAY": _WAY,
+    "COUNT": number,
+}
+"""Slot -> its phrases; of two that are as long the first."""
+_ABSOLUTE = {"", "="} | word_set("to at of opacity alpha brightness exposure contrast saturation speed scale rate")
+"""Words before an amount that is reached."""
+_PARTICLES = ("up", "down", "closer", "away")
+
+
+def _quality(name: str, more: str) -> str:
+    more += f" the {name} of WHO"
+    return f"set the {name} of WHO to TO|{more} by AMOUNT|{more} SLIGHTLY|{more}"
+
+
+_SENTENCES = {
+    "brightness up": "make WHO AMOUNT brighter|make WHO MUCH brighter|" + _quality("brightness", "increase"),
+    "brightness down": "make WHO SHARE as bright|make WHO MUCH darker|" + _quality("brightness", "reduce"),
+    "contrast up": _quality("contrast", "increase"),
+    "contrast down": _quality("contrast", "reduce"),
+    "saturation up": _quality("saturation", "increase"),
+    "saturation down": _quality("saturation", "reduce"),
+    "warmth up": "make WHO AMOUNT warmer|make WHO SLIGHTLY warmer|make WHO warmer",
+    "warmth down": "make WHO AMOUNT cooler|make WHO SLIGHTLY cooler|make WHO cooler",
+    "gray": "make WHO black and white",
+    "recolour": "make WHO SLIGHTLY COLOR|make WHO COLOR",
+    "style": "make WHO look like LOOK|make WHO LOOK",
+    "match": "match WHO to OTHER",
+    "blur": "blur WHO SLIGHTLY|blur WHO",
+    "glow": "make WHO glow COLOR|make WHO glow SLIGHTLY|make WHO glow",
+    "show": "show WHO again",
+    "fade in": "fade in WHO",
+    "fade out": "fade out WHO",
+    "hide": "hide WHO",
+    "transparent": "set the opacity of WHO to TO|make WHO AMOUNT transparent|make WHO SHARE transparent"
+    "|make WHO SLIGHTLY transparent|make WHO transparent",
+    "delete": "remove WHO",
+    "extract": "keep only WHO",
+    "larger": "scale WHO to TO|make WHO AMOUNT bigger|scale WHO by AMOUNT|scale WHO by COUNT|make WHO SHARE bigger"
+    "|make WHO SLIGHTLY bigger|make WHO MUCH bigger|make WHO bigger",
+    "smaller": "scale WHO to TO|make WHO SHARE as big|make WHO AMOUNT smaller|scale WHO by COUNT|make WHO SLIGHTLY smaller"
+    "|make WHO MUCH smaller|make WHO smaller",
+    "move": "move WHO WAY by LENGTH|move WHO WAY by SHARE of its width|move WHO WAY by COUNT widths|move WHO SLIGHTLY WAY"
+    "|move WHO WAY",
+    "rotate": "rotate WHO by ANGLE WAY|rotate WHO by ANGLE|rotate WHO by COUNT degrees WAY|rotate WHO by COUNT degrees"
+    "|rotate WHO by TO degrees|turn WHO SLIGHTLY WAY|turn WHO WAY|turn WHO around",
+    "swap": "swap WHO and OTHER|swap WHO",
+    "duplicate": "copy WHO WAY|copy WHO COUNT times|copy WHO AMOUNT|copy WHO",
+    "follow": "let COUNT copies follow WHO TIME behind|let a copy follow WHO TIME behind|let a copy follow WHO",
+    "faster": "play WHO at TO speed|play WHO AMOUNT as fast|play WHO AMOUNT faster|play WHO SLIGHTLY faster|play WHO faster",
+    "slower": "play WHO at TO speed|play WHO at SHARE speed|play WHO at AMOUNT speed|play WHO SLIGHTLY slower|play WHO slower",
+    "freeze": "freeze WHO TIME|freeze WHO",
+    "reverse": "play WHO in reverse",
+    "loop": "loop WHO",
+}
+"""Operation -> sentences for it, the first one whose slots are those that were said is taken; a time may always follow."""
+_NEEDED = word_set("delete extract hide show larger smaller move rotate swap duplicate follow recolour")
+"""Operations of which it has to be said whom they are for."""
+_REMOVING = ("delete", "extract", "hide")
+"""Operations that are not asked about where two things are named."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A phrase whose meaning is certain."""
+
+    kind: str
+    words: str
+
+
+def masked(reading: Reading) -> tuple[str, tuple[Slot, ...]]:
+    """The words of a sentence with the names of its slots in place of what stands there, and the slots."""
+    words: list[str] = []
+    slots: list[Slot] = []
+    at = 0
+    while at < len(reading.tokens):
+        kind, end = _slot_at(reading, at)
+        if not kind:
+            words.append(reading.word(at))
+        else:
+            if kind in ("AMOUNT", "SHARE", "COUNT") and reading.word(at - 1) in _ABSOLUTE:
+                kind = "TO"
+            elif kind == "SHARE" and reading.word(at - 1) == "by":
+                kind = "AMOUNT"
+            words.append(kind)
+            slots.append(Slot(kind, _WAY.at(reading, at)[end][0] if kind == "WAY" else reading.text_of(at, end)))
+        at = end
+    return " ".join(word for word in words if word.isalpha() or "'" in word), tuple(slots)
+
+
+def _slot_at(reading: Reading, at: int) -> tuple[str, int]:
+    """The longest slot that begins at a word and its end; no slot and the next word."""
+    if reading.word(at) in _PRONOUNS and reading.word(at + 1).startswith("'"):
+        return "", at + 1  # "it's" is a reason
+    ends = {kind: max(found) for kind, rule in _SLOTS.items() if (found := rule.at(reading, at))}
+    kind = max(ends, key=ends.__getitem__, default="")
+    return (kind, ends[kind]) if kind and ends[kind] > at else ("", at + 1)
+
+
+def meant(reading: Reading, selected: bool) -> Iterator[str]:
+    """Sentences for what a refused one may mean, best first, not all of them grammatical; none where that is not certain."""
+    phrasing, slots = masked(reading)
+    if not slots or is_barred(phrasing):
+        return
+    scores = Meanings.known().scores([phrasing])[0]
+    first, second = np.argsort(-scores)[:2]
+    if scores[first] < CERTAIN or scores[first] - scores[second] < AHEAD:
+        return
+    labels = {singular(words[-1]) for words in reading.known}
+    yield from sentences(Meanings.known().operations[first], slots, labels, selected)
+
+
+def is_barred(phrasing: str) -> bool:
+    """Whether a word says that something else is meant than what is named."""
+    return any(word in _NEVER or word.endswith("n't") for word in phrasing.split())
+
+
+def sentences(operation: str, slots: Sequence[Slot], labels: set[str], selected: bool) -> Iterator[str]:
+    """The sentences of the grammar for an operation with slots; none where a slot would be left out."""
+    moves = operation in ("move", "rotate", "duplicate")
+    kept = [slot for slot in slots if moves or slot.kind != "WAY" or slot.words not in _PARTICLES]
+    values = {slot.kind: slot.words for slot in reversed(kept) if slot.kind not in ("WHO", "GRAY")}
+    ways = [slot.words for slot in kept if slot.kind == "WAY"]
+    if ways:  # "over to the left", "up a bit to the left"
+        values["WAY"] = ways[-1]
+    told = {(slot.kind, slot.words) for slot in kept if slot.kind not in ("WHO", "WAY", "SLIGHTLY", "MUCH")}
+    twice = len({kind for kind, _ in told}) < len(told)
+    who = _things([slot.words for slot in slots if slot.kind == "WHO"], labels)
+    gray = any(slot.kind == "GRAY" for slot in slots) and operation != "gray"
+    unsure = len(who) > 1 and (operation in _REMOVING or any(slot.words.lower() in _STANDING_FOR for slot in slots))
+    if twice or gray or unsure or operation == NOTHING or (not who and not selected and operation in _NEEDED):
+        return
+    values["WHO"] = who[0] if who else "it" if selected else "everything"
+    must = values.keys() - {"WHO", "MUCH", "TIME"}
+    if len(who) > 1:
+        values["OTHER"] = who[1]
+    for sentence in _SENTENCES[operation].split("|"):
+        names = set(_SLOT_NAME.findall(sentence))
+        if must <= names <= values.keys():
+            filled = _SLOT_NAME.sub(lambda name: values[name[0]], sentence)
+            yield filled if "TIME" in names or "TIME" not in values else f"{filled} {values['TIME']}"
+
+
+_SLOT_NAME = re.compile(r"\b[A-Z]{2,}\b")
+
+
+def _things(said: Sequence[str], labels: set[str]) -> list[str]:
+    """Things by their words: those that the scene knows, else all, else a pronoun."""
+    nouns = list(dict.fromkeys(words for words in said if words.lower() not in _PRONOUNS))
+    there = labels | {"everything", "all", "background"}
+    sure = [words for words in nouns if {singular(word) for word in re.findall(r"\w+", words.lower())} & there]
+    return sure or nouns or [words for words in said if words.lower() in _STANDING_FOR][:1]
+
+
+class Meanings:
+    """A regression from the words of phrasings to their operations (kernel ridge, cosines of weighed words and pairs)."""
+
+    def __init__(self, rows: Sequence[tuple[str, str]]):
+        """`rows`: (operation, phrasing)."""
+        self.operations = sorted({operation for operation, _ in rows})
+        counts = Counter(part for _, phrasing in rows for part in _parts(phrasing))
+        kept = sorted(part for part, count in counts.items() if count > 1)
+        self.column = {part: at for at, part in enumerate(kept)}
+        self.weight = np.log(len(rows) / np.array([counts[part] for part in kept]))
+        self.features = self._features([phrasing for _, phrasing in rows])
+        self.wanted = np.array([[operation == one for one in self.operations] for operation, _ in rows], float)
+        self.kernel = self.features @ self.features.T + _SMOOTHING * np.eye(len(rows))
+        self.solved = self.features.T @ np.linalg.solve(self.kernel, self.wanted)
+
+    @classmethod
+    @lru_cache(1)
+    def known(cls) -> Meanings:
+        """Those of `phrasings.txt`."""
+        return cls(read_phrasings())
+
+    def scores(self, phrasings: Sequence[str]) -> np.ndarray:
+        """(phrasings, operations): about 1 for what is meant."""
+        return self._features(phrasings) @ self.solved
+
+    def _features(self, phrasings: Sequence[str]) -> np.ndarray:
+        rows = np.zeros((len(phrasings), len(self.column)))
+        for row, phrasing in zip(rows, phrasings, strict=True):
+            row[[self.column[part] for part in _parts(phrasing) if part in self.column]] = 1
+        rows *= self.weight
+        return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
+
+
+def read_phrasings() -> list[tuple[str, str]]:
+    """(operation, phrasing) of each line of `phrasings.txt`."""
+    rows: list[tuple[str, str]] = []
+    operation = ""
+    for line in PHRASINGS.read_text(encoding="utf-8").splitlines():
+        if line.startswith("# "):
+            operation = line[2:]
+        else:
+            rows.append((operation, line))
+    return rows
+
+
+def _parts(phrasing: str) -> set[str]:
+    """Words, their stems and pairs of words."""
+    words = phrasing.split()
+    return {
+        *words,
+        *(f"{_ENDING.sub('', word)}-" for word in words),
+        *map(" ".join, pairwise(words)),
+    }
+
+
+_ENDING = re.compile(r"(?<=[a-z]{3})(?:ing|ed|es|er|s|e)$")
