@@ -97,6 +97,16 @@ _ASKED_FOR = frozenset(
 )
 """With which the command begins behind words that only ask for it: "would you mind making"."""
 _DROPPED = word_set("please kindly thanks thank")
+_UNWANTED = re.compile(
+    r"\b(?:hate (?:to|it (?:if|when)|for|seeing|having)|(?:wrong|mistake|shame|pity|crime|sin|disaster|foolish|"
+    r"(?:bad|terrible|awful|horrible|poor|stupid) idea) (?:to|if|that|for)|(?:refuse|decline|object|hesitate) to|refrain from|"
+    r"(?:avoid|against) \w+ing|(?:forbidden|prohibited|not allowed|afraid) to|doubt (?:that|if|whether)|"
+    r"i(?: a|')m afraid .*\b(?:will|might|could|may|going to) (?!have to)|do you think (?:i|we|any\w+) wants? |"
+    r"(?:hardly|scarcely) any(?:one|body)|(?:nobody|no one|none of us) (?!(?:\w+ )?(?:should|to see|would miss|needs))|"
+    r"nothing should|neither .* nor |(?:would|could)(?:n't| not| never) want |not an option|no sense|"
+    r"keep (?:me|you|us|them) from|last thing (?:i|we|you|any\w+) wants?|(?:heaven|god) forbid)"
+)
+"""What a sentence says of something that is not to be done, in front of it."""
 
 
 def parse(
@@ -134,6 +144,8 @@ def parse(
         )
     if before and _BROUGHT_BACK.search(sentence) and _deletes(before[-1]):
         raise Refusal("What was removed comes back by undoing it: use `f4x undo SCENE`, or the button for it.")
+    if unwanted := _UNWANTED.search(sentence.lower()):
+        raise Refusal(f"'{unwanted[0].strip()}' tells what is not wanted; say what is to be done.")
     read = _read_somehow(sentence, known, settled)
     for rule, doubt in _DOUBTFUL:
         if any(rule.at(read.reading, at) for at in range(len(read.reading.tokens))):

@@ -326,3 +326,22 @@ def test_a_fade_in_ends_with_all_of_it():
 def test_the_background_but_not_the_dog_is_told_so():
     told = "remove the background but not the dog"
     assert describe(say(told)[0]) == told
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "I would hate to see the car removed",
+        "it would be wrong to remove the dog",
+        "it would be a shame to lose the dog",
+        "I'm afraid the dog will be removed",
+        "nobody wants a red car here",
+        "I doubt that the car should be red",
+        "I wouldn't want a teal wash all over that car",
+        "refrain from cutting out the dog",
+        "the last thing I want is the car deleted",
+    ],
+)
+def test_what_is_said_to_be_unwanted_is_not_done(sentence):
+    with pytest.raises(Refusal, match="not wanted"):
+        parse(Request(sentence, ["car", "dog"], fps=24, frames=72))
