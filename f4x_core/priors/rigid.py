@@ -33,6 +33,9 @@ to the camera, or behind it, some depth explains whatever runs along the camera'
 of cards: with 8, half of the swan stood still."""
 MAX_BEHIND = 1.0
 """Most pixels of parallax (at a width of `REFERENCE_WIDTH`) by which what stands still may seem behind what is around it."""
+MIN_BEFORE = 8.0
+"""Pixels of parallax by which it has to seem before what is around it for its depth to tell anything: 17 to 36 where things were
+found in the lens (a room, blackswan)."""
 AROUND, FAR_WEIGHT, MIN_KNOWN = 24, 0.01, 1e-6
 """Pixels around the mask whose depth is asked, the weight of those from afar beside them, and the least weight that counts."""
 MIN_AHEAD = 1e-3
@@ -99,8 +102,9 @@ def flow_beyond_cameras(
             others = np.array([t + gap for gap in there])
             fit = _fit_depth(cameras, t, others, here, here + flow.astype(np.float64), trust, unit)
             by_itself = score_of_residuals(fit.left[None], trust[None], unit)[0]
-            behind = not doubted and _behind_the_rest(fit, around[t], near[t], by_itself) > MAX_BEHIND * unit
-            found[around[t]] = np.where(behind | (fit.rho >= MAX_INVERSE_DEPTH), 1, by_itself)
+            apart = _behind_the_rest(fit, around[t], near[t], by_itself) / unit
+            in_lens = (fit.rho >= MAX_INVERSE_DEPTH) & (apart < -MIN_BEFORE)
+            found[around[t]] = np.where(in_lens | (not doubted and apart > MAX_BEHIND), 1, by_itself)
             found[~near[t]] = 1
         return found
 

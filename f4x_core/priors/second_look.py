@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 MAX_ERROR = 0.1
 """Largest error of a static point as a fraction of what its track shifts by beyond the camera's turn."""
-MAX_UNUSUAL, BACKGROUND = 3.0, 1000
-"""Largest error of a static point over the median of the background's, of which so many are asked: some point explains what moves
-evenly past a camera within a pixel or two."""
+MAX_UNUSUAL, MIN_LIMIT, BACKGROUND = 3.0, 1.1, 1000
+"""Largest error of a static point over the median of the background's, of which so many are asked, and the pixels that pass in any
+case: some point explains what moves evenly past a camera within a pixel or two (1.2 to 1.3 in three rooms of cards)."""
 MIN_RELEASED, MIN_RELEASED_MASK = 0.05, 0.02
 """Smallest fraction of the tracks on what moves that must stand still before they count, and of the mask before it is changed."""
 OWN_MOTION = 0.35
@@ -88,7 +88,8 @@ def _stands_still(priors: Priors, asked: np.ndarray) -> np.ndarray:
     )
     usual = float(np.median(background.rms)) if len(rest) else TRACK_OUTLIER_PX
     shift = points.spread * float(priors.cameras.intrinsics[:, 0, 0].mean())
-    return (points.rms < min(TRACK_OUTLIER_PX, MAX_UNUSUAL * usual)) & (points.rms < MAX_ERROR * shift)
+    limit = np.clip(MAX_UNUSUAL * usual, MIN_LIMIT, TRACK_OUTLIER_PX)
+    return (points.rms < limit) & (points.rms < MAX_ERROR * shift)
 
 
 def _released(mask: np.ndarray, tracks: np.ndarray, visible: np.ndarray, stands: np.ndarray) -> np.ndarray:
