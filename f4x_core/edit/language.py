@@ -104,7 +104,8 @@ _UNWANTED = re.compile(
     r"i(?: a|')m afraid .*\b(?:will|might|could|may|going to) (?!have to)|do you think (?:i|we|any\w+) wants? |"
     r"(?:hardly|scarcely) any(?:one|body)|(?:nobody|no one|none of us) (?!(?:\w+ )?(?:should|to see|would miss|needs))|"
     r"nothing should|neither .* nor |(?:would|could)(?:n't| not| never) want |not an option|no sense|"
-    r"keep (?:me|you|us|them) from|last thing (?:i|we|you|any\w+) wants?|(?:heaven|god) forbid)"
+    r"keep (?:me|you|us|them) from|last thing (?:i|we|you|any\w+) wants?|(?:heaven|god) forbid)",
+    re.IGNORECASE,
 )
 """What a sentence says of something that is not to be done, in front of it."""
 
@@ -144,7 +145,7 @@ def parse(
         )
     if before and _BROUGHT_BACK.search(sentence) and _deletes(before[-1]):
         raise Refusal("What was removed comes back by undoing it: use `f4x undo SCENE`, or the button for it.")
-    if unwanted := _UNWANTED.search(sentence.lower()):
+    if unwanted := _UNWANTED.search(sentence):
         raise Refusal(f"'{unwanted[0].strip()}' tells what is not wanted; say what is to be done.")
     read = _read_somehow(sentence, known, settled)
     for rule, doubt in _DOUBTFUL:

@@ -17,7 +17,7 @@ from .config import PriorsConfig
 from .flow import long_flows
 from .motion import STATIC_TRACK, VOTE_SIGMA, densify, enlarge, without_specks
 from .points import TRACK_OUTLIER_PX, fit_points
-from .rigid import MIN_FRAMES, fills_border, flow_beyond_cameras
+from .rigid import FAR_WEIGHT, MIN_FRAMES, fills_border, flow_beyond_cameras
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -34,8 +34,8 @@ MIN_RELEASED, MIN_RELEASED_MASK = 0.05, 0.02
 OWN_MOTION = 0.35
 """Score of flow beyond the cameras' from which a pixel moves by itself. Chosen on camel, dog, car-shadow, blackswan, parkour and
 breakdance and seven rooms of cards: at most 1.5 % of what truly moves is lost (camel); from .4 on 4 %."""
-FAR_SIGMA, FAR_WEIGHT = 16.0, 0.01
-"""Gaussian (pixels), and its weight, by which tracks vote where none is near."""
+FAR_SIGMA = 16.0
+"""Gaussian (pixels) by which tracks vote, with `FAR_WEIGHT`, where none is near."""
 
 
 def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> float:

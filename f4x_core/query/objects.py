@@ -280,7 +280,8 @@ def superpoints_of(scene: Scene) -> Graph:
     bonds, near, unit = _bonds(ways.apart(), mine)
     nearest = np.sort(_squares(mine, theirs), axis=1)[:, :NEIGHBOURS]
     blend = BLENDING * np.exp(-nearest.mean(1) / unit) if nearest.size else np.zeros(len(mine))
-    bonds, piece = _strengthen(bonds, near, ways), _pieces(ways, near)
+    changes = _changes(ways, near)
+    bonds, piece = _strengthen(bonds, near, changes), _pieces(changes, len(near))
     outside = _bonds(_squares(sights, sights), outlines)[:2]
     return Graph(
         Superpoints(moving, index, weight, bonds, near, blend, piece=piece),
@@ -406,31 +407,38 @@ def _bonds(far: np.ndarray, appearance: np.ndarray) -> tuple[np.ndarray, np.ndar
     return close * np.exp(-unlike / unit), close, unit
 
 
-def _changes(tracks: _Tracks, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(2,E) int64 pairs of neighbours, `near (P,P)` > 0, and (E,) how much their distance changes while both are there.
+class _Changes(NamedTuple):
+    """How much the distances of E pairs of neighbours change."""
 
-    It is measured as a fraction of it, or of the neighbours' median distance where that is more.
-    """
+    pairs: np.ndarray
+    """(2,E) int64."""
+    change: np.ndarray
+    """(E,): as a fraction of the distance, or of the neighbours' median distance where that is more, while both are there."""
+
+
+def _changes(tracks: _Tracks, near: np.ndarray) -> _Changes:
+    """Of the neighbours, `near (P,P)` > 0."""
     one, two = np.nonzero(near)
     if not len(one):
-        return np.zeros((2, 0), int), np.zeros(0)
+        return _Changes(np.zeros((2, 0), int), np.zeros(0))
     far = np.linalg.norm(tracks.places[one] - tracks.places[two], axis=2)
     far[(tracks.presence[one] * tracks.presence[two]) == 0] = np.nan
     change = np.nanmax(far, 1) - np.nanmin(far, 1)
-    return np.stack([one, two]), change / (np.nanmean(far, 1) + np.nanmedian(far) + np.finfo(float).tiny)
+    change /= np.nanmean(far, 1) + np.nanmedian(far) + np.finfo(float).tiny
+    return _Changes(np.stack([one, two]), change)
 
 
-def _pieces(tracks: _Tracks, near: np.ndarray) -> np.ndarray:
-    """(P,) int64 piece of each superpoint, from 0: neighbours (`near (P,P)` > 0) stay together while their distance lasts."""
-    pairs, change = _changes(tracks, near)
+def _pieces(changes: _Changes, count: int) -> np.ndarray:
+    """(P,) int64 piece of each of `count` superpoints, from 0: neighbours stay together while their distance lasts."""
+    pairs, change = changes
     if not len(change):
-        return np.arange(len(near))
-    return connect(pairs[:, change <= LASTING * max(RIGID, NOISE * float(np.median(change)))], len(near))
+        return np.arange(count)
+    return connect(pairs[:, change <= LASTING * max(RIGID, NOISE * float(np.median(change)))], count)
 
 
-def _strengthen(bonds: np.ndarray, near: np.ndarray, tracks: _Tracks) -> np.ndarray:
+def _strengthen(bonds: np.ndarray, near: np.ndarray, changes: _Changes) -> np.ndarray:
     """`bonds (P,P)`, and part of what differing looks took from them, `near (P,P)`, where two move as one."""
-    pairs, change = _changes(tracks, near)
+    pairs, change = changes
     if not len(change):
         return bonds
     steady = np.zeros_like(bonds)

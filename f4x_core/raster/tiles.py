@@ -20,6 +20,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import embedding_bag, pad
 
+from ..native.kernels import torch_threads
 from .binning import TileLists, bands_of, build_tile_lists
 from .contract import RasterConfig, RasterInput, RasterOutput
 from .projection import project
@@ -136,10 +137,9 @@ def _map(function: Callable[[Item], Result], items: Sequence[Item], threads: int
         return [function(item) for item in items]
     if threads not in _pools:
         # Each worker keeps to one core: spinning OpenMP teams inside them would fight over the same cores.
-        intra_op = torch.get_num_threads()
-        _pools[threads] = ThreadPoolExecutor(threads, "raster", torch.set_num_threads, (1,))
-        list(_pools[threads].map(lambda _: None, range(threads)))
-        torch.set_num_threads(intra_op)
+        with torch_threads(1):
+            _pools[threads] = ThreadPoolExecutor(threads, "raster", torch.set_num_threads, (1,))
+            list(_pools[threads].map(lambda _: None, range(threads)))
     return list(_pools[threads].map(torch.no_grad()(function), items))
 
 

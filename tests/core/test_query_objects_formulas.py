@@ -15,6 +15,8 @@ from f4x_core.query.blend_weights import blend_weight_sums, total_blend_weights
 from f4x_core.query.marks import Box, Brush, Mask, Point, marks_of
 from f4x_core.query.objects import BLENDING, Graph, Superpoints, point_out
 
+from .test_query_superpoints import pieces
+
 
 @pytest.mark.parametrize(
     ("prompt", "kinds"),
@@ -155,8 +157,8 @@ def test_pieces_are_what_keeps_its_distances():
     )
     places = np.concatenate([still, turning])
     near = (np.linalg.norm(places[:, None, 0] - places[:, 0], axis=2) < 1.1) * (1 - np.eye(8))
-    np.testing.assert_array_equal(objects._pieces(always(places), near), [0, 0, 0, 0, 1, 1, 1, 1])
-    np.testing.assert_array_equal(objects._pieces(always(places), np.zeros((8, 8))), np.arange(8))
+    np.testing.assert_array_equal(pieces(always(places), near), [0, 0, 0, 0, 1, 1, 1, 1])
+    np.testing.assert_array_equal(pieces(always(places), np.zeros((8, 8))), np.arange(8))
 
 
 @pytest.mark.parametrize(("change", "together"), [(0.305, True), (0.355, False)])
@@ -166,14 +168,14 @@ def test_how_much_a_distance_may_change(change, together):
     places[:, :, 0] = np.arange(8.0)[:, None]
     places[4:, 2, 0] += change
     near = np.eye(8, k=1) + np.eye(8, k=-1)
-    assert objects._pieces(always(places), near).max() == (0 if together else 1)
+    assert pieces(always(places), near).max() == (0 if together else 1)
 
 
 def test_noise_of_all_neighbours_raises_the_limit():
     places = np.zeros((8, 2, 3))
     places[:, :, 0] = np.stack([np.arange(8.0), np.arange(8.0) * 1.5], 1)  # all gaps change by .5 of 1 to 1.5
     near = np.eye(8, k=1) + np.eye(8, k=-1)
-    assert objects._pieces(always(places), near).max() == 0
+    assert pieces(always(places), near).max() == 0
 
 
 def test_what_is_absent_keeps_no_distance():
@@ -192,8 +194,8 @@ def test_what_is_absent_keeps_no_distance():
     gone = np.ones((6, 4))
     gone[0, 3] = 0
     chained = np.eye(6, k=1) + np.eye(6, k=-1)
-    assert objects._pieces(objects._Tracks(row, gone), chained).tolist() == [0] * 6
-    assert objects._pieces(always(row), chained).tolist() == [0] + [1] * 5
+    assert pieces(objects._Tracks(row, gone), chained).tolist() == [0] * 6
+    assert pieces(always(row), chained).tolist() == [0] + [1] * 5
     parted = objects._Tracks(places, np.eye(3, 4))
     assert not objects._bonds(parted.apart(), np.zeros((3, 2)))[1].any()
 

@@ -133,6 +133,11 @@ def bonds_by_loops(far, appearance):
     return bonds, near, unit
 
 
+def pieces(tracks, near):
+    """(P,) int: the pieces of superpoints along `tracks` whose neighbours are `near (P,P)` > 0."""
+    return objects._pieces(objects._changes(tracks, near), len(near))
+
+
 def strengthened_by_loops(bonds, near, ways, there):
     pairs = [(i, j) for i in range(len(near)) for j in range(len(near)) if near[i, j] > 0]
     far = [
@@ -550,7 +555,7 @@ def test_pieces_are_what_keeps_its_distances():
     near = np.zeros((5, 5))
     near[[0, 1, 1, 2, 2, 3], [1, 0, 2, 1, 3, 2]] = 1
     tracks = objects._Tracks(places, np.ones((5, 3)))
-    assert objects._pieces(tracks, near).tolist() == [0, 0, 0, 1, 2]
-    assert objects._pieces(objects._Tracks(places[:1], np.ones((1, 3))), np.zeros((1, 1))).tolist() == [0]
+    assert pieces(tracks, near).tolist() == [0, 0, 0, 1, 2]
+    assert pieces(objects._Tracks(places[:1], np.ones((1, 3))), np.zeros((1, 1))).tolist() == [0]
     shaken = places + 0.3 * np.random.default_rng(0).normal(size=places.shape)
-    assert len(set(objects._pieces(tracks._replace(places=shaken), near)[:3])) == 1  # noise is no motion
+    assert len(set(pieces(tracks._replace(places=shaken), near)[:3])) == 1  # noise is no motion
