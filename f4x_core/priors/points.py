@@ -11,6 +11,8 @@ from .bundle import Observations, from_matrices, triangulate
 
 TRACK_OUTLIER_PX = 2.0
 """A track whose root mean square reprojection error is larger is no static point."""
+SLIP_PX = 1.0
+"""Reprojection error from which a sighting counts less in rounds of `fit_points` (the scale of Cauchy's weights)."""
 
 
 @dataclass(frozen=True)
@@ -23,14 +25,30 @@ class FittedPoints:
     """(O,) int."""
     z: np.ndarray
     """(O,) depth in that frame."""
+    error: np.ndarray
+    """(O,) pixels, reprojection error; infinite behind the camera."""
     rms: np.ndarray
     """(n,) pixels, root mean square reprojection error; infinite behind a camera that saw it, or where no frame did."""
     spread: np.ndarray
     """(n,) radians between the rays."""
 
+    def rms_of_nearest(self, fraction: float) -> np.ndarray:
+        """(n,) pixels: as `rms`, of that fraction of each point's sightings that fits best."""
+        order = np.lexsort((self.error, self.point))
+        count = np.bincount(self.point, minlength=len(self.rms))
+        rank = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
+        kept = order[rank < np.ceil(fraction * np.repeat(count, count))]
+        with np.errstate(invalid="ignore"):
+            squares = np.bincount(self.point[kept], self.error[kept] ** 2, len(self.rms))
+        number = np.bincount(self.point[kept], minlength=len(self.rms))
+        return np.where(number > 0, np.sqrt(squares / np.maximum(number, 1)), np.inf)
 
-def fit_points(cameras: CameraPath, tracks: np.ndarray, seen: np.ndarray) -> FittedPoints:
-    """The points nearest to the rays of `tracks (F,n,2)` in pixels in the frames in which they are `seen (F,n)`."""
+
+def fit_points(cameras: CameraPath, tracks: np.ndarray, seen: np.ndarray, rounds: int = 0) -> FittedPoints:
+    """The points nearest to the rays of `tracks (F,n,2)` in pixels in the frames in which they are `seen (F,n)`.
+
+    In so many further `rounds` sightings that miss the point count less: tracks slip where something passes before them.
+    """
     count = tracks.shape[1]
     frame, point = np.nonzero(seen)
     # Given cameras may zoom: sightings are brought to one normalised camera first.
@@ -38,12 +56,17 @@ def fit_points(cameras: CameraPath, tracks: np.ndarray, seen: np.ndarray) -> Fit
     focal = intrinsics[:, [0, 1], [0, 1]]
     plane = (tracks[frame, point] - intrinsics[:, :2, 2]) / focal
     bundle = from_matrices(cameras.world_to_camera, 1.0, np.zeros(2))
-    points, spread = triangulate(bundle, Observations(frame, point, plane, np.ones(len(frame))), count)
-    local = np.einsum("oij,oj->oi", cameras.world_to_camera[frame, :3, :3], points[point])
-    local += cameras.world_to_camera[frame, :3, 3]
-    z = local[:, 2]
-    error = ((local[:, :2] / np.maximum(z, 1e-9)[:, None] - plane) * focal) ** 2
+    weight = np.ones(len(frame))
+    for left in range(rounds, -1, -1):
+        points, spread = triangulate(bundle, Observations(frame, point, plane, weight), count)
+        local = np.einsum("oij,oj->oi", cameras.world_to_camera[frame, :3, :3], points[point])
+        local += cameras.world_to_camera[frame, :3, 3]
+        z = local[:, 2]
+        squares = (((local[:, :2] / np.maximum(z, 1e-9)[:, None] - plane) * focal) ** 2).sum(1)
+        if left:
+            weight = 1 / (1 + squares / SLIP_PX**2)
     sightings = np.bincount(point, minlength=count)
-    rms = np.sqrt(np.bincount(point, error.sum(1), count) / np.maximum(sightings, 1))
+    rms = np.sqrt(np.bincount(point, squares, count) / np.maximum(sightings, 1))
     known = (sightings > 0) & np.isfinite(rms) & (np.bincount(point, ~(z > 0), count) == 0)
-    return FittedPoints(frame, point, z, np.where(known, rms, np.inf), spread)
+    error = np.where(z > 0, np.sqrt(squares), np.inf)
+    return FittedPoints(frame, point, z, error, np.where(known, rms, np.inf), spread)

@@ -232,6 +232,11 @@ def test_registered_cameras_lead_the_scores():
         ({"held_out_psnr": 26.0}, "5.0 dB worse", "--prior cameras=FILE"),
         ({"held_out_psnr_flow_blend": 30.5}, "blending the two neighbouring frames", "--profile wild"),
         ({"used_psnr_moving": 25.0, "used_psnr_static": 31.0}, "6.0 dB worse than what stands still", "--masks"),
+        (
+            {"held_out_psnr_moving_registered": 22.0, "held_out_psnr_static_registered": 29.0},
+            "7.0 dB worse in unseen frames than",
+            "--masks",
+        ),
     ],
 )
 def test_scores_are_explained(change, words, advice):

@@ -105,6 +105,15 @@ def test_a_depth_at_which_nothing_stands_is_no_excuse(trusted, depth, at_border,
     assert (inside == 1).all() if moves else inside.max() < 0.05
 
 
+def test_a_wall_between_posts_is_not_behind_all_that_is_around_it(trusted):
+    mask = np.zeros((FRAMES, HEIGHT, WIDTH), bool)
+    mask[:, 40:80, 80:120] = True
+    world = np.full((HEIGHT, WIDTH), 3.0)
+    world[:, 55:80] = world[:, 120:145] = 1.2
+    score = rigid.flow_beyond_cameras(path(), mask, flows_of((1, 2, 4), (0.0, 0.0), world), (1, 2, 4))
+    assert score[5, 12:18, 22:28].max() < 0.05
+
+
 def test_what_would_be_behind_or_in_the_lens_is_no_point():
     """The camera goes ahead; flow towards the middle, and flow that only a point in the lens makes, are no depth's."""
     cams = path()

@@ -74,6 +74,20 @@ def test_points_are_those_that_tracks_show(passing):
     assert np.isinf(points.fit_points(cams, uv, seen & (np.arange(3) != 0)).rms[0])  # never seen
 
 
+def test_sightings_that_slipped_move_no_point_when_they_count_less(passing):
+    cams, truth = path(), np.array([[-0.5, 0.2, 3.0], [0.6, -0.3, 5.0]])
+    uv, _ = seen_by(cams, np.tile(truth, (FRAMES, 1, 1)))
+    uv[FRAMES - 4 :, 0, 0] += 12.0
+    seen = np.ones((FRAMES, 2), bool)
+    plain, robust = points.fit_points(cams, uv, seen), points.fit_points(cams, uv, seen, rounds=second_look.ROUNDS)
+    assert plain.rms_of_nearest(second_look.MOST)[0] > 1 > 0.1 > robust.rms_of_nearest(second_look.MOST)[0]
+    np.testing.assert_allclose(plain.rms_of_nearest(1.0), plain.rms)
+    for k in range(2):
+        errors = np.sort(plain.error[plain.point == k])[: int(np.ceil(0.6 * FRAMES))]
+        assert plain.rms_of_nearest(0.6)[k] == pytest.approx(np.sqrt(np.mean(errors**2)))
+    assert np.isinf(points.fit_points(cams, uv, seen & False).rms_of_nearest(0.5)).all()
+
+
 def test_what_one_point_explains_is_taken_out_and_the_rest_stays(passing, monkeypatch):
     asked = {}
     monkeypatch.setattr(second_look, "densify", lambda *given, known: asked.update(known=known))
