@@ -413,7 +413,7 @@ def _ask_by_likeness(sentence: str, known: Mapping[tuple[str, ...], str], settle
     """Raise `Doubt` with what sentences like it mean, where that is certain enough to be asked about."""
     asked = None
     with suppress(Refusal):
-        for instead in meaning.meant(_words_of(_plainly(sentence, known)[0], known), selected):
+        for instead in meaning.meant(sentence, _words_of(_plainly(sentence, known)[0], known), selected):
             read = _read_somehow(instead, known, settled)
             if read.operations and not read.idle and not _unsure(read):
                 asked = Doubt(f"I understand only a part of that. I would do: {_in_words(read.operations)}.", instead)

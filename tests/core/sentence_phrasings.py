@@ -1,17 +1,21 @@
-"""The phrasings of `f4x_core/edit/phrasings.txt`, from the sentences of `tests/data`; run as a script it writes them."""
+"""`f4x_core/edit/phrasings.txt` and `phrasings.npy`, from the sentences of `tests/data`; run as a script it writes them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import sentence_cases
 
 from f4x_core.edit import language, meaning
 from f4x_core.edit.request import Request
 from f4x_core.errors import F4xError
+from f4x_core.features.minilm import MiniLm
 from f4x_core.fit.vocabulary import EVERYDAY
 
+SMOOTHING = 0.3
+"""Of the regression of vectors."""
 UP = {"scale": ("smaller", "larger"), "speed": ("slower", "faster")}
 """Slots with an amount -> the operations of less and of more."""
 
@@ -73,13 +77,28 @@ def _is_more(amount: float | str) -> bool:
     return amount == "up" or (amount != "down" and float(amount) > 1)
 
 
+def vectors(texts: list[str]) -> np.ndarray:
+    """(sentences, 384) unit vectors."""
+    return MiniLm().encode(texts)
+
+
+def kernel(features: np.ndarray) -> np.ndarray:
+    """(sentences, sentences): the cosines of vectors, smoothed."""
+    return features @ features.T + SMOOTHING * np.eye(len(features))
+
+
 def write() -> None:
-    """Write the table."""
+    """Write the table, and the regression of the vectors."""
+    known = examples()
     found: dict[str, set[str]] = {}
-    for example in examples():
+    for example in known:
         found.setdefault(example.operation, set()).add(example.phrasing)
     lines = [line for name in sorted(found) for line in (f"# {name}", *sorted(found[name] - {""}))]
     meaning.PHRASINGS.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    wanted = np.array([[example.operation == name for name in sorted(found)] for example in known], float)
+    features = vectors([example.row["text"] for example in known])
+    solved = features.T @ np.linalg.solve(kernel(features), wanted)
+    np.save(meaning.VECTORS, solved.astype(np.float16), allow_pickle=False)
 
 
 if __name__ == "__main__":
