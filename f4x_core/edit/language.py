@@ -171,7 +171,8 @@ def parse(
             raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
     if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
-        _ask_by_likeness(sentence, known, settled, request.selected)
+        if not any(_shade.at(read.reading, at) for at in range(len(read.reading.tokens))):
+            _ask_by_likeness(sentence, known, settled, request.selected)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
     raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
 
@@ -1050,7 +1051,12 @@ _replacing = (
     + keyword("with|by|for")
     + ~keyword("a|an|some|the")
 )
-_NEW_THING = (_a_new | _replacing) + (_strange_word + ~_strange_word | silent(familiar))
+_NEW_THING = either(
+    (_a_new | _replacing) + (_strange_word + ~_strange_word | silent(familiar)),
+    keyword("swap") + silent(thing) + literal("for a|for an|for some") + silent(familiar),
+)
+_shade = keyword("[darker|lighter|brighter|deeper]") + silent(colour)
+"""A color by what it is darker than, which may mean either."""
 _UNKNOWN_WAYS = (
     (keyword("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
     (
@@ -1058,7 +1064,7 @@ _UNKNOWN_WAYS = (
         "Things are changed as a whole, so '{words}' means nobody.",
     ),
     (
-        keyword("[darker|lighter|brighter|deeper]") + silent(colour),
+        _shade,
         "'{words}' is no color; give its name, for example 'dark red'.",
     ),
     (

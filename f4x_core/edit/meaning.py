@@ -1,25 +1,17 @@
 """What a refused sentence may mean: its slots are certain, its operation is that of sentences like it. Only ever a question.
 
 Things, colors, times and amounts are found by the grammar's own rules and give way to the name of their slot; what is left is
-compared with `phrasings.txt`. Where the weights of all-MiniLM-L6-v2 are installed (`features/minilm.py`), the vector of the whole
-sentence counts as much. The answer is a sentence of the grammar, so that no other plan builder exists.
+compared with `phrasings.txt` (`features/phrasings.py`). The answer is a sentence of the grammar, so that no other plan builder
+exists.
 """
 
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
-from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-
-from ..errors import F4xError
-from ..features.text import TEXT_ENCODERS, TextEncoder
+from ..features.phrasings import NOTHING, Slot, likeliest
 from ..language.amounts import fraction, multiple, number, percent
 from ..language.colours import colour
 from ..language.grammar import Reading, literal, table
@@ -29,19 +21,7 @@ from .phrases import known_thing
 from .qualities import any_look
 
 PHRASINGS = Path(__file__).with_name("phrasings.txt")
-"""Sentences that are known, without what stands in their slots: `# operation`, and below it a line each."""
-NOTHING = "nothing"
-"""The operation of what is no edit, or more than one."""
-VECTORS = PHRASINGS.with_name("phrasings.npy")
-"""float16 (384, operations): from the unit vector of a known sentence to about 1 for its operation, by ridge regression."""
-CERTAIN, AHEAD = 0.28, 0.1
-"""Score from which an operation is asked about, and by how much it has to lead; right ones are at 1."""
-AHEAD_BY_BOTH = 0.06
-"""The lead by words and vector together, which count the same: chosen on sentences that older grammars refused, the author's own
-left out (docs/language.md)."""
-_SMOOTHING = 0.4
-"""Of the regression: how little a single phrasing counts."""
-
+"""Sentences that are known, without what stands in their slots, by operation."""
 _NEVER = word_set("not never no except but unless if when without why how undo instead while until or")
 """Words with which a sentence means something else than what it names."""
 _PRONOUNS = word_set(
@@ -138,14 +118,6 @@ _REMOVING = ("delete", "extract", "hide")
 """Operations that are not asked about where two things are named."""
 
 
-@dataclass(frozen=True)
-class Slot:
-    """A phrase whose meaning is certain."""
-
-    kind: str
-    words: str
-
-
 def masked(reading: Reading) -> tuple[str, tuple[Slot, ...]]:
     """The words of a sentence with the names of its slots in place of what stands there, and the slots."""
     words: list[str] = []
@@ -183,29 +155,8 @@ def meant(sentence: str, reading: Reading, selected: bool) -> Iterator[str]:
     phrasing, slots = masked(reading)
     if not slots or is_barred(phrasing):
         return
-    scores, ahead = Meanings.known().scores([phrasing])[0], AHEAD
-    if (network := _network()) is not None:
-        scores, ahead = (scores + network.encode([sentence])[0] @ _of_vectors()) / 2, AHEAD_BY_BOTH
-    first, second = np.argsort(-scores)[:2]
-    if scores[first] < CERTAIN or scores[first] - scores[second] < ahead:
-        return
     labels = {singular(words[-1]) for words in reading.known}
-    yield from sentences(Meanings.known().operations[first], slots, labels, selected)
-
-
-@lru_cache(1)
-def _network() -> TextEncoder | None:
-    """What makes a vector of a sentence; None where its weights are not here or not readable."""
-    entry = TEXT_ENCODERS["minilm"]
-    with suppress(F4xError):
-        return entry.load() if entry.here else None
-    return None
-
-
-@lru_cache(1)
-def _of_vectors() -> np.ndarray:
-    """The regression of `VECTORS`, float32."""
-    return np.load(VECTORS, allow_pickle=False).astype(np.float32)
+    yield from sentences(likeliest(PHRASINGS, sentence, phrasing), slots, labels, selected)
 
 
 def is_barred(phrasing: str) -> bool:
@@ -248,61 +199,3 @@ def _things(said: Sequence[str], labels: set[str]) -> list[str]:
     there = labels | {"everything", "all", "background"}
     sure = [words for words in nouns if {singular(word) for word in re.findall(r"\w+", words.lower())} & there]
     return sure or nouns or [words for words in said if words.lower() in _STANDING_FOR][:1]
-
-
-class Meanings:
-    """A regression from the words of phrasings to their operations (kernel ridge, cosines of weighed words and pairs)."""
-
-    def __init__(self, rows: Sequence[tuple[str, str]]):
-        """`rows`: (operation, phrasing)."""
-        self.operations = sorted({operation for operation, _ in rows})
-        counts = Counter(part for _, phrasing in rows for part in _parts(phrasing))
-        kept = sorted(part for part, count in counts.items() if count > 1)
-        self.column = {part: at for at, part in enumerate(kept)}
-        self.weight = np.log(len(rows) / np.array([counts[part] for part in kept]))
-        self.features = self._features([phrasing for _, phrasing in rows])
-        self.wanted = np.array([[operation == one for one in self.operations] for operation, _ in rows], float)
-        self.kernel = self.features @ self.features.T + _SMOOTHING * np.eye(len(rows))
-        self.solved = self.features.T @ np.linalg.solve(self.kernel, self.wanted)
-
-    @classmethod
-    @lru_cache(1)
-    def known(cls) -> Meanings:
-        """Those of `phrasings.txt`."""
-        return cls(read_phrasings())
-
-    def scores(self, phrasings: Sequence[str]) -> np.ndarray:
-        """(phrasings, operations): about 1 for what is meant."""
-        return self._features(phrasings) @ self.solved
-
-    def _features(self, phrasings: Sequence[str]) -> np.ndarray:
-        rows = np.zeros((len(phrasings), len(self.column)))
-        for row, phrasing in zip(rows, phrasings, strict=True):
-            row[[self.column[part] for part in _parts(phrasing) if part in self.column]] = 1
-        rows *= self.weight
-        return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
-
-
-def read_phrasings() -> list[tuple[str, str]]:
-    """(operation, phrasing) of each line of `phrasings.txt`."""
-    rows: list[tuple[str, str]] = []
-    operation = ""
-    for line in PHRASINGS.read_text(encoding="utf-8").splitlines():
-        if line.startswith("# "):
-            operation = line[2:]
-        else:
-            rows.append((operation, line))
-    return rows
-
-
-def _parts(phrasing: str) -> set[str]:
-    """Words, their stems and pairs of words."""
-    words = phrasing.split()
-    return {
-        *words,
-        *(f"{_ENDING.sub('', word)}-" for word in words),
-        *map(" ".join, pairwise(words)),
-    }
-
-
-_ENDING = re.compile(r"(?<=[a-z]{3})(?:ing|ed|es|er|s|e)$")

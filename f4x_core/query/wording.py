@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -43,6 +44,7 @@ from ..language.lexicon import (
     written,
 )
 from ..language.times import END, START, Clip, Span, no_such_time, span
+from . import meaning
 from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
 
 CAN = (
@@ -91,12 +93,10 @@ class Asked:
         return "" if not self.polar else "Yes" if so != self.negated else "No"
 
 
-SUBJECTS = (
+_BEYOND = (
     (r"\bpaint|\btexture|\bmade of\b|\bmaterial", "what material a thing has"),
-    (r"\bcamera|\blens|\bfocal|\biso\b|\baperture|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
+    (r"\bfocal|\biso\b|\baperture|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
     (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
-    (r"^(?:and )?who\b|\bwhose\b|\bname\b", "who somebody is"),
-    (r"\bhow many\b|\bnumber of\b|\bcount\b", "how many of a kind there are"),
     (r"\bweather|\brain|\bsnow|\bwind|\btemperature|\bsunny", "what the weather is"),
     (r"\bhow old\b|\bage\b", "how old something is"),
     (r"\bheavy|\bweigh", "what something weighs"),
@@ -105,9 +105,17 @@ SUBJECTS = (
     (r"\bsay\b|\bsays\b|\bsound|\bhear|\bwrit", "what is said or written"),
     (r"\bwhat will\b|\bhappens? next\b|\btomorrow\b", "what comes after the clip"),
     (r"\bwearing\b|\bholding\b|\bcarrying\b|\beating\b", "what somebody wears, holds or eats"),
-    (r"\bdoing\b|^what (?:does|do|did|is|are) \S", "what somebody does beyond moving"),
+    (r"\bdoing\b|^what (?:does|do|did) \S", "what somebody does beyond moving"),
 )
-"""(pattern, what it asks for that nobody can compute), the first that fits."""
+"""(pattern, what it asks for that nobody can compute)."""
+SUBJECTS = (
+    *_BEYOND,
+    (r"\bcamera|\blens", "what the camera did or was set to"),
+    (r"^(?:and )?who\b|\bwhose\b|\bname\b", "who somebody is"),
+    (r"\bhow many\b|\bnumber of\b|\bcount\b", "how many of a kind there are"),
+    (r"^what (?:is|are) \S", "what somebody does beyond moving"),
+)
+"""And what a question may ask for that is not understood; the first that fits is told."""
 
 _NO_NAMES = (
     FUNCTION_WORDS
@@ -332,18 +340,8 @@ _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in w
 _ASKING_WORDS = {*_NO_NAMES, *SPELLING} - {"looking"}  # in "what am I looking at?" alone
 
 
-def read_question(
-    question: str, fps: float, frames: int, selected: str = "", labels: Collection[str] = ()
-) -> tuple[Asked, ...]:
-    """Parse `question`, one or several joined by "and", about a clip of `frames` frames; `selected`: what "it" is at first.
-    `labels`: names of things, to tell which one has its letters swapped.
-
-    Raises F4xError: a time beyond the clip; `Unanswerable`: what is not understood whole; `Doubt`: what may be misspelt.
-    """
-
-    def called(words: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(label_of(word, labels) for word in words)
-
+def plainly(question: str, selected: bool = False) -> str:
+    """A question in lower case, in the language's own spelling and without courtesies; `selected`: "the selection" is it."""
     text = " ".join(written(question).lower().replace("’", "'").split())
     text = re.sub(r"[a-z]+", lambda word: " ".join(CONTRACTIONS.get(word[0], (SPELLING.get(word[0], word[0]),))), text)
     text = re.sub(r"\bhow much (?=(?:far|big|large|fast|quick|long|high|tall|close|near|many)\b)", "how ", text)
@@ -364,7 +362,23 @@ def read_question(
     )
     text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
-    text = re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
+    return re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
+
+
+def read_question(
+    question: str, fps: float, frames: int, selected: str = "", labels: Collection[str] = ()
+) -> tuple[Asked, ...]:
+    """Parse `question`, one or several joined by "and", about a clip of `frames` frames; `selected`: what "it" is at first.
+    `labels`: names of things, to tell which one has its letters swapped.
+
+    Raises F4xError: a time beyond the clip; `Unanswerable`: what is not understood whole; `Doubt`: what may be misspelt, or
+    is like another question.
+    """
+
+    def called(words: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(label_of(word, labels) for word in words)
+
+    text = plainly(question, bool(selected))
     parts = re.split(rf"[?!;]+ *|\. |,?(?<!^who) and (?={_ASKING}\b)", text)
     parts = [part for part in parts if not (_matches(_adds_nothing, part) or _SAID_AFTER.match(part))] or parts
     understood: list[Asked] = []
@@ -395,9 +409,9 @@ def read_question(
                 understood.append(replace(last, kind=moment, extreme="") if moment else last)
         else:
             try:
-                more_asked = _read(part, Clip(fps, frames), it)
-            except Slip as slip:
-                raise Slip(slip.reason, text.replace(part, slip.instead)) from slip
+                more_asked = _read(part, Clip(fps, frames), it, labels)
+            except Doubt as doubt:
+                raise type(doubt)(doubt.reason, text.replace(part, doubt.instead)) from doubt
             if understood and more_asked[0].kind == "fast" and "then" in part.split():
                 extreme = _THEN.get(understood[-1].kind, more_asked[0].extreme)
                 more_asked = [replace(more_asked[0], extreme=extreme)]
@@ -465,7 +479,7 @@ def _things_alone(text: str) -> tuple[str, ...]:
     return names
 
 
-def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
+def _read(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]) -> list[Asked]:
     asked = (
         _understood(text, clip, it)
         or _either_or(text, clip, it)
@@ -482,7 +496,7 @@ def _read(text: str, clip: Clip, it: tuple[str, ...]) -> list[Asked]:
                 one == other or is_slip(one, other) for one, other in zip(text.split(), instead.split(), strict=True)
             )
             raise (Slip if sure else Doubt)(f"I do not understand '{text}'; did you mean '{instead}'?", instead)
-        raise _refusal(text, clip, it)
+        raise _refusal(text, clip, it, labels)
     if asked.kind in ONE_BY_ONE and not asked.other:
         return [replace(asked, things=(thing,)) for thing in asked.things] or [asked]
     return [asked]
@@ -696,11 +710,12 @@ def _nearest_kinds(text: str, clip: Clip, it: tuple[str, ...]) -> str:
     return f" Do you ask {', or '.join([*near.values()][:2])}?" if near else ""
 
 
-def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
+def _refusal(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]) -> F4xError:
     """Why nothing is computed: the word that is not known, or what the question is about; and what may be meant."""
     words = re.findall(r"[^\W\d_]+", text)
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
-    if not it and not _PRONOUNS.isdisjoint(words) and _understood(text, clip, ("it",)):
+    unnamed = not it and not _PRONOUNS.isdisjoint(words)
+    if unnamed and _understood(text, clip, ("it",)):
         return Unanswerable(f"I do not know what is meant here, as nothing is selected or was named before; {INSTEAD}.")
     limit = re.search(rf"{_NEGATION}|\bonly\b", text)
     if limit and subject == "that":
@@ -709,9 +724,20 @@ def _refusal(text: str, clip: Clip, it: tuple[str, ...]) -> Unanswerable:
     last = [word for word in words if word not in _ASKING_WORDS][-1:]
     if not strange and last and re.search(rf"(?<!\ba )(?<!\ban )(?<!\bthe )\b{last[0]}$", text):
         strange = last[0]
+    why, what_can = f"Computing from the scene cannot tell {subject}", f"it {CAN}"
     if subject == "that" and strange:
-        return Unanswerable(f"I do not know what '{strange}' means here; {INSTEAD}.{_nearest_kinds(text, clip, it)}")
-    return Unanswerable(f"Computing from the scene cannot tell {subject}; it {CAN}.{_nearest_kinds(text, clip, it)}")
+        why, what_can = f"I do not know what '{strange}' means here", INSTEAD
+    if not unnamed and (alike := _alike(text, clip, it, labels)):
+        return Doubt(f"{why}. Ask '{alike}?' if that is what you mean.", alike)
+    return Unanswerable(f"{why}; {what_can}.{_nearest_kinds(text, clip, it)}")
+
+
+def _alike(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]) -> str:
+    """The question that those like it ask; nothing where that is not certain enough to be asked back."""
+    with suppress(F4xError):
+        if not any(re.search(pattern, text) for pattern, _ in _BEYOND):
+            return next((one for one in meaning.meant(text, labels) if _understood(one, clip, it)), "")
+    return ""
 
 
 def _frames(span: Span, clip: Clip) -> tuple[float, float]:

@@ -1,8 +1,9 @@
-"""`f4x_core/edit/phrasings.txt` and `phrasings.npy`, from the sentences of `tests/data`; run as a script it writes them."""
+"""`phrasings.txt` and `phrasings.npy` of `f4x_core/edit` and `query`, from the sentences of `tests/data`; run, it writes them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,10 @@ from f4x_core.edit import language, meaning
 from f4x_core.edit.request import Request
 from f4x_core.errors import F4xError
 from f4x_core.features.minilm import MiniLm
+from f4x_core.features.phrasings import NOTHING
 from f4x_core.fit.vocabulary import EVERYDAY
+from f4x_core.query import meaning as query_meaning
+from f4x_core.query.wording import plainly
 
 SMOOTHING = 0.3
 """Of the regression of vectors."""
@@ -53,7 +57,7 @@ def _example(row: dict[str, Any]) -> Example | None:
 def operation_of(row: dict[str, Any]) -> str:
     """The operation of a sentence; nothing where it has several, or is to be refused."""
     made = [name for slot in row["operations"] for name in _names(slot)]
-    return made[0] if row["expect"] == "do" and len(made) == 1 else meaning.NOTHING
+    return made[0] if row["expect"] == "do" and len(made) == 1 else NOTHING
 
 
 def _names(slot: dict[str, Any]) -> list[str]:
@@ -69,8 +73,8 @@ def _names(slot: dict[str, Any]) -> list[str]:
         named = {"translate": "move", "rotate": "rotate"}
         return [named.get(part) or UP[part][_is_more(slot[part])] for part in ("scale", *named) if part in slot]
     if kind == "retime":
-        return [UP["speed"][_is_more(slot["speed"])]] if "speed" in slot else [meaning.NOTHING]
-    return [kind if kind in meaning._SENTENCES else meaning.NOTHING]
+        return [UP["speed"][_is_more(slot["speed"])]] if "speed" in slot else [NOTHING]
+    return [kind if kind in meaning._SENTENCES else NOTHING]
 
 
 def _is_more(amount: float | str) -> bool:
@@ -87,19 +91,46 @@ def kernel(features: np.ndarray) -> np.ndarray:
     return features @ features.T + SMOOTHING * np.eye(len(features))
 
 
-def write() -> None:
-    """Write the table, and the regression of the vectors."""
-    known = examples()
-    found: dict[str, set[str]] = {}
-    for example in known:
-        found.setdefault(example.operation, set()).add(example.phrasing)
-    lines = [line for name in sorted(found) for line in (f"# {name}", *sorted(found[name] - {""}))]
-    meaning.PHRASINGS.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    wanted = np.array([[example.operation == name for name in sorted(found)] for example in known], float)
-    features = vectors([example.row["text"] for example in known])
+def questions() -> list[tuple[dict[str, Any], str, str, str]]:
+    """(row, kind, the question without courtesies, its phrasing) of the questions of both files."""
+    found = []
+    for row in (*sentence_cases.rows(), *sentence_cases.rows(sentence_cases.OPENED)):
+        if row["kind"] == "ask":
+            text = plainly(row["text"], "selected" in row)
+            phrasing, _ = query_meaning.masked(text, {*EVERYDAY, *sentence_cases._things(row)})
+            found.append((row, kind_of(row), text, phrasing))
+    return found
+
+
+def kind_of(row: dict[str, Any]) -> str:
+    """The kind of a question; nothing where there are several, or none that is answered."""
+    asked = row.get("questions", [])
+    if row["expect"] != "do" or len(asked) != 1:
+        return NOTHING
+    kind, whose = asked[0]["question"], bool(asked[0].get("target"))
+    of_whom = {("duration", True): "seen long", ("moving", True): "moves", ("count_moving", True): NOTHING}
+    kind = " ".join(filter(None, (of_whom.get((kind, whose), kind), asked[0].get("extreme"))))
+    return kind if kind in query_meaning._QUESTIONS else NOTHING
+
+
+def without_itself(kernel: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """(rows, meanings): the scores of each row by a regression that never saw it."""
+    inverse = np.linalg.inv(kernel)
+    return wanted - inverse @ wanted / np.diag(inverse)[:, None]
+
+
+def write(table: Path, known: list[tuple[str, str, str]]) -> None:
+    """Write a table of phrasings, and the regression of the vectors, from (meaning, sentence, phrasing)."""
+    names = sorted({name for name, _, _ in known})
+    phrasings = {name: sorted({phrasing for one, _, phrasing in known if one == name} - {""}) for name in names}
+    lines = [line for name in names for line in (f"# {name}", *phrasings[name])]
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    wanted = np.array([[one == name for name in names] for one, _, _ in known], float)
+    features = vectors([sentence for _, sentence, _ in known])
     solved = features.T @ np.linalg.solve(kernel(features), wanted)
-    np.save(meaning.VECTORS, solved.astype(np.float16), allow_pickle=False)
+    np.save(table.with_suffix(".npy"), solved.astype(np.float16), allow_pickle=False)
 
 
 if __name__ == "__main__":
-    write()
+    write(meaning.PHRASINGS, [(one.operation, one.row["text"], one.phrasing) for one in examples()])
+    write(query_meaning.PHRASINGS, [question[1:] for question in questions()])

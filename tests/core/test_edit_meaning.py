@@ -10,14 +10,9 @@ import sentence_phrasings
 from f4x_core.edit import meaning
 from f4x_core.edit.language import Refusal, parse
 from f4x_core.edit.request import Request
+from f4x_core.features import phrasings
 from f4x_core.features.text import TEXT_ENCODERS
 from f4x_core.language.grammar import Doubt, Slip
-
-
-def without_itself(kernel: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """(rows, operations): the scores of each row by a regression that never saw it."""
-    inverse = np.linalg.inv(kernel)
-    return wanted - inverse @ wanted / np.diag(inverse)[:, None]
 
 
 def asked(example: sentence_phrasings.Example, row: np.ndarray, names: list[str], ahead: float) -> str:
@@ -25,7 +20,7 @@ def asked(example: sentence_phrasings.Example, row: np.ndarray, names: list[str]
     if not example.slots or meaning.is_barred(example.phrasing):
         return "nothing"
     first, second = np.argsort(-row)[:2]
-    if row[first] < meaning.CERTAIN or row[first] - row[second] < ahead:
+    if row[first] < phrasings.CERTAIN or row[first] - row[second] < ahead:
         return "nothing"
     for said in meaning.sentences(names[first], example.slots, example.labels, example.request.selected):
         try:
@@ -42,8 +37,8 @@ def examples() -> list[sentence_phrasings.Example]:
 
 
 @pytest.fixture(scope="module")
-def words(examples) -> meaning.Meanings:
-    return meaning.Meanings([(one.operation, one.phrasing) for one in examples])
+def words(examples) -> phrasings.Meanings:
+    return phrasings.Meanings([(one.operation, one.phrasing) for one in examples])
 
 
 def counted(examples, scores: np.ndarray, names: list[str], ahead: float) -> Counter:
@@ -57,8 +52,8 @@ def counted(examples, scores: np.ndarray, names: list[str], ahead: float) -> Cou
 
 
 def test_without_the_grammar_and_the_sentence_itself_it_is_mostly_right(examples, words):
-    scores = without_itself(words.kernel, words.wanted)
-    found = counted(examples, scores, words.operations, meaning.AHEAD)
+    scores = sentence_phrasings.without_itself(words.kernel, words.wanted)
+    found = counted(examples, scores, words.names, phrasings.AHEAD)
     assert found[True, "right"] > 5 * (found[True, "wrong"] + found[False, "wrong"])
     assert found[True, "right"] > 0.4 * sum(n for (do, _), n in found.items() if do)
 
@@ -66,14 +61,14 @@ def test_without_the_grammar_and_the_sentence_itself_it_is_mostly_right(examples
 @pytest.mark.skipif(not TEXT_ENCODERS["minilm"].here, reason="the package of all-MiniLM-L6-v2 is not installed")
 def test_with_vectors_it_asks_more_rightly_and_no_more_wrongly(examples, words):
     vectors = sentence_phrasings.vectors([one.row["text"] for one in examples])
-    by_words = without_itself(words.kernel, words.wanted)
-    by_both = (by_words + without_itself(sentence_phrasings.kernel(vectors), words.wanted)) / 2
-    alone = counted(examples, by_words, words.operations, meaning.AHEAD)
-    both = counted(examples, by_both, words.operations, meaning.AHEAD_BY_BOTH)
+    by_words = sentence_phrasings.without_itself(words.kernel, words.wanted)
+    by_both = (by_words + sentence_phrasings.without_itself(sentence_phrasings.kernel(vectors), words.wanted)) / 2
+    alone = counted(examples, by_words, words.names, phrasings.AHEAD)
+    both = counted(examples, by_both, words.names, phrasings.AHEAD_BY_BOTH)
     assert both[True, "right"] > alone[True, "right"]
     assert both[True, "wrong"] <= alone[True, "wrong"] and both[False, "wrong"] <= alone[False, "wrong"]
     fitted = vectors.T @ np.linalg.solve(sentence_phrasings.kernel(vectors), words.wanted)
-    assert np.abs(meaning._of_vectors() - fitted).max() < 2e-3  # the file is that of these sentences
+    assert np.abs(phrasings.of_vectors(meaning.PHRASINGS) - fitted).max() < 2e-3  # the file is that of these sentences
 
 
 @pytest.mark.parametrize(
@@ -108,7 +103,7 @@ def test_negations_conditions_and_two_things_of_a_removal_are_refused(sentence):
 
 
 def test_it_asks_where_the_weights_are_not_installed(monkeypatch):
-    monkeypatch.setattr(meaning, "_network", lambda: None)
+    monkeypatch.setattr(phrasings, "_network", lambda: None)
     with pytest.raises(Doubt) as asked:
         parse(Request("I reckon the car wants a teal wash all over, innit", ("car",), fps=24.0, frames=72))
     assert asked.value.instead == "make the car teal"
