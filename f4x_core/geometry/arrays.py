@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+GOLDEN_RATIO = (5**0.5 - 1) / 2
+"""The multiples of it, without their whole parts, lie evenly between 0 and 1 however many they are, neighbours far apart."""
 Array = Any
 """A numpy array or a torch tensor; the functions of this room return the kind that came in."""
 

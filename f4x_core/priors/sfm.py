@@ -20,7 +20,7 @@ from ..geometry import pose, quaternion
 from ..geometry.arrays import evenly_spaced
 from ..parallel import in_threads
 from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, rays, resect, triangulate
-from .tracks import best_rank
+from .tracks import best_rank, longest_first
 
 MATCH_GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 """Keyframe distances whose pictures are matched: dense nearby, sparse for loops; all pairs would cost 5x the time."""
@@ -78,9 +78,8 @@ def choose_covering_points(visible: np.ndarray, max_count: int) -> np.ndarray:
     They are the q longest seen points of every frame, q as large as fits. The longest of all would leave frames without any
     point where tracks are short, as in a fast pan.
     """
-    length = visible.sum(0)
-    order = np.argsort(-length, kind="stable")
-    order = order[length[order] > 0]
+    order = longest_first(visible)
+    order = order[visible[:, order].any(0)]
     frame, point = np.nonzero(visible[:, order])
     best = best_rank(frame, point, len(order))
     return np.sort(order[np.argsort(best, kind="stable")[:max_count]])

@@ -26,6 +26,7 @@ from .config import PriorsConfig
 from .depth import MAX_DEPTH
 from .files import camera_kind
 from .flow import sample
+from .tracks import longest_first
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -217,7 +218,7 @@ def provide_tracks(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
     progress("tracks", len(frames), len(frames))
     tracks = np.concatenate([t for t, _ in found], axis=1) if found else np.zeros((len(frames), 0, 2))
     visible = np.concatenate([v for _, v in found], axis=1) if found else np.zeros((len(frames), 0), bool)
-    longest = np.sort(np.argsort(-visible.sum(0), kind="stable")[: settings.count])
+    longest = np.sort(longest_first(visible)[: settings.count])
     priors.tracks, priors.tracks_visible = tracks[:, longest].astype(np.float32), visible[:, longest]
 
 

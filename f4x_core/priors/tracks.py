@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..geometry.arrays import GOLDEN_RATIO
 from ..parallel import in_threads
 from ..progress import Progress, silent
 from .config import PriorsConfig, TracksConfig
@@ -445,6 +446,15 @@ def best_rank(group: np.ndarray, item: np.ndarray, count: int) -> np.ndarray:
     return best
 
 
+def longest_first(visible: np.ndarray) -> np.ndarray:
+    """(N,) int: the points `visible (F,N)` by the number of frames that see them, those of equal numbers from all over the picture.
+
+    Tracks come row by row, and where the camera moves little most are seen in all frames: the first of these are the picture's
+    top, a far wall or the sky, which looks the same to a camera that only turns.
+    """
+    return np.lexsort((np.arange(visible.shape[1]) * GOLDEN_RATIO % 1, -visible.sum(0)))
+
+
 def thinned(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return at most `count` tracks, none with fewer samples than `MIN_SAMPLES` (or F, in shorter clips).
 
@@ -455,7 +465,7 @@ def thinned(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.nda
     samples = visible.sum(0)
     keep = np.nonzero(samples >= min(MIN_SAMPLES, len(visible)))[0]
     if len(keep) > count:
-        order = keep[np.argsort(-samples[keep], kind="stable")]
+        order = keep[longest_first(visible[:, keep])]
         frame, track = np.nonzero(visible[:, order])
         square = np.floor(tracks[:, order][frame, track] / PLACE).astype(np.int64)
         best = best_rank(frame * 2**20 + square[:, 1] * 2**10 + square[:, 0], track, len(order))

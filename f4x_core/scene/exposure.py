@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..geometry.arrays import GOLDEN_RATIO
 from ..geometry.camera import Camera
 from ..progress import Progress, silent
 from .color import linear_from_srgb
@@ -17,8 +18,6 @@ from .stage import Cloud, DrawSettings, Surface, draw
 
 GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 """Points of a disc at this angle from one to the next cover it evenly (Vogel 1979)."""
-GOLDEN_RATIO = (5**0.5 - 1) / 2
-"""Step, of all samples, between the lens points of neighbouring moments, so that neither follows the other."""
 SHARP = ("depth", "index", "latent", "score", "vector", "normal", "position")
 """Passes that are no light: they show the frame's own moment through the middle of the lens."""
 
@@ -71,6 +70,7 @@ class Exposure:
 
     def lens_points(self) -> np.ndarray:
         """(samples,2) points of the unit aperture, right and up, evenly over its area."""
+        # Lens points of neighbouring moments lie far apart, so that neither follows the other.
         rank = np.argsort(np.argsort(np.arange(self.samples) * GOLDEN_RATIO % 1))
         radius, angle = np.sqrt((rank + 0.5) / self.samples), rank * GOLDEN_ANGLE
         lens = self.lens or Lens(0.0, 1.0)

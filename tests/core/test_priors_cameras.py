@@ -348,6 +348,16 @@ def test_chosen_points_hold_every_frame():
         assert np.sort(length[own])[::-1][q - 1] >= length[rest].max(initial=0)
 
 
+def test_of_points_that_last_equally_long_those_chosen_are_all_over_the_picture():
+    """Tracks come row by row: the first of those that are seen in all frames were the picture's top."""
+    rows, columns = 40, 60
+    chosen = choose_covering_points(np.ones((24, rows * columns), bool), 200)
+    row, column = np.divmod(chosen, columns)
+    for place, count in ((row, rows), (column, columns)):
+        share = np.bincount(place * 5 // count, minlength=5) / 200
+        assert share.min() > 0.16 and share.max() < 0.24
+
+
 def test_all_points_are_chosen_where_there_is_room_and_unseen_ones_never():
     visible = np.zeros((3, 6), bool)
     visible[:, [0, 2, 5]] = True

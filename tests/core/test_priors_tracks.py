@@ -304,7 +304,7 @@ def test_squares_of_a_wide_picture_are_told_apart():
     few, _ = module.thinned(tracks[:, ::-1], visible[:, ::-1], 120)
     np.testing.assert_array_equal(few, tracks[:, :120][:, ::-1])
     visible[:, :20] = True
-    visible[6:, :20] = False  # the first row's tracks last no longer than the others' second ones
+    visible[7:, :20] = False  # of the first row only those that are longer than the second of every square
     few, _ = module.thinned(tracks, visible, 200)
     assert set(map(tuple, few[0])) == set(places)
 
