@@ -97,17 +97,6 @@ _ASKED_FOR = frozenset(
 )
 """With which the command begins behind words that only ask for it: "would you mind making"."""
 _DROPPED = word_set("please kindly thanks thank")
-_UNWANTED = re.compile(
-    r"\b(?:hate (?:to|it (?:if|when)|for|seeing|having)|(?:wrong|mistake|shame|pity|crime|sin|disaster|foolish|"
-    r"(?:bad|terrible|awful|horrible|poor|stupid) idea) (?:to|if|that|for)|(?:refuse|decline|object|hesitate) to|refrain from|"
-    r"(?:avoid|against) \w+ing|(?:forbidden|prohibited|not allowed|afraid) to|doubt (?:that|if|whether)|"
-    r"i(?: a|')m afraid .*\b(?:will|might|could|may|going to) (?!have to)|do you think (?:i|we|any\w+) wants? |"
-    r"(?:hardly|scarcely) any(?:one|body)|(?:nobody|no one|none of us) (?!(?:\w+ )?(?:should|to see|would miss|needs))|"
-    r"nothing should|neither .* nor |(?:would|could)(?:n't| not| never) want |not an option|no sense|"
-    r"keep (?:me|you|us|them) from|last thing (?:i|we|you|any\w+) wants?|(?:heaven|god) forbid)",
-    re.IGNORECASE,
-)
-"""What a sentence says of something that is not to be done, in front of it."""
 
 
 def parse(
@@ -139,17 +128,13 @@ def parse(
         return _settled(read, context, _recalled(before, context))
 
     before = _clauses_before(earlier, known)
-    if _TAKEN_BACK.fullmatch(sentence.strip()) or _GIVEN_UP.search(sentence):
-        raise Refusal(
-            "That may be an undoing: use `f4x undo SCENE`, or the button for it, or say what is to be removed."
-        )
-    if before and _BROUGHT_BACK.search(sentence) and _deletes(before[-1]):
-        raise Refusal("What was removed comes back by undoing it: use `f4x undo SCENE`, or the button for it.")
-    if unwanted := _UNWANTED.search(sentence):
-        raise Refusal(f"'{unwanted[0].strip()}' tells what is not wanted; say what is to be done.")
+    for barred in _BARRED:
+        said = re.search(barred.pattern, sentence, re.IGNORECASE)
+        if said and (not barred.after_removal or (before and _deletes(before[-1]))):
+            raise Refusal(barred.reason.format(words=said[0].strip()))
     read = _read_somehow(sentence, known, settled)
     for rule, doubt in _DOUBTFUL:
-        if any(rule.at(read.reading, at) for at in range(len(read.reading.tokens))):
+        if _holds(rule, read.reading):
             raise Refusal(doubt)
     if request.labels or not read.clauses:
         _ask_about_slips(read, sentence, known, settled)
@@ -171,7 +156,7 @@ def parse(
             raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
     if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
-        if not any(_shade.at(read.reading, at) for at in range(len(read.reading.tokens))):
+        if not _holds(_shade, read.reading):
             _ask_by_likeness(sentence, known, settled, request.selected)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
     raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
@@ -195,7 +180,12 @@ class Read:
     @property
     def only_then(self) -> bool:
         """Whether "only" stands before a time."""
-        return any(_ONLY_WHEN.at(self.reading, at) for at in range(len(self.reading.tokens)))
+        return _holds(_ONLY_WHEN, self.reading)
+
+
+def _holds(rule: Rule, reading: Reading) -> bool:
+    """Whether a phrase stands somewhere in a sentence."""
+    return any(rule.at(reading, at) for at in range(len(reading.tokens)))
 
 
 Settle = Callable[[Read], tuple[Operation, ...]]
@@ -209,9 +199,7 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
     operations = operations or context.complaints
     if not operations:
         raise Refusal("Nothing is said that could be done.")
-    if any(map(_removes, operations)) and any(
-        several_placed.at(read.reading, at) for at in range(len(read.reading.tokens))
-    ):
+    if any(map(_removes, operations)) and _holds(several_placed, read.reading):
         raise Refusal(
             "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the "
             "people'."
@@ -344,35 +332,57 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
         raise (Slip if sure else Doubt)(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
-_TAKEN_BACK = re.compile(
-    r"(?:(?:oh|no|wait|nah|actually|ok|okay|please|and)\b[ ,.!]*)*(?:scratch|strike|scrap|drop|forget|cancel|kill|lose|undo|axe|"
-    r"ditch|"
-    r"discard|never ?mind) (?:that|this)(?: one| again)?(?: please)?[ .!]*",
-    re.IGNORECASE,
-)
-"""What may speak of the sentence before: "scratch that"."""
-_GIVEN_UP = re.compile(
-    r"[,.;!?–—-]\s*(?:oh |no |well |actually |and |but |just |on second thoughts?,? )*(?:(?:forget|scrap|ignore|cancel|undo|"
-    r"scratch|strike) (?:it|that|"
-    r"this|all that|"
-    r"about (?:it|that))|never ?mind(?: that| it)?|rather not|better not|kidding|joking|jk|not (?:that|it)(?: one)?|leave it)[ "
-    r".!]*$",
-    re.IGNORECASE,
-)
-"""An end with which all is taken back: "make it red, forget it"."""
-_BROUGHT_BACK = re.compile(
-    r"\b(?:bring|put|get|give|have|want|need|take|add)\b.*\bback\b|\b(?:restore|undelete|unremove|come back)\b|"
-    r"\b(?:show|see)\b.*\bagain\b",
-    re.IGNORECASE,
-)
-
-
 def _deletes(clause: Clause) -> bool:
     """Whether a clause of the sentence before removed something."""
     return clause.command.make not in (REMARK, AGAIN) and clause.command.make(**arguments(clause.slots)) in (
         deleted,
         extracted,
     )
+
+
+@dataclass(frozen=True)
+class _Barred:
+    """Words with which a sentence is refused before anything else of it is read."""
+
+    pattern: str
+    """The words, wherever they stand, in capitals or not."""
+    reason: str
+    """What is told; `{words}`: what was said."""
+    after_removal: bool = False
+    """Only where the sentence before removed something."""
+
+
+_UNDO = "That may be an undoing: use `f4x undo SCENE`, or the button for it, or say what is to be removed."
+_BARRED = (
+    _Barred(  # what may speak of the sentence before: "scratch that"
+        r"\A\s*(?:(?:oh|no|wait|nah|actually|ok|okay|please|and)\b[ ,.!]*)*(?:scratch|strike|scrap|drop|forget|cancel|kill|lose|"
+        r"undo|axe|ditch|discard|never ?mind) (?:that|this)(?: one| again)?(?: please)?[ .!]*\s*\Z",
+        _UNDO,
+    ),
+    _Barred(  # an end with which all is taken back: "make it red, forget it"
+        r"[,.;!?–—-]\s*(?:oh |no |well |actually |and |but |just |on second thoughts?,? )*(?:(?:forget|scrap|ignore|cancel|undo|"
+        r"scratch|strike) (?:it|that|this|all that|about (?:it|that))|never ?mind(?: that| it)?|rather not|better not|kidding|"
+        r"joking|jk|not (?:that|it)(?: one)?|leave it)[ .!]*$",
+        _UNDO,
+    ),
+    _Barred(
+        r"\b(?:bring|put|get|give|have|want|need|take|add)\b.*\bback\b|\b(?:restore|undelete|unremove|come back)\b|"
+        r"\b(?:show|see)\b.*\bagain\b",
+        "What was removed comes back by undoing it: use `f4x undo SCENE`, or the button for it.",
+        after_removal=True,
+    ),
+    _Barred(  # what a sentence says of something that is not to be done, in front of it
+        r"\b(?:hate (?:to|it (?:if|when)|for|seeing|having)|(?:wrong|mistake|shame|pity|crime|sin|disaster|foolish|"
+        r"(?:bad|terrible|awful|horrible|poor|stupid) idea) (?:to|if|that|for)|(?:refuse|decline|object|hesitate) to|refrain from|"
+        r"(?:avoid|against) \w+ing|(?:forbidden|prohibited|not allowed|afraid) to|doubt (?:that|if|whether)|"
+        r"i(?: a|')m afraid .*\b(?:will|might|could|may|going to) (?!have to)|do you think (?:i|we|any\w+) wants? |"
+        r"(?:hardly|scarcely) any(?:one|body)|(?:nobody|no one|none of us) (?!(?:\w+ )?(?:should|to see|would miss|needs))|"
+        r"nothing should|neither .* nor |(?:would|could)(?:n't| not| never) want |not an option|no sense|"
+        r"keep (?:me|you|us|them) from|last thing (?:i|we|you|any\w+) wants?|(?:heaven|god) forbid)",
+        "'{words}' tells what is not wanted; say what is to be done.",
+    ),
+)
+"""Sentences that take back, bring back or say what is not to be done: the first that fits is told."""
 
 
 _CUT = re.compile(r"\b(?:cut|mask|key|lift|crop|take|roto|comp|pull)", re.IGNORECASE)
@@ -479,7 +489,7 @@ def _named_besides(read: Read) -> str:
 
 def _unsure(read: Read) -> bool:
     """Whether a sentence can be meant in two ways."""
-    return any(rule.at(read.reading, at) for rule, _ in _DOUBTFUL for at in range(len(read.reading.tokens)))
+    return any(_holds(rule, read.reading) for rule, _ in _DOUBTFUL)
 
 
 _SPOKEN_OF = word_set(
@@ -1120,7 +1130,7 @@ def _not_understood(read: Read) -> tuple[str, bool]:
 
 def _no_edit(reading: Reading) -> str:
     """The sentence about a wish that another command of `f4x` fulfils; nothing where there is none."""
-    if any(_UNDOING.at(reading, at) for at in range(len(reading.tokens))):
+    if _holds(_UNDOING, reading):
         return "That is no edit; use `f4x undo SCENE`, or the button for it."
     verb = next((_ELSEWHERE[token.text] for token in reading.tokens if token.text in _ELSEWHERE), "")
     return verb and f"That is no edit; use `f4x {verb} SCENE`, or the button for it."
