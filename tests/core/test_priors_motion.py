@@ -388,8 +388,9 @@ def test_thinned_tracks_are_those_of_least_rank():
     points = rng.uniform(0, 100, (6, 60, 2)).astype(np.float32)
     visible = rng.uniform(size=(6, 60)) < 0.8
     length = visible.sum(0)
-    best = {}
-    for track in np.flatnonzero(length >= tracks.MIN_SAMPLES):
+    best, golden = {}, (5**0.5 - 1) / 2
+    tie = {int(track): i * golden % 1 for i, track in enumerate(np.flatnonzero(length >= tracks.MIN_SAMPLES))}
+    for track in tie:
         ranks = []
         for frame in np.flatnonzero(visible[:, track]):
             square = points[frame, track] // tracks.PLACE
@@ -398,10 +399,10 @@ def test_thinned_tracks_are_those_of_least_rank():
                 for other in np.flatnonzero(visible[frame] & (length >= tracks.MIN_SAMPLES))
                 if (points[frame, other] // tracks.PLACE == square).all()
             ]
-            ranks.append(sorted(others, key=lambda other: (-length[other], other)).index(track))
+            ranks.append(sorted(others, key=lambda other: (-length[other], tie[other])).index(track))
         best[track] = min(ranks)
-    expected = sorted(best, key=lambda track: (best[track], -length[track], track))[:10]
-    expected += sorted(set(best) - set(expected), key=lambda track: (-length[track], track))[:10]
+    expected = sorted(best, key=lambda track: (best[track], -length[track], tie[track]))[:10]
+    expected += sorted(set(best) - set(expected), key=lambda track: (-length[track], tie[track]))[:10]
     expected.sort()
     kept, _ = tracks.thinned(points, visible, 20)
     np.testing.assert_array_equal(kept, points[:, expected])
