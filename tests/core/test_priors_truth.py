@@ -220,7 +220,9 @@ def test_tracks_are_seeded_again_and_the_longest_kept(every, count):
             if len(seeds):
                 found.append(module._tracked(known, frames, start, seeds, moving))
     tracks, visible = (np.concatenate([one[k] for one in found], 1) for k in (0, 1))
-    keep = sorted(sorted(range(tracks.shape[1]), key=lambda n: (-visible[:, n].sum(), n * (5**0.5 - 1) / 2 % 1))[:count])
+    keep = sorted(
+        sorted(range(tracks.shape[1]), key=lambda n: (-visible[:, n].sum(), n * (5**0.5 - 1) / 2 % 1))[:count]
+    )
     np.testing.assert_array_equal(priors.tracks, tracks[:, keep].astype(np.float32))
     np.testing.assert_array_equal(priors.tracks_visible, visible[:, keep])
     module.provide_motion(clip, priors, config, silent)
