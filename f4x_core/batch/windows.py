@@ -26,6 +26,7 @@ from ..fit.config import FitConfig, resolved
 from ..fit.pipeline import ClipFit
 from ..fit.previous_window import PreviousWindow, WindowFit
 from ..language.lexicon import plural
+from ..parallel import release_memory
 from ..priors.config import config_hash
 from ..progress import Progress, silent
 from ..scene import Scene, read_scene, write_scene
@@ -118,6 +119,8 @@ def fit_shot(
             focal = float(scene.cameras.intrinsics[0, 0, 0]) / scene.cameras.width
             cameras = replace(config.priors.cameras, focal=focal)
             config = replace(config, priors=replace(config.priors, cameras=cameras), sh_degree=scene.sh_degree)
+        del clip, scene
+        release_memory()
     local = [(a - shot.start, b - shot.start) for a, b in shot.windows]
     joined = join_scenes((read_scene(path) for path in paths), local, config.backend, progress, times)
     provenance = {name: value for name, value in joined.provenance.items() if name != "window"}
