@@ -129,9 +129,9 @@ def parse(
 
     before = _clauses_before(earlier, known)
     for barred in _BARRED:
-        said = re.search(barred.pattern, sentence, re.IGNORECASE)
-        if said and (not barred.after_removal or (before and _deletes(before[-1]))):
-            raise Refusal(barred.reason.format(words=said[0].strip()))
+        found = re.search(barred.pattern, sentence, re.IGNORECASE)
+        if found and (not barred.after_removal or (before and _deletes(before[-1]))):
+            raise Refusal(barred.reason.format(words=found[0].strip()))
     read = _read_somehow(sentence, known, settled)
     for rule, doubt in _DOUBTFUL:
         if _holds(rule, read.reading):

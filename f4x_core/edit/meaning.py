@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ..features.phrasings import NOTHING, Slot, likeliest
+from ..features.phrasings import NOTHING, Slot, fill, likeliest
 from ..language.amounts import fraction, multiple, number, percent
 from ..language.colours import colour
 from ..language.grammar import Reading, literal, table
@@ -172,30 +172,24 @@ def sentences(operation: str, slots: Sequence[Slot], labels: set[str], selected:
     ways = [slot.words for slot in kept if slot.kind == "WAY"]
     if ways:  # "over to the left", "up a bit to the left"
         values["WAY"] = ways[-1]
-    told = {(slot.kind, slot.words) for slot in kept if slot.kind not in ("WHO", "WAY", "SLIGHTLY", "MUCH")}
-    twice = len({kind for kind, _ in told}) < len(told)
+    valued = {(slot.kind, slot.words) for slot in kept if slot.kind not in ("WHO", "WAY", "SLIGHTLY", "MUCH")}
+    twice = len({kind for kind, _ in valued}) < len(valued)
     who = _things([slot.words for slot in slots if slot.kind == "WHO"], labels)
     gray = any(slot.kind == "GRAY" for slot in slots) and operation != "gray"
     unsure = len(who) > 1 and (operation in _REMOVING or any(slot.words.lower() in _STANDING_FOR for slot in slots))
     if twice or gray or unsure or operation == NOTHING or (not who and not selected and operation in _NEEDED):
         return
     values["WHO"] = who[0] if who else "it" if selected else "everything"
-    must = values.keys() - {"WHO", "MUCH", "TIME"}
     if len(who) > 1:
         values["OTHER"] = who[1]
-    for sentence in _SENTENCES[operation].split("|"):
-        names = set(_SLOT_NAME.findall(sentence))
-        if must <= names <= values.keys():
-            filled = _SLOT_NAME.sub(lambda name: values[name[0]], sentence)
-            yield filled if "TIME" in names or "TIME" not in values else f"{filled} {values['TIME']}"
+    for template in _SENTENCES[operation].split("|"):
+        if sentence := fill(template, values, ("WHO", "OTHER", "MUCH", "TIME")):
+            yield sentence if "TIME" in template or "TIME" not in values else f"{sentence} {values['TIME']}"
 
 
-_SLOT_NAME = re.compile(r"\b[A-Z]{2,}\b")
-
-
-def _things(said: Sequence[str], labels: set[str]) -> list[str]:
+def _things(phrases: Sequence[str], labels: set[str]) -> list[str]:
     """Things by their words: those that the scene knows, else all, else a pronoun."""
-    nouns = list(dict.fromkeys(words for words in said if words.lower() not in _PRONOUNS))
+    nouns = list(dict.fromkeys(words for words in phrases if words.lower() not in _PRONOUNS))
     there = labels | {"everything", "all", "background"}
     sure = [words for words in nouns if {singular(word) for word in re.findall(r"\w+", words.lower())} & there]
-    return sure or nouns or [words for words in said if words.lower() in _STANDING_FOR][:1]
+    return sure or nouns or [words for words in phrases if words.lower() in _STANDING_FOR][:1]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -47,9 +47,25 @@ def likeliest(table: Path, sentence: str, phrasing: str) -> str:
     scores, ahead = known.scores([phrasing])[0], AHEAD
     if (network := _network()) is not None:
         scores, ahead = (scores + network.encode([sentence])[0] @ of_vectors(table)) / 2, AHEAD_BY_BOTH
+    return leading(scores, known.names, ahead)
+
+
+def leading(scores: np.ndarray, names: Sequence[str], ahead: float) -> str:
+    """The name with the highest of `scores (meanings,)`, `NOTHING` where it is low or leads by less than `ahead`."""
     first, second = np.argsort(-scores)[:2]
     certain = scores[first] >= CERTAIN and scores[first] - scores[second] >= ahead
-    return known.names[first] if certain else NOTHING
+    return names[first] if certain else NOTHING
+
+
+def fill(template: str, values: Mapping[str, str], spare: Collection[str]) -> str:
+    """A sentence with the values of its slots; nothing where a slot has none, or a value that is not `spare` has no slot."""
+    slots = set(_SLOT_NAME.findall(template))
+    if not values.keys() - set(spare) <= slots <= values.keys():
+        return ""
+    return _SLOT_NAME.sub(lambda slot: values[slot[0]], template)
+
+
+_SLOT_NAME = re.compile(r"\b[A-Z]{2,}\b")
 
 
 @cache

@@ -38,8 +38,7 @@ class FittedPoints:
         count = np.bincount(self.point, minlength=len(self.rms))
         rank = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
         kept = order[rank < np.ceil(fraction * np.repeat(count, count))]
-        with np.errstate(invalid="ignore"):
-            squares = np.bincount(self.point[kept], self.error[kept] ** 2, len(self.rms))
+        squares = np.bincount(self.point[kept], self.error[kept] ** 2, len(self.rms))
         number = np.bincount(self.point[kept], minlength=len(self.rms))
         return np.where(number > 0, np.sqrt(squares / np.maximum(number, 1)), np.inf)
 
@@ -65,8 +64,7 @@ def fit_points(cameras: CameraPath, tracks: np.ndarray, seen: np.ndarray, rounds
         squares = (((local[:, :2] / np.maximum(z, 1e-9)[:, None] - plane) * focal) ** 2).sum(1)
         if left:
             weight = 1 / (1 + squares / SLIP_PX**2)
+    squares = np.where((z > 0) & np.isfinite(squares), squares, np.inf)
     sightings = np.bincount(point, minlength=count)
     rms = np.sqrt(np.bincount(point, squares, count) / np.maximum(sightings, 1))
-    known = (sightings > 0) & np.isfinite(rms) & (np.bincount(point, ~(z > 0), count) == 0)
-    error = np.where(z > 0, np.sqrt(squares), np.inf)
-    return FittedPoints(frame, point, z, error, np.where(known, rms, np.inf), spread)
+    return FittedPoints(frame, point, z, np.sqrt(squares), np.where(sightings > 0, rms, np.inf), spread)

@@ -130,7 +130,8 @@ class _DepthFit:
 
 def _apart_from_the_rest(fit: _DepthFit, asked: np.ndarray, near: np.ndarray, by_itself: np.ndarray) -> np.ndarray:
     """(P,) pixels of parallax by which the pixels `asked (h,w)` lie behind all that stands still around those that are
-    `near (h,w)` the mask, less than 0 before it; `by_itself (P,)` is the score of their flow. 0 where nothing is known around.
+    `near (h,w)` the mask, less than 0 before it; `by_itself (P,)` is the score of their flow. What is around lies infinitely
+    far away where nothing is known of it.
 
     What is around reaches from its mean `REACH` standard deviations to either side: a wall between two posts is not behind it.
     """

@@ -79,7 +79,7 @@ def choose_covering_points(visible: np.ndarray, max_count: int) -> np.ndarray:
     point where tracks are short, as in a fast pan.
     """
     order = longest_first(visible)
-    order = order[visible[:, order].any(0)]
+    order = order[: np.count_nonzero(visible.any(0))]  # those that no frame sees come last
     frame, point = np.nonzero(visible[:, order])
     best = best_rank(frame, point, len(order))
     return np.sort(order[np.argsort(best, kind="stable")[:max_count]])

@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
-from ..features.phrasings import NOTHING, Slot, likeliest
+from ..features.phrasings import NOTHING, Slot, fill, likeliest
 from ..language.grammar import Reading, tokenise
 from ..language.lexicon import spellings, word_set
 from ..language.times import span
@@ -126,8 +126,8 @@ def meant(text: str, labels: Collection[str]) -> Iterator[str]:
 
 def questions(kind: str, slots: Sequence[Slot]) -> Iterator[str]:
     """The questions of the grammar of a kind with slots; none where a thing or a time would be left out."""
-    said, times = (list(dict.fromkeys(slot.words for slot in slots if slot.kind == one)) for one in ("WHO", "TIME"))
-    things = [words for words in said if words not in _PRONOUNS] or said
+    phrases, times = (list(dict.fromkeys(slot.words for slot in slots if slot.kind == one)) for one in ("WHO", "TIME"))
+    things = [words for words in phrases if words not in _PRONOUNS] or phrases
     if len(things) > 2 or len(times) > 1:
         return
     named = [words if words in _PRONOUNS else f"the {words}" for words in things]
@@ -135,11 +135,6 @@ def questions(kind: str, slots: Sequence[Slot]) -> Iterator[str]:
     values |= dict(zip(["MANY"], things, strict=False))
     if any(slot.kind == "CAMERA" for slot in slots):
         values["CAMERA"] = "the camera"
-    for question in _QUESTIONS[kind].split("|"):
-        names = set(_SLOT_NAME.findall(question))
-        must = values.keys() - {"CAMERA", "WHO" if "MANY" in names else "MANY"}
-        if must <= names <= values.keys():
-            yield " ".join([_SLOT_NAME.sub(lambda name: values[name[0]], question), *times])
-
-
-_SLOT_NAME = re.compile(r"\b[A-Z]{2,}\b")
+    for template in _QUESTIONS[kind].split("|"):
+        if question := fill(template, values, ("CAMERA", "WHO" if "MANY" in template else "MANY")):
+            yield " ".join([question, *times])

@@ -19,10 +19,8 @@ def asked(example: sentence_phrasings.Example, row: np.ndarray, names: list[str]
     """right, wrong or nothing: what is asked by the scores alone, where the grammar understands no word of it."""
     if not example.slots or meaning.is_barred(example.phrasing):
         return "nothing"
-    first, second = np.argsort(-row)[:2]
-    if row[first] < phrasings.CERTAIN or row[first] - row[second] < ahead:
-        return "nothing"
-    for said in meaning.sentences(names[first], example.slots, example.labels, example.request.selected):
+    operation = phrasings.leading(row, names, ahead)
+    for said in meaning.sentences(operation, example.slots, example.labels, example.request.selected):
         try:
             fits = sentence_cases._is_meant(example.row, said)
         except (Refusal, KeyError):

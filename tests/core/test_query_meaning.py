@@ -34,9 +34,7 @@ def counted(monkeypatch, known, names: list[str], scores: np.ndarray, ahead: flo
     found = Counter()
     for (row, _, text, _), score in zip(known, scores, strict=True):
         if row["text"] in opened:
-            second, first = np.argsort(score)[-2:]
-            certain = score[first] >= phrasings.CERTAIN and score[first] - score[second] >= ahead
-            kind = names[first] if certain else phrasings.NOTHING
+            kind = phrasings.leading(score, names, ahead)
             monkeypatch.setattr(meaning, "likeliest", lambda *_, kind=kind: kind)
             found[row["expect"] == "do", asked(row, text)] += 1
     return found
