@@ -32,6 +32,12 @@ class FittedPoints:
     spread: np.ndarray
     """(n,) radians between the rays."""
 
+    @property
+    def inverse_depth(self) -> np.ndarray:
+        """(n,) mean over the frames that saw it; 0 where none did."""
+        count = np.bincount(self.point, minlength=len(self.rms))
+        return np.bincount(self.point, 1 / np.maximum(self.z, 1e-9), len(self.rms)) / np.maximum(count, 1)
+
     def rms_of_nearest(self, fraction: float) -> np.ndarray:
         """(n,) pixels: as `rms`, of that fraction of each point's sightings that fits best."""
         order = np.lexsort((self.error, self.point))

@@ -71,7 +71,9 @@ def test_points_are_those_that_tracks_show(passing):
     np.testing.assert_allclose(found.z[front], depth[found.frame, found.point][front], rtol=1e-6)
     shaken = uv + np.array([1.5, 0.0]) * (-1.0) ** np.arange(FRAMES)[:, None, None]
     assert points.fit_points(cams, shaken, seen).rms[0] == pytest.approx(1.5, abs=0.2)
-    assert np.isinf(points.fit_points(cams, uv, seen & (np.arange(3) != 0)).rms[0])  # never seen
+    unseen = points.fit_points(cams, uv, seen & (np.arange(3) != 0))
+    assert np.isinf(unseen.rms[0]) and unseen.inverse_depth[0] == 0
+    assert found.inverse_depth[0] == pytest.approx((1 / depth[:, 0]).mean(), rel=1e-6)
 
 
 def test_sightings_that_slipped_move_no_point_when_they_count_less(passing):
@@ -146,6 +148,17 @@ def test_a_point_that_explains_an_even_walk_within_pixels_is_no_proof(passing):
     passing.tracks_visible = np.concatenate([passing.tracks_visible, np.ones((FRAMES, 80), bool)], 1)
     passing.tracks_motion = np.append(passing.tracks_motion, np.zeros(80, np.float32))
     assert second_look._stands_still(passing, np.arange(60)).mean() < 0.1
+
+
+def test_tracks_that_slip_stand_still_but_not_in_the_lens(passing):
+    """There three quarters of the sightings of whatever passes meet some point."""
+    passing.tracks[FRAMES - 3 :] += 12.0
+    slipped = np.flatnonzero(passing.tracks_visible[FRAMES - 3 :, :60].any(0))
+    assert second_look._stands_still(passing, slipped).mean() > 0.8
+    pose = passing.cameras.world_to_camera.copy()
+    pose[:, :3, 3] /= 20  # the same pictures of a world that is so much smaller: depths of 2 to 3 become .1 to .15
+    passing.cameras = CameraPath(passing.cameras.intrinsics, pose, passing.cameras.times, WIDTH, HEIGHT)
+    assert not second_look._stands_still(passing, slipped).any()
 
 
 def test_what_flow_explains_is_taken_out_where_no_track_lasts(passing, monkeypatch):
