@@ -21,8 +21,9 @@ from ..scene import Scene
 from .blend_weights import blend_weight_sums, total_blend_weights
 from .connected_objects import connect
 from .kept import Kept
-from .marks import Mark
+from .marks import Mark, Point
 from .smoothing import LOOKS_ALIKE, field_of_looks
+from .superpixels import static_part
 
 MOVING, STATIC = 1000, 2000
 """Superpoints of moving and of static Gaussians. With so many, labelling superpoints rather than Gaussians costs 0.02 of IoU, and
@@ -79,6 +80,8 @@ MOSTLY = 0.5
 """A superpoint belongs to an exact mark, or to one on what is not meant, that has more than this fraction of its blend weights."""
 UNSEEN = 1e-4
 """Minimum blend weight of a Gaussian, in pixels."""
+SHOWS = 0.05
+"""Minimum blend weight, in pixels, of a Gaussian of which a picture tells whether it belongs to a static thing."""
 BLOCK = 4096
 """Gaussians compared with all centres at once: the matrix of their distances stays small."""
 
@@ -183,6 +186,8 @@ def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = N
     toward = np.sum(signs.starts, 0)
     moves = toward[scene.moving].any() and toward[scene.moving].sum() >= _moving_fraction(marks) * toward.sum()
     superpoints = graph_of(scene).moving if moves else graph_of(scene).static
+    if not moves and likely is None and _by_picture(marks):
+        return _in_picture(scene, marks, superpoints)
     seen, inside, outside = map(superpoints.gather, (signs.seen, signs.inside, signs.outside))
     against = outside > inside
     for beside in map(superpoints.gather, signs.beside):
@@ -198,6 +203,20 @@ def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = N
         other = superpoints.apart(np.where(against, 0, start)) if drawn_on else False
         chosen = chosen | superpoints.grow(start, against | other, doubt, filled)
     return superpoints.spread(chosen, len(scene.ids)) if chosen.any() else None
+
+
+def _by_picture(marks: Sequence[Mark]) -> bool:
+    """Whether `marks` are points alone, and those on what is not meant lie on the frames of those on the thing."""
+    frames = {mark.frame for mark in marks if mark.on}
+    return all(isinstance(mark, Point) and mark.frame in frames for mark in marks)
+
+
+def _in_picture(scene: Scene, marks: Sequence[Mark], superpoints: Superpoints) -> np.ndarray | None:
+    """`point_out` of what is static, by the pictures of the marked frames; who shows in none is taken with its superpoint."""
+    fraction, seen = static_part(scene, marks)
+    around = superpoints.spread(superpoints.means(fraction, seen), len(seen))
+    chosen = (np.where(seen > SHOWS, fraction, around) > MOSTLY) & ~scene.moving
+    return chosen.astype(float) if chosen.any() else None
 
 
 class _Signs(NamedTuple):

@@ -7,6 +7,7 @@ A few thousand patches carry a scene of any size, and heads decode their mean la
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -85,25 +86,42 @@ class Patches:
         own = trust * np.minimum(self.weight, np.quantile(self.weight, MAX_WEIGHT_QUANTILE))
         own += 1e-6 * own.mean()  # a patch without weight and bonds keeps its value
         diagonal = own + np.add.reduceat(self.bond, self.first)
-        x = np.array(values, np.float64)
-        residual = own * values - self._apply(x, diagonal)
-        start = np.abs(residual).max()
-        scaled = residual / diagonal
-        direction, power = scaled, residual @ scaled
-        for _ in range(STEPS):
-            if np.abs(residual).max() <= TOLERANCE * start:
-                break
-            image = self._apply(direction, diagonal)
-            step = power / (direction @ image)
-            x += step * direction
-            residual = residual - step * image
-            scaled = residual / diagonal
-            before, power = power, residual @ scaled
-            direction = scaled + power / before * direction
-        return x
+        return solve(
+            lambda x: self._apply(x, diagonal), diagonal, own * values, np.array(values, np.float64), STEPS, TOLERANCE
+        )
 
     def _apply(self, x: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
         return diagonal * x - np.add.reduceat(self.bond * x[self.other], self.first)
+
+
+def solve(
+    apply: Callable[[np.ndarray], np.ndarray],
+    diagonal: np.ndarray,
+    right: np.ndarray,
+    x: np.ndarray,
+    steps: int,
+    tolerance: float,
+) -> np.ndarray:
+    """(n,) float64: `x` with `apply(x) = right (n,)`, from the guess `x (n,)`, by conjugate gradients.
+
+    `apply`: a symmetric, positive definite matrix times a vector; `diagonal (n,)` its preconditioner. It ends after so many
+    steps, or when the greatest residual is below `tolerance` times the first one.
+    """
+    residual = right - apply(x)
+    start = np.abs(residual).max()
+    scaled = residual / diagonal
+    direction, power = scaled, residual @ scaled
+    for _ in range(steps):
+        if np.abs(residual).max() <= tolerance * start:
+            break
+        image = apply(direction)
+        step = power / (direction @ image)
+        x = x + step * direction
+        residual = residual - step * image
+        scaled = residual / diagonal
+        before, power = power, residual @ scaled
+        direction = scaled + power / before * direction
+    return x
 
 
 _GROUPS: Kept[Patches] = Kept()
