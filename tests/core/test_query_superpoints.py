@@ -450,7 +450,9 @@ class Pointed:
         wall = np.ones((2, 2)) - np.eye(2)
         static = Superpoints(np.arange(2), np.arange(2), np.ones(2), wall, wall, np.full(2, 0.1))
         monkeypatch.setattr(objects, "graph_of", lambda scene: Graph(moving, static))
-        monkeypatch.setattr(objects, "_by_picture", lambda marks: False)  # there is no picture: see test_query_superpixels
+        monkeypatch.setattr(
+            objects, "_by_picture", lambda marks: False
+        )  # there is no picture: see test_query_superpixels
         monkeypatch.setattr(
             objects, "blend_weight_sums", lambda scene, time, frame, layers: self.sums(time, frame, layers)
         )
