@@ -57,8 +57,8 @@ from . import meaning, qualities
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
 from .commands import COMMANDS
 from .corrections import corrected, remarked, without_remarks
-from .description import describe
 from .making import BESIDE, COPY_DISTANCE, SHOWN, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
+from .misgivings import in_words, misgiving
 from .operations import (
     Delete,
     Duplicate,
@@ -146,6 +146,9 @@ def parse(
                 asked = _without_idle(replace(read, operations=operations))
                 if (strange := _named_besides(read)) and not read.reading.word(read.idle[0] - 1) == "for":
                     raise Refusal(f"I do not know what '{strange}' is, so nothing is removed.")
+                raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
+            if why := misgiving(sentence, operations, lambda text: _words_of(_plainly(text, known)[0], known)):
+                asked = Doubt(f"I would do: {in_words(operations)}. {why}", in_words(operations))
                 raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
             return operations
         except Doubt:
@@ -396,11 +399,7 @@ def _ask_about_purpose(
     plain, left_out = _plainly(sentence, known)
     gone = any(isinstance(one, Delete | Extract) for one in operations)
     if gone and left_out & PURPOSES and read.reading.sentence == plain and _CUT.search(plain):
-        raise Doubt(f"I would do: {_in_words(operations)}. The reason may mean something else.", plain)
-
-
-def _in_words(operations: tuple[Operation, ...]) -> str:
-    return "; ".join(map(describe, operations))
+        raise Doubt(f"I would do: {in_words(operations)}. The reason may mean something else.", plain)
 
 
 def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
@@ -427,7 +426,7 @@ def _ask_by_likeness(sentence: str, known: Mapping[tuple[str, ...], str], settle
         for instead in meaning.meant(sentence, _words_of(_plainly(sentence, known)[0], known), selected):
             read = _read_somehow(instead, known, settled)
             if read.operations and not read.idle and not _unsure(read):
-                asked = Doubt(f"I understand only a part of that. I would do: {_in_words(read.operations)}.", instead)
+                asked = Doubt(f"I understand only a part of that. I would do: {in_words(read.operations)}.", instead)
                 break
     if asked:
         raise asked
@@ -462,7 +461,7 @@ def _without_idle(read: Read) -> Doubt:
         else:
             joined.append((tokens[at].start, tokens[at].end))
     left_out = "', '".join(typed[start:end] for start, end in joined)
-    return Doubt(f"I would do: {_in_words(read.operations)}. I do not know what '{left_out}' adds.", cut(typed, joined))
+    return Doubt(f"I would do: {in_words(read.operations)}. I do not know what '{left_out}' adds.", cut(typed, joined))
 
 
 def _removes(operation: Operation) -> bool:

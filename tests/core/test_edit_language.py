@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from f4x_core.edit import styles
 from f4x_core.edit.commands import COMMANDS
-from f4x_core.edit.language import MAX_CHARACTERS, Refusal, describe, nearest, parse
+from f4x_core.edit.description import describe
+from f4x_core.edit.language import MAX_CHARACTERS, Refusal, nearest, parse
 from f4x_core.edit.making import SHOWN
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Transform, read_operation
 from f4x_core.edit.request import Request

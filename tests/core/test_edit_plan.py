@@ -14,8 +14,9 @@ from stub_server import client, saying, stub_server
 from f4x_core.cli import main
 from f4x_core.edit import plan
 from f4x_core.edit.apply import edited, pivot_of, with_operations
+from f4x_core.edit.description import describe
 from f4x_core.edit.display import Display
-from f4x_core.edit.language import Refusal, describe
+from f4x_core.edit.language import Refusal
 from f4x_core.edit.operations import Delete, Duplicate, Freeze, Match, Name, Opacity, Recolour, Transform
 from f4x_core.edit.resolve import EditorState, labels_of, resolve, rows_of
 from f4x_core.edit.selects import All, And, Beside, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, Text

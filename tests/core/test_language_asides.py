@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from f4x_core.edit.language import Refusal, describe, parse
+from f4x_core.edit.description import describe
+from f4x_core.edit.language import Refusal, parse
 from f4x_core.edit.operations import Delete
 from f4x_core.edit.request import Request
 from f4x_core.language.grammar import NOTHING, Doubt, Reading, tokenise

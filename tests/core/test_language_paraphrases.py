@@ -2,7 +2,8 @@
 
 import pytest
 
-from f4x_core.edit.language import Refusal, describe, parse
+from f4x_core.edit.description import describe
+from f4x_core.edit.language import Refusal, parse
 from f4x_core.edit.request import Request
 from f4x_core.language.paraphrases import paraphrases
 
