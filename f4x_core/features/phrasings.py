@@ -28,8 +28,6 @@ CERTAIN, AHEAD = 0.3, 0.1
 AHEAD_BY_BOTH = 0.06
 """The lead by words and vector together, which count the same: chosen on sentences that older grammars refused, the author's own
 left out (docs/language.md)."""
-CLEAR, CLEARLY_AHEAD = 0.4, 0.2
-"""Score and lead from which another meaning than the one that was read is asked about: likewise."""
 _SMOOTHING = 0.4
 """Of the regression: how little a single phrasing counts."""
 
@@ -52,12 +50,6 @@ def likeliest(table: Path, sentence: str, phrasing: str) -> str:
     return leading(scores, known.names, ahead)
 
 
-def clearest(table: Path, sentence: str, phrasing: str) -> str:
-    """As `likeliest`, where words and vector together say it so clearly that a reading of another meaning is doubtful."""
-    scores = highest_scores(table, {sentence: phrasing})
-    return leading(np.array([*scores.values()]), [*scores], CLEARLY_AHEAD, CLEAR) if scores else NOTHING
-
-
 def highest_scores(table: Path, phrasings: Mapping[str, str]) -> dict[str, float]:
     """Meaning of a table -> the highest score that any of the sentences -> `phrasings` has for it, by words and vector together;
     empty where MiniLM's weights are not installed: words alone miss too much."""
@@ -68,11 +60,10 @@ def highest_scores(table: Path, phrasings: Mapping[str, str]) -> dict[str, float
     return dict(zip(known.names, scores.max(axis=0).tolist(), strict=True))
 
 
-def leading(scores: np.ndarray, names: Sequence[str], ahead: float, at_least: float = CERTAIN) -> str:
-    """The name with the highest of `scores (meanings,)`, `NOTHING` where it is less than `at_least` or leads by less than
-    `ahead`."""
+def leading(scores: np.ndarray, names: Sequence[str], ahead: float) -> str:
+    """The name with the highest of `scores (meanings,)`, `NOTHING` where it is low or leads by less than `ahead`."""
     first, second = np.argsort(-scores)[:2]
-    certain = scores[first] >= at_least and scores[first] - scores[second] >= ahead
+    certain = scores[first] >= CERTAIN and scores[first] - scores[second] >= ahead
     return names[first] if certain else NOTHING
 
 

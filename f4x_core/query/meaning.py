@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
-from ..features.phrasings import NOTHING, Slot, clearest, fill, known_phrasings, likeliest
+from ..features.phrasings import NOTHING, Slot, fill, likeliest
 from ..language.grammar import Reading, tokenise
 from ..language.lexicon import spellings, word_set
 from ..language.times import span
@@ -118,33 +118,10 @@ def meant(text: str, labels: Collection[str]) -> Iterator[str]:
     `labels`: names of things that may be asked about.
     """
     phrasing, slots = masked(text, labels)
-    if not _is_barred(phrasing):
+    if _NEVER.isdisjoint(phrasing.split()) and "n't" not in phrasing:
         kind = likeliest(PHRASINGS, text, phrasing)
         if kind != NOTHING and all(kind in kinds for words, kinds in _ASKS.items() if re.search(words, phrasing)):
             yield from questions(kind, slots)
-
-
-def clearly_meant(text: str, labels: Collection[str]) -> tuple[str, tuple[str, ...]]:
-    """(the kind that those like a question clearly ask, its questions as in `meant`); `NOTHING` where there is none, or its
-    very phrasing is known."""
-    phrasing, slots = masked(text, labels)
-    if _is_barred(phrasing) or phrasing in known_phrasings(PHRASINGS):
-        return NOTHING, ()
-    kind = clearest(PHRASINGS, text, phrasing)
-    return kind, () if kind == NOTHING else tuple(questions(kind, slots))
-
-
-def examples(kind: str) -> list[str]:
-    """Questions of a kind, about a dog and a cat."""
-    return [fill(template, _STAND_INS, _STAND_INS) for template in _QUESTIONS[kind].split("|")]
-
-
-_STAND_INS = {"WHO": "the dog", "OTHER": "the cat", "MANY": "dogs", "CAMERA": "the camera"}
-
-
-def _is_barred(phrasing: str) -> bool:
-    """Whether a word says that something else is asked than what is named."""
-    return not _NEVER.isdisjoint(phrasing.split()) or "n't" in phrasing
 
 
 def questions(kind: str, slots: Sequence[Slot]) -> Iterator[str]:

@@ -11,11 +11,9 @@ import re
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 from ..errors import F4xError
-from ..features.phrasings import NOTHING as NOTHING_LIKE
 from ..language.asides import without_courtesy
 from ..language.grammar import (
     NOTHING,
@@ -499,7 +497,6 @@ def _read(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]) -
             )
             raise (Slip if sure else Doubt)(f"I do not understand '{text}'; did you mean '{instead}'?", instead)
         raise _refusal(text, clip, it, labels)
-    _ask_back(text, asked, clip, it, labels)
     if asked.kind in ONE_BY_ONE and not asked.other:
         return [replace(asked, things=(thing,)) for thing in asked.things] or [asked]
     return [asked]
@@ -674,14 +671,6 @@ _NEEDS_A_THING = word_set(
 """Kinds that nothing stands in for where "it" stands for nothing."""
 _ALIKE = ({"motion", "stops"}, {"seen", "always"})
 """Kinds of which the first that fits answers for the other."""
-_NEAR = (
-    {"motion", "stops", "most_moving", "count_moving"},
-    {"count", "count_moving"},
-    {"seen", "always", "enter", "leave", "seeing"},
-    {"long", "frames"},
-    {"size", "compare_size"},
-)
-"""Kinds so near each other that the words of a question do not tell them apart, but for its grammar."""
 _MOST = ("fastest", "slowest")
 _TELLS_WHEN = ("motion", "stops", "enter", "leave")
 """Kinds whose answer to yes or no says when, too."""
@@ -749,26 +738,6 @@ def _alike(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]) 
         if not any(re.search(pattern, text) for pattern, _ in _BEYOND):
             return next((one for one in meaning.meant(text, labels) if _understood(one, clip, it)), "")
     return ""
-
-
-def _ask_back(text: str, asked: Asked, clip: Clip, it: tuple[str, ...], labels: Collection[str]) -> None:
-    """Raise F4xError where those like a question clearly ask another kind: `Doubt` with it, if it can be asked."""
-    kind, questions = meaning.clearly_meant(text, labels)
-    if kind == NOTHING_LIKE or any(asked.kind in kinds for kinds in _kinds_near(kind)):
-        return
-    with suppress(F4xError):
-        questions = tuple(one for one in questions if _understood(one, clip, it))
-    why = f"I am not sure that you ask {_in_words(asked)}" if asked.kind in ASKED_FOR else "I am not sure what you ask"
-    if questions:
-        raise Doubt(f"{why}. Ask '{questions[0]}?' if that is what you mean.", questions[0])
-    raise Unanswerable(f"{why}; say it in other words.")
-
-
-@cache
-def _kinds_near(kind: str) -> list[set[str]]:
-    """The kinds that the questions of a meaning are read as, and those near them."""
-    read = [_understood(one, Clip(1.0, 2), ()) for one in meaning.examples(kind)]
-    return [{one.kind}.union(*(near for near in _NEAR if one.kind in near)) for one in read if one]
 
 
 def _frames(span: Span, clip: Clip) -> tuple[float, float]:
