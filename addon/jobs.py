@@ -90,6 +90,9 @@ def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -
     else:
         text = job.error if job.state == worker.FAILED else job.text
         draw_lines(box, context, panel_words(text), max_lines=LINES_SHOWN)
+        if job.instead:
+            box.operator_context = "EXEC_DEFAULT"  # the question needs no dialog
+            box.operator("f4x.ask_scene", text="Ask It So", icon="CHECKMARK").question = job.instead
     if job.log:
         header, body = box.panel(f"f4x_log_{_jobs.index(job)}", default_closed=True)
         header.label(text="Log")

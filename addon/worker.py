@@ -65,6 +65,7 @@ class Job:
         """
         self.title, self.on_done = title, on_done
         self.state, self.error, self.text = RUNNING, "", ""
+        self.instead = ""  # what was probably meant, where the child asks
         self.result: dict[str, Any] | None = None
         self.stage, self.done, self.total, self.message = "starting", 0, 0, ""
         self.log: deque[str] = deque(maxlen=LOG_LINES)
@@ -154,7 +155,7 @@ class Job:
             self.result, self.text = message["result"], str(message.get("text") or "")
             self.log.extend(self.text.splitlines())
         elif "error" in message:
-            self.error = str(message["error"])
+            self.error, self.instead = str(message["error"]), str(message.get("instead") or "")
         elif "stage" in message:
             self.stage, self.message = str(message["stage"]), str(message.get("message", ""))
             self.done, self.total = _count(message.get("done")), _count(message.get("total"))

@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
             result = find_verb(args.verb)(args, progress)
     except EXPECTED as error:
         sentence = with_code(error, getattr(args, "output", None) or "the output folder")
-        return _fail(args, lines, sentence, EXIT_BAD_INPUT)
+        return _fail(args, lines, sentence, EXIT_BAD_INPUT, getattr(error, "instead", ""))
     except (KeyboardInterrupt, Cancelled):
         again = AGAIN.get(args.verb, "")
         return _fail(args, lines, f"Stopped{again}.", EXIT_INTERRUPTED)
@@ -73,11 +73,13 @@ def main(arguments: list[str] | None = None) -> int:
     return code
 
 
-def _fail(args: argparse.Namespace, lines: LineProgress | None, sentence: str, code: int) -> int:
+def _fail(args: argparse.Namespace, lines: LineProgress | None, sentence: str, code: int, instead: str = "") -> int:
+    """Report why a command ended, and what was probably meant where it asks; returns the exit code."""
+    failure = {"error": sentence} | ({"instead": instead} if instead else {})
     print(f"f4x {args.verb}".rstrip() + f": {sentence}", file=sys.stderr)
     if lines is not None:
         with contextlib.suppress(Cancelled):  # nobody listens: the exit code remains
-            lines.tell(error=sentence)
+            lines.tell(**failure)
     elif args.json:
-        print(json_text({"error": sentence}))
+        print(json_text(failure))
     return code

@@ -288,6 +288,7 @@ def _ask(verbs: Verbs) -> None:
     sub.add_argument(
         "--endpoint", metavar="URL", help="send rendered frames to this OpenAI-compatible server (or F4X_CHAT_URL)"
     )
+    sub.add_argument("--yes", action="store_true", help="read a doubtful question as what was probably meant")
     sub.add_argument("--model", metavar="PATH", help="folder of SmolVLM2: it reads the scene's smolvlm features")
     path_options(sub)
     backend_option(sub)

@@ -20,6 +20,7 @@ from ..edit.selects import Ids
 from ..edit.stack import of, write_stack
 from ..errors import F4xError
 from ..files import json_text, replace_file
+from ..language.grammar import Doubt
 from ..progress import Progress
 from ..query.chat import ChatServer
 from ..query.inventory import instead
@@ -111,7 +112,11 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     else:
         server = ChatServer.from_environment(args.endpoint)
         options: dict[str, Any] = {"encode": encoder(progress), "backend": args.backend, "progress": progress}
-        found = answer(scene, args.question, views, server=server, names=named(scene, selected), **options)
+        options |= {"server": server, "names": named(scene, selected), "agreed": args.yes}
+        try:
+            found = answer(scene, args.question, views, **options)
+        except Doubt as doubt:
+            raise Doubt(f"{doubt} Or add --yes.", doubt.instead) from doubt
     return {
         "answer": found.text,
         "answered_by": found.answered_by,

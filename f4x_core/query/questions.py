@@ -14,7 +14,7 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import Trajectory, original
 from ..language.compounds import ADJECTIVE
-from ..language.grammar import Slip
+from ..language.grammar import Doubt, Slip
 from ..language.lexicon import spellings, word_set
 from ..progress import Progress, silent
 from ..scene import Scene
@@ -105,6 +105,7 @@ def answer(
     server: ChatServer | None = None,
     encode: Encode | None = None,
     names: Mapping[str, Selection] | None = None,
+    agreed: bool = False,
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Answer:
@@ -112,7 +113,8 @@ def answer(
 
     With `server` rendered frames are sent there. Without, the answer is computed from words, places and motion in the scene,
     and says so; a thing is there when `inventory.find` finds it, as `f4x query --text` does, or under one of the `names` that
-    the caller knows. "It", and "the selection", are the one called `SELECTED`. Raises F4xError: an empty question, a time
+    the caller knows. "It", and "the selection", are the one called `SELECTED`. `agreed`: a doubtful question is read as what was
+    probably meant, where `language.grammar.Doubt` would ask. Raises F4xError: an empty question, a time
     beyond the clip, a server that does not answer, a word that nobody knows, a selection of another scene;
     `wording.Unanswerable` for what cannot be computed.
     """
@@ -131,11 +133,15 @@ def answer(
     sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
     labels = [*labels_of(scene), *known]
-    try:
-        understood = read_question(question, scene.fps, len(scene.cameras), it, labels)
-    except Slip as slip:
-        understood = read_question(slip.instead, scene.fps, len(scene.cameras), it, labels)
-        sentences.append(f"Read as '{slip.instead}'.")
+    while True:
+        try:
+            understood = read_question(question, scene.fps, len(scene.cameras), it, labels)
+            break
+        except Doubt as doubt:  # each round knows one word more
+            if not (agreed or isinstance(doubt, Slip)):
+                raise
+            question = doubt.instead
+            sentences.append(f"Read as '{question}'.")
     for asked in understood:
         if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)):
             sentence, things = _compared(scene, asked, encode, known)

@@ -343,3 +343,12 @@ def test_a_rank_beyond_the_channels_is_told(capsys, tmp_path, monkeypatch):
 def test_words_need_a_field(folder, capsys):
     code, _, err = run(capsys, "query", folder / "plain.f4x", "--text", "square")
     assert code == 2 and "knows no words" in err
+
+
+def test_a_doubtful_question_is_asked_back_and_answered_with_yes(folder, capsys):
+    scene, question = str(folder / "scene.f4x"), "where is the sqaure?"
+    assert main(["ask", scene, question, "--json"]) != 0
+    asked = json.loads(capsys.readouterr().out)
+    assert asked["instead"] == "where is the square" and "did you mean 'square'? Or add --yes." in asked["error"]
+    assert main(["ask", scene, question, "--yes"]) == 0
+    assert "Read as 'where is the square'. " in capsys.readouterr().out
