@@ -178,16 +178,18 @@ class Superpoints:
 def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = None) -> np.ndarray | None:
     """(N,) float64: 1 for the Gaussians of the thing that `marks` show (see `marks.Mark`), else 0.
 
-    A moving thing where enough blend weights at the marks belong to moving Gaussians (`_moves`), else one that stands.
-    `likely (N,)` in [0, 1], where it is known by words, is evidence of the same kind. None where nothing is left.
+    A moving thing where enough blend weights at the first mark on it belong to moving Gaussians, else one that stands: what later
+    marks show of the other kind is left aside. `likely (N,)` in [0, 1], where it is known by words, is evidence of the same kind.
+    None where nothing is left.
     """
     signs = _signs(scene, marks)
     drawn_on = any(mark.on and not mark.around for mark in marks)
-    toward = np.sum(signs.starts, 0)
-    moves = toward[scene.moving].any() and toward[scene.moving].sum() >= _moving_fraction(marks) * toward.sum()
+    on_mover = [_mostly(start, scene.moving, _moving_fraction(marks)) for start in signs.starts]
+    moves = on_mover[:1] == [True]
     superpoints = graph_of(scene).moving if moves else graph_of(scene).static
     if not moves and likely is None and _by_picture(marks):
-        return _in_picture(scene, marks, superpoints)
+        aside = [mark for mark, mover in zip(_in_turn(marks), on_mover, strict=True) if mover]
+        return _in_picture(scene, [mark for mark in marks if mark not in aside], superpoints)
     seen, inside, outside = map(superpoints.gather, (signs.seen, signs.inside, signs.outside))
     against = outside > inside
     for beside in map(superpoints.gather, signs.beside):
@@ -203,6 +205,21 @@ def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = N
         other = superpoints.apart(np.where(against, 0, start)) if drawn_on else False
         chosen = chosen | superpoints.grow(start, against | other, doubt, filled)
     return superpoints.spread(chosen, len(scene.ids)) if chosen.any() else None
+
+
+def _mostly(weights: np.ndarray, rows: np.ndarray, fraction: float) -> bool:
+    """Whether at least a fraction of the blend weights (N,) belongs to the Gaussians `rows (N,)` bool."""
+    return bool(weights[rows].any() and weights[rows].sum() >= fraction * weights.sum())
+
+
+def _in_turn(marks: Sequence[Mark]) -> list[Mark]:
+    """Marks drawn on the thing in the order of `_Signs.starts`: frames as they were marked, and the marks of each."""
+    return [mark for frame in _frames(marks) for mark in marks if mark.frame == frame and mark.on and not mark.around]
+
+
+def _frames(marks: Sequence[Mark]) -> list[int]:
+    """The frames that are marked, in the order of their first marks."""
+    return list(dict.fromkeys(mark.frame for mark in marks))
 
 
 def _by_picture(marks: Sequence[Mark]) -> bool:
@@ -242,7 +259,7 @@ def _signs(scene: Scene, marks: Sequence[Mark]) -> _Signs:
     drawn_on = any(mark.on and not mark.around for mark in marks)
     count = len(scene.ids)
     signs = _Signs([], [], [], np.zeros(count), np.zeros(count), np.zeros(count))
-    for frame in sorted({mark.frame for mark in marks}):
+    for frame in _frames(marks):
         here = [mark for mark in marks if mark.frame == frame]
         pixels = [mark.pixels(size) for mark in here]
         region = [at for mark, at in zip(here, pixels, strict=True) if mark.on and mark.around]

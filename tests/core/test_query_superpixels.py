@@ -230,3 +230,15 @@ def test_a_click_on_the_wall_takes_nothing_that_moves():
     found = select_by_points(scene, [(56.0, 8.0)], 0)
     assert found.chosen.any() and not found.chosen[scene.moving].any()
     assert not square_mask(0.0)[8, 56]
+
+
+def test_the_first_click_says_whether_what_is_meant_moves():
+    """A later one on the other kind changes nothing, on the same frame or an earlier one."""
+    scene = labelled_scene(features=False)
+    row, column = np.argwhere(square_mask(0.0)).mean(0)
+    wall, square = [(56.0, 8.0)], [(column, row)]
+    for one, other in ((wall, square), (square, wall)):
+        alone = select_by_points(scene, one, 0).chosen
+        assert alone.any() and (select_by_points(scene, one + other, 0).chosen == alone).all()
+    later = [Point(2, True, wall[0]), Point(0, True, square[0])]
+    assert (point_out(scene, later) == point_out(scene, later[:1])).all()
