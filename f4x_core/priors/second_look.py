@@ -101,8 +101,8 @@ def _stands_still(priors: Priors, asked: np.ndarray) -> np.ndarray:
     shift = points.spread * float(priors.cameras.intrinsics[:, 0, 0].mean())
     in_lens = points.inverse_depth >= MAX_INVERSE_DEPTH
     error = np.where(in_lens, points.rms, points.rms_of_nearest(MOST))
-    limit = np.where(in_lens, IN_LENS * usual, np.maximum(MAX_UNUSUAL * usual, MIN_LIMIT))
-    return (error < np.minimum(limit, TRACK_OUTLIER_PX)) & (error < MAX_ERROR * shift)
+    limit = np.clip(np.where(in_lens, IN_LENS, MAX_UNUSUAL) * usual, MIN_LIMIT, TRACK_OUTLIER_PX)
+    return (error < limit) & (error < MAX_ERROR * shift)
 
 
 def _released(mask: np.ndarray, tracks: np.ndarray, visible: np.ndarray, stands: np.ndarray) -> np.ndarray:
