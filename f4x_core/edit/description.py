@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import singledispatch
 
 from ..language.amounts import PLACES
@@ -66,6 +67,11 @@ _BASIC = ("red", "green", "blue", "yellow", "orange", "purple", "pink", "cyan", 
 def describe(operation: Operation) -> str:
     """One line, for example "make the dog red from frame 20 on"."""
     return _sentence(operation)
+
+
+def in_words(operations: Sequence[Operation]) -> str:
+    """A plan in the words of the language."""
+    return "; ".join(map(describe, operations))
 
 
 @singledispatch

@@ -57,8 +57,9 @@ from . import meaning, qualities
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
 from .commands import COMMANDS
 from .corrections import corrected, remarked, without_remarks
+from .description import in_words
 from .making import BESIDE, COPY_DISTANCE, SHOWN, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
-from .misgivings import in_words, misgiving
+from .misgivings import misgiving
 from .operations import (
     Delete,
     Duplicate,

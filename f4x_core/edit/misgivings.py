@@ -12,7 +12,7 @@ from typing import Any
 
 from ..features.phrasings import highest_scores, known_phrasings
 from ..language.grammar import Reading, Refusal
-from .description import describe, whom
+from .description import describe, in_words, whom
 from .meaning import PHRASINGS, masked
 from .operations import (
     Blur,
@@ -98,11 +98,6 @@ def _meanings(operation: Operation) -> tuple[str, ...]:
         place = ("move", "swap") if any(operation.translate) else ()
         return size + place + (("rotate",) if any(operation.rotate) else ())
     return _MEANINGS.get(type(operation), ())
-
-
-def in_words(operations: Sequence[Operation]) -> str:
-    """A plan in the words of the language."""
-    return "; ".join(map(describe, operations))
 
 
 def _at_odds(earlier: Operation, later: Operation) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
-from ..language.grammar import Doubt, Refusal, Slip
+from ..language.grammar import Doubt, Refusal, read_as_meant
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.inventory import things_there
@@ -145,14 +145,13 @@ def read_sentence(
             return operations, server.url, ()
         except F4xError as error:
             notes = (f"{error} The grammar read the sentence instead.",)
-    while True:
-        try:
-            earlier = next((edit.sentence for edit in reversed(of(scene).edits) if edit.enabled), "")
-            return language.parse(request, copies=_copies(scene), earlier=earlier), GRAMMAR, notes
-        except Doubt as doubt:  # each round knows one word more
-            if not (context.agreed or isinstance(doubt, Slip)):
-                raise
-            request, notes = replace(request, sentence=doubt.instead), (*notes, f"Read as '{doubt.instead}'.")
+    earlier, copies = next((edit.sentence for edit in reversed(of(scene).edits) if edit.enabled), ""), _copies(scene)
+
+    def read(text: str) -> tuple[Operation, ...]:
+        return language.parse(replace(request, sentence=text), copies=copies, earlier=earlier)
+
+    understood, mended = read_as_meant(read, sentence, context.agreed)
+    return understood, GRAMMAR, (*notes, *mended)
 
 
 def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:

@@ -44,20 +44,24 @@ def likeliest(table: Path, sentence: str, phrasing: str) -> str:
     """The meaning in a table that a sentence is like, `NOTHING` where that is not certain; `phrasing`: the sentence with the
     names of slots in place of what stands there."""
     known = Meanings.of(table)
-    scores, ahead = known.scores([phrasing])[0], AHEAD
-    if (network := _network()) is not None:
-        scores, ahead = (scores + network.encode([sentence])[0] @ of_vectors(table)) / 2, AHEAD_BY_BOTH
-    return leading(scores, known.names, ahead)
+    scores, ahead = _by_both(table, {sentence: phrasing}), AHEAD_BY_BOTH
+    if scores is None:
+        scores, ahead = known.scores([phrasing]), AHEAD
+    return leading(scores[0], known.names, ahead)
 
 
 def highest_scores(table: Path, phrasings: Mapping[str, str]) -> dict[str, float]:
     """Meaning of a table -> the highest score that any of the sentences -> `phrasings` has for it, by words and vector together;
     empty where MiniLM's weights are not installed: words alone miss too much."""
+    scores = _by_both(table, phrasings)
+    return {} if scores is None else dict(zip(Meanings.of(table).names, scores.max(axis=0).tolist(), strict=True))
+
+
+def _by_both(table: Path, phrasings: Mapping[str, str]) -> np.ndarray | None:
+    """(sentences, meanings) scores by words and vector together; None where MiniLM's weights are not installed."""
     if (network := _network()) is None:
-        return {}
-    known = Meanings.of(table)
-    scores = (known.scores([*phrasings.values()]) + network.encode([*phrasings]) @ of_vectors(table)) / 2
-    return dict(zip(known.names, scores.max(axis=0).tolist(), strict=True))
+        return None
+    return (Meanings.of(table).scores([*phrasings.values()]) + network.encode([*phrasings]) @ of_vectors(table)) / 2
 
 
 def leading(scores: np.ndarray, names: Sequence[str], ahead: float) -> str:

@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count, groupby, product
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from ..errors import F4xError
 from .lexicon import CONTRACTIONS, FUNCTION_WORDS, SPELLING, word_set
 
+Meaning = TypeVar("Meaning")
 Ways = dict[int, tuple[Any, ...]]
 """End of a match -> its values; the first is the preferred one."""
 
@@ -242,6 +243,21 @@ class Doubt(Refusal):
 
 class Slip(Doubt):
     """A word of the language itself that is misspelt, where nothing would be removed: it is mended, and that is said."""
+
+
+def read_as_meant(read: Callable[[str], Meaning], sentence: str, agreed: bool) -> tuple[Meaning, tuple[str, ...]]:
+    """What `read` makes of a sentence, or of what was probably meant, and a line for people for each time it is read otherwise.
+
+    Slips are mended; other doubts where it is `agreed`, and else `Doubt` is raised.
+    """
+    notes: tuple[str, ...] = ()
+    while True:
+        try:
+            return read(sentence), notes
+        except Doubt as doubt:  # each round knows one word more
+            if not (agreed or isinstance(doubt, Slip)):
+                raise
+            sentence, notes = doubt.instead, (*notes, f"Read as '{doubt.instead}'.")
 
 
 class Mismatch(Exception):  # noqa: N818  # it never leaves the grammar

@@ -128,10 +128,8 @@ def _asides(reading: Reading, known: Collection[str], imperatives: Collection[st
         if stop > at and all(harmless[at:stop]) and any(strange[at:stop]) and (at or stop < end):
             called = stop == at + 1 == end and at and not words[at].endswith(_ADJECTIVES)  # "…, Jarvis"
             found[at] = stop, FILLED * (stop - at) if called or not at else _ASIDE
-        gives_reason = (
-            words[at] != "as" or at == 0 or words[at + 1 : at + 2] not in (["a"], ["an"])
-        )  # "as a copy" is no reason
-        if words[at] in _REASONS and gives_reason and (at or stop < end) and all(map(_tells, words[at:stop])):
+        as_a = at > 0 and words[at] == "as" and words[at + 1 : at + 2] in (["a"], ["an"])  # "as a copy" is no reason
+        if words[at] in _REASONS and not as_a and (at or stop < end) and all(map(_tells, words[at:stop])):
             found.setdefault(at, (stop, _ASIDE))
     return found | _openers(words, strange, harmless, imperatives)
 

@@ -185,10 +185,10 @@ def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = N
     signs = _signs(scene, marks)
     drawn_on = any(mark.on and not mark.around for mark in marks)
     on_mover = [_mostly(start, scene.moving, _moving_fraction(marks)) for start in signs.starts]
-    moves = on_mover[:1] == [True]
+    moves = on_mover[0]
     superpoints = graph_of(scene).moving if moves else graph_of(scene).static
     if not moves and likely is None and _by_picture(marks):
-        aside = [mark for mark, mover in zip(_in_turn(marks), on_mover, strict=True) if mover]
+        aside = [mark for mark, mover in zip(signs.started_by, on_mover, strict=True) if mover]
         return _in_picture(scene, [mark for mark in marks if mark not in aside], superpoints)
     seen, inside, outside = map(superpoints.gather, (signs.seen, signs.inside, signs.outside))
     against = outside > inside
@@ -212,16 +212,6 @@ def _mostly(weights: np.ndarray, rows: np.ndarray, fraction: float) -> bool:
     return bool(weights[rows].any() and weights[rows].sum() >= fraction * weights.sum())
 
 
-def _in_turn(marks: Sequence[Mark]) -> list[Mark]:
-    """Marks drawn on the thing in the order of `_Signs.starts`: frames as they were marked, and the marks of each."""
-    return [mark for frame in _frames(marks) for mark in marks if mark.frame == frame and mark.on and not mark.around]
-
-
-def _frames(marks: Sequence[Mark]) -> list[int]:
-    """The frames that are marked, in the order of their first marks."""
-    return list(dict.fromkeys(mark.frame for mark in marks))
-
-
 def _by_picture(marks: Sequence[Mark]) -> bool:
     """Whether `marks` are points alone, and those on what is not meant lie on the frames of those on the thing."""
     frames = {mark.frame for mark in marks if mark.on}
@@ -240,7 +230,9 @@ class _Signs(NamedTuple):
     """Blend weights (N,) of all Gaussians under marks, in pixels."""
 
     starts: list[np.ndarray]
-    """Under each mark drawn on the thing; without such marks, inside those around it."""
+    """Under each mark drawn on the thing; without such marks, inside those around it. Frames come as they were marked."""
+    started_by: list[Mark]
+    """The mark of each of `starts`."""
     beside: list[np.ndarray]
     """Under each mark on what is not meant."""
     exact: list[np.ndarray]
@@ -258,8 +250,8 @@ def _signs(scene: Scene, marks: Sequence[Mark]) -> _Signs:
     size = (scene.cameras.height, scene.cameras.width)
     drawn_on = any(mark.on and not mark.around for mark in marks)
     count = len(scene.ids)
-    signs = _Signs([], [], [], np.zeros(count), np.zeros(count), np.zeros(count))
-    for frame in _frames(marks):
+    signs = _Signs([], [], [], [], np.zeros(count), np.zeros(count), np.zeros(count))
+    for frame in dict.fromkeys(mark.frame for mark in marks):
         here = [mark for mark in marks if mark.frame == frame]
         pixels = [mark.pixels(size) for mark in here]
         region = [at for mark, at in zip(here, pixels, strict=True) if mark.on and mark.around]
@@ -275,6 +267,7 @@ def _signs(scene: Scene, marks: Sequence[Mark]) -> _Signs:
                 signs.beside.append(under)
             elif mark.around != drawn_on:
                 signs.starts.append(under)
+                signs.started_by.append(mark)
             if mark.on and mark.exact:
                 signs.exact.append(under)
     return signs

@@ -14,7 +14,7 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import Trajectory, original
 from ..language.compounds import ADJECTIVE
-from ..language.grammar import Doubt, Slip
+from ..language.grammar import read_as_meant
 from ..language.lexicon import spellings, word_set
 from ..progress import Progress, silent
 from ..scene import Scene
@@ -130,18 +130,12 @@ def answer(
     if it:
         known[it].require_scene(scene)
         known[it] = known[it].for_ids(scene.ids)
-    sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
     labels = [*labels_of(scene), *known]
-    while True:
-        try:
-            understood = read_question(question, scene.fps, len(scene.cameras), it, labels)
-            break
-        except Doubt as doubt:  # each round knows one word more
-            if not (agreed or isinstance(doubt, Slip)):
-                raise
-            question = doubt.instead
-            sentences.append(f"Read as '{question}'.")
+    understood, mended = read_as_meant(
+        lambda text: read_question(text, scene.fps, len(scene.cameras), it, labels), question, agreed
+    )
+    sentences = [*mended]
     for asked in understood:
         if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)):
             sentence, things = _compared(scene, asked, encode, known)

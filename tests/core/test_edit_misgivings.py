@@ -2,8 +2,8 @@
 
 import pytest
 
+from f4x_core.edit.description import in_words
 from f4x_core.edit.language import parse
-from f4x_core.edit.misgivings import in_words
 from f4x_core.edit.request import Request
 from f4x_core.features import phrasings
 from f4x_core.features.text import TEXT_ENCODERS

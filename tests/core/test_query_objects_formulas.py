@@ -367,13 +367,13 @@ class Pointing:
         self.scene = SimpleNamespace(ids=np.arange(8), moving=np.arange(8) > 3)
         graph = Graph(replace(moving, rows=moving.rows + 4), static)
         monkeypatch.setattr(objects, "graph_of", lambda scene: graph)
-        monkeypatch.setattr(
-            objects, "_by_picture", lambda marks: False
-        )  # there is no picture: see test_query_superpixels
+        # There is no picture: see test_query_superpixels.
+        monkeypatch.setattr(objects, "_by_picture", lambda marks: False)
 
     def __call__(self, marks, likely=None, **signs):
         given = {
             "starts": [],
+            "started_by": [],
             "beside": [],
             "exact": [],
             "inside": np.zeros(8),
