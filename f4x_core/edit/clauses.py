@@ -266,7 +266,7 @@ def _commands(found: Found) -> bool:
 def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     """Whether the values of a command go together."""
     if command.make in (REMARK, AGAIN):
-        return True
+        return not {"nothing", "when"} <= filled.keys()  # "and let it run again at second 2" asks for something
     with suppress(Refusal, Mismatch):
         command.make(**arguments(filled))
         return True

@@ -189,6 +189,8 @@ _instead_of = ~(
     )
     | literal("from") + silent(colour)
 )
+_named_again = here(lambda reading, at: reading.word(at) in reading.words[:at]) + silent(known_noun)
+"""The thing behind what becomes of it: "make the car a blue car"."""
 _article = ~literal("a|an|some|the|pure|solid|that|this|made of|made out of|in|being|real")
 _looked = either(
     _toward + ~literal("pure|solid") + qualities.any_look + ~qualities.effect >> making.styled,
@@ -316,7 +318,8 @@ _some_verb = Rule(
 )
 """A verb that nobody knows, where something comes "to" a value: "lerp the color to yellow"."""
 _becoming = either(
-    unless(literal("tones|shades|looks|seems|feels")) + literal(any_form("match") + "|" + _LIGHT), _some_verb
+    unless(literal("tones|shades|looks|seems|feels") | qualities.cast) + literal(any_form("match") + "|" + _LIGHT),
+    _some_verb,
 )
 _COLOURING = {
     "whiten|whitewash|bleach|white out": "white",
@@ -392,6 +395,28 @@ _command("push the color of the car toward orange", making.faintly, "verb rgb", 
     + (colour | colourish)
     + ~literal("side|end"),
 )
+_complaining: dict[str, Rule] = {
+    "fix": ~literal(",|.|;")
+    + ~literal("so")
+    + literal(
+        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push|pump|boost|raise|lift|ramp] (it|"
+        "that|"
+        "this|them|him|her) (down|up|back)|[correct|neutralize|fix|remove|balance] [it|that|this]|get rid of [it|that]|make "
+        "[it|this|that] (more) neutral"
+    )
+    + optional(amount),
+    "opinion": literal("to me|for me|if you ask me|in my [opinion|eyes]"),
+    "who": either(
+        literal("it|this|that|its")
+        >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
+        ~literal("the|all the") + colors,
+        ~literal("the") + literal("white balance|color temperature|exposure|overall look|overall color|grade|lighting")
+        >> (lambda: lambda context: making.noted(context, All())),
+        thing,
+    ),
+}
+"""Who is complained of, and what is to be done about it."""
+_command("the wall has a yellow cast", REMARK, "complaint")(**_complaining, complaint=qualities.cast)
 _command("make the dog red", as_given, "values")(
     who=either(
         _whom,
@@ -401,7 +426,7 @@ _command("make the dog red", as_given, "values")(
     verb=_becoming,
     more=literal("still|even|even more|a step|one more time"),
     rest=literal("instead of|rather than|not") + ~literal("a|an|the|that") + silent(colour) + literal("one|ones"),
-    values=listed(_quality + _instead_of, _joined | _led),
+    values=listed(_quality + ~_named_again + _instead_of, _joined | _led),
 )
 _command("the colors should pop", as_given, "values")(
     who=_about + either(whose("color|colors"), ~literal("the|all the|all") + colors),
@@ -426,6 +451,11 @@ _command("tint the dog orange", making.faintly, "verb rgb")(
     verb=literal(any_form("tint")),
     rgb=_a + ~_slight + qualities.shade_of + (colour | colourish) + qualities.colored,
     faintly=qualities.hint,
+)
+
+_command("tint the windows dark", as_given, "verb values")(
+    verb=literal(any_form("tint")),
+    values=_toward + (qualities.brightness_value | qualities.simply) >> (lambda value: ((value,),)),
 )
 
 _WITHOUT_NOUN = word_set("out from off on in")
@@ -773,24 +803,9 @@ _command("darken the sky", _more, "verb")(
     ),
     fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
+
 _command("the dog is too dark", REMARK, "complaint")(
-    fix=~literal(",|.|;")
-    + ~literal("so")
-    + literal(
-        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push|pump|boost|raise|lift|ramp] (it|"
-        "that|"
-        "this|them|him|her) (down|up|back)"
-    )
-    + optional(amount),
-    opinion=literal("to me|for me|if you ask me|in my [opinion|eyes]"),
-    who=either(
-        literal("it|this|that|its")
-        >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
-        ~literal("the|all the") + colors,
-        ~literal("the") + literal("white balance|color temperature|exposure|overall look|overall color|grade|lighting")
-        >> (lambda: lambda context: making.noted(context, All())),
-        thing,
-    ),
+    **_complaining,
     complaint=literal("is|are|'s|looks|look|seems|seem|feels|reads") + qualities.rather
     | ~literal(
         "is|are|'s|looks|look|seems|seem|feels|reads|comes across as|appears|appear|was|it is|has|have|(is|are) ["
@@ -836,10 +851,14 @@ _command("without the dog", always(making.deleted), "without", NAMED)(
 )
 _command("cut out the dog and drop the rest", always(making.extracted), "verb rest", NAMED)(
     verb=literal(
-        every_form("cut out|cut|clip out|crop out|lift out|mask out|key out|rotoscope|roto|roto out|take out")
+        every_form(
+            "cut out|cut|clip out|crop out|lift out|mask out|key out|rotoscope|roto|roto out|take out|keep|leave|save|retain"
+        )
     ),
     out=literal("out"),
-    rest=~_joined + literal(asked_form("delete", "hide")) + silent(everything_else),
+    rest=~(_joined | literal(".|;|then|, then|and then|but"))
+    + literal(asked_form("delete", "hide"))
+    + silent(everything_else),
 )
 _command("take the car out", always(making.deleted), "verb out", NAMED)(verb=literal(asked_form("take")), out=OUT)
 _command("delete the car", always(making.deleted), "verb", NAMED)(
@@ -1184,9 +1203,10 @@ _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
         "movement|stop|stopped"
     ),
 )
+_RESUMED = every_form("go|come|carry|walk|move|run|drive|ride|swim|fly|roll|jump|dance|jog|play|skate|sail")
 _playing = _motion | _about + thing
 _command("start it again at second 2", always(making.retimed(1.0)), "verb again when")(
-    verb=literal(every_form("start|resume|continue|go|move|run|play|carry|let go|unfreeze|release")),
+    verb=literal(every_form("start|resume|continue|let go|unfreeze|release") + f"|{_RESUMED}"),
     again=literal("again|on|on again|moving|moving again|as before|normally"),
 )
 _command("only the dog keeps moving", always(making.rest_frozen), "only moves", NAMED)(
@@ -1449,9 +1469,9 @@ _command("and nothing else", REMARK, "nothing", WHOLE)(
         "that is it|only that|nothing other than that|keep the rest|keep everything else|leave the rest|leave "
         "everything else|the rest stays (as it is)|(its|the|their) [location|position|place|size|color|colors|speed|"
         "look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let [it|him|her|"
-        "them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as before)|"
-        "(then) [it|he|she|they] ([is|are|can|may|will|should]) [goes|continues|moves|runs|carries|go|come|comes|be|"
-        "back|walk|move|run|continue] (back|on|again|as before)|(,) (then|and then) (back to) normal (again) "
+        f"them] ([go|keep]) [continue|resume|{_RESUMED}] (on|again|as before)|"
+        f"(then) [it|he|she|they] ([is|are|can|may|will|should|must]) [continue|continues|be|back|{_RESUMED}] (back|on|again|as "
+        "before)|(,) (then|and then) (back to) normal (again) "
         "(afterward|after that)|then back|hold (it|that) [to|until] the end|([normal|full|in]) color [for the rest|"
         "afterward|after that|again]|(and) (then) [carry|go|move|play|run|continue] on|(and) then [continue|resume|"
         "continues|resumes]|i mean it|not more|not less|that is enough"

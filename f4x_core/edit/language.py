@@ -995,8 +995,9 @@ _DOUBTFUL = (
         "A thing moves as it was filmed; say for example 'move the dog up' or 'play the dog twice as fast'.",
     ),
     (
-        literal("[take|takes|taking] off") + unless(~literal("the|its|his|her|that|all") + thing),
-        "'Take off' may mean to rise or to remove; say 'raise the bird' or 'remove the bird'.",
+        literal("[take|takes|taking] off|[fly|flies|flying] [off|away]")
+        + unless(~literal("the|its|his|her|that|all") + thing),
+        "That may mean to rise, to go away or to be gone; say 'raise the bird', 'move the bird away' or 'remove the bird'.",
     ),
     (
         keyword("clear|empty|clean|strip")

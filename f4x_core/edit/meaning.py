@@ -11,12 +11,13 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from ..features import phrasings
 from ..features.phrasings import NOTHING, Slot, fill, likeliest
 from ..language.amounts import fraction, multiple, number, percent
 from ..language.colours import colour
-from ..language.grammar import Reading, literal, table
+from ..language.grammar import Reading, either, literal, table, unless
 from ..language.lexicon import singular, word_set
-from ..language.times import span
+from ..language.times import duration, span
 from .phrases import known_thing
 from .qualities import any_look
 
@@ -43,7 +44,7 @@ _WAY = table(
     reserve=False,
 )
 _SLOTS = {
-    "TIME": span,
+    "TIME": either(span, unless(literal("a second")) + duration),  # "a second dog"
     "GRAY": literal("black and white|b&w|b & w|bw|greyscale|grayscale|monochrome|gray"),
     "WHO": known_thing,
     "LOOK": any_look,
@@ -103,7 +104,7 @@ _SENTENCES = {
     "rotate": "rotate WHO by ANGLE WAY|rotate WHO by ANGLE|rotate WHO by COUNT degrees WAY|rotate WHO by COUNT degrees"
     "|rotate WHO by TO degrees|turn WHO SLIGHTLY WAY|turn WHO WAY|turn WHO around",
     "swap": "swap WHO and OTHER|swap WHO",
-    "duplicate": "copy WHO WAY|copy WHO COUNT times|copy WHO AMOUNT|copy WHO",
+    "duplicate": "copy WHO WAY TIME later|copy WHO TIME later|copy WHO WAY|copy WHO COUNT times|copy WHO AMOUNT|copy WHO",
     "follow": "let COUNT copies follow WHO TIME behind|let a copy follow WHO TIME behind|let a copy follow WHO",
     "faster": "play WHO at TO speed|play WHO AMOUNT as fast|play WHO AMOUNT faster|play WHO SLIGHTLY faster|play WHO faster",
     "slower": "play WHO at TO speed|play WHO at SHARE speed|play WHO at AMOUNT speed|play WHO SLIGHTLY slower|play WHO slower",
@@ -120,31 +121,20 @@ _REMOVING = ("delete", "extract", "hide")
 
 def masked(reading: Reading) -> tuple[str, tuple[Slot, ...]]:
     """The words of a sentence with the names of its slots in place of what stands there, and the slots."""
-    words: list[str] = []
-    slots: list[Slot] = []
-    at = 0
-    while at < len(reading.tokens):
-        kind, end = _slot_at(reading, at)
-        if not kind:
-            words.append(reading.word(at))
-        else:
-            if kind in ("AMOUNT", "SHARE", "COUNT") and reading.word(at - 1) in _ABSOLUTE:
-                kind = "TO"
-            elif kind == "SHARE" and reading.word(at - 1) == "by":
-                kind = "AMOUNT"
-            words.append(kind)
-            slots.append(Slot(kind, _WAY.at(reading, at)[end][0] if kind == "WAY" else reading.text_of(at, end)))
-        at = end
-    return " ".join(word for word in words if word.isalpha() or "'" in word), tuple(slots)
 
+    def ends_at(at: int) -> dict[str, int]:
+        if reading.word(at) in _PRONOUNS and reading.word(at + 1).startswith("'"):
+            return {}  # "it's" is a reason
+        return {kind: max(found) for kind, rule in _SLOTS.items() if (found := rule.at(reading, at))}
 
-def _slot_at(reading: Reading, at: int) -> tuple[str, int]:
-    """The longest slot that begins at a word and its end; no slot and the next word."""
-    if reading.word(at) in _PRONOUNS and reading.word(at + 1).startswith("'"):
-        return "", at + 1  # "it's" is a reason
-    ends = {kind: max(found) for kind, rule in _SLOTS.items() if (found := rule.at(reading, at))}
-    kind = max(ends, key=ends.__getitem__, default="")
-    return (kind, ends[kind]) if kind and ends[kind] > at else ("", at + 1)
+    def slot(kind: str, at: int, end: int) -> Slot:
+        if kind in ("AMOUNT", "SHARE", "COUNT") and reading.word(at - 1) in _ABSOLUTE:
+            kind = "TO"
+        elif kind == "SHARE" and reading.word(at - 1) == "by":
+            kind = "AMOUNT"
+        return Slot(kind, _WAY.at(reading, at)[end][0] if kind == "WAY" else reading.text_of(at, end))
+
+    return phrasings.masked(reading.words[: len(reading.tokens)], ends_at, slot)
 
 
 def meant(sentence: str, reading: Reading, selected: bool) -> Iterator[str]:
@@ -184,7 +174,10 @@ def sentences(operation: str, slots: Sequence[Slot], labels: set[str], selected:
         values["OTHER"] = who[1]
     for template in _SENTENCES[operation].split("|"):
         if sentence := fill(template, values, ("WHO", "OTHER", "MUCH", "TIME")):
-            yield sentence if "TIME" in template or "TIME" not in values else f"{sentence} {values['TIME']}"
+            if "TIME" in template or "TIME" not in values:
+                yield sentence
+            else:  # "freeze the dog 5 frames" is for so long
+                yield from (f"{sentence} {time}" for time in (values["TIME"], f"for {values['TIME']}"))
 
 
 def _things(phrases: Sequence[str], labels: set[str]) -> list[str]:

@@ -44,7 +44,7 @@ from ..language.lexicon import (
     word_set,
 )
 from ..language.times import END, START, Clip, Span, no_such_time
-from ..language.verbs import IMPERATIVES
+from ..language.verbs import IMPERATIVES, any_form
 from .operations import Duplicate, Operation
 from .selects import All, And, Beside, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text, Where
 
@@ -755,22 +755,28 @@ def _the_other(context: SentenceContext, noun: Who | None) -> SelectKind:
     return context.last
 
 
-_cast = (
+_lies = literal(
+    "[on|in|across|over] (the|its) [ground|floor|water|wall|walls|street|road|grass|snow|sand|ice|lake|river|pond|sea|"
+    "pavement|sidewalk|window|mirror|puddle|glass]"
+)
+_CAST, _CAST_BEFORE = word_set("shadow shadows reflection reflections"), 5
+"""What is cast, and how many words before its end it may stand: "the reflection of the swan"."""
+_cast = either(
     keyword("the|its|his|her|their")
     + table({"shadow|shadows": "shadow", "reflection|reflections": "reflection"}, reserve=False)
-    + literal(
-        "[under|below|beneath|beside|behind|of] [it|him|her|them]|on the [ground|floor|water|wall|street|road|grass]|in "
-        "the water"
-    )
-) >> (lambda label: _thing(label, False))
+    + (literal("[under|below|beneath|beside|behind|of] [it|him|her|them]") | _lies)
+    >> (lambda label: _thing(label, False)),
+    (~_article + _noun | _part_of_known)
+    + here(lambda reading, at: _CAST & {*reading.words[max(at - _CAST_BEFORE, 0) : at]})
+    + _lies,
+)
 """What a thing casts, told by where it lies."""
 _other_one = keyword("[the|that] other (one)|the other [ones|two|three]") + optional(familiar) >> (
     lambda noun: lambda context: _the_other(context, noun)
 )
 everything_else = keyword(
     f"[everything|all|anything] else|all the rest|the (whole) [rest|remainder] (of [it|them|the world|the [{PICTURE}]])|"
-    f"all "
-    "others|the others|all (the) other [things|objects|stuff]|the other [things|objects]"
+    "all others|(all (of)) the others|all (the) other [things|objects|stuff]|the other [things|objects]"
 ) >> (lambda *_: lambda context: Not(context.it("'else'")))
 _everybody_else = _everybody + keyword("else") >> (
     lambda everybody: lambda context: And((everybody(context), Not(context.it("'else'"))))
@@ -796,9 +802,15 @@ _kind_and_number = either(
     ~_article + keyword("one|ones") >> (lambda: (SentenceContext.one, False)),
     generated(_with_number_at),
 )
-_stood = _kind_and_number + _stands + table(WHERE, reserve=False) + (familiar | _determined | _instance) >> (
-    lambda kind, where, other: _standing(kind[0], kind[1], where, other)
+_CIRCLING = frozenset(any_form("rotate", "turn").split("|")) | word_set(
+    "move moves moving run runs running walk walks drive drives fly flies go goes ride rides put place add wrap"
 )
+"""Verbs that go around something themselves: "spin the dog around the tree"."""
+_stood = _kind_and_number + _stands + (
+    table(WHERE, reserve=False)
+    | here(lambda reading, at: _CIRCLING.isdisjoint(reading.words[:at]))
+    + table({"(all) around|round": "near"}, reserve=False)
+) + (familiar | _determined | _instance) >> (lambda kind, where, other: _standing(kind[0], kind[1], where, other))
 """A thing told by how it stands to another."""
 _whole_thing: Rule = either(
     familiar, _determined, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving

@@ -439,6 +439,17 @@ too_much = either(
 """What is done about too much or too little of a quality: a value."""
 rather = literal("a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite") + _too
 """What is done about "it is a bit dark"."""
+_WISHES = word_set("should to could must may can let make would")
+cast = (
+    here(lambda reading, at: reading.word(at - 1) not in _WISHES)
+    + literal("has|have")
+    + ~literal("got")
+    + ~literal("a|an|some|this|that|such a|too much of a")
+    + ~literal("slight|strong|ugly|nasty|weird|strange|heavy|faint|bad|terrible")
+    + (colour | colourish)
+    + literal("cast|tint|tinge|color cast|hue")
+) >> (lambda rgb: making.added(1.0, (rgb, -1)))
+"""What is done about "it has a yellow cast"."""
 simply = table(
     {
         "bright|light|well lit": making.brightened(_MORE),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -38,6 +38,28 @@ class Slot:
 
     kind: str
     words: str
+
+
+def masked(
+    words: Sequence[str], ends_at: Callable[[int], Mapping[str, int]], slot: Callable[[str, int, int], Slot]
+) -> tuple[str, tuple[Slot, ...]]:
+    """The words of a sentence with the names of its slots in place of what stands there, and the slots.
+
+    `ends_at`: kinds of slots that begin at a word -> where they end, of which the longest is taken; `slot`: one of a kind, from its
+    first word to its end.
+    """
+    phrasing: list[str] = []
+    slots: list[Slot] = []
+    at = 0
+    while at < len(words):
+        ends = ends_at(at)
+        kind = max(ends, key=ends.__getitem__, default="")
+        end = ends.get(kind, at)
+        if end > at:
+            slots.append(slot(kind, at, end))
+        phrasing.append(slots[-1].kind if end > at else words[at])
+        at = max(end, at + 1)
+    return " ".join(word for word in phrasing if word.replace("'", "").isalpha()), tuple(slots)
 
 
 def likeliest(table: Path, sentence: str, phrasing: str) -> str:

@@ -199,6 +199,9 @@ _PLAIN = {
     "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|nobody|no one|anyone|one|(?:my|our|your|the|"
     r"every|no) \w+|"
     r"[a-z]+s(?= (?:can|could|will|feel|see|know|get|notice))) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
+    "seen": r"(?<!it)(?:,)?\s*\bso (?:that )?(?:i|we|you|one|people|everyone|everybody|anyone) (?:(?:can|could|will|may|would) )?"
+    r"(?:(?:still|better|clearly|actually|also) )*(?:see|notice|spot|look at|make out|recogni[sz]e)s? (?!through|only|just|nothing)"
+    r"[^.;!?,]*",
     "to": r"^\s*(?:and |so )?to (?!the\b|my\b|an?\b|me\b|us\b|its?\b)[a-z]+ [^,.;]*,",
     "match": rf"(?:,\s*)?\b{_NOT_WISHED}(?:so as |in order )?to (?:match|fit|suit|go with|draw|catch|attract|emphasi[sz]e|"
     "highlight|"
@@ -238,7 +241,7 @@ PURPOSES = frozenset({"so", "for", "to", "match"})
 """Classes that may say what is meant to become of a thing."""
 _COURTESIES = ("opening", "ordering", "if", "thanks", "interjection", "apology", "vocative", "hurry")
 """Classes that questions have, too."""
-_CLAUSES = PURPOSES | {"because", "favor"}
+_CLAUSES = PURPOSES | {"because", "favor", "seen"}
 _ADDRESSED = word_set("please could can would will may make let i we you do turn have give")
 """What a request begins with behind somebody's name."""
 
@@ -262,7 +265,11 @@ def without_asides(
         for found in re.finditer(pattern, text):
             if kind in _CLAUSES:
                 own = [verb for verb in _GOES_ON.findall(found.group()) if verb in verbs]
-                if own or not found.group().strip(" ,") or (kind != "because" and things & set(found.group().split())):
+                if (
+                    own
+                    or not found.group().strip(" ,")
+                    or (kind not in ("because", "seen") and things & set(found.group().split()))
+                ):
                     continue
             leave_out(kind, found.start(), found.end())
     for found in re.finditer(_LIKE, text):

@@ -13,7 +13,7 @@ WORDS: set[str] = set()
 """Every word of the cues: none of them is the name of a thing."""
 _WALK = (
     "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap"
-    "|drift|trot|stroll|sprint|rush|cruise|skate|paddle|waddle|stride|pedal"
+    "|drift|trot|stroll|sprint|rush|cruise|skate|paddle|waddle|stride|pedal|flow"
 )
 _PAST = {"ran": "run", "swam": "swim", "drove": "drive", "driven": "drive", "flew": "fly", "rode": "ride"}
 COLOURS = word_set(
@@ -85,7 +85,7 @@ where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|fin
     the {pictures})
 move: {plainly}|{+head}|{manner} (around|about)
 takes: take|takes|taken|follow|follows|followed|along|{move}
-passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
+passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]|[{+pass}] [in front of|behind|over|under]
 nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
 farthest: ({at-its}) (the|its) (very) [farthest|furthest|most distant|remotest] (away|apart) (point|position|{noun})
 highest: ({at-its}) (up) ({its}) (very) [highest|top|{+peak}|maximum height|uppermost|topmost] (up)
@@ -126,13 +126,15 @@ always: [stay|stays|remain|remains|staying|remaining] [visible|in
     {clips}|from (the) [beginning|start] to (the) end
 enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|step into}|{manner} into] (the|this)
     ({pictures})
+most-far: when [it|he|she|they] (is|are|was|were|get|gets) (the) [farthest|furthest] (away|apart)
 most-far: (the) [maximum|max|greatest|largest|biggest|longest|highest] [distance|gap|separation|spacing]|(the) (very)
     [furthest|farthest] [apart|away]
 mean-far: (the) [average|mean] [distance|gap|separation|spacing]
 hidden: hidden|invisible|covered|occluded|out of (the) [sight|view|frame|shot|the {pictures}]|not ({now})
     [visible|seen|shown|there|in
     view|in sight|on screen]|off screen
-gone: gone|no longer [{inside}|there|here|around|visible]
+gone: gone|no longer [{inside}|there|here|around|visible]|(can|could|do) {people} (can) no longer {see}|not ({now})
+    [{inside}|there|here|around|visible|seen|{in-view}] [any more|anymore|any longer]
 leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|out of [sight|view|the
     picture|the frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get
     out of|drop out of}|{manner} out of] (the|this) ({pictures})
@@ -200,7 +202,8 @@ gap: (the) depth (of)|how deep (in (the) {pictures})|how [far|close|near] (away|
     [distance|gap|space|spacing|separation|clearance]|apart|how much [space|room|distance|gap]|how [big|large|wide|small|long]
     (is) (a|the)
     [gap|distance|space]|[what|which] [distance|gap|separation]|at [what|which] distance|how many units
-least: (the|{at-its}) [shortest|smallest|minimum|min|minimal|closest|least|nearest|lowest]|at the [closest|nearest] (point)
+least: (the|{at-its}) [shortest|smallest|minimum|min|minimal|closest|least|nearest|lowest]|at the [closest|nearest]
+    (point)|when [it|he|she|they] (is|are|was|were|get|gets|come|comes) (the) [closest|nearest] (together)
 close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
@@ -409,7 +412,7 @@ relation: where thing compared-to stands? | thing compared-to stands? | how thin
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 polar near: thing around-of stands? not?
-distance extreme=max: most-far thing get | most-far thing get other | most-far pair | most-far thing other
+distance extreme=max: most-far thing get | most-far thing get other | most-far pair | most-far gap? thing other
 distance extreme=mean: mean-far pair | mean-far thing other
 distance extreme=min: thing passes-by not? | thing passes not? | close thing get other | close thing get together | least gap
     pair | least gap thing other | close thing get | least thing get other
@@ -459,7 +462,7 @@ path: path thing takes? | how thing move | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
 way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing turning sideways-or
-    | thing move sideways-or | whereto thing move along? | way-of thing move? | thing move sideways-or
+    | thing move sideways-or | whereto thing move along? sideways-or? | way-of thing move? | thing move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible can? | clip-share thing visible?

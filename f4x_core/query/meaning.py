@@ -10,6 +10,7 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
+from ..features import phrasings
 from ..features.phrasings import NOTHING, Slot, fill, likeliest
 from ..language.grammar import Reading, tokenise
 from ..language.lexicon import spellings, word_set
@@ -84,32 +85,22 @@ def masked(text: str, labels: Collection[str]) -> tuple[str, tuple[Slot, ...]]:
     reading = Reading.of(
         text, tokenise(text), {tuple(form.split()): form for label in labels for form in spellings(label)}
     )
-    words: list[str] = []
-    slots: list[Slot] = []
-    at = 0
-    while at < len(reading.tokens):
-        kind, end = _slot_at(reading, at)
-        words.append(kind or reading.word(at))
-        if kind:
-            bare = at + (kind == "WHO" and reading.word(at) in _ARTICLES)
-            slots.append(Slot(kind, reading.text_of(bare, end)))
-        at = end
-    return " ".join(word for word in words if word.replace("'", "").isalpha()), tuple(slots)
 
+    def ends_at(at: int) -> dict[str, int]:
+        ends = {"TIME": [end for end, (time,) in span.at(reading, at).items() if time.kind not in ("always", "length")]}
+        start = at + (reading.word(at) in _ARTICLES)
+        ends["WHO"] = [
+            end
+            for end in range(start + 1, min(start + reading.longest, len(reading.tokens)) + 1)
+            if any(tuple(form.split()) in reading.known for form in spellings(" ".join(reading.words[start:end])))
+        ] or ([at + 1] if reading.word(at) in _PRONOUNS else [])
+        ends["CAMERA"] = [] if reading.word(at) in ("in", "to") else [*CUES["camera"].at(reading, at)]
+        return {kind: max(found) for kind, found in ends.items() if found}
 
-def _slot_at(reading: Reading, at: int) -> tuple[str, int]:
-    """The longest slot that begins at a word and its end; no slot and the next word."""
-    ends = {"TIME": [end for end, (time,) in span.at(reading, at).items() if time.kind not in ("always", "length")]}
-    start = at + (reading.word(at) in _ARTICLES)
-    ends["WHO"] = [
-        end
-        for end in range(start + 1, min(start + reading.longest, len(reading.tokens)) + 1)
-        if any(tuple(form.split()) in reading.known for form in spellings(" ".join(reading.words[start:end])))
-    ] or ([at + 1] if reading.word(at) in _PRONOUNS else [])
-    ends["CAMERA"] = [] if reading.word(at) in ("in", "to") else [*CUES["camera"].at(reading, at)]
-    kind = max(ends, key=lambda kind: max(ends[kind], default=at))
-    end = max(ends[kind], default=at)
-    return (kind, end) if end > at else ("", at + 1)
+    def slot(kind: str, at: int, end: int) -> Slot:
+        return Slot(kind, reading.text_of(at + (kind == "WHO" and reading.word(at) in _ARTICLES), end))
+
+    return phrasings.masked(reading.words[: len(reading.tokens)], ends_at, slot)
 
 
 def meant(text: str, labels: Collection[str]) -> Iterator[str]:

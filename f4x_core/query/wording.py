@@ -123,7 +123,9 @@ _NO_NAMES = (
     | word_set("s frame frames second seconds minute minutes now everything everybody everyone nothing nobody")
 )
 """Words that no name of a thing holds …"""
-_NOUNS_TOO = word_set("fly track light path course slide swing drive float stage")
+_NOUNS_TOO = word_set(
+    "fly track light path course slide swing drive float stage water floor ground surface hand screen plate sign"
+)
 """… unless an article stands before them …"""
 _BEFORE = word_set("front back left right top bottom middle other big small large tall moving fast") | COLOURS
 """… or the noun behind them."""

@@ -298,11 +298,11 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
             named = shaded(shade, COLOURS[base]) if shade in SHADES else COLOURS[base]
         if op == "recolour":
             mode = made.get("mode", "assign")
-            if mode == "add":
-                ok = (
-                    slot.get("strength") == "slight"
-                    and sum(a * (b - 0.5) for a, b in zip(made["rgb"], named or (), strict=True)) > 0
-                )
+            if mode == "add":  # redder, or less red
+                sense = {"slight": 1, "less": -1}.get(slot.get("strength", ""), 0)
+                ok = sum(a * (b - 0.5) for a, b in zip(made["rgb"], named or (), strict=True)) * sense > 0
+            elif slot.get("strength") == "less":
+                ok = False
             else:
                 ok = named is None or max(abs(a - b) for a, b in zip(named, made["rgb"], strict=True)) < 0.2
             if slot.get("strength") == "slight":

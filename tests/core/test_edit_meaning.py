@@ -74,6 +74,10 @@ def test_with_vectors_it_asks_more_rightly_and_no_more_wrongly(examples, words):
     [
         ("I reckon the car wants a teal wash all over, innit", "make the car teal"),
         ("freeze-o the bird at frame 20 chop chop", "freeze the bird at frame 20"),
+        ("copy the bird 5 frames", "copy the bird 5 frames later"),
+        ("duplicate the car half a second", "copy the car half a second later"),
+        ("make a copy of the car 10 frames to the left", "copy the car to the left 10 frames later"),
+        ("freeze the car 5 frames", "freeze the car for 5 frames"),
     ],
 )
 def test_what_the_grammar_refuses_is_asked_about_in_its_own_words(sentence, instead):

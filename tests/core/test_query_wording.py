@@ -54,7 +54,12 @@ approach + dog: is the dog coming toward the camera? | does the dog get closer |
     us
 path + dog: describe the route of the dog please | what path does the dog take | how does the dog move
 way + dog: which way does the dog go | where is the dog heading | is the dog moving left? | is the dog walking left or
-    right
+    right | where is the dog going, left or right? | where does the dog run, to the left or to the right
+where + sign: where is the sign? | on which side is the sign | where can I see the sign
+leave + dog: when is the dog not visible any more | when is the dog not there anymore? | from when can I no longer see the dog
+nearest_moment + dog + fence: when does the dog pass the fence | when does the dog pass in front of the fence? | at which
+    second does the dog pass behind the fence
+motion + water: does the water move | is the water moving? | does the water flow
 stops + dog: does the dog ever stop | is the dog always moving | does the dog keep moving
 """
 """Kind and things: ways to ask for that."""
@@ -83,6 +88,11 @@ def test_a_family_of_questions(way):
         ("how close do the man and the dog get to each other", Asked("distance", ("man", "dog"), extreme="min", other=("dog",))),
         ("is the front camel bigger than the back one?",
          Asked("compare_size", ("front camel", "back camel"), polar=True, manner="bigger", other=("back camel",))),
+        ("how far is the man from the dog when he is closest?", Asked("distance", ("man", "dog"), extreme="min", other=("dog",))),
+        ("how far apart are the man and the dog when they are nearest",
+         Asked("distance", ("man", "dog"), extreme="min", other=("dog",))),
+        ("how far is the man from the dog when it is farthest away",
+         Asked("distance", ("man", "dog"), extreme="max", other=("dog",))),
         ("Distance dog - camera at 1.5 seconds?", Asked("distance", ("dog",), (36.0, 36.0))),
         ("at 1 s, what is left of the dog's bed?", Asked("left_of", ("dog's bed",), (24.0, 24.0))),
         ("has the car left the picture?", Asked("leave", ("car",), polar=True)),
