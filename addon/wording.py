@@ -17,7 +17,7 @@ _PANEL_WORDS = (
     (r"`f4x export[^`]*`", "Jobs > Export"),
     (r"`f4x bake` (them|the scene)", r"bake \1 with the command f4x bake"),
     (r"`f4x (\w+)[^`]*`", r"the command f4x \1"),
-    (r" Or add --yes\.", ""),
+    (r" Say '.*', or add --yes\.", ""),
     (r"^-o ", ""),
     (r"--time T\b", "Current Frame Only"),
     (r"--profile wild\b", "the profile Thorough"),

@@ -17,13 +17,12 @@ from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stac
 from ..edit.telling import told
 from ..errors import F4xError
 from ..files import replace_file
-from ..language.grammar import Doubt
 from ..language.lexicon import plural
 from ..progress import Progress
 from ..query.chat import ChatServer
 from ..scene import Scene, read_scene, write_scene
 from .encoding import encoder
-from .querying import read_selection
+from .querying import asking_for_yes, read_selection
 
 
 def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -144,10 +143,8 @@ def _propose(scene: Scene, args: argparse.Namespace, progress: Progress) -> tupl
         "encode": encoder(progress),
         "candidates": args.candidates,
     }
-    try:
+    with asking_for_yes():
         proposal = propose(scene, args.say, context, backend=args.backend, progress=progress, **options)
-    except Doubt as doubt:
-        raise F4xError(f"{doubt} Say '{doubt.instead}', or add --yes.") from doubt
     if args.contact_sheet is not None:
         candidates = [candidate.operations for candidate in proposal.candidates]
         with replace_file(args.contact_sheet) as file:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -113,16 +114,23 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         server = ChatServer.from_environment(args.endpoint)
         options: dict[str, Any] = {"encode": encoder(progress), "backend": args.backend, "progress": progress}
         options |= {"server": server, "names": named(scene, selected), "agreed": args.yes}
-        try:
+        with asking_for_yes():
             found = answer(scene, args.question, views, **options)
-        except Doubt as doubt:
-            raise Doubt(f"{doubt} Or add --yes.", doubt.instead) from doubt
     return {
         "answer": found.text,
         "answered_by": found.answered_by,
         "evidence": found.evidence,
         "text": f"[{found.answered_by}] {found.text}",
     }
+
+
+@contextmanager
+def asking_for_yes() -> Iterator[None]:
+    """Say with a `Doubt` how to agree."""
+    try:
+        yield
+    except Doubt as doubt:
+        raise Doubt(f"{doubt} Say '{doubt.instead}', or add --yes.", doubt.instead) from doubt
 
 
 def read_masks(folder: Path, scene: Scene) -> dict[int, np.ndarray]:

@@ -84,6 +84,7 @@ from .slots import (
     USUAL,
     WHOLE,
     Command,
+    Given,
     Use,
     always,
     as_given,
@@ -94,6 +95,16 @@ COMMANDS: list[Command] = []
 """In the order in which they are preferred."""
 
 
+def _the_clip() -> Any:
+    """Who is meant by a clip, its time or what happens then: everything."""
+    return lambda context: making.noted(context, All())
+
+
+def _alone(value: Value) -> Given:
+    """A value where others could stand beside it."""
+    return ((value,),)
+
+
 _goes_on = unless(literal("and|but")) + here(lambda reading, at: reading.word(at).isalpha())
 ADDS_NOTHING = either(
     CALLS,
@@ -102,12 +113,11 @@ ADDS_NOTHING = either(
     COMMENTS,
     literal(
         "needs|wants|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|"
-        "has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|"
-        "are supposed to|might|is meant to|are meant to|was meant to|had better|should have|ought to have|had best|do need to] "
-        "(to) ([be|become|get|turn|go|look|appear|"
-        "stay|end up|have|been|gone|become])|[become|becomes|becoming|"
-        "being|be|were|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to|be [possible|feasible|"
-        "doable]|could [do with|use] being"
+        "has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|are "
+        "supposed to|might|is meant to|are meant to|was meant to|had better|should have|ought to have|had best|do need to] "
+        "(to) ([be|become|get|turn|go|look|appear|stay|end up|have|been|gone|become])|[become|becomes|becoming|being|be|were|"
+        "gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to|be [possible|feasible|doable]|could [do "
+        "with|use] being"
     ),
     literal(
         every_form("make|let|have|get|do|keep|animate")
@@ -144,7 +154,7 @@ ADDS_NOTHING = either(
 )
 """Courtesies, and verbs that say no more than that something is done."""
 
-_joined = literal("and|,|, and|but|plus|and also|as well as|+|&")
+_joined = literal("and|,|, and|but|plus|and also|as well as|+")
 _led = here(lambda reading, at: reading.word(at) in ("at", "in", "with"))
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
@@ -238,8 +248,7 @@ _pace_of = either(
     )
     + literal("speed|the speed|pace|tempo|of [the|its] speed")
     >> making.retimed,
-    ~literal("at|with|in|to") + (percent | multiple | number + literal("x")) + literal("speed|pace|tempo")
-    >> making.retimed,
+    ~literal("at|with|in|to") + (percent | multiple) + literal("speed|pace|tempo") >> making.retimed,
     _slow_motion + _rate >> making.retimed,
     multiple + table({"slower": -1, "faster": 1}) >> (lambda x, way: making.retimed(x if way > 0 or x < 1 else 1 / x)),
     _slow_motion >> (lambda: making.retimed(0.5)),
@@ -254,7 +263,7 @@ _size_of = (
     either(
         ~literal("at|to|in")
         + ~literal("a")
-        + (multiple | percent | number + literal("x"))
+        + (multiple | percent)
         + ~literal("of")
         + ~literal("its|the|their|his|her|original|normal")
         + ~literal("original|normal|current")
@@ -279,7 +288,6 @@ _quality = either(
     + ~literal(
         "tone|tones|mood|look|light|feel|grade|grading|color|colors|feeling|picture|image|clip|video|scene|shot|footage"
     ),
-    _toward + qualities.without_colour,
     _noun_of_colour,
     _looked,
     _more_opacity,
@@ -287,9 +295,7 @@ _quality = either(
     _size_of,
     qualities.pace,
     _toward + qualities.backward,
-    _toward + qualities.opacity_value,
     qualities.liveliness,
-    qualities.pop,
     ~literal("in|into|to|with")
     + ~literal("the|a|an|some|that|this")
     + qualities.described
@@ -299,7 +305,6 @@ _quality = either(
     ~literal("a|the|more|really|very|rather|quite|nice and|pretty|in a|feel|look|looking|feeling")
     + qualities.simply
     + ~literal("tone|tones|mood|look|light|color|colors|filter|grade|overlay|cast|wash"),
-    _toward + qualities.bare_look,
 )
 _LIGHT = any_form("become", "apply", "leave")
 """Verbs that only carry what a noun or a value says: "stick a glow on it", "trim the contrast to 80 %"."""
@@ -381,7 +386,7 @@ _command("match the dog to the cat", making.matched, "verb source")(
 _command("copy the color of the cat to the dog", as_given, "verb values")(
     who=literal("to|onto|on|over to|for|into") + thing,
     verb=literal(every_form("grab|pick|copy|transfer|carry|bring|take|carry over|copy over|lend|sample")),
-    values=qualities.same_colour + ~literal("over|across") >> (lambda value: ((value,),)),
+    values=qualities.same_colour + ~literal("over|across") >> _alone,
 )
 _command("shift the hue of the car to red", making.hued, "rgb", NAMED)(
     who=whose("hue|hues|tone"), verb=literal(any_form("set", "become")), rgb=~keyword("to|toward|into") + colour
@@ -399,10 +404,9 @@ _complaining: dict[str, Rule] = {
     "fix": ~literal(",|.|;")
     + ~literal("so")
     + literal(
-        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push|pump|boost|raise|lift|ramp] (it|"
-        "that|"
-        "this|them|him|her) (down|up|back)|[correct|neutralize|fix|remove|balance] [it|that|this]|get rid of [it|that]|make "
-        "[it|this|that] (more) neutral"
+        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push|pump|boost|raise|lift|ramp] "
+        "(it|that|this|them|him|her) (down|up|back)|[correct|neutralize|fix|remove|balance] [it|that|this]|get rid of [it|"
+        "that]|make [it|this|that] (more) neutral"
     )
     + optional(amount),
     "opinion": literal("to me|for me|if you ask me|in my [opinion|eyes]"),
@@ -411,7 +415,7 @@ _complaining: dict[str, Rule] = {
         >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
         ~literal("the|all the") + colors,
         ~literal("the") + literal("white balance|color temperature|exposure|overall look|overall color|grade|lighting")
-        >> (lambda: lambda context: making.noted(context, All())),
+        >> _the_clip,
         thing,
     ),
 }
@@ -455,7 +459,11 @@ _command("tint the dog orange", making.faintly, "verb rgb")(
 
 _command("tint the windows dark", as_given, "verb values")(
     verb=literal(any_form("tint")),
-    values=_toward + (qualities.brightness_value | qualities.simply) >> (lambda value: ((value,),)),
+    values=either(
+        _toward + (qualities.brightness_value | qualities.simply),
+        ~literal("in|with|to") + (qualities.any_look >> making.styled) + ~qualities.effect,
+    )
+    >> _alone,
 )
 
 _WITHOUT_NOUN = word_set("out from off on in")
@@ -475,10 +483,6 @@ _command("get the yellow out of the car", lambda less: making.added(1.0, (less, 
         colour + here(lambda reading, at: reading.word(at - 1) in PURE_COLOURS and reading.word(at) in _WITHOUT_NOUN),
     ),
     out=literal("out|away"),
-)
-_command("tone the picture sepia", lambda verb, look: making.styled(look), "verb look")(
-    verb=table({any_form("tint"): True}, reserve=False),
-    look=~literal("in|with|to") + qualities.any_look + ~qualities.effect,
 )
 _in_color = literal("in (full|its) [color|colors]|colored")
 _only = literal("only|just|nothing but|solely|nothing except|nothing else but|nothing other than|no one but")
@@ -523,7 +527,7 @@ _command("a bigger dog", as_given, "values", NAMED)(
         qualities.contrast_value,
         qualities.sized,
     )
-    >> (lambda value: ((value,),)),
+    >> _alone,
 )
 
 _MERELY = word_set("make makes making made get gets got be have has let put set keep")
@@ -543,9 +547,7 @@ _event_noun = ~Rule(
         else {}
     )
 )
-_event = literal("the|that|this") + ~literal("run up to the") + _event_noun >> (
-    lambda: lambda context: making.noted(context, All())
-)
+_event = literal("the|that|this") + ~literal("run up to the") + _event_noun >> _the_clip
 """What happens at a time that the sentence tells: "the landing"."""
 # More and less of a quality
 
@@ -783,12 +785,9 @@ _command("darken the sky", _more, "verb")(
     verb=either(*(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items())),
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | degree,
     to=either(
-        ~literal("to|down to|up to|at|by|till")
-        + either(
-            fraction_of("size|sizes|dimensions|scale|height|width|length|speed|pace|tempo|brightness"),
-            literal("half") >> (lambda: 0.5),
-        ),
-        literal("to|down to|up to|at|till") + either(fraction, percent, multiple, literal("x") + number),
+        ~literal("to|down to|up to|at|by|until")
+        + fraction_of("size|sizes|dimensions|scale|height|width|length|speed|pace|tempo|brightness"),
+        literal("to|down to|up to|at|until") + either(fraction, percent, multiple, literal("x") + number),
         literal("in half|by half|by a half") >> (lambda: 0.5),
         _until,
     )
@@ -797,9 +796,8 @@ _command("darken the sky", _more, "verb")(
         "[size|speed|the size|the speed|its size|opacity]"
     ),
     particle=literal(
-        "(right|way) [up|down]|off|in size|in tempo|more|even more|further|([keeping|with]) ([from|about|around|at|"
-        "on]) [its|the|their|his|her] [base|bottom|feet|foot|ground] ([planted|fixed|on the ground|in place|where it "
-        "is|where they are])"
+        "(right|way) [up|down]|off|in size|in tempo|more|even more|further|([keeping|with]) ([from|about|around|at|on]) [its|"
+        "the|their|his|her] [base|bottom|feet|foot|ground] ([planted|fixed|on the ground|in place|where it is|where they are])"
     ),
     fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
@@ -831,18 +829,15 @@ _command("show everything but the dog", always(making.opacity(0.0)), "verb", NAM
 _command("without the dog", always(making.deleted), "without", NAMED)(
     verb=literal(every_form("make|show|play|have|see|want|need|like")),
     without=keyword(
-        "(the|this) (same) [scene|picture|video|clip|image|shot] ([would be|is|looks|would look] (so|much|a lot|way) "
-        "[better|nicer|best|good|cleaner]) (but) without|without|minus|no more|[i|we] no longer [want|need] (to "
-        "see)|there should be no|there must be no|let there be no|[i|we] can do without|[i|we] (really) do not "
-        "[want|need|like] (to [see|have])"
+        "(the|this) (same) [scene|picture|video|clip|image|shot] ([would be|is|looks|would look] (so|much|a lot|way) [better|"
+        "nicer|best|good|cleaner]) (but) without|without|minus|no more|[i|we] no longer [want|need] (to see)|there should be "
+        "no|there must be no|let there be no|[i|we] can do without|[i|we] (really) do not [want|need|like] (to [see|have])"
     )
     | literal("no") + unless(literal(",|.|the|that|this|it|wait|not|need"))
     | literal(
         "[is|are] not (really) [needed|wanted|necessary|required] (here|there|any more)|[is|are] [unwanted|unnecessary|"
-        "superfluous]|[does|do] not "
-        "belong [here|there|in there|in the picture|in the shot|in the scene]|should not be in [here|there|the picture|the shot|"
-        "the scene|the "
-        "frame|the video|the clip|this shot]"
+        "superfluous]|[does|do] not belong [here|there|in there|in the picture|in the shot|in the scene]|should not be in "
+        "[here|there|the picture|the shot|the scene|the frame|the video|the clip|this shot]"
     )
     | literal("should not be there|is not to be there|there [should|must|shall|may] not be|is no longer there"),
     out=literal(
@@ -976,7 +971,7 @@ _command("tip the dog over", lambda: making.tilted(90.0), "verb")(
 )
 _command("turn the dog to the left", _turned, "verb sense")(
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
-    sense=_sense | table({"left": -1, "right": 1}, reserve=False),
+    sense=_sense,
     how=degree,
 )
 _command("tilt the dog a little", _turned, "verb how")(who=_whom, verb=_TURNING, how=degree)
@@ -995,7 +990,7 @@ _moving = literal(
 )
 _ground = literal(
     "([to|from] [the|its] [left|right] (hand) (side)) of where [it|he|she] [is|was|stands] (now)|from [the|its] [left|"
-    "right] (hand) (side)|above (the) ground|in [z|depth]|along z|(all the way) (down) [to|onto|until|till|toward] (it "
+    "right] (hand) (side)|above (the) ground|in [z|depth]|along z|(all the way) (down) [to|onto|until|toward] (it "
     "[touches|reaches|hits]) [the|its] [ground|floor|bottom]|[in|into] the [water|ground|grass|sand|snow]|[off|from|"
     "out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] the [air|sky]|a step|[from|off] where [it|he|"
     "she] is (now)|from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away from its place"
@@ -1153,8 +1148,7 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
         + here(lambda reading, at: _copy_noun.at(reading, at))
         | literal(
             "trail|trails|[motion|ghost|light] [trail|trails]|[ghost|after] [image|images]|streaks|motion streaks|ghosting|"
-            "echoing|trailing|echo|echoes|"
-            "afterimage|afterimages|ghosts|trailing copies|onion skin|onion skinning|"
+            "echoing|trailing|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|onion skinning|"
             + any_form("follow")
             + "|echo effect"
         )
@@ -1190,8 +1184,7 @@ _motion = _event | whose(
 _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
     event=literal("(right) [at|on|in|during]") + ~literal("the|its|his|her") + _event_noun + ~literal(",|-"),
     who=_about + thing
-    | literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement")
-    >> (lambda: lambda context: making.noted(context, All())),
+    | literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement") >> _the_clip,
     lead=literal(every_form("bring|come|hang|stand|stay|sit|remain|float|hover")),
     spot=literal(
         "where [it|he|she] [is|stands]|where they are|in the air|in mid air|in place|on the spot|in [its|his|her|their] tracks"
@@ -1200,7 +1193,7 @@ _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
     verb=literal(
         any_form("freeze")
         + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no "
-        "movement|stop|stopped"
+        "movement|stop|stopped|(perfectly|completely|absolutely) [still|motionless|frozen]"
     ),
 )
 _RESUMED = every_form("go|come|carry|walk|move|run|drive|ride|swim|fly|roll|jump|dance|jog|play|skate|sail")
@@ -1217,10 +1210,6 @@ _command("only the dog keeps moving", always(making.rest_frozen), "only moves", 
         "move|moves"
     ),
     rest=~_joined + silent(everything_else) + literal(any_form("freeze")),
-)
-_command("keep the dog still", always(making.frozen), "verb still", NAMED)(
-    verb=literal(every_form("keep|hold|leave")),
-    still=literal("(perfectly|completely|absolutely) [still|motionless|frozen]"),
 )
 _command("play the dog in reverse", always(making.reversed), "verb", WHOLE)(
     who=_playing,
@@ -1259,21 +1248,20 @@ _command("slow motion at 40 %", making.retimed, "lead by", WHOLE)(
 _command("slow motion, please", as_given, "values", WHOLE)(
     who=_playing,
     verb=literal(any_form("run")),
-    values=either(_pace_of, qualities.pace, qualities.backward) >> (lambda value: ((value,),)),
+    values=either(_pace_of, qualities.pace, qualities.backward) >> _alone,
 )
 _command("the clip should be twice as long", as_given, "values", TIMED)(
     who=literal("the (whole|entire)|this|my|our|a")
     + literal("clip|video|scene|movie|film|shot|footage|sequence|animation|thing")
-    >> (lambda: lambda context: making.noted(context, All()))
+    >> _the_clip
     | _whom + ~literal("'s") + ~literal("motion|movement|action"),
     verb=literal(any_form("last")),
-    values=as_long >> (lambda value: ((value,),)),
+    values=as_long >> _alone,
 )
 _LENGTHS = word_set("longer shorter briefer")
 _LASTS = word_set("lasts last takes take")
 _command("halve the length of the clip", _changed, "quality who", NAMED)(
-    who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s")
-    >> (lambda: lambda context: making.noted(context, All())),
+    who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s") >> _the_clip,
     verb=_set,
     quality=~literal("the|a|its")
     + either(
@@ -1377,8 +1365,7 @@ _command("swap the dog and the cat", making.swapped, "verb", NAMED)(
     verb=literal(any_form("swap") + "|swap of"),
     other=literal("with|for|and") + there_already + ~(literal("'s") + ~_spots),
     places=literal(
-        "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|around|"
-        "over"
+        "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|around|over"
     ),
 )
 
@@ -1423,9 +1410,8 @@ _command("fade in the dog from second 1 to 2", always(making.appearing), "verb",
     verb=_fading + literal(any_form("appear")),
     only=literal("only|just"),
     gone=literal(
-        "from (being) (fully|completely|totally) [invisible|nothing|zero|nowhere|transparent|black|hidden|0 (%)|nothingness|thin "
-        "air]|(up) "
-        "to (full|fully|completely|100 %) [visible|visibility|opacity|opaque|solid|view]"
+        "from (being) (fully|completely|totally) [invisible|nothing|zero|nowhere|transparent|black|hidden|0 (%)|nothingness|"
+        "thin air]|(up) to (full|fully|completely|100 %) [visible|visibility|opacity|opaque|solid|view]"
     ),
 )
 
@@ -1471,9 +1457,8 @@ _command("and nothing else", REMARK, "nothing", WHOLE)(
         "look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let [it|him|her|"
         f"them] ([go|keep]) [continue|resume|{_RESUMED}] (on|again|as before)|"
         f"(then) [it|he|she|they] ([is|are|can|may|will|should|must]) [continue|continues|be|back|{_RESUMED}] (back|on|again|as "
-        "before)|(,) (then|and then) (back to) normal (again) "
-        "(afterward|after that)|then back|hold (it|that) [to|until] the end|([normal|full|in]) color [for the rest|"
-        "afterward|after that|again]|(and) (then) [carry|go|move|play|run|continue] on|(and) then [continue|resume|"
-        "continues|resumes]|i mean it|not more|not less|that is enough"
+        "before)|(,) (then|and then) (back to) normal (again) (afterward|after that)|then back|hold (it|that) [to|until] the "
+        "end|([normal|full|in]) color [for the rest|afterward|after that|again]|(and) (then) [carry|go|move|play|run|"
+        "continue] on|(and) then [continue|resume|continues|resumes]|i mean it|not more|not less|that is enough"
     )
 )

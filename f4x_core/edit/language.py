@@ -205,8 +205,7 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
         raise Refusal("Nothing is said that could be done.")
     if any(map(_removes, operations)) and _holds(several_placed, read.reading):
         raise Refusal(
-            "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the "
-            "people'."
+            "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the people'."
         )
     if read.only_then and any(
         isinstance(one, Extract) or (isinstance(one, Opacity) and not _removes(one)) for one in operations
@@ -879,17 +878,15 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 
 _UNDOING = keyword(
-    "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|"
-    "bring] [it|that|this|them] back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|"
-    "back "
-    "to the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|"
-    "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|"
-    "command] back|[scratch|strike|axe|belay] [that|this|it]|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|"
-    "remove|delete|reverse|roll back|"
-    "undo] [my|the|that|this|your] (very) [last|previous] (two|three|four|few|couple of|2|3|4|5) [change|edit|step|"
-    "command|one|changes|edits|steps|commands|things]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|"
-    "this|everything|all)|put everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|"
-    "never mind] (about) [that|the last|this] ([change|edit|step|one])"
+    "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|bring] [it|"
+    "that|this|them] back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|back to "
+    "the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|[ctrl|"
+    "control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
+    "[scratch|strike|axe|belay] [that|this|it]|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|"
+    "reverse|roll back|undo] [my|the|that|this|your] (very) [last|previous] (two|three|four|few|couple of|2|3|4|5) [change|"
+    "edit|step|command|one|changes|edits|steps|commands|things]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|"
+    "that|this|everything|all)|put everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|never "
+    "mind] (about) [that|the last|this] ([change|edit|step|one])"
 )
 _ELSEWHERE = {
     **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
@@ -928,7 +925,7 @@ _ONLY_WHEN = keyword(
     "only [in|at|on|over|within] (the) [first|last|second|frame|frames|seconds|beginning|end|middle]"
 )
 _LENGTH = silent(number | keyword("half a")) + literal(
-    "m|cm|mm|ft|metre|metres|meter|meters|centimetre|centimetres|centimeter|centimeters|inch|inches|foot|feet|yard|yards"
+    "m|cm|mm|ft|meter|meters|centimeter|centimeters|inch|inches|foot|feet|yard|yards"
 )
 _named_like_a_thing = Rule(
     lambda reading, at: {at + 1: ()} if reading.word(at) in COLOURS.keys() - PURE_COLOURS else {}

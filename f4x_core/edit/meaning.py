@@ -45,12 +45,12 @@ _WAY = table(
 )
 _SLOTS = {
     "TIME": either(span, unless(literal("a second")) + duration),  # "a second dog"
-    "GRAY": literal("black and white|b&w|b & w|bw|greyscale|grayscale|monochrome|gray"),
+    "GRAY": literal("black and white|b and w|grayscale|monochrome|gray"),
     "WHO": known_thing,
     "LOOK": any_look,
     "COLOR": colour,
     "ANGLE": number + literal("degrees|degree|deg|grades"),
-    "LENGTH": number + literal("widths|width|heights|height|lengths|length|meters|meter|metres|metre|m|units|unit"),
+    "LENGTH": number + literal("widths|width|heights|height|lengths|length|meters|meter|m|units|unit"),
     "SHARE": fraction,
     "AMOUNT": multiple | percent,
     "SLIGHTLY": literal(
@@ -72,7 +72,7 @@ def _quality(name: str, more: str) -> str:
     return f"set the {name} of WHO to TO|{more} by AMOUNT|{more} SLIGHTLY|{more}"
 
 
-_SENTENCES = {
+MEANINGS = {
     "brightness up": "make WHO AMOUNT brighter|make WHO MUCH brighter|" + _quality("brightness", "increase"),
     "brightness down": "make WHO SHARE as bright|make WHO MUCH darker|" + _quality("brightness", "reduce"),
     "contrast up": _quality("contrast", "increase"),
@@ -112,7 +112,7 @@ _SENTENCES = {
     "reverse": "play WHO in reverse",
     "loop": "loop WHO",
 }
-"""Operation -> sentences for it, the first one whose slots are those that were said is taken; a time may always follow."""
+"""Meaning, by name, -> sentences for it, the first one whose slots are those that were said is taken; a time may always follow."""
 _NEEDED = word_set("delete extract hide show larger smaller move rotate swap duplicate follow recolour")
 """Operations of which it has to be said whom they are for."""
 _REMOVING = ("delete", "extract", "hide")
@@ -172,7 +172,7 @@ def sentences(operation: str, slots: Sequence[Slot], labels: set[str], selected:
     values["WHO"] = who[0] if who else "it" if selected else "everything"
     if len(who) > 1:
         values["OTHER"] = who[1]
-    for template in _SENTENCES[operation].split("|"):
+    for template in MEANINGS[operation].split("|"):
         if sentence := fill(template, values, ("WHO", "OTHER", "MUCH", "TIME")):
             if "TIME" in template or "TIME" not in values:
                 yield sentence

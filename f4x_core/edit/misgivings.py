@@ -5,7 +5,7 @@ sentence speaks for one of them. Such a plan is only asked about; said in its ow
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import combinations
 from typing import Any
@@ -13,28 +13,8 @@ from typing import Any
 from ..features.phrasings import highest_scores, known_phrasings
 from ..language.grammar import Reading, Refusal
 from .description import describe, in_words, whom
-from .meaning import PHRASINGS, masked
-from .operations import (
-    Blur,
-    Delete,
-    Duplicate,
-    Extract,
-    Freeze,
-    Glow,
-    Grade,
-    Loop,
-    Match,
-    Name,
-    Opacity,
-    Operation,
-    Recolour,
-    Rekey,
-    Retime,
-    Reverse,
-    Style,
-    Swap,
-    Transform,
-)
+from .meaning import MEANINGS, PHRASINGS, masked
+from .operations import Name, Opacity, Operation, Recolour, Rekey, Transform
 from .selects import All
 
 SPOKEN_FOR = 0.2
@@ -44,24 +24,10 @@ _TONE = ("saturation up", "saturation down", "warmth up", "warmth down", "contra
 _PRESENCE = ("delete", "hide", "extract", "show", "transparent", "fade in", "fade out")
 _LIGHT = ("brightness up", "brightness down", "glow")
 _COLOR = ("recolour", "style", "match", "gray")
-_MEANINGS: Mapping[type[Operation], tuple[str, ...]] = {
-    Recolour: _COLOR,
-    Style: _COLOR,
-    Match: _COLOR,
-    Grade: _TONE,
-    Glow: _LIGHT,
-    Blur: ("blur",),
-    Opacity: _PRESENCE,
-    Delete: _PRESENCE,
-    Extract: _PRESENCE,
-    Swap: ("move", "swap"),
-    Duplicate: ("duplicate", "follow"),
-    Retime: ("faster", "slower", "freeze"),
-    Freeze: ("faster", "slower", "freeze"),
-    Reverse: ("reverse",),
-    Loop: ("loop",),
-}
-"""Operation -> the meanings of `phrasings.txt` that speak for it: which of those that are alike is meant, words do not tell."""
+_ALIKE = (_TONE, _PRESENCE, _LIGHT, _COLOR, ("move", "swap"), ("duplicate", "follow"), ("faster", "slower", "freeze"))
+"""Meanings of `phrasings.txt` of which words do not tell which is meant."""
+_MEANING = {"grade": "gray", "opacity": "hide", "retime": "faster"}
+"""Tag of an operation -> a meaning that speaks for it, where it is not called as the operation is."""
 _PARTS = re.compile(r"\s*(?:[,.;:!?()]+(?=\s|$)|\s[-–—]+\s|\b(?:and then|and|but|then|while|plus)\b)\s*", re.IGNORECASE)
 """What stands between the parts of a sentence."""
 
@@ -97,7 +63,8 @@ def _meanings(operation: Operation) -> tuple[str, ...]:
         size = ("larger", "smaller") if operation.scale != 1 else ()
         place = ("move", "swap") if any(operation.translate) else ()
         return size + place + (("rotate",) if any(operation.rotate) else ())
-    return _MEANINGS.get(type(operation), ())
+    name = _MEANING.get(operation.TAG, operation.TAG)
+    return next((alike for alike in _ALIKE if name in alike), (name,) if name in MEANINGS else ())
 
 
 def _at_odds(earlier: Operation, later: Operation) -> str:

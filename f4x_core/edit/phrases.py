@@ -537,12 +537,11 @@ def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 _doing = ~_article + _things(_relative_at)
 _wearing = ~_article + _things(_wearing_at)
+_all_that = keyword(
+    "what|whatever|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
+)
 _moving = either(
-    keyword(
-        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] "
-        "[that|which]"
-    )
-    + keyword("moves|move|is moving|are moving|is in motion|does move"),
+    _all_that + keyword("moves|move|is moving|are moving|is in motion|does move"),
     ~_article + keyword("moving") + _objects,
     keyword("the|all the") + ~keyword("whole|entire") + keyword("foreground"),
     keyword(
@@ -550,10 +549,7 @@ _moving = either(
     ),
 ) >> _always(Moving())
 _static = either(
-    keyword(
-        "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] "
-        "[that|which]"
-    )
+    _all_that
     + keyword(
         "stands still|stand still|stays still|stay still|is still|are still|is static|are static|does not move|do not move|"
         "is not moving|are not moving|rests|is at rest|never moves"

@@ -170,9 +170,8 @@ pace_value = (
 )
 pace = either(pace_value, keyword("at|in|to") + _paced >> making.retimed)
 backward = keyword(
-    "backward ([in|through] time)|back in time|in reverse|reversed|in the opposite direction|back to front|from the end to the "
-    "start"
-    "|in reverse order|(the) other way around|from back to front|from end to start"
+    "backward ([in|through] time)|back in time|in reverse|reversed|in the opposite direction|back to front|from the end to "
+    "the start|in reverse order|(the) other way around|from back to front|from end to start"
 ) >> (lambda: making.reversed)
 _see_through = keyword("transparent|see through|translucent|transparency|sheer")
 _solid = literal("opaque|solid|visible")
@@ -318,9 +317,8 @@ a_look = either(
         "like ([it|he|she] [is|was|were]|they [are|were]|at)|as [if|though] [it|they] [were|is|was|are]|similar to"
     )
     + ~keyword(
-        "[it is|they are|it was|it were|they were] ([made|carved|built|cast|cut|formed]) (out) ([of|from|in])|[made|carved|cast|"
-        "cut] (out) "
-        "[of|from]|(shot|filmed|taken|recorded|set) [at|in|during] (the)"
+        "[it is|they are|it was|it were|they were] ([made|carved|built|cast|cut|formed]) (out) ([of|from|in])|[made|carved|"
+        "cast|cut] (out) [of|from]|(shot|filmed|taken|recorded|set) [at|in|during] (the)"
     )
     + ~keyword("a|an|pure|solid|real")
     + (look_name | _look_adjective),

@@ -99,7 +99,7 @@ SENSE = table(
 )
 FULL_TURN = table(
     {
-        "(a) half (a) [turn|rotation|spin|circle|revolution]|u turn|a 180": 180.0,
+        "(a) half (a) [turn|rotation|spin|circle|revolution]|you turn|a 180": 180.0,
         "(a) quarter (of a) [turn|rotation|spin|circle]|(a) right angle": 90.0,
         "(a) three quarter turn|three quarters of a turn": 270.0,
         "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution]|a [turn|spin|rotation]|(a) 360|full "
@@ -154,8 +154,7 @@ SHIFT = either(
     + duration
     + keyword(
         "[later|behind|after|apart] (than|from|behind|after) the [one|copy|last|previous|first] (one) (before|ahead) (of) (it|"
-        "that)|"
-        "later|behind|late|after the [one|copy|last|previous] (one) (before) (it)"
+        "that)|later|behind|late|after the [one|copy|last|previous] (one) (before) (it)"
     )
     | _lagging
     + duration

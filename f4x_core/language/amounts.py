@@ -115,10 +115,9 @@ degree = (_not_much | literal("[just|only] a hint|a [hint|notch|shade|trifle|whi
     lambda: Amount("small")
 ) | table(
     {
-        "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a"
-        " [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen|smidgeon|skosh|pinch|dash|tick]|"
-        "slightly|marginally|minimally|fractionally|mildly|moderately|somewhat|(just) barely|barely [noticeable|visible|there]|"
-        "hardly noticeable|(very) [subtle|subtly|"
+        "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a [little|tad|touch|bit|"
+        "hair|notch|fraction|smidge|smidgen|smidgeon|skosh|pinch|dash|tick]|slightly|marginally|minimally|fractionally|mildly|"
+        "moderately|somewhat|(just) barely|barely [noticeable|visible|there]|hardly noticeable|(very) [subtle|subtly|"
         "discreetly]|(ever) so slightly|a bit of|(by) a [little|wee|tiny] (bit) (more)": Amount("small"),
         "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole lot|"
         "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit|tons|loads|heaps|miles|a [ton|load|mile|bunch|"
@@ -324,7 +323,6 @@ _at_once = here(lambda reading, at: reading.word(at + 1) not in ("now", "away", 
 steps = either(
     listed(_step, keyword("and|,|, and|and then|and also") | _at_once),
     beside >> (lambda way: ((None, way, None),)),
-    distance + listed(_step, keyword("and")) >> (lambda far, ways: (*ways[:-1], (*ways[-1][:2], far))),
 )
 """`Steps` of "a bit to the left and up by 2 widths"."""
 

@@ -13,51 +13,45 @@ from .lexicon import FUNCTION_WORDS, singular, word_set
 
 CALLS = literal(
     "i am afraid|i fear|you know what|let us say|right now|immediately|at once|straight away|this instant|i do not know|do "
-    "not know|hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|"
-    "um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|"
-    "probably|rather|somehow|for now|right away|asap|for me|for us|[sort|fix] [it|that|this] (out)|do something about [it|that]|"
-    "from [that|this|the] [point|moment] (on|onward)|from there (on|"
-    "onward)|if possible|if you [can|could|would|like|will]|when you "
-    "can|again|there|in [here|there]|around here|here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|"
-    "lovely|kind of|sort of|you know|after all|i think|i guess|i feel like|i believe|[i|we] find|i would say|let me [think|"
-    "see]|this time|from there|in one go|of course|though|yeah|yes|preferably|by preference|overall|in total|all in all|"
-    "first of all|firstly|secondly|thirdly|finally|at last|completely|entirely|fully|totally|the [heck|hell|crap|shit|"
-    "life] out of|and stuff|or something|out of the way"
+    "not know|hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|um|"
+    "umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|rather|"
+    "somehow|for now|right away|asap|for me|for us|[sort|fix] [it|that|this] (out)|do something about [it|that]|from [that|"
+    "this|the] [point|moment] (on|onward)|from there (on|onward)|if possible|if you [can|could|would|like|will]|when you can|"
+    "again|there|in [here|there]|around here|here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|lovely|"
+    "kind of|sort of|you know|after all|i think|i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|this "
+    "time|from there|in one go|of course|though|yeah|yes|preferably|by preference|overall|in total|all in all|first of all|"
+    "firstly|secondly|thirdly|finally|at last|completely|entirely|fully|totally|the [heck|hell|crap|shit|life] out of|and "
+    "stuff|or something|out of the way"
 )
 """Calls, interjections and hedges: they add nothing to an edit or a question."""
 ASKS = literal(
-    "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
-    "would you mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could|does] [i|you|we|one] (go "
-    "about)|"
-    "is there [a|any] way to|[is it|would it be] [possible|okay|fine|all right|cool|nice|great] (to|if [you|we|i])|"
-    "see (your|their) way (clear) to|(is there) any chance [you|we] could|(is there) any chance (of|that|you [can|could])"
+    "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|would you "
+    "mind|do you mind|shall we|what if|what about|how about|why not|how [do|can|would|could|does] [i|you|we|one] (go about)|"
+    "is there [a|any] way to|[is it|would it be] [possible|okay|fine|all right|cool|nice|great] (to|if [you|we|i])|see (your|"
+    "their) way (clear) to|(is there) any chance [you|we] could|(is there) any chance (of|that|you [can|could])"
 )
 """Wishes that are put as questions."""
 WISHES = either(
     literal(
         "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] (so|really|just|absolutely|totally|dearly|"
-        "quite) [like|love|prefer|rather|sooner] "
-        "(to [see|have|get]|that|it if)|[i|we] would [end|start|finish|begin|open] [on|with]|i wonder (about)|[i|we] "
-        "would rather have|(i want|i would like|i need) you|[you|we] (really|just|probably) [should|could|can|may|must|"
-        "ought to|had better|need to|have to]|let us|let me|go (ahead) and|(i|we|do) not forget to|remember to|try to|help me "
-        "(to)|[make sure|ensure|see to "
-        "it|be sure] (that)|so that|in such a way that|how to|feel free to|it is [necessary|required|needed|important|essential|"
-        "vital|crucial|imperative] "
-        "(to|that)|[i|we] [search|try|aim|intend|plan|seek] to|[i|we] can not [figure out|work out|find out|find|see] "
-        "how to|it would be [nice|great|cool] (if)|give me|get me|show me|i am looking for|i am trying to|[we are|i "
-        "am] going to|your task is to|time to|see|to see|have|to have|to get|want|would like|[what|all] [i|we] (really|"
-        "would|am|are) [want|need|like|love|after|picture|ask for] is|it [is|would be] (much|way) [better|best|nicer] "
-        "(if|to)|[see|check] if you can|imagine (that)"
+        "quite) [like|love|prefer|rather|sooner] (to [see|have|get]|that|it if)|[i|we] would [end|start|finish|begin|open] "
+        "[on|with]|i wonder (about)|[i|we] would rather have|(i want|i would like|i need) you|[you|we] (really|just|probably) "
+        "[should|could|can|may|must|ought to|had better|need to|have to]|let us|let me|go (ahead) and|(i|we|do) not forget to|"
+        "remember to|try to|help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel "
+        "free to|it is [necessary|required|needed|important|essential|vital|crucial|imperative] (to|that)|[i|we] [search|try|"
+        "aim|intend|plan|seek] to|[i|we] can not [figure out|work out|find out|find|see] how to|it would be [nice|great|cool] "
+        "(if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|your task is to|time to|see|to "
+        "see|have|to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|"
+        "ask for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
     ),
     literal("[i|we] would") + unless(literal("like|love|prefer|rather|want|have|be|do|not|sooner")),
     literal(
         "[i|we] [was|am|were|are|have been] (just|also) [thinking|wondering|hoping|imagining|picturing] (about|of|if|that|"
-        "whether)|[i|we] (have) (now|just|finally) [decided|concluded|determined|resolved|agreed|settled|chosen] (that|"
-        "to|on)|[i|we] (can|do) "
-        "[trust|insist|demand|require|request|expect|vote|gather|assume|presume|recommend|advise] (that|for|you)|[i|we] "
-        "[figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|"
-        "(i|we) [am|are] after|[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would "
-        "be] (that|to)|[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|in [my|our] opinion"
+        "whether)|[i|we] (have) (now|just|finally) [decided|concluded|determined|resolved|agreed|settled|chosen] (that|to|on)|"
+        "[i|we] (can|do) [trust|insist|demand|require|request|expect|vote|gather|assume|presume|recommend|advise] (that|for|"
+        "you)|[i|we] [figured|imagine|picture|imagined|hoped|hope|reckon|suppose|suggest|thought|propose|say] (that)|(i|we) "
+        "[am|are] after|[my|the] [suggestion|request|thought|vision|dream|goal|task|job|wish|idea|plan] [is|would be] (that|"
+        "to)|[i|we] would be [happy|glad|grateful|thankful] (if)|i [bet|dare say]|in [my|our] opinion"
     ),
 )
 """Requests and wishes."""
@@ -96,20 +90,19 @@ _OPENING = (
     r"better|i see|right)"
 )
 _WISHING_WORDS = (
-    "mean|means|lot|world|favor|favour|beg|command|order|request|hereby|told|said|insist|propose|suggest|recommend|hurry|"
-    "if|why|i|we|you|it|that|there|one|who|somebody|someone|would|could|might|may|can|will|shall|should|am|is|was|were|be|"
-    "been|being|do|does|did|have|has|had|not|never|like|love|prefer|want|wanted|need|wish|hope|hoping|hoped|wonder|"
-    "wondering|wondered|thinking|think|thought|suppose|guess|imagine|know|tell|ask|asking|say|see|find|figure|work|"
-    "understand|clue|q|got|give|remember|make|out|quite|really|very|ever|so|much|most|super|pretty|terribly|awfully|"
-    "extremely|truly|absolutely|just|also|grateful|glad|happy|pleased|delighted|thankful|obliged|appreciate|appreciated|"
-    "curious|interested|kind|enough|nice|good|great|cool|awesome|lovely|sweet|fun|amazing|wonderful|fantastic|brilliant|"
-    "perfect|best|better|idea|a|an|any|the|to|me|us|my|for|about|please|pardon|excuse|sorry|forgive|dear|hello|hi|hey|"
-    "possible|possibly|way|chance|mind|moment|trouble|too|rather|maybe|perhaps|happen|now|ok|okay|well|um|uh|er|erm|hmm|oh|"
-    "question|quick|wait|as|at|all|of|up|still|obliged|feasible|doable|conceivable|permissible|permitted|acceptable|able|"
-    "request|requesting|trouble|troubling|bother|bothering|humbly|kindly|politely|feel|free|inclined|manage|arrange|willing|"
-    "confirm|verify|establish|ascertain|specify|indicate|advise|might|must|hear|care|telling|tell|explain|explaining|show|showing|"
-    "let|letting|inform|opinion|dare|allow|allowed|"
-    "apologise|apologize|need|needs|required|desire|desired|ideal|ideally"
+    "mean|means|lot|world|favor|favour|beg|command|order|request|hereby|told|said|insist|propose|suggest|recommend|hurry|if|"
+    "why|i|we|you|it|that|there|one|who|somebody|someone|would|could|might|may|can|will|shall|should|am|is|was|were|be|been|"
+    "being|do|does|did|have|has|had|not|never|like|love|prefer|want|wanted|need|wish|hope|hoping|hoped|wonder|wondering|"
+    "wondered|thinking|think|thought|suppose|guess|imagine|know|tell|ask|asking|say|see|find|figure|work|understand|clue|q|"
+    "got|give|remember|make|out|quite|really|very|ever|so|much|most|super|pretty|terribly|awfully|extremely|truly|absolutely|"
+    "just|also|grateful|glad|happy|pleased|delighted|thankful|obliged|appreciate|appreciated|curious|interested|kind|enough|"
+    "nice|good|great|cool|awesome|lovely|sweet|fun|amazing|wonderful|fantastic|brilliant|perfect|best|better|idea|a|an|any|"
+    "the|to|me|us|my|for|about|please|pardon|excuse|sorry|forgive|dear|hello|hi|hey|possible|possibly|way|chance|mind|moment|"
+    "trouble|too|rather|maybe|perhaps|happen|now|ok|okay|well|um|uh|er|erm|hmm|oh|question|quick|wait|as|at|all|of|up|still|"
+    "obliged|feasible|doable|conceivable|permissible|permitted|acceptable|able|request|requesting|trouble|troubling|bother|"
+    "bothering|humbly|kindly|politely|feel|free|inclined|manage|arrange|willing|confirm|verify|establish|ascertain|specify|"
+    "indicate|advise|might|must|hear|care|telling|tell|explain|explaining|show|showing|let|letting|inform|opinion|dare|allow|"
+    "allowed|apologise|apologize|need|needs|required|desire|desired|ideal|ideally"
 )
 WISHING = rf"(?:(?:{_WISHING_WORDS})(?:n?['’](?:d|m|s|ll|ve|re|t))?(?:[ ,]+|\.\.+ *))+"
 """How a wish or a question begins that says only that it is one: "I'd be ever so grateful", "wouldn't it be nice"."""
@@ -173,8 +166,6 @@ _PLAIN = {
     "said": r"(?:^|[,.;])\s*(?:(?:but|so|and|now|yes|okay)\b,?\s*)?(?:i|we) (?:know (?:i|we) )?(?:said|wrote|typed|"
     r"asked for|told you)\b [\w # ]{1,40}?,? but\b,?(?: now\b)?",
     "vocative": rf"^\s*{_CALLED}\s*[,!]\s*|(?:,\s*{_CALLED})+\s*(?=[?.!]*\s*$)",
-    "favor": r"^\s*(?:please )?(?:be|do|go) (?:an? |the |me )?(?:[a-z]+ ){1,3}and (?=[a-z]+ (?:the|my|it|that|this|an?|"
-    r"all|every)\b)",
     "source": r"(?:,\s*)?\b(?:according to|as per|per|in line with|in keeping with|in accordance with|following) (?:the|my|our|"
     "your|their) "
     r"(?:\w+ )?(?:brief|client|script|storyboard|plan|notes?|request|boss|director|instructions?|guidelines?|guide|feedback|spec|"
@@ -241,7 +232,7 @@ PURPOSES = frozenset({"so", "for", "to", "match"})
 """Classes that may say what is meant to become of a thing."""
 _COURTESIES = ("opening", "ordering", "if", "thanks", "interjection", "apology", "vocative", "hurry")
 """Classes that questions have, too."""
-_CLAUSES = PURPOSES | {"because", "favor", "seen"}
+_CLAUSES = PURPOSES | {"because", "seen"}
 _ADDRESSED = word_set("please could can would will may make let i we you do turn have give")
 """What a request begins with behind somebody's name."""
 

@@ -21,10 +21,9 @@ PREPOSITIONS = word_set("of in on at for from to with as who which using via alo
 """Those that tell something of what is named behind them."""
 EMPTY = word_set(
     # how much somebody means it
-    "ish super ultra mega hyper insanely crazy ridiculously extremely incredibly awfully terribly damn damned darn bloody "
-    "af asf duper "
-    "freaking frickin fucking pretty truly wicked mad hella totally absolutely utterly really very quite rather literally "
-    "basically actually honestly seriously legit lowkey highkey deadass properly proper actual sheer ever "
+    "ish super ultra mega hyper insanely crazy ridiculously extremely incredibly awfully terribly damn damned darn bloody af "
+    "asf duper freaking frickin fucking pretty truly wicked mad hella totally absolutely utterly really very quite rather "
+    "literally basically actually honestly seriously legit lowkey highkey deadass properly proper actual sheer ever "
     # how it is done: well
     "simply nicely neatly cleanly carefully kindly gladly uniformly evenly independently separately exactly precisely "
     "correctly accurately visibly noticeably clearly obviously generally typically usually somehow already altogether "

@@ -17,21 +17,21 @@ def _table(text: str) -> dict[str, str]:
 
 
 SPELLING = _table(
-    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, nad and, "
-    "annd and, & and, pls please, plz please, plese please, pleas please, colour color, colours colors, coloured colored, "
-    "colouring coloring, colourless colorless, recolour recolor, recoloured recolored, recolouring recoloring, decolour "
-    "decolor, grey gray, greys grays, greyscale grayscale, greyish grayish, greyer grayer, centre center, towards toward, "
-    "till until, til until, onwards onward, ok okay, leftwards leftward, rightwards rightward, upwards upward, downwards "
-    "downward, backwards backward, forwards forward, afterwards afterward, outta out, wanna want, colur color, coulor "
-    "color, gonna going, gimme give, metre meter, desaturise desaturate, colourise colorize, colourize colorize, colorise "
-    "colorize, greyed grayed, u you, ur your, gotta to, wanna want, tyre tire, tyres tires, neighbour neighbor, "
-    "neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru through, travelling traveling, "
-    "travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer your, r are, bg "
-    "background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics picture, "
-    "cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, bout about, n "
-    "and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, "
-    "loc location, spd speed, dupe copy, dup copy, ctr center, percents percent, bcuz because, em them, opac opacity, "
-    "backgrnd background, foregrnd foreground, whichever which"
+    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, nad and, annd "
+    "and, & and, pls please, plz please, plese please, pleas please, colour color, colours colors, coloured colored, colouring "
+    "coloring, colourless colorless, recolour recolor, recoloured recolored, recolouring recoloring, decolour decolor, grey gray, "
+    "greys grays, greyscale grayscale, greyish grayish, greyer grayer, centre center, towards toward, till until, til until, "
+    "onwards onward, ok okay, leftwards leftward, rightwards rightward, upwards upward, downwards downward, backwards backward, "
+    "forwards forward, afterwards afterward, outta out, wanna want, colur color, coulor color, gonna going, gimme give, metre "
+    "meter, metres meters, centimetre centimeter, centimetres centimeters, recognise recognize, summarise summarize, desaturise "
+    "desaturate, colourise colorize, colourize colorize, colorise colorize, greyed grayed, u you, ur your, gotta to, tyre tire, "
+    "tyres tires, neighbour neighbor, neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru "
+    "through, travelling traveling, travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer "
+    "your, r are, bg background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics "
+    "picture, cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, "
+    "bout about, n and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, loc location, spd speed, dupe "
+    "copy, dup copy, ctr center, percents percent, bcuz because, em them, opac opacity, backgrnd background, foregrnd foreground, "
+    "whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
 
@@ -122,13 +122,12 @@ TENS = {word: 10 * i for i, word in enumerate(_TENS.split(), start=2)}
 FRACTIONS = {"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4, "fifth": 1 / 5, "tenth": 1 / 10}
 
 PLURALS = _table(
-    "people person, persons person, men man, women woman, children child, kids kid, feet foot, teeth tooth, geese goose, "
-    "mice mouse, oxen ox, policemen policeman, leaves leaf, wolves wolf, knives knife, shelves shelf, loaves loaf, calves "
-    "calf, scarves scarf, halves half, lives life, wives wife, thieves thief, hooves hoof, potatoes potato, tomatoes "
-    "tomato, heroes hero, shoes shoe, canoes canoe, toes toe, buses bus, lenses lens, vases vase, horses horse, houses "
-    "house, roses rose, noses nose, hoses hose, cases case, suitcases suitcase, blouses blouse, axes axe, movies movie, "
-    "cookies cookie, pies pie, ties tie, zombies zombie, selfies selfie, caches cache, aches ache, mustaches mustache, "
-    "purses purse, nurses nurse"
+    "people person, persons person, men man, women woman, children child, kids kid, feet foot, teeth tooth, geese goose, mice "
+    "mouse, oxen ox, policemen policeman, leaves leaf, wolves wolf, knives knife, shelves shelf, loaves loaf, calves calf, "
+    "scarves scarf, halves half, lives life, wives wife, thieves thief, hooves hoof, potatoes potato, tomatoes tomato, heroes "
+    "hero, shoes shoe, canoes canoe, toes toe, buses bus, lenses lens, vases vase, horses horse, houses house, roses rose, "
+    "noses nose, hoses hose, cases case, suitcases suitcase, blouses blouse, axes axe, movies movie, cookies cookie, pies "
+    "pie, ties tie, zombies zombie, selfies selfie, caches cache, aches ache, mustaches mustache, purses purse, nurses nurse"
 )
 """Plurals that no rule gives."""
 SYNONYMS = _table(

@@ -35,7 +35,6 @@ _REWRITINGS = r"""
 ^(?:wherever|whenever|anywhere|in case) (?:there is|there's|there are|you (?:see|find|spot)) (?:a |an |any )?{X}, {REST}$ =>
     \g<x>: \g<rest>
 ^any {X} (?:you (?:can )?(?:see|find|spot)|there is|there are),? {REST}$ => \g<x>: \g<rest>
-^(?:now |and |then )*(?:do )?(?:it |that )?(?:the )?same(?: thing)?(?: again)?,? but (?:in |with )?{REST}$ => make it \g<rest>
 ^(?:grab|pick|take|get|copy|sample|use|borrow|steal) the colou?rs? (?:of|from) {X},? and (?:put|use|apply|paste|give)
     (?:it|that|them)
     (?:on|onto|to|for) {REST}$ => match \g<rest> to \g<x>

@@ -169,7 +169,7 @@ moment = ~literal("(the) [timecode|time code|timestamp|time|tc|mark]") + either(
     _clock,
     _part_way,
 )
-_to = keyword("(right|through|all the way|on|up) [to|until|till|up to|up until]|-|through|and|up till|thru")
+_to = keyword("(right|through|all the way|on|up) [to|until|up to|up until]|-|through|and")
 _pair = either(
     moment + _to + moment >> (lambda a, b: (a, b)),
     ~keyword("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
@@ -215,7 +215,7 @@ _over = ~keyword(
 )
 _first = _over + keyword("(the) (very) [first|opening]") + _length + ~_of_it
 _last = _over + keyword("(the) (very) [last|final|closing]") + _length + ~_of_it
-_TO_THE_END = "[until|till|to|through to|through|up until] the (very) end|all the way (through) to the (very) end"
+_TO_THE_END = "[until|to|through to|through|up until] the (very) end|all the way (through) to the (very) end"
 _goes_on = keyword(
     "(and) [on|onward|forward|after|beyond|later|up]|on out|or later|on forever|"
     f"(right) [{_TO_THE_END}]|for good|for the [rest|remainder] (of the [{PICTURE}]|of it)|and stay so"
@@ -230,7 +230,7 @@ _since = keyword(
     "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at"
 )
 _until = keyword(
-    f"until|before|(right|all the way) [up to|up until]|up till|not after|[no|not] later than|ending [at|with|on|in]|({_FRAMES}|"
+    f"until|before|(right|all the way) [up to|up until]|not after|[no|not] later than|ending [at|with|on|in]|({_FRAMES}|"
     f"any "
     "time|at any time) [before|until|up to]"
 )
@@ -242,9 +242,7 @@ _reaches = (
 _at = keyword("at|@|in|on|around|about|near|exactly at|right at|when|as soon as") | keyword(
     "once|when|as soon as"
 ) + keyword(_reaches)
-_bare = either(
-    _after_start, (duration | number + _unit >> _times) + keyword(_inside), _part_way, _before_end, _frame_number
-)
+_bare = either(_after_start, duration + keyword(_inside), _part_way, _before_end, _frame_number)
 """Moments that need no word before them: "two seconds in"."""
 _has_passed = (
     keyword("once|after|when|as soon as")
@@ -252,7 +250,7 @@ _has_passed = (
     + _length
     + keyword("[has|have] [passed|gone by|elapsed|gone]|[is|are] [over|up|through|done|gone]|[passes|elapses]")
 )
-_share_has_passed = keyword("once|after|when|as soon as|until|till") + fraction + ~keyword("of") + keyword(
+_share_has_passed = keyword("once|after|when|as soon as|until") + fraction + ~keyword("of") + keyword(
     f"(the|this|my) [{PICTURE}] [is|has] [over|passed|gone|done|through|played|gone by|run]"
 ) >> (lambda x: TimeExpression(clip=x))
 _since_then = either(
@@ -260,7 +258,7 @@ _since_then = either(
     _since + _hedge + (moment | _middle_point) + _onward,
     keyword("(right) after|past|once|when") + ~keyword(_reaches) + _second_over + _onward,
     _since + keyword("the (very) [first|opening]") + _length + _onward >> START.plus,
-    (_measured | _counted | _frame_number) + _goes_on,
+    (_measured | _counted) + _goes_on,
     _has_passed,
 )
 _just_then = (
@@ -380,14 +378,12 @@ span = either(
     table(
         {
             "always|all the time|(all) the [whole|entire] [time|duration]|(for|over|during) the [whole|entire] thing|for the "
-            "(whole|entire|full) [duration|length] (of the [clip|video|film|scene|shot|footage|recording|movie|sequence])|all the "
-            "way "
-            "through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the [whole|entire] [clip|"
-            "video|time|film|shot|"
-            "footage|movie|sequence|"
-            "scene]|throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|the whole way through|"
-            "from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|[over|during|throughout|across] "
-            "the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|at all times|in every frame|"
+            "(whole|entire|full) [duration|length] (of the [clip|video|film|scene|shot|footage|recording|movie|sequence])|all "
+            "the way through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the [whole|"
+            "entire] [clip|video|time|film|shot|footage|movie|sequence|scene]|throughout|throughout the [clip|video|film|"
+            "scene]|forever|the [entire|whole] way|the whole way through|from start to finish|from (the) beginning to (the) "
+            "end|(over|for) the whole duration|[over|during|throughout|across] the (whole|entire) [clip|video|film|scene|"
+            "footage|shot|movie|sequence|recording]|at all times|in every frame|"
             "in all frames|on every frame|on all frames": Span(START, None, "always")
         }
     ),

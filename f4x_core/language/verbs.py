@@ -10,14 +10,13 @@ from .lexicon import every_form, forms, inflected, word_set
 VERBS: dict[str, str] = {
     # appearance
     "become": "settle on, experiment with, inject, breathe, snap, retint, lerp, interpolate, tween, ramp, blend, "
-    "highlight, try, try out, test, make, turn, render, change, "
-    "convert, transform, give, paint, repaint, color, "
-    "recolor, dye, spray, respray, spray paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, "
-    "adjust, display, look, feel, become, have, go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, "
-    "decorate, slap, splash, splatter, throw, smear, brush, lacquer, style, restyle, redo, colorize, tone, transition, morph, "
-    "draw, pick, choose, select, add, sprinkle, lay, shift, swap, flip, restore, place, edit, modify, wear, ask for, go for, "
-    "go with, opt for, fill, flood, soak, grade, reskin, retexture, recolorise, reshade, dunk, varnish, shift over, bring "
-    "over, kit out, drape, steep, cloak, swathe, shroud, repurpose, slather, daub, tart up, jazz up, doll up, deck out",
+    "highlight, try, try out, test, make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, "
+    "dye, spray, respray, spray paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, "
+    "display, look, feel, become, have, go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, "
+    "slap, splash, splatter, throw, smear, brush, lacquer, style, restyle, redo, colorize, tone, transition, morph, draw, "
+    "pick, choose, select, add, sprinkle, lay, shift, swap, flip, restore, place, edit, modify, wear, ask for, go for, go "
+    "with, opt for, fill, flood, soak, grade, reskin, retexture, recolorise, reshade, dunk, varnish, shift over, bring over, "
+    "kit out, drape, steep, cloak, swathe, shroud, repurpose, slather, daub, tart up, jazz up, doll up, deck out",
     "tint": "tint, tinge, tone, wash, stain slightly, suffuse, hint",
     "set": "trim, dip, whack, set, change, make, turn, put, bring, adjust, take, get, give, have, need, show, apply, use, keep, "
     "correct, modify, tweak, fix, move, pull, push, dial, drag, slide, crank, pump, knock, ramp, kick, jack, tone, want, could "
@@ -103,15 +102,14 @@ VERBS: dict[str, str] = {
     "rotobrush, lift from the background, cherry pick, pluck out, carve out",
     # places
     "move": "bounce, bung, scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, "
-    "slide, bring, "
-    "pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, drop, throw, "
-    "relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, come, glide, wander, "
-    "roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, sink, land, offset, "
+    "slide, bring, pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, drop, "
+    "throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, come, glide, "
+    "wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, sink, land, offset, "
     "reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, hoist, heave, lay, stick, park, plant, tuck, "
     "squeeze, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, sail, toss, fling, kick, yank, plop, set down, put "
     "down, pick up, scroll, pan, rest, belong, climb, crawl, creep, scoot over, shimmy, shuffle over, hustle over, lob, hurl, "
-    "sling, plonk, plunk, drop off, wheel, ferry, tote, wiggle, jiggle, nudge over, push over, pull over, slide over, "
-    "move over, shift over, bring over, set over, rearrange, reseat, rehome, resettle, repark, stow, situate, locate, deploy, "
+    "sling, plonk, plunk, drop off, wheel, ferry, tote, wiggle, jiggle, nudge over, push over, pull over, slide over, move "
+    "over, shift over, bring over, set over, rearrange, reseat, rehome, resettle, repark, stow, situate, locate, deploy, "
     "dock, moor, hang up, stand up",
     "raise": "raise, lift, float, elevate, hoist, rise, levitate, lift up, raise up, pick up, ascend, take off, soar, float "
     "up, hover, jack up, prop up, boost up, push up, pull up, bring up, hang higher, send up, loft, lob up, fly up, rise up",
@@ -121,7 +119,7 @@ VERBS: dict[str, str] = {
     "rotate round, spin around, spin round, revolve around, corkscrew",
     "turn": "swing, crank, turn, flip, swing round, swing around, wheel around, reorient, redirect, about face, whip "
     "around, whip round, spin round, swap round, twist around",
-    "tilt": "barrel roll, angle, tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, cant, list, pitch, heel over, "
+    "tilt": "barrel roll, angle, tilt, roll, lean, tip, bank, slant, incline, tip over, lean over, list, pitch, heel over, "
     "lean to the side, dutch, dutch tilt, skew over",
     "topple": "tip over, knock over, topple, topple over, keel over, tip, knock, push over, upend, overturn, lay on its side, "
     "knock down, flop over",
@@ -136,7 +134,7 @@ VERBS: dict[str, str] = {
     "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, "
     "sync, blend, coordinate, imitate, emulate, tie in, unify, bring in line",
     # copies
-    "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, dup, dupe, copy and paste, copy paste, "
+    "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, copy and paste, copy paste, "
     "duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, photostat, xerox, "
     "clone stamp, rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, reduplicate, ghost copy, cookie cut",
     "add": "stack, line up, arrange, lay out, set up, distribute, scatter, comp, comp in, instantiate, instance, spawn, "

@@ -46,7 +46,7 @@ moments: time|times|moment|moments|second|seconds|(frame)
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) {pictures}
-see: see|found|{+find|spot|recognize|recognise|detect}|notice|make out|observe|look for
+see: see|found|{+find|spot|recognize|detect}|notice|make out|observe|look for
 counted: [do|does|did|can|could] {people} (can|could) count
 looking: (do|does|did|can|could|would) {people} (can|could|get to|still get to) (ever|also|first|last|still|really|actually)
     {see}|[have|has] ({people}) got|got|[can|could] be [seen|found|spotted]
@@ -62,8 +62,8 @@ plainly: dynamic|{+move|travel|come}|go|goes|going|went|came|in motion|on the mo
 stands: {+stand|stay|remain|keep|lie|sit|hide}|sitting|painted|located|placed|found|situated|positioned
 rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on the spot]|(all) (of) (the)
     [static|stationary|motionless|unmoving|immobile|still|fixed] {noun}|still|at
-    rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at rest]|where it
-    is|in place|not in motion|without moving
+    rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at rest]|where
+    it is|in place|not in motion|without moving
 set-off: {+take off|lift off|depart}|start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets
     going|set out|sets out
 stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full|complete|dead|total|sudden)
@@ -75,14 +75,14 @@ what: what|who|which|who and what|what and who|what all|[which|what] (single|kin
     {noun}|which of [the|these|those|all the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what
     else|what (is) the {noun}|what (is) (it) that|(the) [things|objects]
 when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it
-    take|is it|will it take|passes|pass) [until|till|before|into the {clips}|into it]|from when ([to|until|till] when)|how
-    [long|many seconds|many frames|much time] does it take (for)|until when|since when|how [early|soon|late]|[which|what] {moments}
-    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at) the
-    [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments} (in
-    time|of the clip|on)
+    take|is it|will it take|passes|pass) [until|before|into the {clips}|into it]|from when ([to|until] when)|how [long|many
+    seconds|many frames|much time] does it take (for)|until when|since when|how [early|soon|late]|[which|what] {moments}
+    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at)
+    the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at}
+    {moments} (in time|of the clip|on)
 where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|[point|show|direct|lead] [me|us]
-    to|(the) [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region] (of
-    the {pictures})
+    to|(the) [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region]
+    (of the {pictures})
 move: {plainly}|{+head}|{manner} (around|about)
 takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]|[{+pass}] [in front of|behind|over|under]
@@ -99,13 +99,11 @@ place = below: below|under|beneath|underneath|lower (down)|lower than
 place = left of: (further|farther) (to|on|at) (the) left (hand) (side) of|left from
 place = right of: (further|farther) (to|on|at) (the) right (hand) (side) of|right from
 place = near: next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby
-side = left: (the) [leftmost|left most|far left|furthest left|farthest left] ({noun})|[to|on|at|in] (the) (far|very) left
-    (hand) ({half}) (of the
-    {pictures})
-side = right: (the) [rightmost|right most|far right|furthest right|farthest right] ({noun})|[to|on|at|in] (the) (far|very)
-    right (hand) ({half}) (of the
-    {pictures})
-side = middle: in the (very) [middle|center|centre] (of the {pictures})|central|centered
+side = left: (the) [leftmost|left most|far left|furthest left|farthest left] ({noun})|[to|on|at|in] (the) (far|very) left (hand)
+    ({half}) (of the {pictures})
+side = right: (the) [rightmost|right most|far right|furthest right|farthest right] ({noun})|[to|on|at|in] (the) (far|very) right
+    (hand) ({half}) (of the {pictures})
+side = middle: in the (very) [middle|center] (of the {pictures})|central|centered
 on-side: (on|to|at|in) (the) {direction} ({half})
 sides: {on-side} or {on-side}
 sideways-or: {on-side} or {on-side}
@@ -114,8 +112,8 @@ compared: [in|with] relation to|relative to|compared [to|with]|with respect to|i
     [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
     there|available|exist|exists|[appear|appears] [{inside}|in it|in this|here|anywhere]|there
-    (still)|here|around|somewhere|(somewhere|anywhere) {inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign of|[do|does]
-    [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
+    (still)|here|around|somewhere|(somewhere|anywhere) {inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign
+    of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
 staying: stay|stays|staying|remain|remains|remaining|last|lasts
 visible: ({now}) ({staying}) [visible|(be) seen|shown|present|{in-view}|to be
     seen|around|there|here|show|showing|shows]|{looking} |({staying}) {inside}|{staying}
@@ -131,26 +129,24 @@ most-far: (the) [maximum|max|greatest|largest|biggest|longest|highest] [distance
     [furthest|farthest] [apart|away]
 mean-far: (the) [average|mean] [distance|gap|separation|spacing]
 hidden: hidden|invisible|covered|occluded|out of (the) [sight|view|frame|shot|the {pictures}]|not ({now})
-    [visible|seen|shown|there|in
-    view|in sight|on screen]|off screen
+    [visible|seen|shown|there|in view|in sight|on screen]|off screen
 gone: gone|no longer [{inside}|there|here|around|visible]|(can|could|do) {people} (can) no longer {see}|not ({now})
     [{inside}|there|here|around|visible|seen|{in-view}] [any more|anymore|any longer]
 leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|out of [sight|view|the
-    picture|the frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get
-    out of|drop out of}|{manner} out of] (the|this) ({pictures})
+    picture|the frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out
+    of|get out of|drop out of}|{manner} out of] (the|this) ({pictures})
 happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do
-    you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
-    about
+    you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell
+    me|talk] about
 happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
-    see)|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what [changes|has
-    changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it (about)|what is this|what
-    does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick) [summary|description|overview] (of)|any action|the
-    action|what (can|could) you (can) [tell|say] (me) about [the|this] {clips}|anything (interesting) [happening|going on]|anything
-    happens
+    see)|[describe|summarize|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what [changes|has
+    changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it (about)|what is
+    this|what does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick) [summary|description|overview] (of)|any
+    action|the action|what (can|could) you (can) [tell|say] (me) about [the|this] {clips}|anything (interesting)
+    [happening|going on]|anything happens
 anybody: [anyone|anybody|someone|somebody] (else)
 several: [is|are] there [one|two|three|four]|[are we looking at|do we have|have we got|do i see] [one|two|three|four]
-    |several|multiple|many|[just|only|more than] one (or more)|one or more|more than
-    one|more|(just|only) a single
+    |several|multiple|many|[just|only|more than] one (or more)|one or more|more than one|more|(just|only) a single
 in-out: (the) [in and out|in|out|entry and exit|start and end|first and last] [point|points|frame|frames] (of|for)
 first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which) ({people})
     (can|could|get to) ({see})
@@ -167,15 +163,14 @@ what-is-it: [what|which] (kind of|sort of|type of) ({noun}) (is|are) [it|this|th
     (called)|[identify|classify] [it|this|that] ({noun})|what [did|have] i (just) [{+click|select|pick|mark}] (on)|what is
     selected|what am i looking at
 contents: what am i looking at|what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to
-    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what is|a
-    list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
+    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what
+    is|a list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
     [contents|inventory]|[what|which] (all) ({noun}) (do|have|can|could) {people} (can|could|all)
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
 filler: directly|immediately|state|report|confirm|verify|establish|ascertain|specify|indicate|or
-    [one|two|three|four|more|several]|would you say|do
-    you [reckon|suppose|believe|figure]|if [the scale|it|that]
+    [one|two|three|four|more|several]|would you say|do you [reckon|suppose|believe|figure]|if [the scale|it|that]
     [permits|allows]|[above|over|from] {its} [starting|initial|original|first] [point|position|height|level]|is it
     [true|right|correct] that|am i [right|correct] (in thinking) that|[draw|trace|plot|show]
     (me|us)|{inside}|{event}|{looking}|{people} have|(that) {people} (can|could) {see}|have
@@ -187,7 +182,7 @@ filler: directly|immediately|state|report|confirm|verify|establish|ascertain|spe
     (please|kindly) (tell|show|say|find|give|point out) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am
     wondering|i (just) [want|need] to know|i would [like|love] to know|do you know|any idea|do you have any idea|i am
     curious|question|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you
-    say|according to you|describe|explain|in seconds|in frames|in here|in there|in this|in units (per second)|in pixels|in metres|in
+    say|according to you|describe|explain|in seconds|in frames|in here|in there|in this|in units (per second)|in pixels|in
     meters|[the|this] {clips}|list|name|in it|of them|of all|at any time|at some point|at any [point|moment]
 fast: how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of)
     [speed|velocity|pace]|(the) [speed|velocity|pace]|how much speed
@@ -196,21 +191,19 @@ extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maxima
 extreme = mean: (at) ({its}) [average|mean]|on average|averaged|typically
 extreme = min: (at) ({its}) [lowest|minimum|least|min|minimal]|at {its} slowest|at least|at minimum
 far: how far|how much (ground|distance|way)|[what|which] (total|overall|entire|whole|full) [distance|length]|(the) total
-    [distance|way]|(the) (total) distance [traveled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how long
-    (is) (the) [path|way|route|journey]|how long a way|[what|which] [way|distance] in total|how many [meters|metres|units|steps]
+    [distance|way]|(the) (total) distance [traveled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how
+    long (is) (the) [path|way|route|journey]|how long a way|[what|which] [way|distance] in total|how many [meters|units|steps]
 gap: (the) depth (of)|how deep (in (the) {pictures})|how [far|close|near] (away|apart|off|together)|(the) (current)
     [distance|gap|space|spacing|separation|clearance]|apart|how much [space|room|distance|gap]|how [big|large|wide|small|long]
-    (is) (a|the)
-    [gap|distance|space]|[what|which] [distance|gap|separation]|at [what|which] distance|how many units
-least: (the|{at-its}) [shortest|smallest|minimum|min|minimal|closest|least|nearest|lowest]|at the [closest|nearest]
-    (point)|when [it|he|she|they] (is|are|was|were|get|gets|come|comes) (the) [closest|nearest] (together)
+    (is) (a|the) [gap|distance|space]|[what|which] [distance|gap|separation]|at [what|which] distance|how many units
+least: (the|{at-its}) [shortest|smallest|minimum|min|minimal|closest|least|nearest|lowest]|at the [closest|nearest] (point)|when
+    [it|he|she|they] (is|are|was|were|get|gets|come|comes) (the) [closest|nearest] (together)
 close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
 big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which] size|(the)
     [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what
-    [part|share|fraction|percentage|proportion|portion|amount]
-    of the [{pictures}]|how many pixels
+    [part|share|fraction|percentage|proportion|portion|amount] of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
 max-height: how [far|high] [above|over|off] (the|its) [ground|floor|water|surface]|(the) [greatest|maximum|peak|top|highest]
     height (of)
@@ -218,14 +211,12 @@ high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|ho
 rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the
     ground
 go-up: {+leave} the ground|[get|gets] off the ground|airborne|[{+go|move|get|bob}] up [or|and]
-    down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}]
-    [up|upward]|rose|gain in height|gain height
+    down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
 comes: come|comes|came
-which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise)
-    [color|colors|colour|colours|shade|hue|shades|tint|tone]
-    (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color] [code|value|values]
-    (of)|(the) (main|exact|dominant|average) [color|colors|colour|colours] (scheme|palette|of)|how colored
+which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise) [color|colors|shade|hue|shades|tint|tone]
+    (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color]
+    [code|value|values] (of)|(the) (main|exact|dominant|average) [color|colors] (scheme|palette|of)|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all) (of) (the)|what number
     of|[number|count|tally] (of)
@@ -242,8 +233,8 @@ order: (in) [which|what] [order|sequence|succession]|in order|(in) the order|ord
 sort: put|compare|{+order|sort|rank|arrange}|order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order
     of|put in order|in order
 everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all)
-    (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what is
-    there|what you see|them
+    (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what
+    is there|what you see|them
 first: first|last|(is|are) the [first|last] (one|thing|object) [to|that|which]|earliest|before all others
 start: [{set-off}|continue|continues|first] (to)
 turning: {+turn}
@@ -286,16 +277,15 @@ by-factor: how much|how many times|by how much|by what factor|by which factor|ho
 closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
 closing = away: away from|[farther|further] [from|away|apart]|apart
 around: [on|at|to] [either|both|each] [side|sides] of|[left|to the left] and [right|to the right] of|in the
-    [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close
-    to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the neighbors of
+    [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent
+    to|near to|surrounding|surrounds]|the neighbors of
 whereto: where
-sideways = left: (to|toward|towards) (the) left (side)|leftward|leftwards
-sideways = right: (to|toward|towards) (the) right (side)|rightward|rightwards
-along: in|to|along|into|towards|toward|from
+sideways = left: (to|toward) (the) left (side)|leftward
+sideways = right: (to|toward) (the) right (side)|rightward
+along: in|to|along|into|toward|from
 path: (along|trace|show|on|which|what|describe|by) (which|what) (the) [path|route|trajectory|course|track]
 how: how
 or-away: or [away|farther away|further away|{move} (away|farther away)|not] (from {camera})
-relation-of: (the) (spatial) [relation|relationship] (in space)|(the) relative position
 not: not|never|no longer|not ever|not an|not any
 no: no|not|not an|not a|not any|never
 any: (any|some) (other|else) [anything|something|anyone|anybody|somebody|someone|{noun}] (else|other)|(else|other) {noun}
@@ -304,10 +294,9 @@ anything: (is) (there) [anything|something]
 do: do|does|doing|did|up to|behave|behaves|act|acts
 list: list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (list) (of)|a list of
 ends-up: end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lands|finally|in the end
-comes-from: come from|comes from|start out|start off|starts off|starts out|begin|begins|start|starts
 clip-length: is (the|this) [{clips}]|does (the|this) [{clips}] [last|run|take|go on]
 in-gap: in the [gap|space|room|middle]
-units: how many [meters|metres|units|feet|steps|yards]
+units: how many [meters|units|feet|steps|yards]
 far-off: far (away|off)|close
 length: (the) length (of)
 by-what: by (their) [distance|depth|position|nearness|size]
@@ -320,8 +309,6 @@ reaches: reach|reaches|reached|attain|attains|get to|gets to|get up to|gets up t
 can: can|could
 any-of: any|any of
 any-parts: [which|what] [part|parts]|what motion (is there)|any motion|any movement|what movement|the movements
-path-length: (the) total [distance|way] (of)|(the) (total) [distance|way] [traveled|travelled|covered|gone]|(the)
-    [length|distance] of the [path|way|route|track|journey]|how long (is) (the) [path|way|route|journey]
 way-of: (the) [direction|heading] (of)
 order-by = from left to right: (from) left to right
 order-by = from right to left: (from) right to left
@@ -392,55 +379,49 @@ what_is: what-is-it
 frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: who side stands? | who seen? order-by | sort? order? contents? everything? thing? by-what? us? order-by stands? comes? |
-    order-by who comes | order thing? everything? start? move? | order thing? everything? set-off | order thing? everything? enter |
-    order thing? everything? passes | who enter first thing? | who first start? move thing? | who first set-off
-nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing other? |
-    when near-to thing | when thing passes-by | when passes thing
+order: sort? order? contents? everything? thing? by-what? us? order-by stands? comes? | order-by who comes | order thing?
+    everything? start? move? | order thing? everything? enter | order thing? everything? passes | who enter first thing? | who
+    first start? move thing? | who first set-off
+nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when near-to thing | when thing
+    passes-by | when passes thing
 farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest gap
     thing
 highest_moment: when highest thing? move?
 fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
-slowest_moment: when slowest thing? move?
 when_turns: when turn thing start? | thing turn
 @place: any place-of stands? | who place-of stands? | who place thing own stands?
-neighbours: who around-of stands? | who thing around | any around-of stands?
+neighbours: who around-of stands? | who thing around
 between: who pair in-gap? stands? | any pair in-gap? stands?
-relation manner=compared: relation-of thing other
 relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands? |
     who farther-aside thing stands? | who place thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
-polar near: thing around-of stands? not?
-distance extreme=max: most-far thing get | most-far thing get other | most-far pair | most-far gap? thing other
-distance extreme=mean: mean-far pair | mean-far thing other
-distance extreme=min: thing passes-by not? | thing passes not? | close thing get other | close thing get together | least gap
-    pair | least gap thing other | close thing get | least thing get other
+distance extreme=max: most-far pair | most-far gap? thing other
+distance extreme=mean: mean-far pair
+distance extreme=min: thing passes not? | close thing get other | close thing get together | least gap pair | least gap thing
+    other | least thing get other
 distance: units thing together | units thing far-off | units thing far-off other | gap thing other | gap pair | gap thing
-    together | gap thing | gap other | thing far-off other
-compare_size: by-factor bigger thing other | by-factor as-big thing other | who bigger thing | thing bigger
+compare_size: by-factor bigger thing other | who bigger thing
 compare_size manner=bigger: sort big thing | big thing versus | big thing compared-to | thing bigger-or other
 compare_speed manner=faster: sort fast thing | fast thing versus | fast thing compared-to move?
-polar compare_size: thing bigger other not? | thing as-big other not? | thing as-big than not?
+polar compare_size: thing bigger other not?
 compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
 nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest other?
-    | who near-to thing? | who front stands?
-farthest: who farther thing us? | who farther thing other | thing farther other | who farthest thing? other? stands? | farthest
-    other? | who back stands?
+    | who front stands?
+farthest: who farther thing other | who farthest thing? other? stands? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
-compare_speed: speediest but? | who move? speediest thing? | who speediest thing? but?
+compare_speed: speediest but? | who move? speediest thing?
 colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? seen? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
 count: how-many thing doing | how-many thing owner | how-many thing counted | how-many thing seen? side? stands? remain? |
-    several thing seen? side?
-    stands? remain?
+    several thing seen? side? stands? remain?
 still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? |
     who stands always? | how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
@@ -450,33 +431,32 @@ polar enter thing=person: anybody enter
 polar leave thing=person: anybody leave
 approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other | thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
-rise: thing go-up not? | high thing rise move? | high thing highest | high thing extreme | max-height thing | by-how-much thing
-    go-up
+rise: thing go-up not? | high thing rise move? | high thing highest | max-height thing | by-how-much thing go-up
 polar always says=no: thing hidden
 polar stops: thing stop move? not?
 polar stops says=no: thing always move not? | thing keep-on move
 motion: how-long thing rest | who move start? but? | any-parts move
 does: what-it do thing | happens-to thing
-fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
-path: path thing takes? | how thing move | how thing get
+fast: fast thing move? reaches? extreme?
+path: path thing takes? | how thing get
 where at=end: where thing stop | where thing ends-up
-where at=start: where thing set-off | where thing comes-from
+where at=start: where thing set-off
 way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing turning sideways-or
-    | thing move sideways-or | whereto thing move along? sideways-or? | way-of thing move? | thing move sideways-or
+    | thing move sideways-or | whereto thing move along? sideways-or? | way-of thing move?
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible can? | clip-share thing visible?
 size: big thing covers?
-far: far thing move | far thing crosses | far thing get | path-length thing takes? | length thing path
-motion: when thing move start? | when thing stop move? | when thing set-off move? | when thing rest
+far: far thing move | far thing crosses | far thing get | length thing path
+motion: when thing move start? | when thing stop move? | when thing set-off move?
 enter: first-with thing | when start? thing enter
 leave: last-with thing | when thing leave | when thing gone
-seen: when thing visible can? | when thing hidden | when thing not visible | in-out thing
+seen: when thing visible can? | when thing hidden | in-out thing
 polar still: thing rest not?
 polar enter: anything enter
 polar leave: anything leave
 polar motion: anything manner start? | thing plainly start? not? | thing manner start? not? | any plainly
-polar always: thing seen? always not? stands? can? | thing always
+polar always: thing seen? always not? stands? can?
 always: who visible always stands?
 where: where thing stands? seen? on? | thing near-or-far us?
 polar side: thing seen? side stands? not?

@@ -257,7 +257,7 @@ _slots: dict[str, Rule] = {
     "who": either(
         CUES["what"] >> (lambda: ()), cue("which|what|which of|which one of|what kind of|which of all") + _names
     ),
-    "other": cue("to|from|of|than|and|-|with|toward|till|compared to|or") + _whom,
+    "other": cue("to|from|of|than|and|-|with|toward|compared to|or") + _whom,
     "than": cue("than|as") + _names,
     "versus": cue("vs|versus|against|or") + _names,
     "doing": generated(_doing_at),
@@ -319,7 +319,7 @@ def _rows() -> Iterator[_Row]:
 
 
 _NOUN_CUES = word_set(
-    "relation-of fast gap big where path path-length way-of duration which-color rate order least how-many first-with last-with"
+    "fast gap big where path way-of duration which-color rate order least how-many first-with last-with"
     " max-height far most-far mean-far"
 )
 """Cues that may be nouns: "what is the speed"."""
@@ -730,7 +730,7 @@ def _refusal(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]
     if subject == "that" and strange:
         why, what_can = f"I do not know what '{strange}' means here", INSTEAD
     if not unnamed and (alike := _alike(text, clip, it, labels)):
-        return Doubt(f"{why}. Ask '{alike}?' if that is what you mean.", alike)
+        return Doubt(f"{why}. Do you mean '{alike}?'", alike)
     return Unanswerable(f"{why}; {what_can}.{_nearest_kinds(text, clip, it)}")
 
 

@@ -74,7 +74,7 @@ def _names(slot: dict[str, Any]) -> list[str]:
         return [named.get(part) or UP[part][_is_more(slot[part])] for part in ("scale", *named) if part in slot]
     if kind == "retime":
         return [UP["speed"][_is_more(slot["speed"])]] if "speed" in slot else [NOTHING]
-    return [kind if kind in meaning._SENTENCES else NOTHING]
+    return [kind if kind in meaning.MEANINGS else NOTHING]
 
 
 def _is_more(amount: float | str) -> bool:

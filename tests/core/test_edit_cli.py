@@ -202,6 +202,8 @@ def test_words_that_nobody_knows_are_asked_about_and_left_out_with_yes(scene, ca
     error = capsys.readouterr().err
     assert "I would do: make the square red. I do not know what 'and happy' adds." in error
     assert "Say 'make the square red', or add --yes." in error
+    assert main(["edit", str(scene), "--say", sentence, "--dry-run", "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["instead"] == "make the square red"
     code, told = f4x(capsys, "edit", scene, "--say", sentence, "--dry-run", "--yes")
     assert code == 0 and [edit["op"] for edit in told["edits"]] == ["recolour"]
     assert told["notes"] == ["Read as 'make the square red'."]

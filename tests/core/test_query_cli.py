@@ -349,6 +349,7 @@ def test_a_doubtful_question_is_asked_back_and_answered_with_yes(folder, capsys)
     scene, question = str(folder / "scene.f4x"), "where is the sqaure?"
     assert main(["ask", scene, question, "--json"]) != 0
     asked = json.loads(capsys.readouterr().out)
-    assert asked["instead"] == "where is the square" and "did you mean 'square'? Or add --yes." in asked["error"]
+    assert asked["instead"] == "where is the square"
+    assert "did you mean 'square'? Say 'where is the square', or add --yes." in asked["error"]
     assert main(["ask", scene, question, "--yes"]) == 0
     assert "Read as 'where is the square'. " in capsys.readouterr().out

@@ -88,7 +88,7 @@ def refusal(question: str, selected: str = "") -> F4xError:
 )
 def test_what_the_grammar_refuses_is_asked_back_in_its_own_words(question, instead):
     doubt = refusal(question)
-    assert isinstance(doubt, Doubt) and doubt.instead == instead and f"Ask '{instead}?'" in str(doubt)
+    assert isinstance(doubt, Doubt) and doubt.instead == instead and f"Do you mean '{instead}?'" in str(doubt)
     assert read_question(instead, 24.0, 72, "", LABELS)
 
 
