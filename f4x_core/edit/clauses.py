@@ -222,6 +222,11 @@ class Search:
                     begin, done.clauses[-1] if _commands(done) else None
                 ):
                     cost += done.cost + price
+                    topic_alone = (
+                        done.clauses and not _commands(done) and _PRONOUNS.isdisjoint(self.reading.words[start:end])
+                    )
+                    if topic_alone and "who" in clause.slots and "verb" not in clause.slots:
+                        cost += _ONE_MORE  # "hills: snow white" is about the hills
                     if price == _RUN_ON and not (
                         (self.reading.word(start) in IMPERATIVES or known_thing.at(self.reading, start))
                         and "who" in clause.slots

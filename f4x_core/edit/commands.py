@@ -405,8 +405,7 @@ _complaining: dict[str, Rule] = {
     + ~literal("so")
     + literal(
         "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push|pump|boost|raise|lift|ramp] "
-        "(it|that|this|them|him|her) (down|up|back)|[correct|neutralize|fix|remove|balance] [it|that|this]|get rid of [it|"
-        "that]|make [it|this|that] (more) neutral"
+        "(it|that|this|them|him|her) (down|up|back)"
     )
     + optional(amount),
     "opinion": literal("to me|for me|if you ask me|in my [opinion|eyes]"),
@@ -420,7 +419,12 @@ _complaining: dict[str, Rule] = {
     ),
 }
 """Who is complained of, and what is to be done about it."""
-_command("the wall has a yellow cast", REMARK, "complaint")(**_complaining, complaint=qualities.cast)
+_command("the wall has a yellow cast", REMARK, "complaint")(
+    **_complaining,
+    complaint=qualities.cast,
+    mended=~literal(",|.|;")
+    + literal("[neutralize|remove|balance] [it|that|this]|get rid of [it|that]|make [it|this|that] (more) neutral"),
+)
 _command("make the dog red", as_given, "values")(
     who=either(
         _whom,
@@ -1000,15 +1004,19 @@ _for_it = ~literal("for|of|with|on")
 _RUNNING = frozenset(any_form("run").split("|")) - word_set(
     "make render let put set keep have play be get do show pass moved put"
 )
+_BEFORE_WAY = 4
+"""Words within which a verb stands before its way: "drive the red car backward"."""
+_DRIVEN = word_set("drive drives driving run runs running walk walks walking ride swim fly dance dances dancing play")
 _not_run_backward = here(
     lambda reading, at: (
         reading.word(at - 1)
         not in {"backward": _RUNNING, "back": ("come", "comes"), "away": ("go", "goes", "going")}.get(
             reading.word(at), ()
         )
+        and not (reading.word(at) == "backward" and _DRIVEN & {*reading.words[max(at - _BEFORE_WAY, 0) : at]})
     )
 )
-"""What drives backward is played in reverse, not moved, and what comes back is shown."""
+"""What drives or is driven backward is played in reverse, not moved, and what comes back is shown."""
 _command("move the dog to the left", making.moved, "way")(
     who=_for_it + thing,
     verb=_moving,

@@ -42,6 +42,7 @@ from ..language.lexicon import (
     FUNCTION_WORDS,
     NO_THINGS,
     SYNONYMS,
+    every_form,
     forms,
     inflected,
     is_slip,
@@ -160,7 +161,7 @@ def parse(
             raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
     if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
-        if not _holds(_shade, read.reading):
+        if not (read.reason or _holds(_shade, read.reading)):  # what is understood and cannot be is told as it is
             _ask_by_likeness(sentence, known, settled, request.selected)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
     raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
@@ -866,11 +867,17 @@ def _same_way(one: Operation, other: Operation) -> bool:
     return bool(pairs) and all((x > 1) == (y > 1) for x, y in pairs)
 
 
+def _added(one: Operation) -> tuple[float, float, float] | None:
+    """The color that is added: "less green, more yellow" are two."""
+    return one.rgb if isinstance(one, Recolour) and one.mode == "add" else None
+
+
 def _compatible(operations: list[Operation]) -> list[Operation]:
     """The operations; Refusal when two of them set the same thing."""
     if all(_same_way(one, operations[-1]) for one in operations):
         operations = operations[-1:]
-    kinds = {(type(one), *(getattr(one, name, None) for name in ("mode", "rotate"))) for one in operations}
+    names = ("mode", "rotate")
+    kinds = {(type(one), *(getattr(one, name, None) for name in names), _added(one)) for one in operations}
     unseen = len(operations) > 1 and any(isinstance(one, Opacity) and one.factor == 0 for one in operations)
     if unseen or len(kinds) < len(operations):
         raise Final("Two things are said that exclude one another, as 'red and blue' do; say one of them.")
@@ -1024,6 +1031,14 @@ _DOUBTFUL = (
             + known_thing
         ),
         "A scene has no sound; say for example 'desaturate the car' if its colors are meant.",
+    ),
+    (
+        literal(every_form("spin|rotate|revolve|twirl|whirl|pirouette"))
+        + ~literal("around|round")
+        + ~silent(known_thing)
+        + ~literal("to|in|into")
+        + literal("the [other|opposite|reverse] [way|direction] (around|round)"),
+        "That may mean to play it backward or to turn it around; say 'play the dog in reverse' or 'turn the dog around'.",
     ),
     (
         literal("used to [be|have|look|stand|move]"),

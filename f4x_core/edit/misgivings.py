@@ -78,7 +78,7 @@ def _at_odds(earlier: Operation, later: Operation) -> str:
     hidden = isinstance(earlier, Opacity) and not earlier.factor and earlier.frames is None
     if hidden and _meanings(later) != _PRESENCE:
         return f"Of {whom(earlier.select)} nothing would be seen."
-    alike = _meanings(earlier) == _meanings(later) == _COLOR
+    alike = _meanings(earlier) == _meanings(later) == _COLOR and getattr(later, "mode", "") != "add"
     if alike and getattr(earlier, "frames", None) == getattr(later, "frames", None):
         return f"'{describe(earlier)}' and '{describe(later)}' are about the same thing at the same time."
     return ""

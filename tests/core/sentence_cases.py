@@ -173,8 +173,10 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
         )
     if target == "moving thing":
         return "moving" in json.dumps(select)
+    if by == "named":
+        return target == "the copy" or target.lower() == select["name"].lower()
     if target == "the copy":
-        return by == "named"
+        return False
     if target.startswith("all but "):
         spared = row.get("selected") if by == "not" and select["of"]["by"] == "current" else None
         return by == "not" and (spared == target[8:] or _labels(select) == {_one(target[8:])})

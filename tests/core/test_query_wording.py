@@ -118,7 +118,8 @@ what is the dog riding? | does the dog eat the cat? | when does the dog eat? | i
     man | does nothing move? | are there more than two dogs? | where will the train be in ten seconds? | is she happy
     do you think | does the dog swim away? | is it bigger than? | is the tree bigger | how many times does the dog
     jump | what time is it | left of the dog? |
-    what does the dog see | is the dog closest to the camera? | how fast is the fastest car
+    what does the dog see | who drives the car? | who rides the horse | is the dog closest to the camera? | how fast is the
+    fastest car
 """
 
 
