@@ -1167,7 +1167,7 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
         ~literal("a|one|another|the|an identical|a second") + literal("copy|clone|ghost|duplicate|second one|twin"),
         literal("a second|another|an identical|one more|an extra|the same")
         + unless(literal("copy|ghost|clone|one"))
-        + ~silent(familiar),
+        + ~(silent(familiar) + unless(literal("that|which|who"))),
     )
     >> (lambda: True),
     times=~literal("of|with|by|plus|and|+") + unless(literal("a")) + _times,

@@ -52,7 +52,8 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"\bits (?=(?:way|too|so|really|not|just|super|far|much|kind of|a (?:bit|little|tad)) )", "it is "),
     (r"(?<=\d)½", ".5"),
     (
-        r"\b(the|that|this|my) (\w+)( over there)?,? (?:the|that|this) (?!other|same|right|left)(\w+) one\b,?(?! and| or)",
+        r"\b(the|that|this|my) (\w+)( over there)?,? "
+        r"(?:the|that|this) (?!other|same|right|left|first|last|original|new)(\w+) one\b,?(?! and| or)",
         r"\1 \4 \2\3,",
     ),
     (r"\b(?:hex|html)(?: colou?r| code)?:? *#?(?=[0-9a-f]{6}\b)", "#"),

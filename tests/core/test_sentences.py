@@ -70,7 +70,6 @@ REFUSED = (
     "twice the dancer please, the second one left of her and 10 frames late",
     "what is on the bed?",
     "how many people are in the park?",
-    "add a second car that follows the first one with a delay of 1 s",
     "make her smaller and smaller until she's half her size at the end",
     "hide the people in the background",
     "the dancer ought to glow softly in pink during the twirl, from 0.8 to 1.6 seconds",
