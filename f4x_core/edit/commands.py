@@ -237,7 +237,6 @@ _rate = (
     + ~literal("speed|pace|tempo|rate|)")
 )
 """How fast slow motion is."""
-_slow_motion = literal("(on|in|at|a|into) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]")
 _pace_of = either(
     ~literal("at|with|in|to")
     + (
@@ -249,15 +248,13 @@ _pace_of = either(
     + literal("speed|the speed|pace|tempo|of [the|its] speed")
     >> making.retimed,
     ~literal("at|with|in|to") + (percent | multiple) + literal("speed|pace|tempo") >> making.retimed,
-    _slow_motion + _rate >> making.retimed,
+    qualities.slow_motion + _rate >> making.retimed,
     multiple + table({"slower": -1, "faster": 1}) >> (lambda x, way: making.retimed(x if way > 0 or x < 1 else 1 / x)),
-    _slow_motion >> (lambda: making.retimed(0.5)),
     literal("in") + multiple + literal("(of) the time|its time|as much time") >> making.stretched,
     literal("(in|at) double time") >> (lambda: making.retimed(2.0)),
     literal("(in|at|a) [super|ultra|extreme|very|really] [slow motion|slow mo|slowmo|slo mo]")
     >> (lambda: making.retimed(0.25)),
-    literal("in fast forward|fast forward|fast motion|in fast motion|time lapse|timelapse")
-    >> (lambda: making.retimed(2.0)),
+    literal("(in) [fast forward|fast motion]|time lapse|timelapse") >> (lambda: making.retimed(2.0)),
 )
 _size_of = (
     either(
@@ -1251,7 +1248,7 @@ _command("2x, first half", making.retimed, "by when", TIMED)(
     by=~literal("at|play at|run at") + _x_times,
 )
 _command("slow motion at 40 %", making.retimed, "lead by", WHOLE)(
-    who=_playing, verb=literal(any_form("run")), lead=_slow_motion, by=_rate
+    who=_playing, verb=literal(any_form("run")), lead=qualities.slow_motion, by=_rate
 )
 _command("slow motion, please", as_given, "values", WHOLE)(
     who=_playing,

@@ -154,7 +154,7 @@ _glow_value = (
     >> making.glowing
 )
 size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale|height|width|length")) >> making.scaled
-slow_motion = keyword("(in) (a) slow motion|go slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
+slow_motion = keyword("(on|in|at|a|into|in a) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]")
 _paced = either(
     fraction_of("speed|pace|tempo|rate|velocity"),
     keyword("(a) speed of") + (multiple | percent | number),
@@ -163,7 +163,7 @@ _paced = either(
 pace_value = (
     either(
         comparison(*_SPEED),
-        ~keyword("with") + slow_motion,
+        ~keyword("with") + slow_motion >> (lambda: 0.5),
         ~keyword("at|to|with") + fraction_of("speed|pace|tempo|rate"),
     )
     >> making.retimed
