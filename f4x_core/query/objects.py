@@ -2,9 +2,9 @@
 
 Gaussians are grouped into superpoints whose members are close, look alike and, where they move, move alike: one graph of what
 moves, one of what stands. A random walk starts at the superpoints under the prompt and steps along bonds between neighbours;
-what moves is left for the static background where it looks like that, as a shadow looks like the ground and ripples like the
-water (Grady 2005). The thing is a set of the superpoints with the highest random-walk scores: the one whose outline cuts the
-weakest bonds (sweep cut; Andersen, Chung and Lang 2006).
+what moves is left for the background where it looks like what is behind it (Grady 2005). The thing is a set of the superpoints
+with the highest random-walk scores: the one whose outline cuts the weakest bonds (sweep cut; Andersen, Chung and Lang 2006). What
+is cast on the background (shadows, ripples, reflections) is no part of it.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ import numpy as np
 from ..geometry import spherical_harmonics
 from ..geometry.arrays import evenly_spaced
 from ..scene import Scene
-from .blend_weights import blend_weight_sums, total_blend_weights
+from .blend_weights import blend_weight_sums
 from .connected_objects import connect
 from .kept import Kept
 from .marks import Mark, Point
+from .score import logistic
 from .smoothing import LOOKS_ALIKE, field_of_looks
+from .standing_out import difference
 from .superpixels import static_part
 
 MOVING, STATIC = 1000, 2000
@@ -49,7 +51,7 @@ SIGHT, FAR = 8.0, 1.5
 """Weights of the direction in which what stands is seen (1 = a radian), and of the logarithm of its distance, beside colour:
 with monocular depth, angles from the middle camera compare better than metres."""
 NEIGHBOURS = 12
-"""Minimum number of superpoints that one is bonded to, and number of static groups that decide how well it blends in."""
+"""Minimum number of superpoints that one is bonded to."""
 RIGID, NOISE, LASTING = 0.1, 3.0, 1.5
 """Two neighbours move as one where their distance changes by less than `LASTING` times this fraction of it, or times so many
 medians over all neighbours, as fits are not exact. Four filmed clips then stay in one piece, two things that touch do not."""
@@ -57,8 +59,12 @@ TOGETHER = 0.3
 """Of what differing looks take from the bond of two neighbours, the fraction that it keeps where their distance stays the same:
 a car's bonnet moves with its doors. Chosen on six filmed clips, on which .6 does as well."""
 BLENDING = 2.0
-"""Bonds of full strength from a superpoint to the static background that looks like it. Of .5, 1, 2, 4 and 8, a click finds
-most with 2: IoU in the clicked frame .678 on six filmed clips, .661 with 4; on four that were not looked at .691 and .676."""
+"""Bonds of full strength from a superpoint that looks like the background behind it to that background."""
+DIFFERS = 0.035
+"""Difference from the background behind (`standing_out.unlike`) for which such a bond is weaker by 1/e."""
+CAST, UNSURE, VOTE = 0.085, 0.02, 0.1
+"""What moves and differs less than `CAST` from the background behind is cast on it: shadows, ripples, reflections. Within about
+`UNSURE` of that the neighbours decide, whose bonds of full strength count `VOTE` beside a superpoint of mean weight."""
 ESCAPE_MOVING, ESCAPE_STATIC = 1e-3, 1e-2
 """Fraction of the walkers that is lost at every superpoint. What stands has no background to lose them to, and a thing is a
 small part of it."""
@@ -78,6 +84,9 @@ MARKED = 0.3
 """A superpoint is marked by the negative points when it has this fraction of the blend weights of the most marked one."""
 MOSTLY = 0.5
 """A superpoint belongs to an exact mark, or to one on what is not meant, that has more than this fraction of its blend weights."""
+HIDDEN = 0.5
+"""Of its mean blend weight in a view: where a frame shows less of a superpoint, it may well lie outside of a box there. What comes
+to light later lies anywhere before: with 0 a mask finds .83 of four filmed things (IoU), with .4 or .7 .89."""
 UNSEEN = 1e-4
 """Minimum blend weight of a Gaussian, in pixels."""
 SHOWS = 0.05
@@ -105,13 +114,15 @@ class Superpoints:
     index: np.ndarray
     """(n,) int64: the superpoint of each of them."""
     weight: np.ndarray
-    """(P,) float64: blend weights of a superpoint, summed over views of the clip."""
+    """(P,) float64: blend weights of a superpoint in pixels of the clip's pictures, mean over its views."""
     bonds: np.ndarray
     """(P,P) float64 in [0, 1] between neighbours, symmetric, 0 with itself."""
     near: np.ndarray
     """(P,P) float64 in [0, 1]: the bonds if all superpoints looked alike."""
     blend: np.ndarray
-    """(P,) float64 in [0, BLENDING]: bonds to the static background, by appearance alone; 0 for what stands itself."""
+    """(P,) float64 in [0, BLENDING]: bonds to the static background behind, by appearance alone; 0 for what stands itself."""
+    cast: np.ndarray
+    """(P,) bool: shadows, ripples and reflections that move over the background."""
     escape: float = ESCAPE_MOVING
     """Fraction of the walkers that is lost at every superpoint."""
     sizes: tuple[float, float] = SIZES_MOVING
@@ -146,17 +157,20 @@ class Superpoints:
     ) -> np.ndarray:
         """(P,) bool: the thing that a random walk from the blend weights `marked (P,)` finds; never `against (P,)` bool.
 
+        What is cast on the background is no part of it, unless most of what is marked is cast: then that alone is found.
         `doubt (P,)` in [0, 1]: other evidence that a superpoint is none of it; it counts like blending in. `filled`: least fraction
         of what is marked that the thing holds.
         """
-        free = ~against
+        cast = marked[self.cast & ~against].sum() > MOSTLY * marked[~against].sum()
+        free = ~against & (self.cast | ~cast)
         chosen = np.zeros(len(marked), bool)
         if not marked[free].any():
             return chosen
-        open_ = BLENDING * (self.blend.any() + (doubt is not None)) * np.ones(len(marked))
-        blend = self.blend if doubt is None else self.blend + BLENDING * doubt
+        blend = np.zeros(len(marked)) if cast else self.blend  # all that is cast blends in
+        open_ = BLENDING * (blend.any() + (doubt is not None)) * np.ones(len(marked))
+        blend = blend if doubt is None else blend + BLENDING * doubt
         (bonds, out), (near, most) = (
-            (between[free][:, free], leaving[free] + between[free][:, against].sum(1))
+            (between[free][:, free], leaving[free] + between[free][:, ~free].sum(1))
             for between, leaving in ((self.bonds, blend), (self.near, open_))
         )
         # Scaled by what leaves a superpoint: bonds differ by orders of magnitude, and the matrix would be near singular.
@@ -172,7 +186,7 @@ class Superpoints:
         chosen[
             np.flatnonzero(free)[order[: _sweep((bonds, out), (near, most), order, ~small & ~large, self.contrast)]]
         ] = True
-        return chosen
+        return chosen & (self.cast == cast)
 
 
 def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = None) -> np.ndarray | None:
@@ -191,7 +205,7 @@ def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = N
         aside = [mark for mark, mover in zip(signs.started_by, on_mover, strict=True) if mover]
         return _in_picture(scene, [mark for mark in marks if mark not in aside], superpoints)
     seen, inside, outside = map(superpoints.gather, (signs.seen, signs.inside, signs.outside))
-    against = outside > inside
+    against = (outside > inside) & (seen > HIDDEN * superpoints.weight)
     for beside in map(superpoints.gather, signs.beside):
         against |= (beside > MARKED * beside.max()) | (beside > MOSTLY * seen)
     held = np.zeros(len(seen), bool)
@@ -298,26 +312,35 @@ def _after_edits(superpoints: Superpoints, scene: Scene) -> Superpoints:
 def superpoints_of(scene: Scene) -> Graph:
     """Group the Gaussians of a scene, moving and static ones by themselves, and bond the groups."""
     appearance = _appearance(scene)
-    weights = total_blend_weights(scene, VIEWS, COLUMNS) + UNSEEN
+    weights, differences = difference(scene, VIEWS, COLUMNS)
+    weights += UNSEEN
     moving, static = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
     tracks = _tracks(scene)
     index, weight, _, mine = _group(tracks.joint(), appearance[moving], weights[moving], MOVING)
     ways = tracks.means(index, weights[moving], len(weight))
     standing = appearance[static] * np.append(np.full(appearance.shape[1] - 3, STANDING), np.ones(3))
     backdrop, mass, sights, outlines = _group(_sights(scene)[static], standing, weights[static], STATIC)
-    theirs = _means(backdrop, weights[static], appearance[static], len(mass))
-    bonds, near, unit = _bonds(ways.apart(), mine)
-    nearest = np.sort(_squares(mine, theirs), axis=1)[:, :NEIGHBOURS]
-    blend = BLENDING * np.exp(-nearest.mean(1) / unit) if nearest.size else np.zeros(len(mine))
+    bonds, near = _bonds(ways.apart(), mine)
     changes = _changes(ways, near)
     bonds, piece = _strengthen(bonds, near, changes), _pieces(changes, len(near))
-    outside = _bonds(_squares(sights, sights), outlines)[:2]
+    differs = np.bincount(index, differences[moving], len(weight)) / weight
+    blend, cast = BLENDING * np.exp(-((differs / DIFFERS) ** 2)), _cast(differs, weight, bonds)
+    outside, none_blends = _bonds(_squares(sights, sights), outlines), (np.zeros(len(mass)), np.zeros(len(mass), bool))
     return Graph(
-        Superpoints(moving, index, weight, bonds, near, blend, piece=piece),
-        Superpoints(
-            static, backdrop, mass, *outside, np.zeros(len(mass)), ESCAPE_STATIC, SIZES_STATIC, CONTRAST_STATIC
-        ),
+        Superpoints(moving, index, weight, bonds, near, blend, cast, piece=piece),
+        Superpoints(static, backdrop, mass, *outside, *none_blends, ESCAPE_STATIC, SIZES_STATIC, CONTRAST_STATIC),
     )
+
+
+def _cast(differs: np.ndarray, weight: np.ndarray, bonds: np.ndarray) -> np.ndarray:
+    """(P,) bool: superpoints cast on the background, by how much they and their neighbours differ from it, (P,).
+
+    A random walk with priors (Grady 2005): a superpoint is like its neighbours in `bonds (P,P)`, and by itself a thing with a
+    probability that rises with `differs`; `weight (P,)` says how much that counts.
+    """
+    prior, mass = logistic((differs - CAST) / UNSURE), weight / max(weight.mean(), UNSEEN) if len(weight) else weight
+    across = np.diag(bonds.sum(1)) - bonds
+    return np.linalg.solve(np.diag(mass) + VOTE * across, mass * prior) < MOSTLY
 
 
 class _Tracks(NamedTuple):
@@ -415,25 +438,22 @@ def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.maximum((one**2).sum(1)[:, None] + (other**2).sum(1) - 2 * one @ other.T, 0)
 
 
-def _bonds(far: np.ndarray, appearance: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Bonds (P,P) between neighbours by squared distances `far (P,P)`, those if all looked alike, and the unit of looks.
-
-    That is the squared distance at which a bond is weaker by 1/e.
-    """
+def _bonds(far: np.ndarray, appearance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bonds (P,P) between neighbours by squared distances `far (P,P)`, and those if all looked alike."""
     # A product of matrices is symmetric but for rounding, which must not decide who is near.
     far = np.maximum(far, far.T)
     np.fill_diagonal(far, np.inf)
     if len(far) < 2:
-        return np.zeros(far.shape), np.zeros(far.shape), 1.0
+        return np.zeros(far.shape), np.zeros(far.shape)
     last = min(NEIGHBOURS, len(far) - 1) - 1
     reach = np.partition(far, last, axis=1)[:, last]
     near = (far <= np.maximum(reach[:, None], reach)) & np.isfinite(far)
     if not near.any():
-        return np.zeros(far.shape), np.zeros(far.shape), 1.0
+        return np.zeros(far.shape), np.zeros(far.shape)
     unlike = _squares(appearance, appearance)
     unit = max(float(np.median(unlike[near])), 1e-9)
     close = np.where(near, np.exp(-far / max(np.median(reach[np.isfinite(reach)]), 1e-12)), 0)
-    return close * np.exp(-unlike / unit), close, unit
+    return close * np.exp(-unlike / unit), close
 
 
 class _Changes(NamedTuple):

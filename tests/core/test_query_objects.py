@@ -114,7 +114,8 @@ def test_a_thing_grows_by_the_walk_and_stops_at_the_least_cut():
     np.fill_diagonal(bonds, 0)
     near = 1 - np.eye(count)
     blend = np.repeat([0.05, 0.8], 4) * rng.uniform(0.8, 1, count)
-    superpoints = Superpoints(np.arange(count), np.arange(count), np.ones(count), bonds, near, blend)
+    cast = np.zeros(count, bool)
+    superpoints = Superpoints(np.arange(count), np.arange(count), np.ones(count), bonds, near, blend, cast)
     marked = np.eye(count)[1]
     np.testing.assert_array_equal(superpoints.grow(marked, np.zeros(count, bool)), np.arange(count) < 4)
     step = bonds / (1.001 * (bonds.sum(1) + blend))  # column j: where the walkers of superpoint j go

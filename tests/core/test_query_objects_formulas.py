@@ -11,9 +11,10 @@ from random_scene import random_scene
 from f4x_core.features.models.prompt import Prompt, check_prompt
 from f4x_core.geometry import spherical_harmonics
 from f4x_core.query import objects
-from f4x_core.query.blend_weights import blend_weight_sums, total_blend_weights
+from f4x_core.query.blend_weights import blend_weight_sums
 from f4x_core.query.marks import Box, Brush, Mask, Point, marks_of
 from f4x_core.query.objects import BLENDING, Graph, Superpoints, point_out
+from f4x_core.query.standing_out import difference
 
 from .test_query_superpoints import pieces
 
@@ -43,7 +44,7 @@ def chain(weights, strengths, **fields):
     for k, strength in enumerate(strengths):
         bonds[k, k + 1] = bonds[k + 1, k] = strength
     rows = np.arange(count)
-    given = {"blend": np.zeros(count), "near": (bonds > 0) * 1.0} | fields
+    given = {"blend": np.zeros(count), "near": (bonds > 0) * 1.0, "cast": np.zeros(count, bool)} | fields
     return Superpoints(rows, rows, np.asarray(weights, float), bonds, **given)
 
 
@@ -120,13 +121,13 @@ def test_no_rows_make_no_groups():
 
 def test_bonds_fall_with_distance_and_with_looks():
     place, looks = RNG.normal(size=(20, 3)), RNG.normal(size=(20, 4))
-    bonds, close, unit = objects._bonds(objects._squares(place, place), looks)
+    bonds, close = objects._bonds(objects._squares(place, place), looks)
     far = ((place[:, None] - place) ** 2).sum(2)
     np.fill_diagonal(far, np.inf)
     unlike = ((looks[:, None] - looks) ** 2).sum(2)
     reach = np.sort(far, 1)[:, 11]  # the twelfth neighbour
     near = (far <= reach[:, None]) | (far <= reach)
-    assert unit == pytest.approx(np.median(unlike[near]))
+    unit = np.median(unlike[near])
     expected = np.where(near, np.exp(-far / np.median(reach)), 0)
     np.testing.assert_allclose(close, expected, rtol=1e-9)
     np.testing.assert_allclose(bonds, expected * np.exp(-unlike / unit), rtol=1e-9)
@@ -135,11 +136,11 @@ def test_bonds_fall_with_distance_and_with_looks():
 
 
 def test_bonds_of_few():
-    bonds, close, unit = objects._bonds(1 - np.eye(2), np.array([[0.0], [2.0]]))
+    bonds, close = objects._bonds(1 - np.eye(2), np.array([[0.0], [2.0]]))
     np.testing.assert_allclose(bonds, np.exp(-2) * (1 - np.eye(2)))
-    assert close[0, 1] == pytest.approx(np.exp(-1)) and unit == 4
-    bonds, close, unit = objects._bonds(np.zeros((1, 1)), np.zeros((1, 3)))
-    assert not bonds.any() and not close.any() and unit == 1
+    assert close[0, 1] == pytest.approx(np.exp(-1))
+    bonds, close = objects._bonds(np.zeros((1, 1)), np.zeros((1, 3)))
+    assert not bonds.any() and not close.any()
 
 
 def always(places):
@@ -185,7 +186,7 @@ def test_what_is_absent_keeps_no_distance():
     tracks = objects._Tracks(places, np.array([[1.0, 1, 1, 0], [1, 1, 1, 1], [0, 0, 0, 1]]))
     far = tracks.apart()
     np.testing.assert_allclose(far, [[0, 1, np.inf], [1, 0, 1], [np.inf, 1, 0]])
-    bonds, near, _ = objects._bonds(far, np.zeros((3, 2)))
+    bonds, near = objects._bonds(far, np.zeros((3, 2)))
     np.testing.assert_allclose(near, np.exp(-1) * np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]]))
     np.testing.assert_allclose(bonds, near)
     row = np.zeros((6, 4, 3))
@@ -273,6 +274,30 @@ def test_a_thing_holds_enough_of_what_is_marked():
     assert superpoints.grow(marked, against, filled=0.91).sum() > 2
 
 
+def test_what_is_cast_is_no_part_of_a_thing_and_a_thing_no_part_of_it():
+    """A thing of two superpoints in a row with its shadow of two."""
+    row = chain(np.ones(4), [1, 1, 1], blend=np.array([0.0, 0.0, 2.0, 2.0]), cast=np.array([False, False, True, True]))
+    nobody = np.zeros(4, bool)
+    assert row.grow(np.array([1.0, 0, 0, 0]), nobody).tolist() == [True, True, False, False]
+    assert row.grow(np.array([0, 0.6, 0.4, 0]), nobody).tolist() == [True, True, False, False]
+    assert row.grow(np.array([0, 0.4, 0.6, 0]), nobody).tolist() == [False, False, True, True]
+    assert row.grow(np.array([0, 0.4, 0.6, 0]), np.arange(4) == 2).tolist() == [True, True, False, False]
+
+
+def test_cast_is_what_differs_little_and_the_unsure_are_like_their_neighbours():
+    differs = np.array([0.02, 0.08, 0.09, 0.3])
+    none = np.zeros((4, 4))
+    assert objects._cast(differs, np.ones(4), none).tolist() == [True, True, False, False]
+    to_shadow = np.zeros((4, 4))
+    to_shadow[2, 0] = to_shadow[0, 2] = 100 / objects.VOTE  # so strong a bond makes two alike
+    assert objects._cast(differs, np.ones(4), to_shadow).tolist() == [True, True, True, False]
+    assert objects._cast(np.zeros(0), np.zeros(0), np.zeros((0, 0))).tolist() == []
+    # Of two that are bound, the heavier decides.
+    pair, strong = np.array([0.0, 0.3]), 1e6 * (1 - np.eye(2))
+    assert objects._cast(pair, np.array([1.0, 3.0]), strong).tolist() == [False, False]
+    assert objects._cast(pair, np.array([3.0, 1.0]), strong).tolist() == [True, True]
+
+
 def test_doubt_counts_like_blending_in():
     doubt = np.array([0.0, 0.1, 0.8, 0.9])
     marked, against = np.eye(4)[0], np.zeros(4, bool)
@@ -283,7 +308,9 @@ def test_doubt_counts_like_blending_in():
 
 
 def test_sums_and_means_over_superpoints():
-    superpoints = Superpoints(np.array([4, 1, 2]), np.array([0, 1, 1]), np.ones(2), *np.zeros((2, 2, 2)), np.zeros(2))
+    superpoints = Superpoints(
+        np.array([4, 1, 2]), np.array([0, 1, 1]), np.ones(2), *np.zeros((2, 2, 2)), *np.zeros((2, 2))
+    )
     weights = np.array([9.0, 1.0, 3.0, 9.0, 2.0])
     np.testing.assert_array_equal(superpoints.gather(weights), [2, 4])
     np.testing.assert_array_equal(superpoints.spread(np.array([5.0, 7.0]), 6), [0, 7, 7, 0, 5, 0])
@@ -294,7 +321,7 @@ def test_sums_and_means_over_superpoints():
 def test_the_graph_of_a_scene_is_made_of_these():
     scene = labelled_scene(features=False)
     moving, static = objects.superpoints_of(scene)
-    weights = total_blend_weights(scene, 24, 120) + 1e-4
+    weights = difference(scene, 24, 120)[0] + 1e-4
     assert moving.weight.sum() == pytest.approx(weights[scene.moving].sum())
     assert static.weight.sum() == pytest.approx(weights[~scene.moving].sum())
     np.testing.assert_array_equal(static.rows, np.flatnonzero(~scene.moving))
@@ -303,12 +330,11 @@ def test_the_graph_of_a_scene_is_made_of_these():
     joint = places[:, [0, 2, 5]].reshape(-1, 9) / np.sqrt(3)
     looks, light = objects._appearance(scene)[scene.moving], weights[scene.moving]
     index, mass, _, mine = objects._group(joint, looks, light, 1000)
-    bonds, near, unit = objects._bonds(always(places).means(index, light, len(mass)).apart(), mine)
+    bonds, near = objects._bonds(always(places).means(index, light, len(mass)).apart(), mine)
     np.testing.assert_allclose(moving.bonds, bonds, atol=1e-6)
     np.testing.assert_allclose(moving.near, near, atol=1e-6)
-    far = ((looks[:1] - objects._appearance(scene)[~scene.moving][:1]) ** 2).sum()  # one colour each
-    np.testing.assert_allclose(moving.blend, BLENDING * np.exp(-far / unit), rtol=1e-3)
-    assert not static.blend.any() and moving.piece.max() == 0 and static.piece is None
+    assert moving.blend.max() < 1e-9 and not moving.cast.any()  # a white square before a blue wall
+    assert not static.blend.any() and not static.cast.any() and moving.piece.max() == 0 and static.piece is None
 
 
 def test_standing_things_look_by_colour_first(monkeypatch):

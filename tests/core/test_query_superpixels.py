@@ -213,7 +213,9 @@ def test_who_is_hidden_goes_with_its_superpoint(monkeypatch):
     graph = objects.graph_of(scene)
     still = np.flatnonzero(~scene.moving)[:4]
     index = np.array([0, 0, 1, 1])
-    some = objects.Superpoints(still, index, np.ones(2), np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2))
+    some = objects.Superpoints(
+        still, index, np.ones(2), np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2), np.zeros(2, bool)
+    )
     monkeypatch.setattr(objects, "graph_of", lambda scene: objects.Graph(graph.moving, some))
     fraction, seen = np.zeros(len(scene.ids)), np.zeros(len(scene.ids))
     fraction[still], seen[still] = (0.9, 0.0, 0.2, 0.9), (1.0, 0.0, 1.0, 0.04)

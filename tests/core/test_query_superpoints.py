@@ -61,16 +61,18 @@ class Cameras:
 
 @pytest.fixture
 def light(monkeypatch):
-    """Blend weights of the made-up scene's Gaussians: of very unequal size, one of them 0."""
-    weights = np.random.default_rng(5).random(sum(MADE)) ** 6
+    """Blend weights of the made-up scene's Gaussians, of very unequal size, one of them 0; and how much their pixels differ."""
+    random = np.random.default_rng(5)
+    weights, differs = random.random(sum(MADE)) ** 6, 0.2 * random.random(sum(MADE))
     weights[3] = 0
 
-    def total(scene, views, columns):
+    def difference(scene, views, columns):
         assert (views, columns) == (objects.VIEWS, objects.COLUMNS)
-        return weights[: len(scene.ids)].copy()
+        count = len(scene.ids)
+        return weights[:count].copy(), (weights * differs)[:count]
 
-    monkeypatch.setattr(objects, "total_blend_weights", total)
-    return weights
+    monkeypatch.setattr(objects, "difference", difference)
+    return weights, differs
 
 
 def group_by_loops(place, appearance, weights, count):
@@ -130,7 +132,7 @@ def bonds_by_loops(far, appearance):
     for pair in pairs:
         near[pair] = math.exp(-far[pair] / np.median(reach))
         bonds[pair] = near[pair] * math.exp(-unlike[pair] / unit)
-    return bonds, near, unit
+    return bonds, near
 
 
 def pieces(tracks, near):
@@ -224,7 +226,8 @@ def random_superpoints(seed, count=9, **fields):
     np.fill_diagonal(near, 0)
     bonds, blend = near * (alike + alike.T) / 2, 3 * random.random(count) ** 4
     weight = random.random(count) ** 3
-    return Superpoints(np.arange(count), np.arange(count), weight, bonds, near, blend, **fields)
+    cast = np.zeros(count, bool)
+    return Superpoints(np.arange(count), np.arange(count), weight, bonds, near, blend, cast, **fields)
 
 
 @pytest.mark.parametrize("escape", [1e-3, 0.3])
@@ -278,16 +281,21 @@ def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
         monkeypatch.setattr(objects, name, value)
     scene = MadeUp(0, static, features)
     moving, rest = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
-    looks, weights = objects._appearance(scene), light[: len(scene.ids)] + objects.UNSEEN
+    looks, weights, differs = objects._appearance(scene), light[0][: len(scene.ids)] + objects.UNSEEN, light[1]
     places = np.stack([scene.places[time][moving] for time in range(8)], 1)
     places /= math.sqrt(sum(column.var() for column in places.reshape(-1, 24).T) / 8)  # of a place: mean over times
     joint = np.concatenate([places[:, time] for time in (0, 4, 7)], 1) / math.sqrt(3)
     index, weight, _, mine = group_by_loops(joint, looks[moving], weights[moving], 9)
     presence = np.stack([scene.dynamic.presence(time) for time in range(8)], 1)
     ways = ways_by_loops(places, presence, index, weights[moving])
-    bonds, near, unit = bonds_by_loops(apart_by_loops(*ways), mine)
+    bonds, near = bonds_by_loops(apart_by_loops(*ways), mine)
     bonds = strengthened_by_loops(bonds, near, *ways)
-    blend = np.zeros(len(mine))
+    sums = [sum(light[0][row] * differs[row] for row in moving[index == k]) for k in range(len(weight))]
+    blend = [
+        objects.BLENDING * math.exp(-((part / whole / objects.DIFFERS) ** 2))
+        for part, whole in zip(sums, weight, strict=True)
+    ]
+    cast = objects._cast(np.array(sums) / weight, weight, bonds)
     if static:
         away = [row - scene.cameras[4].center for row in scene.places[4.0][rest]]
         far = [np.linalg.norm(row) for row in away]
@@ -295,19 +303,18 @@ def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
         outlines = looks[rest].copy()
         outlines[:, :-3] *= objects.STANDING
         groups, mass, sights, standing = group_by_loops(sight, outlines, weights[rest], 7)
-        theirs = [np.average(looks[rest][groups == k], axis=0, weights=weights[rest][groups == k]) for k in range(7)]
-        nearest = [sorted(((look - other) ** 2).sum() for other in theirs)[:3] for look in mine]
-        blend = np.array([objects.BLENDING * math.exp(-np.mean(distances) / unit) for distances in nearest])
     moving_ones, static_ones = superpoints_of(scene)
     np.testing.assert_array_equal(moving_ones.rows, moving)
     np.testing.assert_array_equal(moving_ones.index, index)
     expected = {"weight": weight, "bonds": bonds, "near": near, "blend": blend}
     for name, values in expected.items():
         np.testing.assert_allclose(getattr(moving_ones, name), values, rtol=1e-4, atol=1e-7, err_msg=name)
+    np.testing.assert_array_equal(moving_ones.cast, cast)
+    assert cast.any() and not cast.all()
     np.testing.assert_array_equal(static_ones.rows, rest)
     if static:
         np.testing.assert_array_equal(static_ones.index, groups)
-        bonds, near, _ = bonds_by_loops(squares(sights, sights), standing)
+        bonds, near = bonds_by_loops(squares(sights, sights), standing)
         for name, values in {"weight": mass, "bonds": bonds, "near": near, "blend": np.zeros(7)}.items():
             np.testing.assert_allclose(getattr(static_ones, name), values, rtol=1e-4, atol=1e-7, err_msg=name)
 
@@ -362,18 +369,18 @@ def test_bonds_lead_to_neighbours_that_look_alike(monkeypatch, count, neighbours
     monkeypatch.setattr(objects, "NEIGHBOURS", neighbours)
     random = np.random.default_rng(count)
     place, looks = random.normal(size=(count, 3)), 0.1 * random.normal(size=(count, 4))
-    bonds, near, unit = objects._bonds(objects._squares(place, place), looks)
-    expected, expected_near, expected_unit = bonds_by_loops(squares(place, place), looks)
+    bonds, near = objects._bonds(objects._squares(place, place), looks)
+    expected, expected_near = bonds_by_loops(squares(place, place), looks)
     np.testing.assert_allclose(bonds, expected, atol=1e-12)
     np.testing.assert_allclose(near, expected_near, atol=1e-12)
-    assert unit == pytest.approx(expected_unit)
     np.testing.assert_allclose(objects._bonds(1e-6 * objects._squares(place, place), looks)[0], expected, atol=1e-9)
 
 
 def test_one_superpoint_alone_has_no_bonds():
-    bonds, near, unit = objects._bonds(np.zeros((1, 1)), np.ones((1, 4)))
-    assert bonds.tolist() == near.tolist() == [[0]] and unit == 1
-    assert objects._bonds(1 - np.eye(3), np.ones((3, 4)))[2] < 1e-6  # equal looks: any difference would count
+    bonds, near = objects._bonds(np.zeros((1, 1)), np.ones((1, 4)))
+    assert bonds.tolist() == near.tolist() == [[0]]
+    bonds, near = objects._bonds(1 - np.eye(3), np.ones((3, 4)))  # equal looks: nothing is unlike
+    np.testing.assert_array_equal(bonds, near)
 
 
 SIZE = (12, 20)
@@ -446,9 +453,10 @@ class Pointed:
         bonds = np.zeros((4, 4))
         bonds[[0, 1, 2, 3], [1, 0, 3, 2]] = 1  # two pairs
         blend = np.full(4, 0.1)
-        moving = Superpoints(np.arange(2, 6), np.arange(4), np.ones(4), bonds, bonds, blend, piece=piece)
+        none = np.zeros(4, bool)
+        moving = Superpoints(np.arange(2, 6), np.arange(4), np.ones(4), bonds, bonds, blend, none, piece=piece)
         wall = np.ones((2, 2)) - np.eye(2)
-        static = Superpoints(np.arange(2), np.arange(2), np.ones(2), wall, wall, np.full(2, 0.1))
+        static = Superpoints(np.arange(2), np.arange(2), np.ones(2), wall, wall, np.full(2, 0.1), none[:2])
         monkeypatch.setattr(objects, "graph_of", lambda scene: Graph(moving, static))
         monkeypatch.setattr(
             objects, "_by_picture", lambda marks: False
