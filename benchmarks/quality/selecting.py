@@ -20,6 +20,7 @@ import numpy as np
 from f4x_core.edit.naming import by_words
 from f4x_core.errors import F4xError
 from f4x_core.progress import Progress, silent
+from f4x_core.query.cast import moving_things
 from f4x_core.query.labels import Encode
 from f4x_core.query.marks import Lasso, Mask
 from f4x_core.query.pixels import coverage_image
@@ -68,8 +69,8 @@ def box_of(mask: np.ndarray) -> tuple[int, int, int, int]:
 
 
 def moving_ones(scene: Scene) -> Selection:
-    """What moves: nothing is marked."""
-    return Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
+    """What moves, without shadows and the like: nothing is marked."""
+    return Selection(scene.ids, moving_things(scene).astype(float), np.zeros(len(scene.ids), bool))
 
 
 def ways(

@@ -11,6 +11,7 @@ from ..features.null import null_vector
 from ..language.lexicon import PEOPLE, spellings
 from ..scene import Scene
 from .calibration import evidence
+from .cast import is_cast
 from .inventory import instead
 from .labels import BACKGROUND, Encode, ask_for, text_head
 from .score import cosines
@@ -19,7 +20,7 @@ from .smoothing import group_of
 
 _SURFACES = (
     r"street|pavement|sidewalk|tarmac|asphalt|concrete|gravel|ground|soil|dirt|mud|beach|desert|lawn|meadow|fields?|carpet|marble"
-    r"|tiles?|ceiling|shadows?"
+    r"|tiles?|ceiling"
 )
 """Without those of `labels.BACKGROUND`, which compete with one another for what no thing takes."""
 _DRAWN = (
@@ -44,7 +45,9 @@ def unknown_kind(scene: Scene, label: str) -> str | None:
 
 
 def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> None:
-    """Raise F4xError where the scene's teacher knows nothing of the kind of thing that `label` names."""
+    """Raise F4xError where the scene's teacher knows nothing of the kind of thing that `label` names; what is cast needs none."""
+    if is_cast(label):
+        return
     kind = unknown_kind(scene, label)
     if kind is None:
         return
@@ -57,6 +60,8 @@ def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> No
 
 def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encode: Encode | None = None) -> None:
     """Raise F4xError where what `label` has `found` answers clearly more to a label that means something else."""
+    if is_cast(label):
+        return
     head = text_head(scene)
     encoder = head.spec.text_encoder or ""
     null = null_vector(encoder)

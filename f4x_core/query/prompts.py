@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import reduce
+from operator import or_
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +16,7 @@ from ..geometry.camera import CameraPath
 from ..progress import Progress, silent
 from ..scene import Scene
 from .calibration import word_probabilities
+from .cast import cast_of, caster, is_cast
 from .following import FollowConfig, decoder_of, follow_masks, follow_thing
 from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
@@ -41,11 +44,22 @@ def select_by_text(
 ) -> Selection:
     """Gaussians whose decoded latent matches one of `labels` better than any of `negatives` (see `labels.ask_for`).
 
-    Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. This and every other selection
-    leaves out what edits have deleted (`not_deleted`).
+    Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. Shadows and the like are found by what
+    is behind them (`cast`). This and every other selection leaves out what edits have deleted (`not_deleted`).
     """
-    query = ask_for(scene, labels, negatives, head, encode)
-    return text_selection(scene, query, threshold, span, calibrated=calibrated)
+    cast = [label for label in labels if is_cast(label)]
+    things = [label for label in labels if label not in cast]
+    parts = [_select_cast(scene, label, negatives, threshold, head, encode, span) for label in cast]
+    if things or not cast:
+        query = ask_for(scene, things, negatives, head, encode)
+        parts.append(text_selection(scene, query, threshold, span, calibrated=calibrated))
+    return reduce(or_, parts)
+
+
+def _select_cast(scene, label, negatives, threshold, head, encode, span) -> Selection:
+    whose = caster(label)
+    by = None if whose is None else select_by_text(scene, [whose], negatives, head=head, encode=encode).chosen
+    return _selection(scene, cast_of(scene, by), np.zeros(len(scene.ids), bool), threshold, span, label)
 
 
 def text_selection(

@@ -19,6 +19,7 @@ from ..language.lexicon import spellings, word_set
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
+from .cast import moving_things
 from .chat import ChatServer, image_part
 from .inventory import find, instead, labels_of, things_there
 from .knowledge import unknown_kind
@@ -323,7 +324,7 @@ def _found(
         notes = {word: _note(scene, name, word) for name, word in words.items() if word not in names}
     else:
         found = things_there(scene)
-        rest = scene.moving & not_deleted(scene)
+        rest = moving_things(scene) & not_deleted(scene)
         for selection in found.values():
             rest &= ~selection.chosen
         found |= {THING: Selection(scene.ids, rest.astype(float), np.zeros(len(rest), bool))}
