@@ -147,7 +147,7 @@ def select_by_prompts(
     if decoder is None and all(prompt.mask is None for prompt in checked.values()):
         chosen = point_out(scene, [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)])
         if chosen is not None:
-            scores = follow_thing(scene, chosen, prompts, config, backend, progress)
+            scores = _follow(scene, chosen, prompts, config, backend, progress)
             return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
     decoder = decoder_of(scene, backend) if decoder is None else decoder
     masks = {}
@@ -182,10 +182,16 @@ def select_by_evidence(
     if chosen is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
     frames = sorted({mark.frame for mark in marks})
-    scores = follow_thing(scene, chosen, frames, FollowConfig(), backend, progress)
+    scores = _follow(scene, chosen, frames, FollowConfig(), backend, progress)
     label = _marked_at(frames)
     label = label if words is None else f"{words.label}, {label}"
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
+
+
+def _follow(scene, chosen, frames, config, backend, progress) -> np.ndarray:
+    """`follow_thing`; where nothing of `chosen` is cast on the background, nothing of that is taken in other frames either."""
+    scores, cast = follow_thing(scene, chosen, frames, config, backend, progress), cast_of(scene) > 0
+    return scores if chosen[cast].any() else np.where(cast, 0, scores)
 
 
 def _marked_at(frames: Iterable[int]) -> str:
