@@ -24,7 +24,7 @@ from .kept import Kept
 from .marks import Mark, Point
 from .score import logistic
 from .smoothing import LOOKS_ALIKE, field_of_looks
-from .standing_out import difference
+from .standing_out import between, difference
 from .superpixels import static_part
 
 MOVING, STATIC = 1000, 2000
@@ -34,8 +34,9 @@ ROUNDS, SAMPLE = 5, 1 << 14
 """Rounds of k-means, and the rows that they are run on: superpoints need not converge, they only have to be compact."""
 TIMES, GROUPED_BY = 24, 3
 """Times, evenly over the clip, at which places are compared, as many lives are short; so many of them group Gaussians."""
-VIEWS, COLUMNS = 24, 120
-"""Views, evenly over the clip, in which blend weights are summed, and their width in pixels."""
+VIEWS, GLANCES, COLUMNS = 24, 8, 120
+"""Views, evenly over the clip, in which blend weights are summed, those that show what lies between parts of a thing, and their
+width in pixels."""
 THERE, ABSENT = 0.5, 1e-3
 """A superpoint is there while so much of it is as this fraction of its most. Who is absent places it where nobody is
 there, else hardly."""
@@ -325,6 +326,7 @@ def superpoints_of(scene: Scene) -> Graph:
     bonds, piece = _strengthen(bonds, near, changes), _pieces(changes, len(near))
     differs = np.bincount(index, differences[moving], len(weight)) / weight
     blend, cast = BLENDING * np.exp(-((differs / DIFFERS) ** 2)), _cast(differs, weight, bonds)
+    cast &= ~_held(scene, index, ~cast)
     outside, none_blends = _bonds(_squares(sights, sights), outlines), (np.zeros(len(mass)), np.zeros(len(mass), bool))
     return Graph(
         Superpoints(moving, index, weight, bonds, near, blend, cast, piece=piece),
@@ -341,6 +343,21 @@ def _cast(differs: np.ndarray, weight: np.ndarray, bonds: np.ndarray) -> np.ndar
     prior, mass = logistic((differs - CAST) / UNSURE), weight / max(weight.mean(), UNSEEN) if len(weight) else weight
     across = np.diag(bonds.sum(1)) - bonds
     return np.linalg.solve(np.diag(mass) + VOTE * across, mass * prior) < MOSTLY
+
+
+def _held(scene: Scene, index: np.ndarray, thing: np.ndarray) -> np.ndarray:
+    """(P,) bool: superpoints that mostly have something of the superpoints `thing (P,)` bool above and below in the pictures.
+
+    A grey shirt before a grey wall is no shadow. `index (n,)`: superpoints of the Gaussians that move.
+    """
+    if thing.all() or not thing.any():
+        return np.zeros(len(thing), bool)
+    chosen = np.zeros(len(scene.ids), bool)
+    chosen[scene.moving] = thing[index]
+    weights, parts = (
+        np.bincount(index, each[scene.moving], len(thing)) for each in between(scene, chosen, GLANCES, COLUMNS)
+    )
+    return parts > MOSTLY * weights
 
 
 class _Tracks(NamedTuple):

@@ -7,12 +7,16 @@ Harwood and Davis 1999; Prati et al. 2003).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..geometry.arrays import evenly_spaced
+from ..geometry.camera import Camera
 from ..scene import Scene
 from ..scene.view import render
 from .blend_weights import blend_weight_sums
+from .pixels import SHOWN
 from .segmentation import sums_around
 from .superpixels import OPPONENT
 
@@ -22,6 +26,8 @@ BEHIND = 0.9
 """Where less than this alpha of the background is drawn, nobody knows what is behind: all differs fully."""
 BLACK = 1e-3
 """Squared brightness, summed over 3x3 pixels, of a background on which no shadow shows."""
+ROWS = 2
+"""Pixels of a thing above, and below, of what it holds between them."""
 
 
 def difference(scene: Scene, views: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
@@ -29,16 +35,39 @@ def difference(scene: Scene, views: int, columns: int) -> tuple[np.ndarray, np.n
 
     In pixels of the clip's pictures, means over at most `views` views of the clip, drawn `columns` wide.
     """
-    cameras, still = scene.cameras, Scene("background", scene.static, scene.cameras)
+    still, moves = Scene("background", scene.static, scene.cameras), scene.moving.any()
+
+    def differs(camera: Camera, time: float) -> np.ndarray:
+        if not moves:
+            return np.ones((camera.height, camera.width))
+        behind, here = render(still, camera, time, ("rgb", "alpha")), render(scene, camera, time, ("rgb",))
+        return np.where(behind["alpha"] > BEHIND, unlike(here["rgb"], behind["rgb"]), 1)
+
+    return _sums(scene, views, columns, differs)
+
+
+def between(scene: Scene, thing: np.ndarray, views: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+    """(weights, parts), (N,) float64 each: as `difference`, of pixels that have something of `thing (N,)` bool above and below."""
+
+    def within(camera: Camera, time: float) -> np.ndarray:
+        shown = render(scene, camera, time, (), values={"thing": thing[:, None].astype(np.float32)})["thing"][..., 0]
+        above = np.cumsum(shown > SHOWN, 0)
+        return (above >= ROWS) & (above[-1] - above >= ROWS)
+
+    return _sums(scene, views, columns, within)
+
+
+def _sums(
+    scene: Scene, views: int, columns: int, draw: Callable[[Camera, float], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(weights, weighted), (N,) each: blend weights, and these times what `draw` gives their pixels (H,W)."""
+    cameras = scene.cameras
     height = max(1, round(columns * cameras.height / cameras.width))
     frames, sums = evenly_spaced(len(cameras), views), np.zeros((len(scene.ids), 2))
     for frame in frames:
-        time, camera = float(cameras.times[frame]), cameras[int(frame)].resized(columns, height)
-        layers = np.ones((height, columns, 2), np.float32)
-        if scene.moving.any():
-            behind = render(still, camera, time, ("rgb", "alpha"))
-            here = render(scene, camera, time, ("rgb",))["rgb"]
-            layers[..., 1] = np.where(behind["alpha"] > BEHIND, unlike(here, behind["rgb"]), 1)
+        time = float(cameras.times[frame])
+        drawn = draw(cameras[int(frame)].resized(columns, height), time)
+        layers = np.stack([np.ones_like(drawn), drawn], -1, dtype=np.float32)
         sums += blend_weight_sums(scene, time, int(frame), layers)
     sums *= cameras.width * cameras.height / (columns * height * len(frames))
     return sums[:, 0], sums[:, 1]

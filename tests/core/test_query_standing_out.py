@@ -7,7 +7,7 @@ import pytest
 from labelled_scene import labelled_scene
 
 from f4x_core.query.blend_weights import blend_weight_sums
-from f4x_core.query.standing_out import DARKEST, difference, unlike
+from f4x_core.query.standing_out import DARKEST, between, difference, unlike
 from f4x_core.scene import Scene
 from f4x_core.scene.view import render
 
@@ -64,3 +64,17 @@ def test_where_no_background_is_known_all_differs():
     alone = replace(scene, static=scene.static.take(np.zeros(len(scene.static), bool)))
     weights, differences = difference(alone, 2, 40)
     np.testing.assert_allclose(differences, weights)
+
+
+def test_between_is_what_has_the_thing_above_and_below():
+    """Of a square, the upper and the lower third are given: what lies between them is held, and nothing beside it."""
+    scene = labelled_scene(features=False)
+    height = scene.posed(0.0).means[:, 1]
+    low, high = np.quantile(height[scene.moving], [1 / 3, 2 / 3])
+    ends = scene.moving & ((height < low) | (height > high))
+    middle = scene.moving & (height > low + 0.2 * (high - low)) & (height < high - 0.2 * (high - low))
+    weights, parts = between(scene, ends, 2, 120)
+    assert parts[middle].sum() > 0.95 * weights[middle].sum() > 0
+    upper = scene.moving & (height < low)
+    assert between(scene, upper, 2, 120)[1][middle].sum() < 0.05 * weights[middle].sum()
+    assert parts[~scene.moving].sum() < 0.1 * weights[~scene.moving].sum()

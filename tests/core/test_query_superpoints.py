@@ -61,9 +61,11 @@ class Cameras:
 
 @pytest.fixture
 def light(monkeypatch):
-    """Blend weights of the made-up scene's Gaussians, of very unequal size, one of them 0; and how much their pixels differ."""
+    """Of the Gaussians of the made-up scene: blend weights of very unequal size, one of them 0, how much their pixels differ, and
+    what part of these lies between parts of a thing."""
     random = np.random.default_rng(5)
     weights, differs = random.random(sum(MADE)) ** 6, 0.2 * random.random(sum(MADE))
+    held = random.random(sum(MADE))
     weights[3] = 0
 
     def difference(scene, views, columns):
@@ -71,8 +73,15 @@ def light(monkeypatch):
         count = len(scene.ids)
         return weights[:count].copy(), (weights * differs)[:count]
 
+    def between(scene, thing, views, columns):
+        assert (views, columns) == (objects.GLANCES, objects.COLUMNS)
+        assert not thing[~scene.moving].any()
+        count = len(scene.ids)
+        return weights[:count].copy(), (weights * held)[:count]
+
     monkeypatch.setattr(objects, "difference", difference)
-    return weights, differs
+    monkeypatch.setattr(objects, "between", between)
+    return weights, differs, held
 
 
 def group_by_loops(place, appearance, weights, count):
@@ -296,6 +305,9 @@ def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
         for part, whole in zip(sums, weight, strict=True)
     ]
     cast = objects._cast(np.array(sums) / weight, weight, bonds)
+    for k in np.flatnonzero(cast):
+        own = moving[index == k]
+        cast[k] = (light[0] * light[2])[own].sum() <= 0.5 * light[0][own].sum()
     if static:
         away = [row - scene.cameras[4].center for row in scene.places[4.0][rest]]
         far = [np.linalg.norm(row) for row in away]
