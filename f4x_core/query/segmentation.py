@@ -233,12 +233,12 @@ def blur(cells: np.ndarray) -> np.ndarray:
     return unit(sums_around(cells))
 
 
-def sums_around(values: np.ndarray) -> np.ndarray:
-    """Sums of `values (h,w,C)` over 3 x 3 cells; those of the edge are repeated beyond it."""
-    height, width = values.shape[:2]
-    padded = np.pad(values, ((1, 1), (1, 1), (0, 0)), mode="edge")
+def sums_around(cells: np.ndarray) -> np.ndarray:
+    """Sums of `cells (h,w,C)` over 3 x 3 cells; those of the edge are repeated beyond it."""
+    height, width = cells.shape[:2]
+    padded = np.pad(cells, ((1, 1), (1, 1), (0, 0)), mode="edge")
     around = (padded[y : y + height, x : x + width] for y in range(3) for x in range(3))
-    return sum(around, np.zeros_like(values))
+    return sum(around, np.zeros_like(cells))
 
 
 def kinds_of(cells: np.ndarray, kinds: int) -> np.ndarray:
