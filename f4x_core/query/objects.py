@@ -327,6 +327,8 @@ def superpoints_of(scene: Scene) -> Graph:
     differs = np.bincount(index, differences[moving], len(weight)) / weight
     blend, cast = BLENDING * np.exp(-((differs / DIFFERS) ** 2)), _cast(differs, weight, bonds)
     cast &= ~_held(scene, index, ~cast)
+    if weight[cast].sum() > MOSTLY * weight.sum():  # the background holds the things, too, and tells nothing
+        cast[:] = False
     outside, none_blends = _bonds(_squares(sights, sights), outlines), (np.zeros(len(mass)), np.zeros(len(mass), bool))
     return Graph(
         Superpoints(moving, index, weight, bonds, near, blend, cast, piece=piece),

@@ -308,6 +308,7 @@ def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
     for k in np.flatnonzero(cast):
         own = moving[index == k]
         cast[k] = (light[0] * light[2])[own].sum() <= 0.5 * light[0][own].sum()
+    assert 0 < weight[cast].sum() < 0.5 * weight.sum()
     if static:
         away = [row - scene.cameras[4].center for row in scene.places[4.0][rest]]
         far = [np.linalg.norm(row) for row in away]
@@ -329,6 +330,17 @@ def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
         bonds, near = bonds_by_loops(squares(sights, sights), standing)
         for name, values in {"weight": mass, "bonds": bonds, "near": near, "blend": np.zeros(7)}.items():
             np.testing.assert_allclose(getattr(static_ones, name), values, rtol=1e-4, atol=1e-7, err_msg=name)
+
+
+@pytest.mark.parametrize(("like", "cast"), [(10, True), (11, False)])
+def test_where_most_of_what_moves_is_like_the_background_nothing_is_cast(monkeypatch, light, like, cast):
+    """Of 21 Gaussians of equal weight some do not differ from what is behind."""
+    scene, weights = MadeUp(0), np.ones(sum(MADE))
+    differs = np.ones(sum(MADE))
+    differs[np.flatnonzero(scene.moving)[:like]] = 0
+    monkeypatch.setattr(objects, "difference", lambda *_: (weights.copy(), differs))
+    monkeypatch.setattr(objects, "between", lambda *_: (weights, 0 * weights))
+    assert superpoints_of(scene).moving.cast.any() == cast
 
 
 @pytest.mark.parametrize("features", [True, False])
