@@ -8,6 +8,7 @@ import numpy as np
 
 from ..f4x_core.clip.images import SUFFIXES
 from ..f4x_core.clip.layouts import find_layout
+from ..f4x_core.clip.model import Picture
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene import Scene
 from ..f4x_core.scene.resemblance import ALIKE, resemblance
@@ -33,13 +34,25 @@ def frames_of(scene: Scene) -> range | None:
     return range(first, end, step)
 
 
+def has_bars(scene: Scene) -> bool:
+    """Whether the clip that a scene was fitted to has black bars, which the scene has not."""
+    return Picture.read(scene.provenance.get("picture")) is not None
+
+
 def show_clip(
-    camera: bpy.types.Object, clip: Path, frames: np.ndarray, *, exact: bool = False, picked: range | None = None
+    camera: bpy.types.Object,
+    clip: Path,
+    frames: np.ndarray,
+    *,
+    exact: bool = False,
+    picked: range | None = None,
+    barred: bool = False,
 ) -> bool:
     """Show `clip`, a film or a folder of numbered pictures, in `camera` at Blender frames `frames (T,)`; whether it did.
 
     `exact`: only when it has one picture for each frame, so that a selection of frames is never shown beside another, or
-    when `picked` says which of its pictures they are. Raises F4xError for what is neither.
+    when `picked` says which of its pictures they are. `barred`: it has bars that the scene has
+    not. Raises F4xError for what is neither.
     """
     if clip.is_dir():
         images = find_layout(clip).images
@@ -62,7 +75,8 @@ def show_clip(
     backgrounds.clear()
     background = backgrounds.new()
     background.image, background.alpha = image, 1.0
-    background.display_depth, background.frame_method = "BACK", "STRETCH"
+    # Opposite bars are alike: where the picture fills the view, they fall outside.
+    background.display_depth, background.frame_method = "BACK", "CROP" if barred else "STRETCH"
     user = background.image_user
     user.frame_start, user.frame_duration = int(frames[0]), count
     user.frame_offset = first - 1 + (picked.start if picked else 0)

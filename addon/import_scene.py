@@ -38,7 +38,7 @@ from ..f4x_core.scene.view import NEAR
 from . import display
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
-from .clip_background import find_clip, frames_of, show_clip
+from .clip_background import find_clip, frames_of, has_bars, show_clip
 from .gaussian_attributes import FITTED_FOCAL, write_appearance, write_places
 from .motion_edits import mark_keyed
 from .motion_nodes import MOTION, build_motion_tree, build_presence_tree
@@ -108,7 +108,7 @@ def import_scene(
         for item in (*clouds, camera):
             item.parent = root
         if clip is not None:
-            show_clip(camera, Path(clip), opened.cameras.times)
+            show_clip(camera, Path(clip), opened.cameras.times, barred=isinstance(opened, Scene) and has_bars(opened))
         if set_up_render:
             _set_up_render(bpy.context.scene, opened, camera)
         if is_scene:
@@ -150,7 +150,7 @@ def _show_own_clip(scene: Scene, path: Path, camera: bpy.types.Object) -> None:
     clip = find_clip(scene, path)
     if clip is not None and scene.cameras.steady:  # Blender plays every film at one rate
         try:
-            show_clip(camera, clip, scene.cameras.times, exact=True, picked=frames_of(scene))
+            show_clip(camera, clip, scene.cameras.times, exact=True, picked=frames_of(scene), barred=has_bars(scene))
         except F4xError:
             return  # a help that nobody asked for may be missing
 

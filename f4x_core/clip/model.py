@@ -1,7 +1,9 @@
 """The clip that every later stage works on."""
 
+from __future__ import annotations
+
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -13,6 +15,47 @@ MIN_FRAMES = 3
 """With fewer supervised frames nothing about motion or parallax can be told apart."""
 MIN_SIDE = 16
 """Pixels; smaller pictures hold no pattern that flow could follow."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Where the picture is in the frames of a source: pixels `left` to `right` of `width`, `top` to `bottom` of `height`."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    width: int
+    height: int
+
+    def __str__(self) -> str:
+        return f"{self.right - self.left}x{self.bottom - self.top} of {self.width}x{self.height}"
+
+    @classmethod
+    def read(cls, values: object) -> Picture | None:
+        """From the JSON object of a scene file; None where that is none."""
+        names = {entry.name for entry in fields(cls)}
+        if (
+            not isinstance(values, dict)
+            or values.keys() != names
+            or not all(type(each) is int for each in values.values())
+        ):
+            return None
+        read = cls(**values)
+        inside = 0 <= read.left < read.right <= read.width and 0 <= read.top < read.bottom <= read.height
+        return read if inside else None
+
+
+def cut(pixels: np.ndarray, picture: Picture | None) -> np.ndarray:
+    """The `picture` of `pixels (h,w,…)`, a frame of its source or a mask of that at any size; all where it is None."""
+    if picture is None:
+        return pixels
+    down, across = pixels.shape[0] / picture.height, pixels.shape[1] / picture.width
+    rows, columns = (
+        slice(round(first * scale), round(end * scale))
+        for first, end, scale in ((picture.top, picture.bottom, down), (picture.left, picture.right, across))
+    )
+    return pixels[rows, columns]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +82,8 @@ class Clip:
     """(T, H, W) bool: moving objects, where the user or the source gives them."""
     depth: np.ndarray | None = None
     """(T, H, W) float32, z depth in the units of `cameras`, NaN = unknown."""
+    picture: Picture | None = None
+    """Which part of the frames of the source these are, where black bars were cut off (`clip.bars`); None: all of them."""
 
     def __post_init__(self):
         """Refuse arrays that do not belong together."""

@@ -10,10 +10,11 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.camera import CameraPath
 from ..progress import Progress, silent
+from .bars import picture_of
 from .clock import Clock, read_clock
 from .images import even_size, list_images, read_color, read_mask, resize_color, resize_nearest
 from .layouts import DEFAULT_FPS, Distortion, Layout, find_layout
-from .model import Clip
+from .model import Clip, Picture, cut
 from .video import decode, describe
 
 STAGE = "reading clip"
@@ -35,7 +36,7 @@ def read_clip(
     `hold_out`: with N, frames N-1, 2N-1, ... are kept back from the fit.
     `masks`: a folder of pictures, not 0 where something moves by itself, one for each frame of the source or of the
     selection; "layout" takes those of the source's own layout; none when None.
-    Raises F4xError for whatever cannot be read.
+    Black bars around the picture are cut off, of masks too (`clip.bars`). Raises F4xError for whatever cannot be read.
     """
     source = Path(source).expanduser()
     span = parse_span(frames)
@@ -44,13 +45,14 @@ def read_clip(
     if hold_out is not None and hold_out < 2:
         raise F4xError(f"--hold-out {hold_out} would leave no frame to learn from; give 2 or more")
     layout = None if source.is_file() else find_layout(source)
+    picture = picture_of(source, layout)
     if layout is None:
         name = source.stem
-        indices, pictures, clock, total = _read_video(source, span, width, progress)
+        indices, pictures, clock, total = _read_video(source, span, width, picture, progress)
     else:
         name, total = layout.name, len(layout.images)
         indices = _select(span, total, source)
-        pictures = read_pictures(layout, indices, partial(even_size, new_width=width), progress)
+        pictures = read_pictures(layout, indices, partial(even_size, new_width=width), picture, progress)
         clock = Clock(np.arange(len(indices), dtype=np.float64), layout.fps / (span.step or 1))
     if hold_out is not None and hold_out > len(indices):
         raise F4xError(
@@ -67,12 +69,15 @@ def read_clip(
         source=str(source),
         picked=f"{indices[0]}:{indices[-1] + 1}:{span.step or 1}",
         cameras=_cameras(layout, indices, width, height) if layout else None,
-        masks=stack_like_frames(mask_files(masks, layout, source, indices, total), read_mask, width, height)
+        masks=stack_like_frames(
+            mask_files(masks, layout, source, indices, total), lambda file: cut(read_mask(file), picture), width, height
+        )
         if masks is not None
         else None,
         depth=stack_like_frames([layout.depth[index] for index in indices], _load_depth, width, height)
         if layout and layout.depth
         else None,
+        picture=picture,
     )
 
 
@@ -108,7 +113,7 @@ def _select(span: slice, count: int, source: Path) -> np.ndarray:
 
 
 def _read_video(
-    file: Path, span: slice, width: int | None, progress: Progress
+    file: Path, span: slice, width: int | None, picture: Picture | None, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray, Clock, int]:
     """Return (indices, frames, their clock, number of frames of the file); keeps only selected frames, already small."""
     kept: list[np.ndarray] = []
@@ -119,7 +124,8 @@ def _read_video(
         progress(STAGE, count - 1, max(count, expected))
         index, tick = count - 1 - (span.start or 0), shown.tick
         if index >= 0 and index % (span.step or 1) == 0:
-            kept.append(resize_color(shown.pixels, *even_size(shown.pixels.shape[1], shown.pixels.shape[0], width)))
+            pixels = cut(shown.pixels, picture)
+            kept.append(resize_color(pixels, *even_size(pixels.shape[1], pixels.shape[0], width)))
             seconds.append(shown.seconds)
     progress(STAGE, count, count)
     indices = _select(span, count, file)
@@ -145,9 +151,10 @@ def read_pictures(
     layout: Layout,
     indices: np.ndarray,
     new_size: Callable[[int, int], tuple[int, int]],
+    picture: Picture | None = None,
     progress: Progress = silent,
 ) -> np.ndarray:
-    """Return `(T, H, W, 3)`, undistorted and resized to `new_size(W, H)`; raises F4xError for pictures of several sizes."""
+    """Return `(T, H, W, 3)`, undistorted, without bars and resized to `new_size(W, H)`; raises F4xError for several sizes."""
     kept: list[np.ndarray] = []
     native: tuple[int, ...] = ()
     for done, index in enumerate(indices):
@@ -159,6 +166,7 @@ def read_pictures(
             raise F4xError(f"{layout.images[index]} is {sizes}; make all frames the same size")
         if layout.distortions and layout.size:
             image = undistort(image, layout.distortions[index], layout.size)
+        image = cut(image, picture)
         kept.append(resize_color(image, *new_size(image.shape[1], image.shape[0])))
     progress(STAGE, len(indices), len(indices))
     return np.stack(kept)

@@ -12,10 +12,12 @@ import numpy as np
 
 from ..errors import F4xError
 from ..progress import Progress, silent
+from .bars import picture_of
 from .changes import find_changes
 from .clock import Clock, Shown, read_clock
 from .images import even_size, resize_color
 from .layouts import DEFAULT_FPS, find_layout
+from .model import cut
 from .read import frame_indices, parse_span, read_pictures
 from .video import decode, describe
 
@@ -142,12 +144,17 @@ def _opened(
     if source.is_file():
         span = parse_span(frames)
         # `islice` over the decoder and not a list: a film decodes to more than any memory
-        pictures = (
-            shown._replace(pixels=resize_color(shown.pixels, *size(shown.pixels.shape[1], shown.pixels.shape[0])))
-            for shown in islice(decode(source), span.start, span.stop, span.step)
-        )
-        return span.start or 0, span.step or 1, pictures
+        picture = picture_of(source, None)
+
+        def resized(shown: Shown) -> Shown:
+            pixels = cut(shown.pixels, picture)
+            return shown._replace(pixels=resize_color(pixels, *size(pixels.shape[1], pixels.shape[0])))
+
+        return span.start or 0, span.step or 1, map(resized, islice(decode(source), span.start, span.stop, span.step))
     layout = find_layout(source)
+    picture = picture_of(source, layout)
     indices = frame_indices(frames, len(layout.images), source)
-    pictures = (Shown(read_pictures(layout, indices[i : i + 1], size)[0], np.nan, 0.0) for i in range(len(indices)))
+    pictures = (
+        Shown(read_pictures(layout, indices[i : i + 1], size, picture)[0], np.nan, 0.0) for i in range(len(indices))
+    )
     return int(indices[0]), int(indices[1] - indices[0]) if len(indices) > 1 else 1, pictures

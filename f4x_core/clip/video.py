@@ -42,8 +42,7 @@ def decode(file: Path) -> Iterator[Shown]:
         stream.thread_type = "AUTO"
         try:
             for frame in _whole_frames(_decodable(container, stream)):
-                pixels = _squared(_rgb(frame, stream), stream.sample_aspect_ratio)
-                pixels = np.ascontiguousarray(np.rot90(pixels, round(frame.rotation / 90)))
+                pixels = _upright(frame, stream)
                 end = (frame.time or 0.0) + float(frame.duration * frame.time_base)
                 yield Shown(pixels, np.nan if frame.time is None else frame.time, float(stream.time_base))
                 whole += 1
@@ -58,6 +57,30 @@ def decode(file: Path) -> Iterator[Shown]:
             )
     if whole == 0:
         raise F4xError(f"{file} has no frame that can be shown whole; export it again from where it was made")
+
+
+def glimpses(file: Path, count: int) -> Iterator[np.ndarray]:
+    """Yield up to `count` frames (H,W,3) from all over the film, as `decode` shows them but for fields and time; they jump."""
+    import av
+
+    with _opened(file) as container:
+        stream = _film(container)
+        begin, length = stream.start_time or 0, stream.duration or 0
+        try:
+            for part in range(count):
+                if length:
+                    container.seek(begin + length * part // count, stream=stream)
+                frame = next((each for each in container.decode(stream) if not each.is_corrupt), None)
+                if frame is None:
+                    return
+                yield _upright(frame, stream)
+        except av.FFmpegError:  # what can be seen is enough; `decode` says what is wrong
+            return
+
+
+def _upright(frame, stream) -> np.ndarray:
+    pixels = _squared(_rgb(frame, stream), stream.sample_aspect_ratio)
+    return np.ascontiguousarray(np.rot90(pixels, round(frame.rotation / 90)))
 
 
 def _breaks_off(container, stream, end: float) -> bool:

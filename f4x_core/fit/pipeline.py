@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -186,7 +186,7 @@ def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tupl
 def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> FitResult:
     """The scene that a trainer has learnt, with its provenance. `seconds`: wall time per stage."""
     clip, model = trainer.clip, trainer.model
-    needs = [_colour_need(trainer), *trainer.needs, _gaussian_need(trainer)]
+    needs = [*_picture_need(clip), _colour_need(trainer), *trainer.needs, _gaussian_need(trainer)]
     scene = Scene(
         name=clip.name,
         static=_static_set(model),
@@ -202,6 +202,16 @@ def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> Fit
     return FitResult(scene, trainer.priors, trainer.history, seconds or {})
 
 
+def _picture_need(clip: Clip) -> list[Need]:
+    if clip.picture is None:
+        return []
+    return [
+        Need(
+            "picture", f"{clip.picture} pixels", "the rest is black in the whole source", "bars that go with the camera"
+        )
+    ]
+
+
 def _provenance(trainer: Trainer) -> dict[str, Any]:
     """Return the scene's provenance: clip, settings and providers.
 
@@ -214,6 +224,7 @@ def _provenance(trainer: Trainer) -> dict[str, Any]:
         "feature4x": __version__,
         "source": clip.source,
         "frames": clip.picked,
+        **({} if clip.picture is None else {"picture": asdict(clip.picture)}),
         "width": clip.width,
         "config": resolved(config),
         "priors": {n: {k: v for k, v in entry.items() if k not in left_out} for n, entry in priors.items()},

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..clip.model import Picture, cut
 from .model import Scene
 from .view import render
 
@@ -12,7 +13,11 @@ ALIKE = 0.7
 
 
 def resemblance(scene: Scene, time: float, brightness: np.ndarray) -> float:
-    """Correlation, -1 to 1, of a picture's `brightness (H,W)` with that of the scene at clip `time`; 0 where one is uniform."""
+    """Correlation, -1 to 1, of a frame's `brightness (H,W)` with that of the scene at clip `time`; 0 where one is uniform.
+
+    Bars that were cut off the clip are cut off here, too.
+    """
+    brightness = cut(brightness, Picture.read(scene.provenance.get("picture")))
     camera = scene.cameras.at(time)
     width = min(WIDTH, camera.width, brightness.shape[1])
     height = max(1, min(round(width * camera.height / camera.width), brightness.shape[0]))

@@ -263,7 +263,7 @@ def test_pixels_become_square(tmp_path, aspect, wide):
     def setup(stream):
         stream.codec_context.sample_aspect_ratio = aspect
 
-    image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    image = np.full((HEIGHT, WIDTH, 3), 40, np.uint8)  # black would be bars
     image[16:48, 24:72] = 220  # a box amid the picture
     frame = read_clip(film(tmp_path / "a.mp4", [image], setup=setup)).frames[0]
     assert frame.shape == (HEIGHT, wide, 3)
