@@ -109,7 +109,7 @@ def provide(
     settings = config.cameras
     progress("cameras", 0, 4, "what moves")
     tracks, visible, static = static_tracks(priors)
-    focal = (settings.focal or DEFAULT_FOCAL) * priors.width
+    focal = settings.focal * priors.width if settings.focal else DEFAULT_FOCAL * max(priors.width, priors.height)
     if first is not None:
         first = refocused(first, focal) if settings.focal else first
         focal = first.bundle.focal
@@ -432,8 +432,7 @@ def _solve_everything(job: _CameraProblem, found: Solution, kind: str) -> tuple[
 def _first_solution(job: _CameraProblem) -> tuple[Solution, str]:
     """Return a solution of some frames, its depth not mirrored, and its kind."""
     turning = solve_rotations(job.tracks, job.visible, job.static, job.focal, job.principal, 4 * SAMPLED_POINTS)
-    candidates = FOCALS if job.lens.refine_focal else [job.focal / job.priors.width]
-    sample, search = search_focal(turning, job.priors.width, candidates, translating=False)
+    sample, search = _search(job, turning, translating=False)
     errors = sample.bundle.errors(sample.observations)
     parallax = float(np.percentile(errors, 90)) if len(errors) else 0.0
     job.statistics.update({"parallax_px": _json(parallax), "pan_focal_search": search})
@@ -456,7 +455,7 @@ def _first_solution(job: _CameraProblem) -> tuple[Solution, str]:
         return _pan(job, turning, sample.bundle.focal, zoom), "pan"
     if job.lens.refine_focal and solver != "depth":
         job.progress("cameras", 2, 4, "focal length")
-        _, job.statistics["focal_search"] = search_focal(moved, job.priors.width, FOCALS)
+        _, job.statistics["focal_search"] = _search(job, moved)
     job.statistics.update({"solver": solver, "registered": int(moved.registered.sum())})
     return moved, "moving"
 
@@ -563,6 +562,13 @@ def _translates(job: _CameraProblem, moved: Solution) -> bool:
         "verdict": verdict if real else "none",
     }
     return real
+
+
+def _search(job: _CameraProblem, start: Solution, translating: bool = True) -> tuple[Solution, dict[str, list[float]]]:
+    """`search_focal` among lenses of films, or with the one that is known."""
+    width, side = job.priors.width, max(job.priors.width, job.priors.height)
+    candidates = [focal * side / width for focal in FOCALS] if job.lens.refine_focal else [job.focal / width]
+    return search_focal(start, width, candidates, translating, DEFAULT_FOCAL * side / width)
 
 
 def _moving(job: _CameraProblem, turning: Solution) -> tuple[Solution | None, str]:

@@ -25,9 +25,10 @@ from .tracks import best_rank, longest_first
 MATCH_GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 """Keyframe distances whose pictures are matched: dense nearby, sparse for loops; all pairs would cost 5x the time."""
 FOCALS = (0.5, 0.6, 0.72, 0.86, 1.0, 1.2, 1.45, 1.75, 2.1, 2.5)
-"""Candidate focal lengths in picture widths (90 to 23 degrees across), about 20 % apart."""
+"""Candidate focal lengths in longer sides of the picture (90 to 23 degrees across), about 20 % apart."""
 DEFAULT_FOCAL = 0.9
-"""Focal length in picture widths (58 degrees across) where nothing tells it: a phone's main camera films at 0.75 to 0.9."""
+"""Focal length in longer sides of the picture (58 degrees across) where nothing tells it: a phone's main camera films at 0.75 to
+0.9, upright as across."""
 FOCAL_PRIOR = 0.1
 """Relative error that a focal length `e` times away from the default must save: decides only where pictures do not."""
 MIN_SHARED = 30
@@ -175,7 +176,7 @@ def solve_with_depth(
     Returns the solution in the unit of the depth, and the search curve.
     """
     height = depth.shape[1]
-    principal = np.array([width / 2, height / 2])
+    side, principal = max(width, height), np.array([width / 2, height / 2])
     observations, chosen = sightings(tracks, visible, static, 4000)
     tracks, visible = tracks[:, chosen], visible[:, chosen]
     column = np.clip(np.nan_to_num(tracks[..., 0]).astype(int), 0, width - 1)
@@ -187,15 +188,15 @@ def solve_with_depth(
     gaps = sorted({min(gap, longest) for gap in (10, 20)})
     pairs = [(i, i + gap) for gap in gaps for i in range(0, len(tracks) - gap, max(gap // 4, 1))]
     fovs = np.deg2rad(np.linspace(20, 90, 72)[1:-1])
-    candidates = [focal] if focal else list(width / 2 / np.tan(fovs / 2))
+    candidates = [focal] if focal else list(side / 2 / np.tan(fovs / 2))
     curve = [_alignment_error(tracks, visible, z, pairs, candidate, principal) for candidate in candidates]
     best = int(np.argmin(curve))
     found = float(candidates[best])
     if 0 < best < len(curve) - 1:  # parabola through the three lowest: finer than the 1-degree steps
         a, b, c = curve[best - 1 : best + 2]
-        found = float(width / 2 / np.tan((fovs[best] + 0.5 * (a - c) / (a - 2 * b + c) * (fovs[1] - fovs[0])) / 2))
+        found = float(side / 2 / np.tan((fovs[best] + 0.5 * (a - c) / (a - 2 * b + c) * (fovs[1] - fovs[0])) / 2))
     elif not focal and not np.isfinite(curve[best]):
-        found = DEFAULT_FOCAL * width
+        found = DEFAULT_FOCAL * side
 
     matrices = [np.eye(4)]
     for i in range(len(tracks) - 1):
@@ -257,19 +258,23 @@ def solve_with_colmap(
         best = _ask_colmap(request, (width, height))
         if not focal_known and (best is None or best.registered.mean() < 0.9):
             free = _ask_colmap(request | {"refine_focal": True}, (width, height))
-            plausible = free is not None and FOCALS[0] <= free.bundle.focal / width <= FOCALS[-1]
+            plausible = free is not None and FOCALS[0] <= free.bundle.focal / max(width, height) <= FOCALS[-1]
             if plausible and (best is None or free.registered.sum() > best.registered.sum()):  # type: ignore[union-attr]
                 best = free
     return best
 
 
 def search_focal(
-    solution: Solution, width: int, candidates: Sequence[float], translating: bool = True
+    solution: Solution,
+    width: int,
+    candidates: Sequence[float],
+    translating: bool = True,
+    expected: float = DEFAULT_FOCAL,
 ) -> tuple[Solution, dict[str, list[float]]]:
     """A sample of the solution adjusted at the focal length its observations prefer, and the curve of errors.
 
-    `candidates` are in picture widths. For each the cameras and points of the sample are adjusted with the focal length
-    held; `FOCAL_PRIOR` decides where the curve is flat (little parallax, little rotation).
+    `candidates` and `expected` are in picture widths. For each the cameras and points of the sample are adjusted with the focal
+    length held; `FOCAL_PRIOR` decides where the curve is flat (little parallax, little rotation).
     """
     sample, _ = subset(solution, 400, 24)
     if not len(sample.observations.frame):
@@ -282,7 +287,7 @@ def search_focal(
 
     found = in_threads(held, candidates)
     errors = np.array([solution.error for solution in found])
-    penalised = errors * (1 + FOCAL_PRIOR * np.log(np.array(candidates) / DEFAULT_FOCAL) ** 2)
+    penalised = errors * (1 + FOCAL_PRIOR * np.log(np.array(candidates) / expected) ** 2)
     curve = {"focal_over_width": list(candidates), "error_px": errors.round(4).tolist()}
     return found[int(np.argmin(penalised))], curve
 

@@ -14,7 +14,7 @@ from f4x_core.priors import cameras as module
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
 from f4x_core.priors.folder import SEEN_DEPTH
 from f4x_core.priors.mirror import Decision, Evidence, mirrored
-from f4x_core.priors.sfm import FOCALS, Solution, refocused, sightings, subset
+from f4x_core.priors.sfm import DEFAULT_FOCAL, FOCALS, Solution, refocused, sightings, subset
 from f4x_core.progress import silent
 
 
@@ -525,7 +525,8 @@ def solved(monkeypatch, moves, zoom=None, kind=None, explains=False, solver="dir
     moved = solution_of(true)
     calls = []
 
-    def search(solution, width, candidates, translating=True):
+    def search(solution, width, candidates, translating=True, expected=DEFAULT_FOCAL):
+        assert expected == DEFAULT_FOCAL  # of a picture that lies
         calls.append((tuple(candidates), translating))
         points = np.full((1, 3), 1.0)
         bundle = Bundle(300.0, np.zeros(2), np.eye(3)[None], np.zeros((1, 3)), points)
@@ -554,6 +555,25 @@ def solved(monkeypatch, moves, zoom=None, kind=None, explains=False, solver="dir
     )
     monkeypatch.setattr(module, "_adjusted_pan", lambda turning, focal: ("adjusted", focal))
     return module._first_solution(job), job, calls, moved
+
+
+def test_an_upright_picture_is_believed_to_be_filmed_with_the_same_lens(monkeypatch):
+    """A phone that is turned has the same focal length in pixels: in widths of its picture that is longer."""
+    true = truth(frames=8, points=60)
+    job = job_of(true)
+    found = {}
+    for high in (job.priors.height, 2 * job.priors.width):
+        priors = replace(job.priors, height=high)
+        monkeypatch.setattr(
+            module,
+            "search_focal",
+            lambda start, width, candidates, *rest, high=high: found.update({high: (candidates, *rest)}),
+        )
+        module._search(replace(job, priors=priors), solution_of(true), False)
+    (lying, _, usual), (upright, turned, longer) = found.values()
+    assert tuple(lying) == FOCALS and usual == DEFAULT_FOCAL and turned is False
+    np.testing.assert_allclose(upright, 2 * np.array(FOCALS))
+    assert longer == 2 * DEFAULT_FOCAL
 
 
 def test_the_kind_of_camera(monkeypatch):

@@ -148,15 +148,15 @@ def test_the_focal_length_is_the_one_with_the_least_penalised_error():
     true = truth(frames=6, points=60, travel=0.8)
     solution = solution_of(replace(true, focal=FOCAL), noise=0.3)
     candidates = [0.5, 0.72, 0.81, 1.2, 2.5]
-    for translating in (True, False):
-        found, curve = module.search_focal(solution, WIDTH, candidates, translating)
+    for translating, expected in ((True, 0.9), (False, 0.9), (False, 1e9)):
+        found, curve = module.search_focal(solution, WIDTH, candidates, translating, expected)
         errors = []
         for factor in candidates:
             sample, _ = module.subset(solution, 400, 24)
             start = module.refocused(sample, factor * WIDTH, translating)
             config = BundleConfig(iterations=8, refine_focal=False, refine_centers=translating)
             errors.append(replace(start, bundle=adjust(start.bundle, start.observations, config)).error)
-        penalised = [e * (1 + 0.1 * np.log(c / 0.9) ** 2) for e, c in zip(errors, candidates, strict=True)]
+        penalised = [e * (1 + 0.1 * np.log(c / expected) ** 2) for e, c in zip(errors, candidates, strict=True)]
         assert found.bundle.focal == candidates[int(np.argmin(penalised))] * WIDTH
         assert curve["focal_over_width"] == candidates
         np.testing.assert_allclose(curve["error_px"], errors, atol=6e-5)
