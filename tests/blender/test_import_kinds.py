@@ -110,6 +110,11 @@ def background():
 
 load("own.f4x")
 told["own clip"] = background()
+told["own clip fills"] = scene.camera.data.background_images[0].frame_method
+load("barred.f4x")
+told["barred clip"] = background()
+told["barred clip fills"] = scene.camera.data.background_images[0].frame_method
+load("own.f4x")
 told["hidden by"] = None if scene.camera.data.show_background_images else scene.render.engine
 for name in ("later", "skipping", "too short"):
     load(f"{name}.f4x")
@@ -195,6 +200,8 @@ def imported(tmp_path_factory):
     write_video(folder / "film.mp4", np.zeros((CLIP, 64, 96, 3), np.uint8), 24)
     for name, source in (("own", "pictures"), ("longer", "more")):
         write_scene(replace(scene, provenance={"source": source}), folder / f"{name}.f4x")
+    cut = {"left": 0, "top": 8, "right": 96, "bottom": 56, "width": 96, "height": 64}
+    write_scene(replace(scene, provenance={"source": "pictures", "picture": cut}), folder / "barred.f4x")
     for name, frames in (
         ("later", f"2:{2 + CLIP}:1"),
         ("skipping", f"1:{2 * CLIP}:2"),
@@ -276,6 +283,9 @@ def test_the_clip_behind_the_camera(imported):
     _, _, told = imported
     pictures = ["SEQUENCE", [f"{7 + frame:05d}.png" for frame in range(CLIP)]]
     assert told["own clip"] == pictures and told["chosen"] == pictures
+    assert (
+        told["barred clip"] == pictures and told["barred clip fills"] == "CROP" and told["own clip fills"] == "STRETCH"
+    )
     assert told["no clip"] is None
     assert told["film"] == ["MOVIE", ["film.mp4"] * CLIP]
     assert told["hidden by"] == ("FEATURE4X" if open_library()[0] is not None else None)
