@@ -26,6 +26,8 @@ THIN, THICK = 0.02, 0.35
 """Least and greatest part of a side that a bar takes: less may be a dark edge, more leaves no picture."""
 ALIKE = 0.02
 """Of a side, up to which two opposite bars differ: films are centred, and nights are dark on one side."""
+BLEED = 2
+"""Pixels beside a bar that are cut off with it: compression mixes both."""
 
 
 def picture_in(frames: Iterable[np.ndarray]) -> Picture | None:
@@ -53,7 +55,8 @@ def _bars(black: np.ndarray) -> tuple[int, int]:
         return 0, 0
     before, behind = int(np.argmin(black)), int(np.argmin(black[::-1]))
     sides = min(before, behind) / len(black), max(before, behind) / len(black)
-    return (before, behind) if sides[0] >= THIN and sides[1] <= THICK and sides[1] - sides[0] <= ALIKE else (0, 0)
+    found = sides[0] >= THIN and sides[1] <= THICK and sides[1] - sides[0] <= ALIKE
+    return (before + BLEED, behind + BLEED) if found else (0, 0)
 
 
 def picture_of(source: Path, layout: Layout | None) -> Picture | None:
