@@ -51,8 +51,8 @@ def show_clip(
     """Show `clip`, a film or a folder of numbered pictures, in `camera` at Blender frames `frames (T,)`; whether it did.
 
     `exact`: only when it has one picture for each frame, so that a selection of frames is never shown beside another, or
-    when `picked` says which of its pictures they are. `barred`: it has bars that the scene has
-    not. Raises F4xError for what is neither.
+    when `picked` says which of its pictures they are. `barred`: it has bars that the scene has not. Raises F4xError for what
+    is neither.
     """
     if clip.is_dir():
         images = find_layout(clip).images

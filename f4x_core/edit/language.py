@@ -161,7 +161,7 @@ def parse(
             raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
     if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
-        if not (read.reason or _holds(_shade, read.reading)):  # what is understood and cannot be is told as it is
+        if not (read.reason or _holds(_shade, read.reading)):  # what is understood and cannot be has its own reason
             _ask_by_likeness(sentence, known, settled, request.selected)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
     raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())

@@ -881,7 +881,7 @@ _with_its = Rule(
         {at + 1: ()}
         if reading.word(at) in ("with", "including")
         and reading.word(at + 1) in ("its", "his", "her", "their")
-        and reading.word(at + 2) in ("shadow", "shadows", "reflection", "reflections")
+        and reading.word(at + 2) in _CAST
         else {}
     )
 )

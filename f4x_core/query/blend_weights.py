@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -58,11 +58,25 @@ def seen_sums(
 
 def total_blend_weights(scene: Scene, views: int, columns: int) -> np.ndarray:
     """(N,) float64: blend weights of each Gaussian in pixels, summed over at most `views` views of the clip, `columns` wide."""
-    cameras = scene.cameras
-    layer = np.ones((max(1, round(columns * cameras.height / cameras.width)), columns, 1), np.float32)
-    total = np.zeros(len(scene.ids))
-    for frame in evenly_spaced(len(cameras), views):
-        total += blend_weight_sums(scene, float(cameras.times[frame]), int(frame), layer)[:, 0]
+    return sums_over_views(scene, views, columns, lambda frame, size: np.ones((*size, 1), np.float32))[:, 0]
+
+
+def view_size(scene: Scene, columns: int) -> tuple[int, int]:
+    """(h,w) of the clip's pictures drawn `columns` wide."""
+    return max(1, round(columns * scene.cameras.height / scene.cameras.width)), columns
+
+
+def sums_over_views(
+    scene: Scene, views: int, columns: int, draw: Callable[[int, tuple[int, int]], np.ndarray]
+) -> np.ndarray:
+    """(N,L) float64: `blend_weight_sums`, summed over at most `views` views of the clip, `columns` wide.
+
+    `draw` gives the layers (h,w,L) of a clip frame at the size (h,w) of a view (`view_size`).
+    """
+    cameras, total = scene.cameras, np.zeros((len(scene.ids), 1))
+    size = view_size(scene, columns)
+    for frame in map(int, evenly_spaced(len(cameras), views)):
+        total = total + blend_weight_sums(scene, float(cameras.times[frame]), frame, draw(frame, size))
     return total
 
 

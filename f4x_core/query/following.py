@@ -12,6 +12,7 @@ from ..geometry.arrays import evenly_spaced
 from ..progress import Progress, silent
 from ..scene import Scene
 from .blend_weights import lift_masks
+from .cast import cast_of
 from .pixels import SHOWN, coverage_by
 from .score import logistic
 from .segmentation import FeaturePropagation, MaskDecoder, PropagationConfig
@@ -54,7 +55,7 @@ def follow_thing(
 
     Superpoints know well where a thing ends on the frame that was marked, and less well what becomes of it: a fast thing is
     made of Gaussians that come and go. `chosen` comes back where it stands, where the scene has no visual features, and where
-    `config` lifts no frames.
+    `config` lifts no frames. Where nothing of it is cast on the background, nothing of that is found.
     """
     if not config.lifted or field_of_looks(scene) is None or not chosen[scene.moving].any():
         return chosen
@@ -65,7 +66,10 @@ def follow_thing(
         if mask.any():
             decoder.prompt(frame, mask=mask)
             masks[frame] = mask.astype(np.float32)
-    return follow_masks(scene, masks, decoder, config, progress) * scene.moving if masks else chosen
+    if not masks:
+        return chosen
+    scores, cast = follow_masks(scene, masks, decoder, config, progress) * scene.moving, cast_of(scene) > 0
+    return scores if chosen[cast].any() else np.where(cast, 0, scores)
 
 
 def follow_masks(

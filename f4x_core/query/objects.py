@@ -329,10 +329,22 @@ def superpoints_of(scene: Scene) -> Graph:
     cast &= ~_held(scene, index, ~cast)
     if weight[cast].sum() > MOSTLY * weight.sum():  # the background holds the things, too, and tells nothing
         cast[:] = False
-    outside, none_blends = _bonds(_squares(sights, sights), outlines), (np.zeros(len(mass)), np.zeros(len(mass), bool))
+    still_bonds, still_near = _bonds(_squares(sights, sights), outlines)
+    none, nobody = np.zeros(len(mass)), np.zeros(len(mass), bool)
     return Graph(
         Superpoints(moving, index, weight, bonds, near, blend, cast, piece=piece),
-        Superpoints(static, backdrop, mass, *outside, *none_blends, ESCAPE_STATIC, SIZES_STATIC, CONTRAST_STATIC),
+        Superpoints(
+            static,
+            backdrop,
+            mass,
+            still_bonds,
+            still_near,
+            none,
+            nobody,
+            escape=ESCAPE_STATIC,
+            sizes=SIZES_STATIC,
+            contrast=CONTRAST_STATIC,
+        ),
     )
 
 
@@ -342,7 +354,7 @@ def _cast(differs: np.ndarray, weight: np.ndarray, bonds: np.ndarray) -> np.ndar
     A random walk with priors (Grady 2005): a superpoint is like its neighbours in `bonds (P,P)`, and by itself a thing with a
     probability that rises with `differs`; `weight (P,)` says how much that counts.
     """
-    prior, mass = logistic((differs - CAST) / UNSURE), weight / max(weight.mean(), UNSEEN) if len(weight) else weight
+    prior, mass = logistic((differs - CAST) / UNSURE), weight * (len(weight) / max(weight.sum(), UNSEEN))
     across = np.diag(bonds.sum(1)) - bonds
     return np.linalg.solve(np.diag(mass) + VOTE * across, mass * prior) < MOSTLY
 

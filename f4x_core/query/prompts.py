@@ -49,17 +49,15 @@ def select_by_text(
     """
     cast = [label for label in labels if is_cast(label)]
     things = [label for label in labels if label not in cast]
-    parts = [_select_cast(scene, label, negatives, threshold, head, encode, span) for label in cast]
+    parts = []
+    for label in cast:
+        whose = caster(label)
+        by = None if whose is None else select_by_text(scene, [whose], negatives, head=head, encode=encode).chosen
+        parts.append(_selection(scene, cast_of(scene, by), np.zeros(len(scene.ids), bool), threshold, span, label))
     if things or not cast:
         query = ask_for(scene, things, negatives, head, encode)
         parts.append(text_selection(scene, query, threshold, span, calibrated=calibrated))
     return reduce(or_, parts)
-
-
-def _select_cast(scene, label, negatives, threshold, head, encode, span) -> Selection:
-    whose = caster(label)
-    by = None if whose is None else select_by_text(scene, [whose], negatives, head=head, encode=encode).chosen
-    return _selection(scene, cast_of(scene, by), np.zeros(len(scene.ids), bool), threshold, span, label)
 
 
 def text_selection(
@@ -147,7 +145,7 @@ def select_by_prompts(
     if decoder is None and all(prompt.mask is None for prompt in checked.values()):
         chosen = point_out(scene, [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)])
         if chosen is not None:
-            scores = _follow(scene, chosen, prompts, config, backend, progress)
+            scores = follow_thing(scene, chosen, prompts, config, backend, progress)
             return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
     decoder = decoder_of(scene, backend) if decoder is None else decoder
     masks = {}
@@ -182,16 +180,10 @@ def select_by_evidence(
     if chosen is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
     frames = sorted({mark.frame for mark in marks})
-    scores = _follow(scene, chosen, frames, FollowConfig(), backend, progress)
+    scores = follow_thing(scene, chosen, frames, FollowConfig(), backend, progress)
     label = _marked_at(frames)
     label = label if words is None else f"{words.label}, {label}"
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
-
-
-def _follow(scene, chosen, frames, config, backend, progress) -> np.ndarray:
-    """`follow_thing`; where nothing of `chosen` is cast on the background, nothing of that is taken in other frames either."""
-    scores, cast = follow_thing(scene, chosen, frames, config, backend, progress), cast_of(scene) > 0
-    return scores if chosen[cast].any() else np.where(cast, 0, scores)
 
 
 def _marked_at(frames: Iterable[int]) -> str:

@@ -11,11 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import Camera
 from ..scene import Scene
 from ..scene.view import render
-from .blend_weights import blend_weight_sums
+from .blend_weights import sums_over_views, view_size
 from .pixels import SHOWN
 from .segmentation import sums_around
 from .superpixels import OPPONENT
@@ -43,7 +42,7 @@ def difference(scene: Scene, views: int, columns: int) -> tuple[np.ndarray, np.n
         behind, here = render(still, camera, time, ("rgb", "alpha")), render(scene, camera, time, ("rgb",))
         return np.where(behind["alpha"] > BEHIND, unlike(here["rgb"], behind["rgb"]), 1)
 
-    return _sums(scene, views, columns, differs)
+    return _means(scene, views, columns, differs)
 
 
 def between(scene: Scene, thing: np.ndarray, views: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
@@ -54,22 +53,21 @@ def between(scene: Scene, thing: np.ndarray, views: int, columns: int) -> tuple[
         above = np.cumsum(shown > SHOWN, 0)
         return (above >= ROWS) & (above[-1] - above >= ROWS)
 
-    return _sums(scene, views, columns, within)
+    return _means(scene, views, columns, within)
 
 
-def _sums(
+def _means(
     scene: Scene, views: int, columns: int, draw: Callable[[Camera, float], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """(weights, weighted), (N,) each: blend weights, and these times what `draw` gives their pixels (H,W)."""
     cameras = scene.cameras
-    height = max(1, round(columns * cameras.height / cameras.width))
-    frames, sums = evenly_spaced(len(cameras), views), np.zeros((len(scene.ids), 2))
-    for frame in frames:
-        time = float(cameras.times[frame])
-        drawn = draw(cameras[int(frame)].resized(columns, height), time)
-        layers = np.stack([np.ones_like(drawn), drawn], -1, dtype=np.float32)
-        sums += blend_weight_sums(scene, time, int(frame), layers)
-    sums *= cameras.width * cameras.height / (columns * height * len(frames))
+
+    def layers(frame: int, size: tuple[int, int]) -> np.ndarray:
+        drawn = draw(cameras[frame].resized(size[1], size[0]), float(cameras.times[frame]))
+        return np.stack([np.ones_like(drawn), drawn], -1, dtype=np.float32)
+
+    pixels = min(views, len(cameras)) * np.prod(view_size(scene, columns))
+    sums = sums_over_views(scene, views, columns, layers) * (cameras.width * cameras.height / pixels)
     return sums[:, 0], sums[:, 1]
 
 

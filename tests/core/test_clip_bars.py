@@ -1,4 +1,4 @@
-"""Black bars around films: found, told from dark edges, cut off of frames and masks alike."""
+"""Black bars around films: found, not confused with dark edges, cut off of frames and masks alike."""
 
 from dataclasses import replace
 
