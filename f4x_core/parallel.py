@@ -6,11 +6,9 @@ a frame, and BLAS spins while it waits (67 seconds of processor time for 36 of w
 
 from __future__ import annotations
 
-import ctypes
-import gc
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TypeVar
 
@@ -67,11 +65,3 @@ def side_by_side(threads: int) -> Iterator[None]:
     finally:
         _threads.reset(token)
         cv2.setNumThreads(before)
-
-
-def release_memory() -> None:
-    """Give the system back what nobody holds any more: objects that hold each other, and heaps that threads have emptied (glibc
-    keeps those: a third of the memory of a long clip's window, and more with each window)."""
-    gc.collect()
-    with suppress(AttributeError, OSError, TypeError):  # other C libraries have no such call, Windows no such library
-        ctypes.CDLL(None).malloc_trim(0)

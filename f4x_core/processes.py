@@ -31,6 +31,8 @@ from .files import json_text
 from .progress import Progress, silent
 
 EXIT_INTERRUPTED = 130
+START = "start"
+"""Stage that a verb reports before it has done anything: a child that says so lives."""
 GRACE = 1.0
 """Seconds that an interrupted child has for its last step and for saving what it has."""
 TAIL = 5
@@ -132,6 +134,27 @@ class Ended:
     memory: int
     """Most bytes that it held at once; 0 where the system does not tell."""
 
+    def result(self) -> dict[str, Any]:
+        """The child's result.
+
+        Raises:
+            F4xError: its own sentence, or how it ended without one.
+            Cancelled: it was stopped.
+        """
+        if "result" in self.last:
+            return self.last["result"]
+        if self.code == EXIT_INTERRUPTED:
+            raise Cancelled
+        raise F4xError(self.last.get("error") or self._reason())
+
+    def _reason(self) -> str:
+        if self.code < 0:
+            return (
+                f"it was ended by signal {-self.code} while it held {self.memory / 1e9:.1f} GB; the usual reason is too little"
+                " memory: use a smaller width, or fewer tasks at a time."
+            )
+        return f"it ended with {self.code}: {self.tail.splitlines()[-1] if self.tail else 'no message'}"
+
 
 def run_child(
     command: Sequence[str],
@@ -201,13 +224,9 @@ def run_verb(arguments: Sequence[str], folder: Path, progress: Progress = silent
 
     Raises:
         F4xError: the verb's own sentence, or that it ended without one.
-        Cancelled: raised by `progress`; the child is gone then.
+        Cancelled: raised by `progress`, or the child was stopped; it is gone then.
     """
-    ended = run_child([sys.executable, "-m", f"{__package__}", *arguments, "--progress-json"], folder, progress)
-    if "result" in ended.last:
-        return ended.last["result"]
-    reason = ended.last.get("error") or f"ended with {ended.code}: {ended.tail or 'not a word'}"
-    raise F4xError(f"f4x {arguments[0]}: {reason}")
+    return run_child([sys.executable, "-m", f"{__package__}", *arguments, "--progress-json"], folder, progress).result()
 
 
 def _json_line(line: str) -> dict[str, Any]:

@@ -1,14 +1,13 @@
 """Long clips: shots, then overlapping windows that are fitted one after the other and joined into one scene.
 
-Memory holds one window at a time. Each window continues the one before (`fit.previous_window`): it uses the same world frame,
-starts with its background and knows its nodes. Its result is an ordinary scene in `windows/NNN/scene.f4x`.
+Memory holds one window at a time, in a process of its own (`window`). Each window continues the one before
+(`fit.previous_window`): it uses the same world frame, starts with its background and knows its nodes. Its result is an ordinary
+scene in `windows/NNN/scene.f4x`.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -20,17 +19,14 @@ import numpy as np
 from ..clip import Clip
 from ..clip.model import MIN_FRAMES
 from ..errors import F4xError
-from ..evaluation.evaluate import evaluate, keep_measured, summary, without_frames
+from ..evaluation.evaluate import evaluate, keep_measured, summary
 from ..files import replace_file
-from ..fit.config import FitConfig, resolved
-from ..fit.pipeline import ClipFit
-from ..fit.previous_window import PreviousWindow, WindowFit
+from ..fit.config import FitConfig
 from ..language.lexicon import plural
-from ..parallel import release_memory
-from ..priors.config import config_hash
 from ..progress import Progress, silent
-from ..scene import Scene, read_scene, write_scene
+from ..scene import Scene, read_scene
 from ..scene.join import join_scenes
+from .window import SCENE, WindowBefore, WindowRequest, fit_apart, near_path
 
 LENGTH = 60
 """Frames of a window: two seconds, long enough to see an object from several sides, short enough to lose few tracks."""
@@ -41,6 +37,8 @@ MIN_OVERLAP = 2
 
 Window = tuple[int, int]
 """(first frame, end); the end is excluded."""
+FitWindow = Callable[[Path, Progress], None]
+"""Fits the window of a request file (`window`)."""
 
 
 @dataclass(frozen=True)
@@ -94,33 +92,41 @@ def fit_shot(
     config: FitConfig,
     progress: Progress = silent,
     resume: bool = False,
+    fit: FitWindow = fit_apart,
 ) -> Scene:
     """Fit the windows of a shot one after the other and return the joined scene, which has no metrics yet.
 
     `read(start, end)` gives those frames as a clip. Every window leaves its scene in `folder/windows`; with `resume` finished
-    ones are kept. F4xError where settings, pictures or the windows before are not what they were.
+    ones are kept. `fit`: how a request file is fitted. F4xError where settings, pictures or the windows before are not what
+    they were.
     """
     paths, picked, believed, times = [], [], [], np.zeros(shot.end - shot.start)
-    previous: PreviousWindow | None = None
+    before: WindowBefore | None = None
     for number, (start, end) in enumerate(shot.windows):
-        place = folder / "windows" / f"{number:03d}"
+        place = (folder / "windows" / f"{number:03d}").absolute()
         clip = read(start, end)
         clip.require_enough()
         first = start - shot.start  # what it shares with the window before gets the same times again
         times[first : first + len(clip)] = times[first] + clip.times
-        part_progress = _part_progress("window", number, len(shot.windows), progress)
-        scene, next_node = _fit_window(clip, place, config, previous, part_progress, resume)
-        paths.append(place / "scene.f4x")
         picked.append(clip.picked.split(":"))
+        request = WindowRequest(clip, place, config, before, resume)
+        file = None if request.finished() else request.write()
+        del clip, request  # pictures of a window are held once: where they are fitted
+        if file is not None:
+            try:
+                fit(file, _part_progress("window", number, len(shot.windows), progress))
+            finally:
+                file.unlink()
+        paths.append(place / SCENE)
+        scene = read_scene(paths[-1])
         believed.append(scene.provenance.get("believed_degrees"))
         if number + 1 < len(shot.windows):
-            previous = PreviousWindow(scene, shot.windows[number + 1][0] - start, next_node)
+            before = WindowBefore.of(scene, paths[-1], shot.windows[number + 1][0] - start)
             # One lens films all windows, and their colours are of one degree.
             focal = float(scene.cameras.intrinsics[0, 0, 0]) / scene.cameras.width
             cameras = replace(config.priors.cameras, focal=focal)
             config = replace(config, priors=replace(config.priors, cameras=cameras), sh_degree=scene.sh_degree)
-        del clip, scene
-        release_memory()
+        del scene
     local = [(a - shot.start, b - shot.start) for a, b in shot.windows]
     joined = join_scenes((read_scene(path) for path in paths), local, config.backend, progress, times)
     provenance = {name: value for name, value in joined.provenance.items() if name != "window"}
@@ -133,49 +139,6 @@ def fit_shot(
         "saved": "memory that grows with the clip",
     }
     return replace(joined, provenance=provenance, needs=(need,))
-
-
-def _fit_window(
-    clip: Clip, folder: Path, config: FitConfig, previous: PreviousWindow | None, progress: Progress, resume: bool
-) -> tuple[Scene, int]:
-    """(The window's scene, the first node id never used), kept from an earlier run where nothing has changed."""
-    path = folder / "scene.f4x"
-    when = b"" if clip.steady else clip.times.tobytes()
-    state = hashlib.blake2b(clip.frames.tobytes() + clip.held_out.tobytes() + when, digest_size=16).hexdigest()
-    key = config_hash(resolved(config), state, "" if previous is None else previous.digest)
-    if resume and path.is_file():
-        scene = read_scene(path)
-        window = scene.provenance.get("window", {})
-        if window.get("key") != key:
-            raise F4xError(
-                f"{path}: this window was made with other settings or of another clip; fit without --resume, or into another"
-                " folder."
-            )
-        return scene, int(window["next_node"])
-    if previous is None:
-        fit = ClipFit(clip, folder, config, progress, resume)
-    else:
-        fit = WindowFit(clip, folder, config, progress, resume, previous=previous)
-    result = fit.run()
-    from ..fit.diagnostics import (  # matplotlib: a second that the start need not wait
-        render_previews,
-        write_diagnostics,
-    )
-
-    scene = result.scene
-    masks = result.priors.moving_masks
-    metrics = evaluate(scene, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
-    images = render_previews(scene, metrics, config.backend)
-    write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
-    newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))
-    next_node = max(newest + 1, 0 if previous is None else previous.next_node)
-    known = 0 if previous is None else previous.scene.next_id
-    window = {"key": key, "next_node": next_node, "own": int((scene.static.ids >= known).sum())}
-    figures = without_frames(metrics)
-    write_scene(replace(scene, metrics=figures, provenance={**scene.provenance, "window": window}), path)
-    for done in ("priors", "checkpoints"):  # a long clip would fill the disk with them
-        shutil.rmtree(folder / done, ignore_errors=True)
-    return scene, next_node
 
 
 def _part_progress(what: str, number: int, count: int, progress: Progress) -> Progress:
@@ -213,7 +176,7 @@ def evaluate_shot(
         held_out = tuple(frame - first for frame in scene.held_out if first <= frame < past)
         part = replace(scene, cameras=cameras, held_out=held_out)
         metrics = evaluate(
-            part,
+            near_path(part),
             read(start, end),
             backend=backend,
             progress=_part_progress("window", number, len(shot.windows), progress),
@@ -234,6 +197,7 @@ def fit_long(
     config: FitConfig,
     progress: Progress = silent,
     resume: bool = False,
+    fit: FitWindow = fit_apart,
 ) -> list[dict[str, Any]]:
     """Fit every shot: `folder/scene.f4x`, `metrics.json` and `diagnostics.html`, or those in `folder/shot_N` where the clip is
     cut, with a `folder/diagnostics.html` that leads to them.
@@ -244,7 +208,7 @@ def fit_long(
     for number, shot in enumerate(shots):
         place = folder if len(shots) == 1 else folder / f"shot_{number + 1}"
         one = _part_progress("shot", number, len(shots), progress)
-        scene = fit_shot(shot, read, place, config, one, resume)
+        scene = fit_shot(shot, read, place, config, one, resume, fit)
         metrics = evaluate_shot(scene, shot, read, config.backend, one)
         scene, figures = keep_measured(place, scene, metrics)
         _write_page(place, scene, shot, metrics)

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Literal, TextIO
 
 from ..errors import Cancelled, F4xError
-from ..processes import EXIT_INTERRUPTED, Ended, run_child
+from ..processes import run_child
 from ..progress import Progress, silent
 from .graph import CLIP, Task, slug
 from .storage import URL, Store, fetch_tree, open_store
@@ -258,13 +258,9 @@ class Attempt:
         self.busy = busy + time.perf_counter() - start
         self.cpu = cpu + ended.cpu_seconds
         self.memory = max(self.memory, ended.memory)
-        if "result" in ended.last:
-            self.results.append(_without_lists(ended.last["result"]))
-            self.notes += filter(None, [ended.last["result"].get("note")])
-            return
-        if ended.code == EXIT_INTERRUPTED:
-            raise Cancelled
-        raise F4xError(ended.last.get("error") or _exit_reason(ended))
+        result = ended.result()
+        self.results.append(_without_lists(result))
+        self.notes += filter(None, [result.get("note")])
 
     @property
     def _saved_folder(self) -> str:
@@ -341,12 +337,3 @@ def _without_lists(result: Any, depth: int = 2) -> Any:
         kept = {name: _without_lists(value, depth - 1) for name, value in result.items()}
         return {name: value for name, value in kept.items() if value is not None}
     return result if isinstance(result, int | float | str) else None
-
-
-def _exit_reason(ended: Ended) -> str:
-    if ended.code < 0:
-        return (
-            f"it was ended by signal {-ended.code} while it held {ended.memory / 1e9:.1f} GB; the usual reason is too little"
-            " memory: use a smaller width, or fewer tasks at a time."
-        )
-    return f"it ended with {ended.code}: {ended.tail.splitlines()[-1] if ended.tail else 'no message'}"

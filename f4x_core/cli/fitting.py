@@ -13,6 +13,7 @@ from PIL import Image
 
 from ..batch.graph import LONG
 from ..batch.run import INPUT
+from ..batch.window import fit_here
 from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows
 from ..clip import Clip, read_clip
 from ..clip.images import enlarge_color, even_size, resize_color
@@ -108,6 +109,12 @@ def _leave_input(clip: Clip, frames: int, folder: Path) -> dict[str, int]:
     with replace_file(folder / INPUT) as file:
         Image.fromarray(clip.frames[len(clip) // 2]).save(file, "JPEG")
     return {"frames": frames, "width": clip.width, "height": clip.height}
+
+
+def run_window(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Fit one window of a long clip, for the process that joins them."""
+    fit_here(args.request, progress)
+    return {}
 
 
 def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

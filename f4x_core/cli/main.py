@@ -11,7 +11,7 @@ from typing import Any
 from .. import __version__
 from ..errors import Cancelled
 from ..files import json_text
-from ..processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
+from ..processes import EXIT_INTERRUPTED, START, LineProgress, stop_with_parent
 from ..troubles import EXPECTED, with_code
 from .checks import output_folder, require_backend, require_folder, require_given, why_slow
 from .terminal import TerminalProgress
@@ -25,7 +25,8 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
     """The function behind a verb; imports only what that verb needs."""
     from importlib import import_module
 
-    modules = {"fit": "fitting", "priors": "fitting", "eval": "measuring", "render": "rendering", "export": "rendering"}
+    modules = {"eval": "measuring", "render": "rendering", "export": "rendering"}
+    modules |= dict.fromkeys(("fit", "window", "priors"), "fitting")
     modules |= {"open": "opening", "mesh": "meshing", "query": "querying", "ask": "querying", "name": "querying"}
     modules |= dict.fromkeys(("edit", "history", "undo", "redo", "bake"), "editing")
     modules |= {"models": "features", "distill": "distilling"}
@@ -42,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if lines is not None:
             stop_with_parent()
-            lines("start", 0, 0, f"f4x {__version__}")
+            lines(START, 0, 0, f"f4x {__version__}")
         from .parser import build_parser  # loads numpy: here an early Ctrl-C is answered already
 
         args = build_parser().parse_args(arguments)

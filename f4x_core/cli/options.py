@@ -16,9 +16,10 @@ CLIP = "video file, image folder, or NVIDIA / DyCheck / DAVIS data set"
 PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
 
 
-def add_verb(verbs: Verbs, name: str, description: str) -> argparse.ArgumentParser:
-    """A verb with the options that all of them have."""
-    sub = verbs.add_parser(name, help=description, description=description)
+def add_verb(verbs: Verbs, name: str, description: str | None) -> argparse.ArgumentParser:
+    """A verb with the options that all of them have; one without a description is for programs and not listed."""
+    listed: dict[str, Any] = {} if description is None else {"help": description, "description": description}
+    sub = verbs.add_parser(name, **listed)
     sub.add_argument("--json", action="store_true", help="print one JSON object and nothing else on standard output")
     if name != "serve":  # its standard output and input belong to the client
         sub.add_argument(

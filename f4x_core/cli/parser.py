@@ -86,6 +86,12 @@ def _fit(verbs: Verbs) -> None:
     )
 
 
+def _window(verbs: Verbs) -> None:
+    """`f4x window`, which `f4x fit` runs for each window of a long clip."""
+    sub = add_verb(verbs, "window", None)
+    sub.add_argument("request", type=path_argument, help="what `f4x fit` wrote")
+
+
 def _priors(verbs: Verbs) -> None:
     """`f4x priors`."""
     sub = add_verb(verbs, "priors", "Only compute the priors of a clip into DIR/priors.")
@@ -551,6 +557,7 @@ VERBS = (
     _bench,
     _report,
     _demo,
+    _window,
 )
 """In the order in which `f4x --help` lists them."""
 FIRST = """first steps:

@@ -25,10 +25,11 @@ from ..priors import Priors
 from ..priors.config import config_hash
 from ..priors.flow import consistent, dis, grey
 from ..raster.blend_weights import blend_weight_sums
+from ..raster.in_view import in_view
 from ..scaffold import Scaffold
 from ..scaffold.joining import continue_nodes
 from ..scene import Scene, StaticSet
-from ..scene.view import render
+from ..scene.view import render, seen_from
 from .pipeline import ClipFit, FitResult, start_fit
 from .spawning import MASK_MARGIN, Explained, spawn_frames
 from .trainer import Trainer
@@ -104,7 +105,8 @@ class PreviousWindow:
         for row, frame in enumerate(frames + self.offset):
             if frame < len(self.scene.cameras):
                 time = float(self.scene.cameras.times[frame])
-                seen = render(self.scene, self.scene.cameras[int(frame)], time, ("depth", "alpha"), backend)
+                camera = self.scene.cameras[int(frame)]
+                seen = render(seen_from(self.scene, [(camera, time)]), camera, time, ("depth", "alpha"), backend)
                 known[row] = np.where(seen["alpha"] > OPAQUE, seen["depth"], np.nan)
         return known
 
@@ -125,7 +127,8 @@ class PreviousWindow:
         for row in shared:
             frame = int(priors.frames[row]) + self.offset
             camera = self.scene.cameras[frame]
-            seen = render(self.scene, camera, float(self.scene.cameras.times[frame]), ("depth", "alpha"), backend)
+            time = float(self.scene.cameras.times[frame])
+            seen = render(seen_from(self.scene, [(camera, time)]), camera, time, ("depth", "alpha"), backend)
             known = (seen["alpha"] > OPAQUE) & (priors.depth[row] > 0)
             ratios.append(np.where(known, seen["depth"] / priors.depth[row], np.nan))
             then.append(np.linalg.inv(camera.world_to_camera))
@@ -201,7 +204,7 @@ class PreviousWindow:
     def _ground(self, camera: Camera, backend: str) -> dict[str, np.ndarray]:
         """Colour, depth and alpha of all the background so far."""
         scene = Scene("ground", self.scene.static, self.scene.cameras)
-        return render(scene, camera, 0.0, ("rgb", "depth", "alpha"), backend)
+        return render(seen_from(scene, [(camera, 0.0)]), camera, 0.0, ("rgb", "depth", "alpha"), backend)
 
     def background(
         self, clip: Clip, priors: Priors, rows: np.ndarray, margin: int, backend: str = "auto"
@@ -219,7 +222,9 @@ class PreviousWindow:
             wrong, _ = self._compare(world, clip, priors, row, backend)
             judged = still.get(row, np.ones_like(wrong))
             layers = np.stack([np.ones_like(wrong), judged, wrong & judged], -1).astype(np.float32)
-            weights += blend_weight_sums(world, priors.cameras[int(row)], layers, backend=backend)
+            camera = priors.cameras[int(row)]
+            near = np.flatnonzero(in_view(world, camera))
+            weights[near] += blend_weight_sums(world.take(near), camera, layers, backend=backend)
         stays = weights[:, 2] <= 0.5 * weights[:, 1]
         drawn = world.take(stays & (weights[:, 0] > 0))
         explained = {}
@@ -236,8 +241,9 @@ class PreviousWindow:
         The picture's mean over a neighbourhood must lie between the darkest and the brightest of the background there.
         """
         assert priors.cameras is not None
+        camera = priors.cameras[int(row)]
         scene = Scene("background", world, priors.cameras)
-        seen = render(scene, priors.cameras[int(row)], 0.0, ("rgb", "alpha"), backend)
+        seen = render(seen_from(scene, [(camera, 0.0)]), camera, 0.0, ("rgb", "alpha"), backend)
         image = clip.frames[priors.frames[row]].astype(np.float32) / 255
         mean = uniform_filter(image, (NEIGHBOURHOOD, NEIGHBOURHOOD, 0))
         darkest, brightest = (

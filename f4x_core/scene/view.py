@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -116,6 +117,20 @@ def fitted_config(scene: Scene, camera: Camera, time: float) -> RasterConfig:
     from ..raster import RasterConfig
 
     return RasterConfig.as_fitted(scene.fitted_focal(time), camera)
+
+
+def seen_from(scene: Scene, views: Iterable[tuple[Camera, float]], margin: float = 0.0) -> Scene:
+    """The scene with no more background than cameras at times show, in pictures larger by `margin` on every side (shares).
+
+    What its background leaves out draws nothing there (`raster.in_view`), so pictures are the same, for the memory of what is
+    seen. Features are left behind.
+    """
+    from ..raster.in_view import in_view
+
+    seen = np.zeros(len(scene.static), bool)
+    for camera, time in views:
+        seen |= in_view(scene.static, camera, fitted_config(scene, camera, time), margin)
+    return replace(scene, static=scene.static.take(seen), features=None, extra={})
 
 
 def screen_motion(scene: Scene, camera: Camera, time: float, posed: PosedSplats | None = None) -> np.ndarray:

@@ -16,12 +16,13 @@ from scipy import sparse
 from scipy.ndimage import binary_dilation, uniform_filter1d
 from toy import clip_and_priors
 
-from f4x_core.batch import windows
+from f4x_core.batch import window, windows
 from f4x_core.batch.windows import LENGTH, OVERLAP, plan_shots, plan_windows
 from f4x_core.cli.fitting import fit_windows, windows_of
 from f4x_core.clip import read_clip, write_images
 from f4x_core.clip.stream import ClipStream, Survey, survey
 from f4x_core.errors import F4xError
+from f4x_core.evaluation.evaluate import evaluate
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.fit import pipeline
@@ -141,7 +142,7 @@ def shot(tmp_path_factory):
 
     patch.setattr(pipeline, "build_priors", build)
     plan = windows.Shot(((0, 8), (5, 13), (10, 16)))
-    results = windows.fit_long([plan], read, folder, config)
+    results = windows.fit_long([plan], read, folder, config, fit=window.fit_here)
     yield SimpleNamespace(folder=folder, clip=clip, read=read, config=config, plan=plan, result=results[0])
     patch.undo()
 
@@ -199,10 +200,9 @@ def test_the_mover_goes_on(shot):
     assert np.abs(path[:, 2] - 0.9).max() < 0.1
 
 
-def test_finished_windows_are_kept(shot, monkeypatch):
+def test_finished_windows_are_kept(shot):
     before = [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
-    monkeypatch.setattr(windows, "ClipFit", None)  # nothing is fitted again
-    windows.fit_shot(shot.plan, shot.read, shot.folder, shot.config, resume=True)
+    windows.fit_shot(shot.plan, shot.read, shot.folder, shot.config, resume=True, fit=None)  # nothing is fitted again
     assert before == [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
     with pytest.raises(F4xError, match="other settings"):
         windows.fit_shot(shot.plan, shot.read, shot.folder, dataclasses.replace(shot.config, seed=1), resume=True)
@@ -211,7 +211,7 @@ def test_finished_windows_are_kept(shot, monkeypatch):
 def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, capsys):
     scene = read_scene(shot.folder / "scene.f4x")
 
-    def fit_shot(plan, read, folder, config, progress, resume):
+    def fit_shot(plan, read, folder, config, progress, resume, fit):
         progress("photometric", 0, 1, "window 1 of 2")
         folder.mkdir()
         return dataclasses.replace(scene, provenance={"frames": known.part(plan.start, plan.end)})
@@ -333,7 +333,7 @@ def test_to_and_fro_needs_no_more_background(tmp_path, monkeypatch):
     monkeypatch.setattr(pipeline, "build_priors", build)
     config = dataclasses.replace(profile("quick"), steps=120, measure_every=120, checkpoint_every=120, threads=1)
     plan = windows.Shot(tuple((start, start + 8) for start in range(0, 21, 5)))
-    windows.fit_long([plan], read, tmp_path, config)
+    windows.fit_long([plan], read, tmp_path, config, fit=window.fit_here)
     parts = [read_scene(tmp_path / "windows" / f"{number:03d}" / "scene.f4x") for number in range(5)]
     own = [part.provenance["window"]["own"] for part in parts]
     assert own[0] > 300 and sum(own[1:]) < 0.05 * own[0], own
@@ -399,3 +399,19 @@ def test_what_frames_see_comes_back_from_the_disk():
             assert view.frame == 10 + i and torch.equal(view.alpha, alphas[i])
             assert (view.mix != mixes[i]).nnz == 0 and view.mix.shape == (6, 50)
         assert [view.frame for view in views] == [10, 11, 12]
+
+
+def test_measuring_a_window_needs_no_background_out_of_view(shot):
+    """Figures are the same without it, held-out frames' with their registered cameras too."""
+    scene = dataclasses.replace(read_scene(shot.folder / "windows" / "000" / "scene.f4x"), held_out=(3,))
+    clip = dataclasses.replace(shot.read(0, 8), held_out=np.arange(8) == 3)
+    beyond = scene.static.arrays() | {
+        "ids": scene.static.ids + 10_000,
+        "means": scene.static.means + np.float32([9, 0, 0]),
+    }
+    arrays = {name: np.concatenate([array, beyond[name]]) for name, array in scene.static.arrays().items()}
+    more = dataclasses.replace(scene, static=StaticSet(**arrays))
+    near = window.near_path(more)
+    assert np.isin(near.static.ids, scene.static.ids).all() and len(near.static) > 0.9 * len(scene.static)
+    figures = [evaluate(each, clip, baselines=True) for each in (more, near)]
+    assert figures[0] == figures[1] and figures[0]["held_out_registered"] == 1

@@ -91,6 +91,7 @@ def shown(monkeypatch):
         return {"depth": depth, "alpha": alpha, "rgb": rng.uniform(-0.2, 1.2, (HEIGHT, WIDTH, 3)).astype(np.float32)}
 
     monkeypatch.setattr(previous_window, "render", render)
+    monkeypatch.setattr(previous_window, "seen_from", lambda scene, views: scene)
     return SimpleNamespace(looks=looks, at=lambda camera: render(None, camera, 0, (), ""))
 
 

@@ -1,13 +1,10 @@
 """Independent work in threads."""
 
-import ctypes
 import threading
-import weakref
 
 import numpy as np
 import pytest
 
-from f4x_core import parallel
 from f4x_core.errors import Cancelled
 from f4x_core.parallel import in_threads, side_by_side
 
@@ -81,20 +78,3 @@ def test_libraries_get_their_threads_back():
         assert cv2.getNumThreads() == 1
         assert set(blas()) == {1}
     assert (cv2.getNumThreads(), blas()) == before
-
-
-@pytest.mark.parametrize("library", [None, "no such library"])
-def test_what_nobody_holds_is_released(monkeypatch, library):
-    """Objects that hold each other, whatever the C library knows of heaps."""
-
-    class Ring:
-        pass
-
-    ring = Ring()
-    ring.itself = ring
-    held = weakref.ref(ring)
-    load = ctypes.CDLL
-    monkeypatch.setattr(parallel.ctypes, "CDLL", lambda name: load(library))
-    del ring
-    parallel.release_memory()
-    assert held() is None

@@ -1,0 +1,181 @@
+"""One window of a long clip: its fit, in a process of its own.
+
+What a process frees stays with it in part: its heaps fray, and of 640 pixels every window began with 30 to 80 MB more than the
+one before. A process that ends gives everything back.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..clip import Clip
+from ..clip.model import Picture
+from ..errors import F4xError
+from ..evaluation.evaluate import evaluate, without_frames
+from ..files import replace_file
+from ..fit.config import FitConfig, resolved
+from ..fit.pipeline import ClipFit
+from ..fit.previous_window import PreviousWindow, WindowFit
+from ..fit.settings import list_settings, set_fields
+from ..geometry.camera import CameraPath
+from ..priors.config import config_hash
+from ..processes import START, run_verb
+from ..progress import Progress
+from ..scene import Scene, read_scene, write_scene
+from ..scene.view import seen_from
+
+ROOT = Path(__file__).resolve().parents[2]
+"""A child that starts here runs this package, installed or not."""
+SCENE = "scene.f4x"
+BESIDE = 0.5
+"""Widths of the picture by which the camera of a held-out frame may turn out to be off."""
+WORDS = ("name", "fps", "source", "picked")
+ARRAYS = ("frames", "times", "held_out", "masks", "depth")
+"""Fields of a clip in a request: as JSON, and as arrays."""
+
+
+@dataclass(frozen=True)
+class WindowBefore:
+    """The window before one, as a file."""
+
+    path: Path
+    """Its scene."""
+    offset: int
+    """Frames from its first to the later window's first."""
+    next_node: int
+    """First node id that no window has used."""
+    digest: str
+    """Hash of what the later window depends on."""
+
+    @classmethod
+    def of(cls, scene: Scene, path: Path, offset: int) -> WindowBefore:
+        """The window whose `scene` is at `path`."""
+        next_node = int(scene.provenance["window"]["next_node"])
+        return cls(path, offset, next_node, PreviousWindow(scene, offset, next_node).digest)
+
+    def read(self) -> PreviousWindow:
+        """The window with its scene."""
+        return PreviousWindow(read_scene(self.path), self.offset, self.next_node)
+
+
+@dataclass(frozen=True, eq=False)
+class WindowRequest:
+    """All that the fit of one window needs."""
+
+    clip: Clip
+    folder: Path
+    """For its scene, its page, and while it is fitted priors and checkpoints."""
+    config: FitConfig
+    before: WindowBefore | None
+    """None: it is the first."""
+    resume: bool
+    """Go on from the last checkpoint."""
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that decides what this window becomes."""
+        clip = self.clip
+        when = b"" if clip.steady else clip.times.tobytes()
+        state = hashlib.blake2b(clip.frames.tobytes() + clip.held_out.tobytes() + when, digest_size=16).hexdigest()
+        return config_hash(resolved(self.config), state, "" if self.before is None else self.before.digest)
+
+    def finished(self) -> bool:
+        """Whether an earlier run left the window's scene. F4xError where that was another window."""
+        path = self.folder / SCENE
+        if not (self.resume and path.is_file()):
+            return False
+        if read_scene(path).provenance.get("window", {}).get("key") != self.key:
+            raise F4xError(
+                f"{path}: this window was made with other settings or of another clip; fit without --resume, or into another"
+                " folder."
+            )
+        return True
+
+    def write(self) -> Path:
+        """Write the request into its folder; returns the file."""
+        clip, config, before = self.clip, self.config, self.before
+        told = {
+            "clip": {name: getattr(clip, name) for name in WORDS},
+            "cameras": None if clip.cameras is None else clip.cameras.to_json(),
+            "picture": None if clip.picture is None else asdict(clip.picture),
+            "config": [f"{setting.name}={setting.text}" for setting in list_settings(config) if setting.settable],
+            "files": {**config.priors.files},
+            "before": None if before is None else {**asdict(before), "path": str(before.path)},
+            "resume": self.resume,
+        }
+        arrays = {name: getattr(clip, name) for name in ARRAYS if getattr(clip, name) is not None}
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / "request.npz"
+        with replace_file(path) as file:
+            np.savez(file, **arrays, told=json.dumps(told))
+        return path
+
+    @classmethod
+    def read(cls, path: Path) -> WindowRequest:
+        """Read what `write` wrote."""
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in ARRAYS if name in file}
+            told = json.loads(str(file["told"]))
+        cameras, before = told["cameras"], told["before"]
+        cameras = None if cameras is None else CameraPath.from_json(cameras, path)
+        clip = Clip(**told["clip"], **arrays, cameras=cameras, picture=Picture.read(told["picture"]))
+        config = set_fields(FitConfig(), told["config"])
+        config = replace(config, priors=replace(config.priors, files=told["files"]))
+        known = None if before is None else WindowBefore(**{**before, "path": Path(before["path"])})
+        return cls(clip, path.parent, config, known, told["resume"])
+
+    def fit(self, progress: Progress) -> None:
+        """Fit and measure the window; leaves its scene and its diagnostics page."""
+        clip, folder, config = self.clip, self.folder, self.config
+        if self.before is None:
+            previous, fit = None, ClipFit(clip, folder, config, progress, self.resume)
+        else:
+            previous = self.before.read()
+            fit = WindowFit(clip, folder, config, progress, self.resume, previous=previous)
+        result = fit.run()
+        from ..fit.diagnostics import (  # matplotlib: a second that the start need not wait
+            render_previews,
+            write_diagnostics,
+        )
+
+        scene = result.scene
+        masks = result.priors.moving_masks
+        seen = near_path(scene)
+        metrics = evaluate(seen, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
+        images = render_previews(scene, metrics, config.backend)
+        write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
+        newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))
+        next_node = max(newest + 1, 0 if previous is None else previous.next_node)
+        known = 0 if previous is None else previous.scene.next_id
+        window = {"key": self.key, "next_node": next_node, "own": int((scene.static.ids >= known).sum())}
+        provenance = {**scene.provenance, "window": window}
+        write_scene(replace(scene, metrics=without_frames(metrics), provenance=provenance), folder / SCENE)
+        for done in ("priors", "checkpoints"):  # a long clip would fill the disk with them
+            shutil.rmtree(folder / done, ignore_errors=True)
+
+
+def near_path(scene: Scene) -> Scene:
+    """The scene with no more background than is seen along its own cameras, or BESIDE them: what measuring it needs."""
+    cameras = scene.cameras
+    return seen_from(scene, zip(map(cameras.__getitem__, range(len(cameras))), cameras.times, strict=True), BESIDE)
+
+
+def fit_here(request: Path, progress: Progress) -> None:
+    """Fit the window of a request file in this process."""
+    WindowRequest.read(request).fit(progress)
+
+
+def fit_apart(request: Path, progress: Progress) -> None:
+    """Fit the window of a request file in a process of its own; its errors, and what `progress` raises, go through."""
+
+    def tell(stage: str, done: int, total: int, message: str = "") -> None:
+        if stage != START:  # the fit of the whole clip has started long ago
+            progress(stage, done, total, message)
+
+    run_verb(["window", str(request.absolute())], ROOT, tell)
