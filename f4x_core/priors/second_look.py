@@ -17,7 +17,7 @@ from .config import PriorsConfig
 from .flow import long_flows
 from .motion import STATIC_TRACK, VOTE_SIGMA, densify, enlarge, without_specks
 from .points import TRACK_OUTLIER_PX, fit_points
-from .rigid import FAR_WEIGHT, MAX_INVERSE_DEPTH, MIN_FRAMES, fills_border, flow_beyond_cameras
+from .rigid import FAR_WEIGHT, LENS, MIN_FRAMES, OWN_MOTION, fills_border, flow_beyond_cameras
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -35,15 +35,12 @@ case: some point explains what moves evenly past a camera within a pixel (.7 to 
 28 furnished rooms: of the tracks on what stands still .56 pass, of those on movers .16 (.51 and .16 by the error of all sightings),
 of the odd ones .67 and .02 (.60 and .11)."""
 IN_LENS = 1.75
-"""The same where a point would stand in the lens (`rigid.MAX_INVERSE_DEPTH`), of all sightings: there most of what a camera follows
+"""The same where a point would stand in the lens (`rigid.LENS`), of all sightings: there most of what a camera follows
 is met by chance. By three quarters of them half of blackswan's swan stood still. Its tracks miss their points by 2.1 times the
 background's error or more (13 times; 2.1 to 8 where the clip is dark and noisy), half of those on parkour's near walls by less
 than 1.8."""
 MIN_RELEASED, MIN_RELEASED_MASK = 0.05, 0.02
 """Smallest fraction of the tracks on what moves that must stand still before they count, and of the mask before it is changed."""
-OWN_MOTION = 0.35
-"""Score of flow beyond the cameras' from which a pixel moves by itself. Chosen on camel, dog, car-shadow, blackswan, parkour and
-breakdance and seven rooms of cards: at most 1.5 % of what truly moves is lost (camel); from .4 on 4 %."""
 FAR_SIGMA = 16.0
 """Gaussian (pixels) by which tracks vote, with `FAR_WEIGHT`, where none is near."""
 
@@ -99,7 +96,7 @@ def _stands_still(priors: Priors, asked: np.ndarray) -> np.ndarray:
     )
     usual = float(np.median(background.rms_of_nearest(MOST))) if len(rest) else TRACK_OUTLIER_PX
     shift = points.spread * float(priors.cameras.intrinsics[:, 0, 0].mean())
-    in_lens = points.inverse_depth >= MAX_INVERSE_DEPTH
+    in_lens = points.inverse_depth >= LENS
     error = np.where(in_lens, points.rms, points.rms_of_nearest(MOST))
     limit = np.clip(np.where(in_lens, IN_LENS, MAX_UNUSUAL) * usual, MIN_LIMIT, TRACK_OUTLIER_PX)
     return (error < limit) & (error < MAX_ERROR * shift)

@@ -114,13 +114,26 @@ def test_a_wall_between_posts_is_not_behind_all_that_is_around_it(trusted):
     assert score[5, 12:18, 22:28].max() < 0.05
 
 
-def test_what_would_be_behind_or_in_the_lens_is_no_point():
-    """The camera goes ahead; flow towards the middle, and flow that only a point in the lens makes, are no depth's."""
+def test_a_wall_along_which_the_camera_walks_is_in_the_lens_and_stands_still(trusted):
+    """A strip of it alone, before what is far, would be something that moves along."""
+    mask = np.zeros((FRAMES, HEIGHT, WIDTH), bool)
+    mask[:, :, 20:50] = True
+    wall = 1 / np.linspace(5.6, 5.2, WIDTH)  # depth of columns
+    along = rigid.flow_beyond_cameras(path(), mask, flows_of((1,), (0.0, 0.0), np.tile(wall, (HEIGHT, 1))), (1,))
+    assert along[5, 12:18, 7:9].max() < 0.05
+    alone = np.where((np.arange(WIDTH) > 20) & (np.arange(WIDTH) < 50), 1 / 5.6, 1 / 0.4)
+    moving = rigid.flow_beyond_cameras(path(), mask, flows_of((1,), (0.0, 0.0), np.tile(alone, (HEIGHT, 1))), (1,))
+    assert (moving[5, 12:18, 7:11] == 1).all()
+
+
+def test_what_would_be_behind_the_camera_is_no_point_and_what_is_close_before_it_is():
+    """The camera goes ahead: flow towards the middle is no depth's."""
     cams = path()
     here = np.array([[30.0, 60.0], [130.0, 60.0], [30.0, 60.0]])
     others = np.array([9, 10, 12])
     at = np.array([2.0, 2.0, 0.05])
     lands = np.stack([cams[int(t)].project(cams[8].unproject(here, at))[0] for t in others])
     lands[:, 1] = 2 * np.array([100.0, 60.0]) - lands[:, 1]
-    left = rigid._fit_depth(cams, 8, others, here, lands, np.ones((3, 3)), 1.0).left
-    assert left[:, 0].max() < 1e-6 and left[:, 1].min() > 1 and left[1:, 2].min() > 5
+    fit = rigid._fit_depth(cams, 8, others, here, lands, np.ones((3, 3)), 1.0)
+    assert fit.left[:, 0].max() < 1e-6 and fit.left[:, 1].min() > 1
+    assert fit.rho[[0, 2]] == pytest.approx([0.5, 20.0], rel=1e-3)
