@@ -223,7 +223,7 @@ def test_cuts_are_the_bonds_that_leave_a_set():
 
 
 @pytest.mark.parametrize("contrast", [0.0, 0.3, 0.9])
-def test_the_weakest_outline_weighs_conductance_and_contrast(contrast):
+def test_the_weakest_outline_weighs_conductance_and_contrast_and_of_weak_ones_the_smallest_is_meant(contrast):
     for _ in range(20):
         near = RNG.random((7, 7))
         near = np.triu(near, 1) + np.triu(near, 1).T
@@ -235,13 +235,17 @@ def test_the_weakest_outline_weighs_conductance_and_contrast(contrast):
         (cut, volume), (limit, _) = objects._cuts(bonds, out, order), objects._cuts(near, most, order)
         value = (cut / limit) ** contrast * (cut / volume) ** (1 - contrast)
         best = min(np.flatnonzero(fits), key=lambda size: value[size])
-        assert objects._sweep((bonds, out), (near, most), order, fits, contrast) == best + 1
+        assert objects._sweep((bonds, out), (near, most), order, fits, objects.Cutting(contrast, 0.0)) == best + 1
+        best = next(size for size in np.flatnonzero(fits) if value[size] <= max(0.5, value[best]))
+        while best + 1 in np.flatnonzero(fits) and value[best + 1] < value[best]:
+            best += 1
+        assert objects._sweep((bonds, out), (near, most), order, fits, objects.Cutting(contrast, 0.5)) == best + 1
 
 
 def test_where_nothing_fits_everything_is_taken():
     bonds = np.ones((3, 3)) - np.eye(3)
     given = (bonds, np.ones(3)), (bonds, np.ones(3)), np.arange(3)
-    assert objects._sweep(*given, np.zeros(3, bool), 0.5) == 3
+    assert objects._sweep(*given, np.zeros(3, bool), objects.Cutting(0.5, 0.0)) == 3
 
 
 def test_other_pieces_than_the_most_marked_one_are_apart():

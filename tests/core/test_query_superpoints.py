@@ -222,7 +222,7 @@ def grow_by_loops(superpoints, marked, against, filled=0.0):
             held = marked[inside].sum() / marked[free].sum()
             large = share > superpoints.sizes[1] and size > 1
             fits.append(share >= superpoints.sizes[0] and not large and held >= filled - 1e-12)
-        chosen[free[order[: sweep_by_loops(strength, most, order, fits, superpoints.contrast)]]] = True
+        chosen[free[order[: sweep_by_loops(strength, most, order, fits, superpoints.cutting.contrast)]]] = True
     return chosen
 
 
@@ -245,7 +245,7 @@ def random_superpoints(seed, count=9, **fields):
 def test_a_thing_grows_as_the_walk_and_the_cut_say(escape, filled, contrast):
     sizes = set()
     for seed in range(30):
-        superpoints = random_superpoints(seed, escape=escape, sizes=(0.1, 0.6), contrast=contrast)
+        superpoints = random_superpoints(seed, escape=escape, sizes=(0.1, 0.6), cutting=objects.Cutting(contrast, 0.0))
         random = np.random.default_rng(seed)
         marked = random.random(9) * (random.random(9) < 0.25)
         against = random.random(9) < 0.2
@@ -280,8 +280,8 @@ def test_a_superpoint_that_no_walker_reaches_is_not_chosen():
 
 def test_where_no_set_fits_it_is_everything():
     nothing = np.zeros((3, 3)), np.ones(3)
-    assert objects._sweep(nothing, nothing, np.arange(3), np.zeros(3, bool), 0.5) == 3
-    assert objects._sweep(nothing, nothing, np.arange(3), np.array([False, True, True]), 0.5) == 2
+    assert objects._sweep(nothing, nothing, np.arange(3), np.zeros(3, bool), objects.Cutting(0.5, 0.0)) == 3
+    assert objects._sweep(nothing, nothing, np.arange(3), np.array([False, True, True]), objects.Cutting(0.5, 0.0)) == 2
 
 
 @pytest.mark.parametrize(("static", "features"), [(MADE[1], True), (MADE[1], False), (0, True)])
