@@ -146,7 +146,11 @@ class F4X_OT_fit_clip(_WorkerOperator, bpy.types.Operator, ImportHelper):  # noq
     profile: EnumProperty(name="Profile", items=PROFILES, default="wild")  # type: ignore[valid-type]
     frames: StringProperty(name="Frames", description="Frames to use as first:end:step, such as 0:120:2; empty: all")  # type: ignore[valid-type]
     width: IntProperty(  # type: ignore[valid-type]
-        name="Width", description="Frames wider than this are scaled down", default=480, min=64, max=4096
+        name="Width",
+        description="Frames wider than this are scaled down; 0: so that their longer side has 480 pixels",
+        default=0,
+        min=0,
+        max=4096,
     )
     features: BoolProperty(  # type: ignore[valid-type]
         name="Features", description="Also add the features that text and point queries need", default=True
@@ -166,7 +170,8 @@ class F4X_OT_fit_clip(_WorkerOperator, bpy.types.Operator, ImportHelper):  # noq
         if clip.suffix.lower() in (".png", ".jpg"):
             clip = clip.parent  # an image stands for its folder
         output = Path(bpy.path.abspath(self.output)) if self.output else clip.with_name(f"{clip.stem}_4d")
-        options = ["-o", output, "--profile", self.profile, "--width", str(self.width)]
+        options = ["-o", output, "--profile", self.profile]
+        options += ["--width", str(self.width)] if self.width else []
         options += ["--frames", self.frames] if self.frames else []
         options += ["--features", "visual,text"] if self.features else []
         options += ["--resume"] if self.resume else []

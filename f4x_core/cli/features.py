@@ -13,6 +13,7 @@ from ..features.teachers import TEACHERS, extract, require_ready
 from ..features.weights import WEIGHTS, describe, fetch, require_path
 from ..progress import Progress
 from .checks import listed_teachers
+from .fitting import width_of
 
 MEGABYTE = 1e6
 
@@ -26,7 +27,7 @@ def run_features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]
         raise F4xError("--model belongs to one teacher; call `f4x features` once for each.")
     if args.rank is not None and args.rank < 1:
         raise F4xError(f"--rank {args.rank}: give a number above 0.")
-    clip = read_clip(args.clip, args.frames, args.width, progress=progress)
+    clip = read_clip(args.clip, args.frames, width_of(args), progress=progress)
     rows: list[dict[str, Any]] = []
     for name in names:
         folder = args.output / "features" / name

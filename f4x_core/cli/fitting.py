@@ -15,7 +15,7 @@ from ..batch.graph import LONG
 from ..batch.run import INPUT
 from ..batch.window import fit_here
 from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows
-from ..clip import Clip, read_clip
+from ..clip import Clip, read_clip, usual_width
 from ..clip.images import enlarge_color, even_size, resize_color
 from ..clip.model import MIN_FRAMES
 from ..clip.read import parse_span
@@ -46,7 +46,12 @@ WIDTHS = (480, 854, 1280, 1920)
 
 def clip_of(args: argparse.Namespace, progress: Progress) -> Clip:
     """The clip that the arguments name."""
-    return read_clip(args.clip, args.frames, args.width, args.hold_out, args.masks, progress)
+    return read_clip(args.clip, args.frames, width_of(args), args.hold_out, args.masks, progress)
+
+
+def width_of(args: argparse.Namespace) -> int:
+    """The picture width that the arguments ask for."""
+    return usual_width(args.clip) if args.width is None else args.width
 
 
 def config_of(args: argparse.Namespace) -> FitConfig:
@@ -136,7 +141,7 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
     if windows is not None:
         known, shots = windows
         parts = [window for shot in shots for window in shot.windows]
-        first = read_clip(args.clip, known.part(0, 1), args.width)
+        first = read_clip(args.clip, known.part(0, 1), width_of(args))
         size = ClipSize(max(end - start for start, end in parts), first.width, first.height)
         config = granted(args, size, config, progress, len(parts))
         return fit_windows(args, known, shots, config, names, progress)
@@ -225,7 +230,7 @@ def windows_of(args: argparse.Namespace, progress: Progress) -> tuple[Survey, tu
     plan_windows(0, length, length, args.overlap)  # a wrong pair is refused before the clip is read
     if args.prior:
         raise F4xError("--prior cannot be cut into windows; fit with --window 0, or leave it out.")
-    known = survey(args.clip, args.frames, args.width, progress)
+    known = survey(args.clip, args.frames, width_of(args), progress)
     shots = plan_shots(known.count, known.cuts, length, args.overlap)
     if not shots:
         raise F4xError(f"{args.clip}: no shot of this clip has {MIN_FRAMES} frames; give --window 0 to fit it as one.")
@@ -242,12 +247,13 @@ def fit_windows(
 ) -> dict[str, Any]:
     """Fit a long clip window by window and distil the features `names` into each shot's scene."""
 
+    width = width_of(args)
     clocks = {shot: known.clock(shot.start, shot.end) for shot in shots}
 
     def read(start: int, end: int) -> Clip:
         shot = next(shot for shot in shots if shot.start <= start < shot.end)
         times, fps = clocks[shot].times[start - shot.start : end - shot.start], clocks[shot].fps
-        clip = read_clip(args.clip, known.part(start, end), args.width, None, args.masks, progress)
+        clip = read_clip(args.clip, known.part(start, end), width, None, args.masks, progress)
         step = args.hold_out
         held_out = np.arange(start, end) % step == step - 1 if step else clip.held_out
         return dataclasses.replace(clip, held_out=held_out, times=times - times[0], fps=fps)

@@ -9,8 +9,6 @@ from ..raster import CPU_BACKENDS  # with numpy: where an early Ctrl-C is answer
 from .checks import path_argument, scene_argument
 
 Verbs: TypeAlias = "argparse._SubParsersAction[Any]"
-# What all figures of the project were measured at; a fit tells what larger images of its clip show and cost.
-WIDTH = 480
 CLIP = "video file, image folder, or NVIDIA / DyCheck / DAVIS data set"
 """What a clip may be."""
 PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
@@ -52,8 +50,7 @@ def clip_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--width",
         type=int,
-        default=WIDTH,
-        help=f"fit at this picture width in pixels (default: {WIDTH}); pictures are never enlarged",
+        help="fit at this picture width in pixels (default: 480 along the longer side); pictures are never enlarged",
     )
     sub.add_argument("--hold-out", type=int, metavar="N", help="keep frames with index %% N == N-1 for measuring")
     sub.add_argument("--masks", metavar="DIR", help="folder of masks of what moves, or 'layout' for the data set's own")

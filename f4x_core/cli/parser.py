@@ -16,7 +16,6 @@ from ..scene.mesh import MeshConfig
 from .checks import path_argument, scene_argument
 from .options import (
     CLIP,
-    WIDTH,
     Verbs,
     add_verb,
     backend_option,
@@ -375,7 +374,7 @@ def _features(verbs: Verbs) -> None:
         "--rank", type=int, metavar="K", help="keep the K strongest directions of every teacher's features"
     )
     sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the frames to use")
-    sub.add_argument("--width", type=int, default=WIDTH, help=f"picture width in pixels (default: {WIDTH})")
+    sub.add_argument("--width", type=int, help="picture width in pixels (default: 480 along the longer side)")
     sub.add_argument(
         "--model",
         metavar="PATH",

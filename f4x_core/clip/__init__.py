@@ -2,7 +2,7 @@
 
 from .images import write_images
 from .model import Clip
-from .read import read_clip
+from .read import read_clip, usual_width
 from .video import write_video
 
-__all__ = ["Clip", "read_clip", "write_images", "write_video"]
+__all__ = ["Clip", "read_clip", "usual_width", "write_images", "write_video"]

@@ -18,6 +18,8 @@ from .model import Clip, Picture, cut
 from .video import decode, describe
 
 STAGE = "reading clip"
+USUAL_SIDE = 480
+"""Pixels along the longer side of a picture, unless told otherwise: what all figures of the project were measured at."""
 ASPECT_TOLERANCE = 0.01  # relative; rounding to even sizes changes the aspect of a 200-pixel frame by this much
 
 
@@ -79,6 +81,12 @@ def read_clip(
         else None,
         picture=picture,
     )
+
+
+def usual_width(source: str | Path) -> int:
+    """Width in pixels at which the longer side of the pictures of `source` has `USUAL_SIDE`, if they are so large."""
+    first = read_clip(source, "0:1")
+    return even_size(first.width, first.height, USUAL_SIDE * first.width // max(first.width, first.height))[0]
 
 
 def frame_indices(frames: str | None, count: int, source: Path | str) -> np.ndarray:

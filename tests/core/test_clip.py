@@ -2,15 +2,18 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import av
 import numpy as np
 import pytest
 from PIL import Image
 
-from f4x_core.clip import Clip, read_clip, write_images, write_video
+from f4x_core.cli.fitting import clip_of
+from f4x_core.clip import Clip, read_clip, usual_width, write_images, write_video
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
+from f4x_core.progress import silent
 
 
 def picture(index, width=24, height=16):
@@ -93,6 +96,18 @@ def test_one_frame_grey_palette_and_alpha_pictures_are_read(tmp_path):
     Image.fromarray(np.dstack([picture(1), picture(2)[..., 0]])).save(tmp_path / "rgba.png")
     Image.fromarray(picture(1)).convert("P").save(tmp_path / "palette.png")
     np.testing.assert_array_equal(read_clip(tmp_path).frames[2], picture(1))
+
+
+@pytest.mark.parametrize(
+    ("size", "width"), [((1080, 1920), 480), ((1920, 1080), 270), ((540, 540), 480), ((90, 160), 160), ((160, 90), 90)]
+)
+def test_the_usual_size_is_that_of_the_longer_side(tmp_path, size, width):
+    write_images(tmp_path / "clip", [np.full((*size, 3), 99, np.uint8)])
+    assert usual_width(tmp_path / "clip") == width
+    args = SimpleNamespace(clip=tmp_path / "clip", frames=None, width=None, hold_out=None, masks=None)
+    assert clip_of(args, silent).width == width
+    args.width = 64
+    assert clip_of(args, silent).width == 64
 
 
 def test_jpegs_turned_by_the_phone_come_upright(tmp_path):
