@@ -20,7 +20,7 @@ from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, without_frames
 from ..files import replace_file
 from ..fit.config import FitConfig, resolved
-from ..fit.pipeline import ClipFit
+from ..fit.pipeline import ClipFit, FitResult
 from ..fit.previous_window import PreviousWindow, WindowFit
 from ..fit.settings import list_settings, set_fields
 from ..geometry.camera import CameraPath
@@ -50,6 +50,8 @@ class WindowBefore:
     """Frames from its first to the later window's first."""
     next_node: int
     """First node id that no window has used."""
+    next_id: int
+    """First id of a Gaussian that no window has used."""
     digest: str
     """Hash of what the later window depends on."""
 
@@ -57,7 +59,7 @@ class WindowBefore:
     def of(cls, scene: Scene, path: Path, offset: int) -> WindowBefore:
         """The window whose `scene` is at `path`."""
         next_node = int(scene.provenance["window"]["next_node"])
-        return cls(path, offset, next_node, PreviousWindow(scene, offset, next_node).digest)
+        return cls(path, offset, next_node, scene.next_id, PreviousWindow(scene, offset, next_node).digest)
 
     def read(self) -> PreviousWindow:
         """The window with its scene."""
@@ -132,13 +134,8 @@ class WindowRequest:
 
     def fit(self, progress: Progress) -> None:
         """Fit and measure the window; leaves its scene and its diagnostics page."""
-        clip, folder, config = self.clip, self.folder, self.config
-        if self.before is None:
-            previous, fit = None, ClipFit(clip, folder, config, progress, self.resume)
-        else:
-            previous = self.before.read()
-            fit = WindowFit(clip, folder, config, progress, self.resume, previous=previous)
-        result = fit.run()
+        clip, folder, backend = self.clip, self.folder, self.config.backend
+        result = self._fitted(progress)
         from ..fit.diagnostics import (  # matplotlib: a second that the start need not wait
             render_previews,
             write_diagnostics,
@@ -146,18 +143,24 @@ class WindowRequest:
 
         scene = result.scene
         masks = result.priors.moving_masks
-        seen = near_path(scene)
-        metrics = evaluate(seen, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
-        images = render_previews(scene, metrics, config.backend)
+        metrics = evaluate(near_path(scene), clip, baselines=True, masks=masks, backend=backend, progress=progress)
+        images = render_previews(scene, metrics, backend)
         write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
         newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))
-        next_node = max(newest + 1, 0 if previous is None else previous.next_node)
-        known = 0 if previous is None else previous.scene.next_id
+        next_node = max(newest + 1, 0 if self.before is None else self.before.next_node)
+        known = 0 if self.before is None else self.before.next_id
         window = {"key": self.key, "next_node": next_node, "own": int((scene.static.ids >= known).sum())}
         provenance = {**scene.provenance, "window": window}
         write_scene(replace(scene, metrics=without_frames(metrics), provenance=provenance), folder / SCENE)
         for done in ("priors", "checkpoints"):  # a long clip would fill the disk with them
             shutil.rmtree(folder / done, ignore_errors=True)
+
+    def _fitted(self, progress: Progress) -> FitResult:
+        """The fit; what it held of the window before is gone when it ends."""
+        given = self.clip, self.folder, self.config, progress, self.resume
+        if self.before is None:
+            return ClipFit(*given).run()
+        return WindowFit(*given, previous=self.before.read()).run()
 
 
 def near_path(scene: Scene) -> Scene:

@@ -25,7 +25,6 @@ from ..priors import Priors
 from ..priors.config import config_hash
 from ..priors.flow import consistent, dis, grey
 from ..raster.blend_weights import blend_weight_sums
-from ..raster.in_view import in_view
 from ..scaffold import Scaffold
 from ..scaffold.joining import continue_nodes
 from ..scene import Scene, StaticSet
@@ -222,9 +221,7 @@ class PreviousWindow:
             wrong, _ = self._compare(world, clip, priors, row, backend)
             judged = still.get(row, np.ones_like(wrong))
             layers = np.stack([np.ones_like(wrong), judged, wrong & judged], -1).astype(np.float32)
-            camera = priors.cameras[int(row)]
-            near = np.flatnonzero(in_view(world, camera))
-            weights[near] += blend_weight_sums(world.take(near), camera, layers, backend=backend)
+            weights += blend_weight_sums(world, priors.cameras[int(row)], layers, backend=backend)
         stays = weights[:, 2] <= 0.5 * weights[:, 1]
         drawn = world.take(stays & (weights[:, 0] > 0))
         explained = {}

@@ -9,6 +9,7 @@ from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from . import as_tensors, backend_function, choose_backend
 from .contract import RasterConfig, RasterInput
+from .in_view import in_view
 from .inputs import prepare
 
 
@@ -32,14 +33,21 @@ def blend_weight_sums(
         raise F4xError(
             f"layers have the shape {layers.shape}, the camera's image has {camera.height} x {camera.width} pixels."
         )
-    layers = np.ascontiguousarray(layers, np.float32)
-    given = _prepared(splats, camera, layers.shape[2], config)
-    chosen = choose_backend(backend, given.splats.means)
-    if chosen == "plain":
+    config = config or RasterConfig()
+    seen = in_view(splats, camera, config)
+    sums = np.zeros((len(splats), layers.shape[2]), np.float32)
+    given = _prepared(splats.shape.take(seen), camera, layers.shape[2], config)
+    sums[seen] = _sums(given, np.ascontiguousarray(layers, np.float32), choose_backend(backend, given.splats.means))
+    return sums
+
+
+def _sums(given: RasterInput, layers: np.ndarray, backend: str) -> np.ndarray:
+    """`blend_weight_sums` of what is in view."""
+    if backend == "plain":
         from .plain import blend_weight_sums_plain
 
         return blend_weight_sums_plain(given, layers)
-    if chosen == "native":
+    if backend == "native":
         from .native import color_gradient
 
         return color_gradient(given, layers)
@@ -48,7 +56,7 @@ def blend_weight_sums(
     tensors = as_tensors(given)
     tensors.colors.requires_grad_()
     with torch.enable_grad():  # whatever the caller does
-        backend_function(chosen)(tensors).channels.backward(torch.from_numpy(layers))
+        backend_function(backend)(tensors).channels.backward(torch.from_numpy(layers))
     return tensors.colors.grad.numpy()
 
 

@@ -92,7 +92,7 @@ def test_a_request_is_read_as_it_was_written(tmp_path):
     config = dataclasses.replace(
         config, sh_degree=1, priors=dataclasses.replace(config.priors, cameras=found, files={"depth": "a b.npy"})
     )
-    before = window.WindowBefore(tmp_path / "scene.f4x", 7, 41, "digest")
+    before = window.WindowBefore(tmp_path / "scene.f4x", 7, 41, 1234, "digest")
     asked = window.WindowRequest(clip, tmp_path / "here", config, before, True)
     read = window.WindowRequest.read(asked.write())
     assert (read.folder, read.config, read.before, read.resume) == (asked.folder, config, before, True)
