@@ -33,8 +33,8 @@ from ..language.lexicon import FUNCTION_WORDS, word_set
 from ..language.times import Span, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .commands import ADDS_NOTHING, COMMANDS
-from .phrases import besides, known_thing, thing
-from .slots import AGAIN, REMARK, TOPIC, Command
+from .phrases import besides, known_thing, spares, thing
+from .slots import AGAIN, ENDED, REMARK, TOPIC, Command
 
 
 class Clause(NamedTuple):
@@ -46,6 +46,8 @@ class Clause(NamedTuple):
     """A time before the command; it also holds for what follows with "and"."""
     hard: bool = False
     """It begins a sentence of its own or comes after what was said before: ". ", "then"."""
+    ended: bool = False
+    """It is said when it is over."""
     gapped: bool = False
     """Its verb is that of the clause before: "make the dog red and [the cat blue]"."""
 
@@ -88,7 +90,7 @@ _afterthought = either(
 """How much, said behind what is done: "make it red, only slightly"."""
 _filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
 _SOFT, _HARD = (
-    ", and also|, and|and also|and|,|but|, but|plus|+|while|, while|whereas|, whereas",
+    ", and also|, and|and also|and|as well as|, as well as|,|but|, but|plus|+|while|, while|whereas|, whereas",
     ".|;|!|then|and then|, then|, and then|afterward|, afterward|and afterward|thereafter|after that|and after that|, after that",
 )
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
@@ -124,7 +126,7 @@ _start = (
     + ~literal("first|to begin with|to start with|for starters")
     + optional(_filler + _topic_before)
 )
-_ONE_MORE, _RUN_ON, _IN_FRONT = 2, 12, 0.1
+_ONE_MORE, _RUN_ON, _IN_FRONT = 2, 7, 0.1
 """Costs of a command behind another, and of one with nothing between; what a time before a command is better than one within."""
 _JOINING = EMPTY | word_set("also too then just now please only")
 """Words before the verb of a clause."""
@@ -138,6 +140,7 @@ _any_order: list[tuple[Command, dict[str, Rule], frozenset[str]]] = [
             "when": _when,
             "slowly": _slowly,
             "besides": besides,
+            "spares": spares,
         },
         command.needed | (frozenset() if command.use.bare or command.use.whole else {"who"}),
     )
@@ -270,7 +273,7 @@ def _commands(found: Found) -> bool:
 
 def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     """Whether the values of a command go together."""
-    if command.make in (REMARK, AGAIN):
+    if command.make in (REMARK, AGAIN, ENDED):
         return not {"nothing", "when"} <= filled.keys()  # "and let it run again at second 2" asks for something
     with suppress(Refusal, Mismatch):
         command.make(**arguments(filled))
@@ -278,7 +281,7 @@ def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     return False
 
 
-OF_ALL = ("who", "when", "slowly", "besides", "stated", "degree", "lessened")
+OF_ALL = ("who", "when", "slowly", "besides", "spares", "stated", "degree", "lessened")
 """Slots that every command has."""
 
 

@@ -64,6 +64,7 @@ from .phrases import (
     thing,
     two_of_them,
     two_of_them_behind,
+    untouched,
     whose,
 )
 from .selects import All, Current
@@ -71,6 +72,7 @@ from .slots import (
     AGAIN,
     ANGLE,
     BESIDE_IT,
+    ENDED,
     FULL_TURN,
     NAMED,
     OUT,
@@ -158,7 +160,8 @@ _joined = literal("and|,|, and|but|plus|and also|as well as|+")
 _led = here(lambda reading, at: reading.word(at) in ("at", "in", "with"))
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
-    "something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|picture|"
+    "[up|down] to|something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|"
+    "picture|"
     "postcard] (,) (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|"
     "nice|some|for|but|but in|be of|from"
 )
@@ -184,7 +187,7 @@ _noun_of_colour = either(
     + colour
     + literal("as")
     + ~literal("a|an|the")
-    + unless(literal(f"soon|{any_form(*VERBS)}"))
+    + unless(literal(f"soon|{any_form(*VERBS)}") | silent(familiar))
     + Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
     >> making.assigned,
     colour + literal("fur|coat|skin|feathers|plumage|hide|wool|paintwork|body|bodywork|exterior|surface")
@@ -332,9 +335,12 @@ _COLOURING = {
 }
 """Verbs that say of which colour something becomes."""
 _about = ~literal("of|for|on|to|in|with|around|round|about|onto|over|at|from|upon|into|through|across|all over")
+_SEEN_ALONE = word_set("visible seen shown left remain remaining remains there")
+_not_seen_alone = here(lambda reading, at: _SEEN_ALONE.isdisjoint(reading.words))
+"""Of "only the dog should be visible" the rest is not to be seen."""
 _whom = (
     unless(literal("over the [clip|video|film|scene|shot]|across the board"))
-    + ~(~literal("but") + literal("only|just|only for|just for|only with"))
+    + ~(_not_seen_alone + ~literal("but") + literal("only|just|only for|just for|only with"))
     + _about
     + thing
     + ~literal("only|alone")
@@ -350,17 +356,13 @@ def _command(example: str, make: Any, needed: str, use: Use = USUAL) -> Callable
     return add
 
 
+def _is_last(reading: Reading, at: int) -> bool:
+    return not any(token.is_word for token in reading.tokens[at:])
+
+
 # What stays as it is
-_untouched = literal(
-    "alone|be|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|where "
-    "they are|in peace|normal|original|like it is|like it was|in place|the same|out of it|as before|how it is|in (full|"
-    "its) (original|normal) [colors|color|state]|colored|sharp|in focus|crisp|raw|at full (opacity)|fully visible|"
-    "opaque|solid|([keeps|keep|keeping]) (on) [moving|going] (on|normally|as before)|[goes|go|carries|carry|moves|move|"
-    "runs|run] on|continues|continue|[keeps|keep|keeping|retains] [its|his|her|their] (own|original|current) [size|"
-    "place|position|color|colors|speed|look]"
-)
 _command("but leave the dog as it is", REMARK, "spared", NAMED)(
-    verb=literal(every_form("leave|keep|let|stay|remain")), spared=_untouched
+    verb=literal(every_form("leave|keep|let|stay|remain")), spared=untouched
 )
 _command("do not touch the dog", REMARK, "spared", NAMED)(
     spared=literal(
@@ -369,6 +371,23 @@ _command("do not touch the dog", REMARK, "spared", NAMED)(
         "affecting]|no changes to|nothing [to|on|with]|never [touch|change]|do nothing to"
     )
     | literal("not") + here(lambda reading, at: thing.at(reading, at))
+)
+_command("and keep it so", REMARK, "nothing", WHOLE)(
+    nothing=literal("[keep|leave|hold|let] (it|that|them|him|her) (so|that way|this way|like that|like this|there)")
+    + here(_is_last)
+)
+_command("make the dog red at second 1 and back to normal at second 2", ENDED, "ended when", WHOLE)(
+    verb=literal(every_form("go|come|turn|change|switch|return|revert|get|become|make|set|let|be|put|bring|fade")),
+    who=Rule(lambda reading, at: {}, frozenset()),
+    spoken_of=literal("it|he|she|they|him|her|them|that"),
+    ended=literal("back|stop|off again|no longer")
+    + here(lambda reading, at: not {*reading.words[: at - 1]}.isdisjoint(IMPERATIVES))
+    | ~literal("back")
+    + ~literal("to")
+    + literal(
+        "normal (again)|[the|its|his|her|their] (original|usual|normal|old|former|own) [color|self|state|look|size|speed|original|"
+        "normal]|[as|how|what|the way] [it|he|she|they] [was|were|is] (before)|as before|before"
+    ),
 )
 # Colours and looks
 _command("match the dog to the cat", making.matched, "verb source")(
@@ -405,6 +424,9 @@ _complaining: dict[str, Rule] = {
         "(it|that|this|them|him|her) (down|up|back)"
     )
     + optional(amount),
+    "extent": ~literal("is|are|was|looks|look|seems|seem|feels|appears")
+    + degree
+    + here(lambda reading, at: reading.word(at) == "too"),
     "opinion": literal("to me|for me|if you ask me|in my [opinion|eyes]"),
     "who": either(
         literal("it|this|that|its")
@@ -486,7 +508,9 @@ _command("get the yellow out of the car", lambda less: making.added(1.0, (less, 
     out=literal("out|away"),
 )
 _in_color = literal("in (full|its) [color|colors]|colored")
-_only = literal("only|just|nothing but|solely|nothing except|nothing else but|nothing other than|no one but")
+_only = literal("only|just|nothing but|solely|nothing except|nothing else but|nothing other than|no one but") + unless(
+    silent(span)
+)
 _command("only the dog keeps its color", always(making.rest_grayed), "only keeps", NAMED)(
     verb=literal(any_form("keep", "show") + "|let"),
     only=_only,
@@ -572,7 +596,8 @@ _QUALITIES = {
 _way = table(
     {
         any_form("more")
-        + "|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|greater|"
+        + "|add|adds|adding|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|"
+        "greater|"
         "bigger": True,
         any_form("less")
         + "|out|back|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer|reduction|decrease": False,
@@ -597,7 +622,8 @@ _too = ~literal("far|way|much|a bit|a little|rather|really|still|just") + table(
     reserve=False,
 )
 _to_value = (
-    literal("to|at|=|:|be|of|is")
+    unless(here(lambda reading, at: any(end > at for i in range(max(at - 5, 0), at) for end in span.at(reading, i))))
+    + literal("to|at|=|:|be|of|is")
     + ~literal("about|around|exactly|only")
     + either(percent, multiple, number)
     + ~literal("of [its|the|their] (original|current|normal|present) (value|size|speed|brightness|level)")
@@ -822,7 +848,7 @@ _command("the dog is too dark", REMARK, "complaint")(
 
 # Taking out
 _command("remove everything except the dog", always(making.extracted), "verb", NAMED)(
-    who=everything_but, verb=literal(asked_form("delete")) + ~OUT
+    who=everything_but, verb=literal(asked_form("delete") + "|strip|wipe|scrub") + ~OUT
 )
 _command("show everything but the dog", always(making.opacity(0.0)), "verb", NAMED)(
     who=everything_but, verb=literal(every_form("show|keep|leave|display|see"))
@@ -845,16 +871,21 @@ _command("without the dog", always(making.deleted), "without", NAMED)(
         "in [the|this] [scene|picture|video|clip|image|shot]|any more|anymore|there|any longer|in [it|here|there]"
     ),
 )
+_rest_gone = (
+    silent(everything_else)
+    + ~literal("should|must|has to|can|is to|may")
+    + literal("go|be gone|gone|away|disappear|vanish|out|removed|be removed|be deleted|deleted|hidden|be hidden|goes")
+)
 _command("cut out the dog and drop the rest", always(making.extracted), "verb rest", NAMED)(
     verb=literal(
         every_form(
-            "cut out|cut|clip out|crop out|lift out|mask out|key out|rotoscope|roto|roto out|take out|keep|leave|save|retain"
+            "cut out|cut|clip out|crop out|lift out|mask out|key out|rotoscope|roto|roto out|take out|keep|leave|save|retain|stay|"
+            "remain"
         )
     ),
     out=literal("out"),
     rest=~(_joined | literal(".|;|then|, then|and then|but"))
-    + literal(asked_form("delete", "hide"))
-    + silent(everything_else),
+    + (literal(asked_form("delete", "hide")) + silent(everything_else) | _rest_gone),
 )
 _command("take the car out", always(making.deleted), "verb out", NAMED)(verb=literal(asked_form("take")), out=OUT)
 _command("delete the car", always(making.deleted), "verb", NAMED)(
@@ -888,7 +919,7 @@ _LEAVING = frozenset(every_form("leave|let").split("|"))
 _command("keep only the dog", always(making.extracted), "only", NAMED)(
     verb=literal(
         any_form("keep", "isolate")
-        + "|standing|want|be left|stay|remain|remains|left|lift|lift out|visible|there|in it"
+        + "|standing|want|(be) [left|visible|seen|shown|there|remaining]|stay|remain|remains|lift|lift out|in it"
     ),
     only=~literal("on")
     + literal(
@@ -903,9 +934,8 @@ _command("keep only the dog", always(making.extracted), "only", NAMED)(
         "[background|black|nothing|alpha]|with alpha"
     ),
     rest=~_joined + literal(any_form("delete", "hide")) + silent(everything_else)
-    | silent(everything_else)
-    + ~literal("should|must|has to|can|is to")
-    + literal("go|be gone|gone|away|disappear|vanish|out|removed|be removed|be deleted|deleted|hidden|be hidden|goes"),
+    | _rest_gone
+    | literal("from") + (silent(everything_else) | literal(f"the [background|surroundings|{PICTURE}]")),
 )
 
 # Showing again
@@ -1072,8 +1102,11 @@ _copy_place = {**BESIDE_IT, "changed": _changed_copy}
 _command("copy the dog to the left", making.copied, "copy")(
     who=~literal("of|for") + thing,
     copy=either(
-        literal(any_form("copy")),
-        ~literal("more|extra|other|identical|additional|new|second|single|ghostly") + _copy_noun,
+        unless(silent(fraction_of("size|sizes|scale|speed|height|width|length|in size")))
+        + (
+            literal(any_form("copy"))
+            | ~literal("more|extra|other|identical|additional|new|second|single|ghostly") + _copy_noun
+        ),
         literal("[more|another|extra|second] [one of|ones of]|one more of|[another|one more|a second] one")
         | literal("one more|another") + unless(silent(familiar)) + unless(literal("one|time|step|turn|bit")),
     ),
@@ -1428,16 +1461,14 @@ _command("fade to black at the end", making.fading_to, "verb rgb", WHOLE)(
 # What refers to what was said before
 
 
-def _is_last(reading: Reading, at: int) -> bool:
-    return not any(token.is_word for token in reading.tokens[at:])
-
-
 _command("the cat too", AGAIN, "again", NAMED)(
-    verb=literal("do|it|that|this|make it|apply it|apply that|go on|continue|and"),
+    verb=literal("do|it|that|this|make it|apply it|apply that|go on|continue|and|be"),
     again=literal(
-        "again (but) [with|for|to|on]|ditto (for|with|on)|[do|apply|repeat] [that|this|it] (again) (but) [with|for|to|"
+        "(and) so [too|should|must|shall|does|do|is|are|can] (too)|as well as|along with|together with|again (but) "
+        "[with|for|to|on]|ditto (for|with|on)|[do|apply|repeat] [that|this|it] (again) (but) [with|for|to|"
         "on]|too|as well|also|the same|same|likewise|the same thing|same thing|the same way|same again"
-    ),
+    )
+    | literal("then|and then") + here(lambda reading, at: not {*reading.words[: at - 1]}.isdisjoint(IMPERATIVES)),
 )
 _more_again = ~literal("but|just|now|and|make it|go|do it|even|still|yet")
 _command("a bit more", AGAIN, "again")(

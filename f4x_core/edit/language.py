@@ -52,7 +52,7 @@ from ..language.lexicon import (
     written,
 )
 from ..language.paraphrases import closed_up, in_order, opened, paraphrases
-from ..language.times import HALF_WAY, Span, TimeExpression
+from ..language.times import HALF_WAY, START, Span, TimeExpression
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS
 from . import meaning, qualities
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
@@ -62,10 +62,13 @@ from .description import in_words
 from .making import BESIDE, COPY_DISTANCE, SHOWN, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
 from .misgivings import misgiving
 from .operations import (
+    Blur,
     Delete,
     Duplicate,
     Extract,
     Freeze,
+    Glow,
+    Grade,
     Match,
     Opacity,
     Operation,
@@ -78,7 +81,7 @@ from .phrases import SentenceContext, When, familiar, known_thing, several_place
 from .qualities import any_look, effect
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
-from .slots import AGAIN, REMARK, TOPIC, Command
+from .slots import AGAIN, ENDED, REMARK, TOPIC, Command
 from .styles import STYLES
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
@@ -209,7 +212,7 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
             "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the people'."
         )
     if read.only_then and any(
-        isinstance(one, Extract) or (isinstance(one, Opacity) and not _removes(one)) for one in operations
+        isinstance(one, Extract) or (isinstance(one, Opacity) and one.factor > 1) for one in operations
     ):
         raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
     named = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
@@ -338,7 +341,7 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
 
 def _deletes(clause: Clause) -> bool:
     """Whether a clause of the sentence before removed something."""
-    return clause.command.make not in (REMARK, AGAIN) and clause.command.make(**arguments(clause.slots)) in (
+    return clause.command.make not in (REMARK, AGAIN, ENDED) and clause.command.make(**arguments(clause.slots)) in (
         deleted,
         extracted,
     )
@@ -377,7 +380,8 @@ _BARRED = (
     ),
     _Barred(  # what a sentence says of something that is not to be done, in front of it
         r"\b(?:hate (?:to|it (?:if|when)|for|seeing|having)|(?:wrong|mistake|shame|pity|crime|sin|disaster|foolish|"
-        r"(?:bad|terrible|awful|horrible|poor|stupid) idea) (?:to|if|that|for)|(?:refuse|decline|object|hesitate) to|refrain from|"
+        r"(?:bad|terrible|awful|horrible|poor|stupid) idea) (?:to|if|that|for)|(?:refuse|decline|(?:i|we|not|would|strongly) "
+        r"object|hesitate) to|refrain from|"
         r"(?:avoid|against) \w+ing|(?:forbidden|prohibited|not allowed|afraid) to|doubt (?:that|if|whether)|"
         r"i(?: a|')m afraid .*\b(?:will|might|could|may|going to) (?!have to)|do you think (?:i|we|any\w+) wants? |"
         r"(?:hardly|scarcely) any(?:one|body)|(?:nobody|no one|none of us) (?!(?:\w+ )?(?:should|to see|would miss|needs))|"
@@ -588,7 +592,7 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Said | None:
         context.last, context.they = then.last, then.they
         if isinstance(context.last, Named) and context.last.name in then.copies:
             context.last = next(reversed([*context.earlier]), then.copies[context.last.name])
-    done = [clause for clause in clauses if clause.command.make not in (REMARK, AGAIN)]
+    done = [clause for clause in clauses if clause.command.make not in (REMARK, AGAIN, ENDED)]
     return (done[-1].command, done[-1].slots) if done else None
 
 
@@ -604,6 +608,8 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         own = piece.get("when")
         if own and clause.front and clause.front.kind == "moment" and own.kind == "length":
             own = _about(clause.front.start, own)
+        elif own and clause.front and clause.front.kind in ("moment", "from") and own.start == START and own.end:
+            own = Span(clause.front.start, own.end)  # "at second 1 make it red until second 2"
         elif own and clause.front:
             raise Refusal("Two times are said for one command; leave one out.")
         who, assumed = _whom(command, piece, context, timed=front is not None)
@@ -624,6 +630,11 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         topics = [*topics, who] if clause.gapped else [who]
         settled = When.of(own or front or _time_behind(clauses, at), context, "slowly" in piece)
         for operation in _made(command, piece, who, settled, context, assumed):
+            lasts = isinstance(operation, Recolour | Opacity | Style | Grade | Blur | Glow | Freeze)
+            if clause.ended and (not lasts or _removes(operation)):
+                raise Refusal(
+                    "It is not said what becomes of it then; say for example 'move it back to the right at second 2'."
+                )
             if operation.select == THE_COPY and context.last is not None:
                 operation = replace(operation, select=context.last)  # type: ignore[arg-type]  # of a copy
             elif isinstance(operation, Duplicate):
@@ -650,6 +661,10 @@ def _whom(
     context.last = context.last or who
     if who is None:
         who = Current() if context.selected and use.bare else All()
+    if "spares" in piece:
+        last = context.last
+        context.spared.append(piece["spares"](context))
+        context.last = last
     if "besides" in piece:
         spared = Not(piece["besides"](context))
         context.last = who = spared if who == All() else And((who, spared))
@@ -694,7 +709,14 @@ def _shared(clauses: Clauses) -> Clauses:
         if "who" in clause.slots or (clause.hard and at > 1):
             break
         shared[at] = clause._replace(slots={**clause.slots, "who": shared[0].slots["who"]})
-    for at in range(len(clauses) - 1, 0, -1):
+    for at in range(len(shared) - 1, 0, -1):  # "red at second 1 and back to normal at second 2"
+        before, over = shared[at - 1], shared[at]
+        if over.command.make is ENDED:
+            begun = before.slots.get("when") or before.front
+            when = Span(begun.start if begun else START, over.slots["when"].start)
+            shared[at - 1] = before._replace(slots={**before.slots, "when": when}, front=None, ended=True)
+            del shared[at]
+    for at in range(len(shared) - 1, 0, -1):
         verb, following = shared[at - 1], shared[at]
         # "double the saturation and halve the contrast of the sky"
         alike = verb.command is following.command and verb.command.use.whole
@@ -733,8 +755,8 @@ def _remarked(who: SelectKind, piece: Mapping[str, Any], when: When, context: Se
     if piece.get("complaint"):
         context.last = who
         helps = piece["complaint"](who, when, context)
-        if piece.get("fix"):
-            helps = _by_degree(helps, piece["fix"])
+        for degree in filter(None, (piece.get("extent"), piece.get("fix"))):
+            helps = _by_degree(helps, degree)
         if who == All() and isinstance(helps, Transform):
             raise Refusal("The clip itself has no size and no place to change; say which thing is meant.")
         context.complaints.append(helps)
@@ -829,6 +851,8 @@ def _says_no_more(made: Any, one: Operation) -> bool:
     """Whether an operation does nothing that the one before it did not: "keep only the dog and delete the rest"."""
     if isinstance(made, Opacity) and isinstance(one, Opacity) and made.frames and made.frames[1] and not one.frames:
         return made.select == one.select and one.factor == SHOWN  # "hide it for a second, then it is back"
+    if isinstance(made, Recolour) and isinstance(one, Recolour) and made.frames and made.frames[1] is None:
+        return one == replace(made, frames=None, ease=one.ease)  # "red from second 2 on, and keep it red"
     return (
         isinstance(made, Extract)
         and isinstance(one, Delete | Opacity)
@@ -1207,7 +1231,7 @@ _SAID_HALF = (
 """(Example, verbs, slot that is needed, whom it is for) of commands that are read in any order."""
 _EXAMPLES = dict.fromkeys(
     (
-        *(command.example for command in COMMANDS if command.make not in (REMARK, AGAIN)),
+        *(command.example for command in COMMANDS if command.make not in (REMARK, AGAIN, ENDED)),
         *(example for example, *_ in _SAID_HALF),
         *("isolate the dog", "turn the dog into gold", "speed up the dog", "paint the car blue"),
     )

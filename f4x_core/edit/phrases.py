@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from ..language.amounts import VIEWER, number, number_at
+from ..language.amounts import VIEWER, direction, number, number_at
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
 from ..language.grammar import (
@@ -146,6 +146,7 @@ class When:
         if end is not None and end < start:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
         kind = "moment" if phrase.kind == "from" else phrase.kind
+        slowly = slowly or (kind == "by" and phrase.end == END)
         second, edge = min(context.fps, last), None
         if phrase.kind == "moment" and phrase.start in (START, END):
             edge = (0.0, float(second)) if phrase.start == START else (float(max(last - context.fps, 0)), None)
@@ -367,6 +368,22 @@ def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 yield end, f"{label} {reading.text_of(middle, end).lower()}"
 
 
+def _worn_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
+    """What somebody wears or has: "hat that the man is wearing", "hat worn by the man", "hat on the man"."""
+    for middle, label in (*_known_at(reading, at), *_stranger_at(reading, at)):
+        start = middle + (reading.word(middle) in ("that", "which"))
+        by = reading.words[start : start + 2] in (["worn", "by"], ["held", "by"], ["carried", "by"])
+        on = reading.word(middle) == "on" and label in _WORN
+        start += 2 * by + on
+        start += reading.word(start) in _ARTICLES
+        for end, owner in _known_at(reading, start) if start > middle else ():
+            last = end + (reading.word(end) == "is") + 1
+            has = start + 1 > middle + 1 and reading.word(last - 1) in _HAS and not (by or on)
+            if has or by or (on and re.match(PEOPLE, owner)):
+                yield (last if has else end), f"{owner}'s {label}"
+
+
+_HAS = word_set("wears wearing has holds holding carries carrying owns")
 _WORN = word_set(
     "hat cap helmet shirt jacket coat dress sweater jersey pullover hoodie scarf trousers jeans shorts pants skirt suit "
     "uniform vest boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail horn collar "
@@ -536,6 +553,7 @@ def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 _doing = ~_article + _things(_relative_at)
+_worn = _article + _things(_worn_at)
 _wearing = ~_article + _things(_wearing_at)
 _all_that = keyword(
     "what|whatever|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
@@ -557,7 +575,10 @@ _static = either(
     ~_article
     + keyword("static|still|standing|stationary|motionless|unmoving|fixed")
     + either(_objects, keyword("background|scene")),
-    ~keyword("the|its|all the") + ~keyword("whole|entire") + keyword("background|backdrop|surroundings|scenery"),
+    ~keyword("[everything|all|anything|what is|whatever is|all that is|everything that is] (back) in")
+    + ~keyword("the|its|all the")
+    + ~keyword("whole|entire")
+    + keyword("background|backdrop|surroundings|scenery"),
 ) >> _always(Not(Moving()))
 _moving_noun = either(
     ~_article + keyword("moving") + _noun,
@@ -729,7 +750,7 @@ _everything = silent(
     either(
         keyword(
             "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the "
-            "[things|objects]|all [things|objects]|every [object|thing]"
+            "[things|objects]|all [things|objects]|every (single) [object|thing]|[everything|all] there is (to see)"
         ),
         keyword(
             f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|[the|"
@@ -830,6 +851,7 @@ _definite = (
         _part_of_known,
         _named_at_length,
         _wearing,
+        _worn,
         _everything >> _always(All()),
         _it,
         _they,
@@ -895,8 +917,17 @@ def _is_same_wish(reading: Reading, at: int) -> bool:
     start = at
     while start > 0 and reading.word(start - 1) in _SEPARATORS:
         start -= 1
+    ends_in_a_way = reading.word(start - 1) in _SIDEWAYS
     while start > 0 and reading.word(start - 1) not in _SEPARATORS:
         start -= 1
+    if reading.word(at) in ("everything", "all") and reading.word(at - 1) == ",":
+        return False  # "apart from the dog, everything"
+    if ends_in_a_way and any(
+        reading.word(way - 1) in _SIDEWAYS and reading.word(way) in _ENDS
+        for end in _named_noun.at(reading, at)
+        for way in direction.at(reading, end)
+    ):
+        return False  # "move the dog to the left and the cat to the right"
     ends = (e for i in range(at, at + 4) if reading.word(i) == "in" for e in colour.at(reading, i + 1))
     if reading.word(at - 3) == "in" and colour.at(reading, at - 2) and any(reading.word(e) in _ENDS for e in ends):
         return False  # "the rider in blue, the horse in white"
@@ -906,10 +937,12 @@ def _is_same_wish(reading: Reading, at: int) -> bool:
 
 
 def _quality_at(reading: Reading, at: int) -> bool:
+    at += reading.word(at) in ("a", "an")
     return bool(colour.at(reading, at)) or reading.word(at) in ("bigger", "smaller", "larger", "taller", "shorter")
 
 
 _SEPARATORS = frozenset({",", "and", "or", "plus", "+"})
+_SIDEWAYS = word_set("left right up down back forward away closer")
 _ENDS = _SEPARATORS | {"", ".", ";", "!", "please"}
 _single = either(_definite, _bare_stranger + _in_scene)
 two_of_them_behind = (
@@ -931,13 +964,58 @@ _union = either(_both_of_them, ~keyword("both|either") + listed(_single, _and_al
 known_thing = ~keyword("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
 _EXCEPT = (
-    "except (for)|apart from|aside from|other than|excluding|besides|with the exception of|but not|without|minus|"
+    "[just|only|but please] not|except (for)|apart from|aside from|other than|excluding|besides|barring|sparing|skipping|"
+    "ignoring|leaving aside|with the exception of|but not|without|minus|"
     "not including|but (for)|[that|which|who] [is|are] not|save (for)|bar|leaving out|except of|beside from|outside of"
 )
 _the_biggest = keyword("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
-_besides = ~keyword(",") + (keyword(_EXCEPT) + (_union | _the_biggest) | _union + keyword("excepted|aside"))
+_everywhere_else = keyword(
+    "[everything|anything|all] [else|other] [but|than|except]|all (the) other [things|objects] [than|but|except]"
+)
+untouched = literal(
+    "alone|be|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|where "
+    "they are|in peace|normal|original|like it is|like it was|in place|out of it|as before|how it is|in (full|"
+    "its) (original|normal) [colors|color|state]|colored|sharp|in focus|crisp|raw|at full (opacity)|fully visible|"
+    "opaque|solid|([keeps|keep|keeping]) (on) [moving|going] (on|normally|as before)|[goes|go|carries|carry|moves|move|"
+    "runs|run] on|continues|continue|[keeps|keep|keeping|retains] [its|his|her|their] (own|original|current) [size|"
+    "place|position|color|colors|speed|look]"
+) | literal("the same") + unless(literal("for|with|to|on|as|color|size"))
+"""How something stays that is not touched."""
+_sparing = (
+    ~keyword("(,) [but|and|yet|while]")
+    + keyword(
+        "(please|just|only|do) [leave|leaving|keep|keeping|spare|skip|ignore|leave out|exclude|omit|omitting] (only|just)|[not|"
+        "without] [affecting|changing|touching|including]|do not [affect|change|touch|include]"
+    )
+    + ~keyword("the [color|colors] of")
+)
+_spared_after = (
+    keyword("'s (own) [color|colors]") | untouched | keyword(f"out|there|behind|in [the|this] [{PICTURE}|plate]")
+)
+_besides = ~keyword(",") + (
+    keyword(_EXCEPT) + (_union | _the_biggest)
+    | _union + keyword("excepted|aside|excluded|exempted|not included|left out|being left out")
+)
+_over = here(
+    lambda reading, at: not reading.word(at).isalpha() or reading.word(at) in ("and", "but", "while", "please")
+)
+spares = (
+    ~keyword(",")
+    + either(
+        _sparing + (_union | _the_biggest) + ~_spared_after,
+        _union + keyword("[should|must|may|can] not (be) [change|changed|affected|touched]|[does|do] not change"),
+        ~keyword("(,) [but|and|while]")
+        + _union
+        + keyword("stays|remains|[may|can|should|must|shall|has to|is to] [stay|remain]")
+        + ~untouched,
+    )
+    + _over
+)
+"""Whom a command for everything or several leaves as they are, said in a clause of its own: "but keep the dog"."""
 everything_but = either(
-    _everything + _in_scene + _besides, keyword("[what|whatever|all that|anything that] is not") + _union
+    (_everything | silent(everything_else)) + _in_scene + (_besides | spares | keyword("not") + _union),
+    _everywhere_else + _union,
+    keyword("[what|whatever|all that|anything that] is not") + _union,
 )
 """What is spared in "everything except the dog": a `Who`."""
 

@@ -25,6 +25,11 @@ def AGAIN() -> Value:  # likewise for the command before
     raise Mismatch
 
 
+def ENDED() -> Value:  # likewise for the time at which the command before is over
+    """Make the command before end: "and back to normal at second 2"."""
+    raise Mismatch
+
+
 Given = Value | tuple[tuple[Value], ...]
 """A value, or several as `listed` gives them."""
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 from .grammar import (
+    NOTHING,
     VOCABULARY,
     Mismatch,
     Reading,
@@ -227,7 +228,9 @@ def fraction_of(quality: str) -> Rule:
     """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
     noun = ~keyword("of") + ~keyword(ITS) + keyword(quality)
     decimal = number + keyword("of") + ~keyword(ITS) + keyword(quality)
-    return decimal | either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0})) + noun
+    share = either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0}))
+    added = here(lambda reading, at: reading.word(at - 1) in ("add", "adds", "adding"))  # "add 20 % brightness"
+    return decimal | unless(added) + share + noun
 
 
 # Which way -----------------------------------------------------------------------------------------------------------
@@ -316,12 +319,16 @@ distance = either(
     keyword("by") + percent >> Distance,
     keyword("by") + number >> (lambda x: Distance(x, "world")),
 )
-_step = optional(distance) + direction + optional(distance | percent >> Distance)
+_step = (
+    optional(distance)
+    + unless(literal("right [now|away|here|there|after|before|from|until]"))
+    + direction
+    + optional(distance | percent >> Distance)
+)
 
 
-_at_once = here(lambda reading, at: reading.word(at + 1) not in ("now", "away", "here", "there"))  # "left right now"
 steps = either(
-    listed(_step, keyword("and|,|, and|and then|and also") | _at_once),
+    listed(_step, keyword("and|,|, and|and then|and also") | NOTHING),
     beside >> (lambda way: ((None, way, None),)),
 )
 """`Steps` of "a bit to the left and up by 2 widths"."""

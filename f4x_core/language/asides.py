@@ -21,7 +21,7 @@ CALLS = literal(
     "kind of|sort of|you know|after all|i think|i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|this "
     "time|from there|in one go|of course|though|yeah|yes|preferably|by preference|overall|in total|all in all|first of all|"
     "firstly|secondly|thirdly|finally|at last|completely|entirely|fully|totally|the [heck|hell|crap|shit|life] out of|and "
-    "stuff|or something|out of the way"
+    "stuff|or something|out of the way|in addition|at the same time|on top of [that|this]"
 )
 """Calls, interjections and hedges: they add nothing to an edit or a question."""
 ASKS = literal(
@@ -40,7 +40,9 @@ WISHES = either(
         "remember to|try to|help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel "
         "free to|it is [necessary|required|needed|important|essential|vital|crucial|imperative] (to|that)|[i|we] [search|try|"
         "aim|intend|plan|seek] to|[i|we] can not [figure out|work out|find out|find|see] how to|it would be [nice|great|cool] "
-        "(if)|give me|get me|show me|i am looking for|i am trying to|[we are|i am] going to|your task is to|time to|see|to "
+        "(if)|if only|consider|[start|begin|continue|go on|carry on|finish|end] (off|out|up) [by|with]|your [job|mission|goal] "
+        "is to|[would|will|are|could|can|might] you (be) [able|manage] to|give me|get me|show me|i am looking for|i am trying "
+        "to|[we are|i am] going to|your task is to|time to|see|to "
         "see|have|to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|"
         "ask for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
     ),

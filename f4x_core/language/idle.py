@@ -27,6 +27,8 @@ EMPTY = word_set(
     # how it is done: well
     "simply nicely neatly cleanly carefully kindly gladly uniformly evenly independently separately exactly precisely "
     "correctly accurately visibly noticeably clearly obviously generally typically usually somehow already altogether "
+    # what joins sentences
+    "however furthermore moreover meanwhile simultaneously additionally besides hence therefore accordingly "
     # calls and slang
     "idk uhh umm ummm ngl tbh imo imho fr frfr rn asap lol lmao rofl omg haha hehe yo yoo bro bruh fam dude mate pal buddy "
     "darling honey sweetie dear sir madam alexa siri uh um umm uhm er erm hm hmm mm ah oh ooh wow whoa yay ugh okay "
@@ -37,6 +39,7 @@ _ALONE = EMPTY | word_set("that this the being been to do would will overall wee
 """Words that may stand alone without a meaning of their own."""
 _MEANT = (VOCABULARY, FUNCTION_WORDS, COLOURS, SHADES, ONES, TENS, FRACTIONS)
 """Words that mean something here: negations, limits, amounts, times, directions, colours."""
+_DETERMINERS = word_set("a an the my our his her their its that this all every")
 _STATING = word_set("is are was were does did has")
 """Words with which it is said or asked how something is."""
 _ARTICLES = word_set("a an some")
@@ -127,8 +130,9 @@ def _asides(reading: Reading, known: Collection[str], imperatives: Collection[st
         if stop > at and all(harmless[at:stop]) and any(strange[at:stop]) and (at or stop < end):
             called = stop == at + 1 == end and at and not words[at].endswith(_ADJECTIVES)  # "…, Jarvis"
             found[at] = stop, FILLED * (stop - at) if called or not at else _ASIDE
-        as_a = at > 0 and words[at] == "as" and words[at + 1 : at + 2] in (["a"], ["an"])  # "as a copy" is no reason
-        if words[at] in _REASONS and not as_a and (at or stop < end) and all(map(_tells, words[at:stop])):
+        named = {*words[at + 1 : at + 2]} & (_DETERMINERS | {*imperatives})  # "as a copy", "as red as the cat"
+        likened = words[at] == "as" and named and _STATING.isdisjoint(words[at:stop])
+        if words[at] in _REASONS and not likened and (at or stop < end) and all(map(_tells, words[at:stop])):
             found.setdefault(at, (stop, _ASIDE))
     return found | _openers(words, strange, harmless, imperatives)
 

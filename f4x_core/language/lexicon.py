@@ -52,6 +52,23 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"\bits (?=(?:way|too|so|really|not|just|super|far|much|kind of|a (?:bit|little|tad)) )", "it is "),
     (r"(?<=\d)½", ".5"),
     (
+        r"^(\W*)nothing (?:else )?(should|must|may|shall|is to|can) (.+?),? (?:except|but|other than|besides|apart from)(?: for)? "
+        r"([^,.]+)",
+        r"\1only \4 \2 \3",
+    ),
+    (
+        r"^(\W*)(.+?) (?:should be|is|has to be|must be|shall be) the only (?:(\w+) )?(?:thing|one|object|person)s?\b"
+        r"(?: (?:that|which|who)(?: is|'s|’s)?)?",
+        r"\1only \2 should be \3",
+    ),
+    (r"\bnot (?:only|just) (.+?),? but (?:also |too )?(?:the |a )?(?=\w)", r"\1 and the "),
+    (r"\b(the \w+)['’]s and (the \w+)['’]s (\w+)", r"the \3 of \1 and \2"),
+    (
+        r"\b(no|without(?: any| a| the)?|(?:do not|don['’]?t) (?:want|need|like)(?: to see)?) ([\w ]{2,40}?) n?or (?!not\b)",
+        r"\1 \2 and ",
+    ),
+    (r"\b(the \w+) and (the \w+) ([^,]+?) and ([^,]+?),? respectively\b", r"\1 \3 and \2 \4"),
+    (
         r"\b(the|that|this|my) (\w+)( over there)?,? "
         r"(?:the|that|this) (?!other|same|right|left|first|last|original|new)(\w+) one\b,?(?! and| or)",
         r"\1 \4 \2\3,",

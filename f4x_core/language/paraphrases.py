@@ -85,6 +85,14 @@ _ORDERS = r"""
 ^(?:after|once) (?:you have|you've|we have|you|we|that,?) (?P<a>[a-z]+ .+?), (?P<b>[a-z]+ .+)$ => \g<a>. \g<b>
 ^(?P<b>.+?),? after (?:you |we )(?:have |'ve )?(?P<a>.+)$ => \g<a>. \g<b>
 ^(?P<b>.+?),? but first,? (?P<a>.+)$ => \g<a>. \g<b>
+^(?P<a>.+?),? before (?P<b>[a-z]+ing (?:the|it|my|that|all|every)[a-z]* .+)$ => \g<a>. \g<b>
+^before (?P<b>[a-z]+ing (?:the|it|my|that|all|every)[a-z]* .+?),?
+    (?P<a>(?:make|turn|paint|move|put|blur|remove|delete|hide|play|slow|speed|copy|let|set) .+)$
+    => \g<a>. \g<b>
+^(?:after|besides|as well as|in addition to|apart from|along with|together with|on top of) (?P<a>[a-z]+ing
+    (?:the|it|my|that|all|every)[a-z]* .+?),? (?P<b>(?:also
+    )?(?:make|turn|paint|move|put|blur|remove|delete|hide|play|slow|speed|copy|let|set) .+)$
+    => \g<a>. \g<b>
 """
 """Sentences whose second part is done first."""
 

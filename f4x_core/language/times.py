@@ -157,8 +157,12 @@ _second_over = keyword("the") + _nth + keyword("second") + ~keyword("is over|has
     lambda n: TimeExpression(seconds=n)
 )
 """What is after the second second is after two seconds."""
+_edge_of_second = keyword("the") + table({"(very) end": 0.0, "(very) [start|beginning]": -1.0}) + keyword("of the") + (
+    _nth + keyword("second")
+) >> (lambda shift, n: TimeExpression(seconds=n + shift))
 moment = ~literal("(the) [timecode|time code|timestamp|time|tc|mark]") + either(
     _after_start,
+    _edge_of_second,
     _edge,
     ~keyword("a|one") + _and_a_half,
     _numbered,
@@ -191,7 +195,11 @@ _portion = ~keyword(
 _pair_between = either(
     _portion
     + keyword("between")
-    + (_pair | percent + _to + percent >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b)))),
+    + (
+        _pair
+        | (percent | fraction) + _to + (percent | fraction)
+        >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b)))
+    ),
     ~keyword("in|for|during")
     + keyword("the [second|seconds|part|time] [between|from]")
     + number
@@ -213,8 +221,9 @@ _length = either(
 _over = ~keyword(
     "[for|in|during|over|within|throughout|on|at|across|inside|through] (only|just)|over the course of|in the course of"
 )
-_first = _over + keyword("(the) (very) [first|opening]") + _length + ~_of_it
-_last = _over + keyword("(the) (very) [last|final|closing]") + _length + ~_of_it
+_whole_s = ~keyword(f"[the|this] [{PICTURE}] 's")
+_first = _over + _whole_s + keyword("(the) (very) [first|opening|initial|starting]") + _length + ~_of_it
+_last = _over + _whole_s + keyword("(the) (very) [last|final|closing|ending|concluding]") + _length + ~_of_it
 _TO_THE_END = "[until|to|through to|through|up until] the (very) end|all the way (through) to the (very) end"
 _goes_on = keyword(
     "(and) [on|onward|forward|after|beyond|later|up]|on out|or later|on forever|"
@@ -225,12 +234,14 @@ _FRAMES = (
     "(in|on|for|during|over) [every|all|any|each] (the|of the) [frame|frames|time|second|seconds]|(for) everything"
 )
 _since = keyword(
-    "(right) from|after|since|ever since|as of|once|not before|beginning|from (about) after|[no|not] [earlier|sooner] than|(any) "
+    "(right) from|after|since|ever since|as of|as from|once|not before|beginning|from (about) after|[no|not] [earlier|sooner] "
+    "than|(any) "
     f"(time) later than|({_FRAMES}|any time|at any time) [after|from|past|beyond|since]|"
     "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at"
 )
 _until = keyword(
-    f"until|before|(right|all the way) [up to|up until]|not after|[no|not] later than|ending [at|with|on|in]|({_FRAMES}|"
+    f"until|before|(right|all the way) [up to|up until]|not after|[no|not] later than|[no|not] longer than (until)|ending [at|"
+    f"with|on|in]|({_FRAMES}|"
     f"any "
     "time|at any time) [before|until|up to]"
 )
@@ -242,6 +253,7 @@ _reaches = (
 _at = keyword("at|@|in|on|around|about|near|exactly at|right at|when|as soon as") | keyword(
     "once|when|as soon as"
 ) + keyword(_reaches)
+_comes = ~keyword("[is|has been] reached|comes|starts|begins|arrives|is there")
 _bare = either(_after_start, duration + keyword(_inside), _part_way, _before_end, _frame_number)
 """Moments that need no word before them: "two seconds in"."""
 _has_passed = (
@@ -250,12 +262,30 @@ _has_passed = (
     + _length
     + keyword("[has|have] [passed|gone by|elapsed|gone]|[is|are] [over|up|through|done|gone]|[passes|elapses]")
 )
+_part = table({**FRACTIONS, "two thirds": 2 / 3, "three quarters": 0.75}) + ~keyword(f"of the [{PICTURE}]")
+_half_over = keyword("after|past|once|when|as soon as") + either(
+    keyword("the first") + _part,
+    _part
+    + keyword(f"(of) the ([whole|entire]) [{PICTURE}|time]|(of) it")
+    + ~keyword("[is|has] [over|passed|gone|done|through|played|gone by|run]"),
+) >> (lambda x: TimeExpression(clip=x))
+"""From where a part of the clip is over: "after the first half", "after half the clip"."""
 _share_has_passed = keyword("once|after|when|as soon as|until") + fraction + ~keyword("of") + keyword(
     f"(the|this|my) [{PICTURE}] [is|has] [over|passed|gone|done|through|played|gone by|run]"
 ) >> (lambda x: TimeExpression(clip=x))
+_wait_over = ~keyword(",|.") + keyword("(and) (only) then|before|and")
 _since_then = either(
     _share_has_passed,
-    _since + _hedge + (moment | _middle_point) + _onward,
+    _half_over + _onward,
+    _since + _hedge + (moment | _middle_point) + _comes + _onward,
+    keyword("from") + percent + keyword("on|onward") >> (lambda x: TimeExpression(clip=x)),
+    keyword("with|when|once")
+    + ~keyword("there [is|are]")
+    + duration
+    + keyword("([is|are]) [left|remaining|to go]|[remains|remain]")
+    >> (lambda length: TimeExpression(clip=1.0).plus(length, -1.0)),
+    keyword("wait") + ~keyword("for") + duration + _wait_over >> START.plus,
+    keyword("wait until") + moment + _wait_over,
     keyword("(right) after|past|once|when") + ~keyword(_reaches) + _second_over + _onward,
     _since + keyword("the (very) [first|opening]") + _length + _onward >> START.plus,
     (_measured | _counted) + _goes_on,
@@ -267,6 +297,7 @@ _just_then = (
     + _hedge
     + (moment | here(lambda reading, at: reading.word(at - 1) in ("around", "about", "near")) + _middle_point)
     + ~keyword("exactly|precisely|sharp|or so|or thereabouts")
+    + _comes
     + ~keyword("[is|are|has] [over|passed|up|done]")
     | _hedge + _bare
 ) + _onward
@@ -276,7 +307,6 @@ _for = (
     + _hedge
     + duration
 )
-_part = table({**FRACTIONS, "two thirds": 2 / 3, "three quarters": 0.75}) + ~keyword(f"of the [{PICTURE}]")
 _during = ~keyword("for|in|during|over|within|throughout|across")
 _within = _during + keyword("the")
 _leading = _during + keyword("(the) [first|opening]") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
@@ -293,13 +323,16 @@ _loosely = keyword(
     "(in|during|for|over) the [last|final|closing] [bit|part|moments]|"
     "[toward|near|close to|just before|shortly before|right before] the (very) end|near (the) end"
 )
-_second_half = _during + keyword("(the) second half") + ~keyword(f"of the [{PICTURE}]") >> (
+_second_half = _during + keyword("(the) [second|latter|later|other|2nd] half") + ~keyword(f"of the [{PICTURE}]") >> (
     lambda: Span(HALF_WAY, None)
+)
+_second_third = _during + keyword("(the) [second|2nd] third") + ~keyword(f"of the [{PICTURE}]") >> (
+    lambda: Span(TimeExpression(clip=1 / 3), TimeExpression(clip=2 / 3))
 )
 
 
 def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
-    return Span(start, start.plus(length))
+    return Span(END.plus(length, -1.0), None) if start == END else Span(start, start.plus(length))
 
 
 def _only_then(start: TimeExpression) -> Span:
@@ -312,6 +345,14 @@ span = either(
     (_pair_from | _pair_between) >> (lambda pair: Span(*pair)),
     _for + _comma + ~keyword("starting|beginning") + _begin >> (lambda length, start: _lasting(start, length)),
     _begin + _comma + _for >> _lasting,
+    _begin
+    + _comma
+    + ~keyword("and")
+    + keyword("(right|all the way) [until|up to|up until]|[no|not] later than|ending [at|with|on|in]")
+    + _hedge
+    + (moment | _middle_point)
+    >> Span,
+    keyword("for the [rest|remainder]") + ~_of_it + _begin >> (lambda start: Span(start, None, "from")),
     either(_mid + _comma + _for, _for + _comma + _mid)
     >> (lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))),
     _first >> (lambda length: Span(START, length)),
@@ -342,12 +383,13 @@ span = either(
     _leading,
     _closing,
     _second_half,
+    _second_third,
     _central,
     _nth_second,
     _loosely >> (lambda: Span(END, None, "moment")),
     keyword("(in|during|for|over) the [first bit|first moments|intro|opening]|near the (very) [beginning|start]")
     >> (lambda: Span(START, None, "moment")),
-    keyword(f"[as|when|once|as soon as|the [moment|second|instant]] the [{PICTURE}] [begins|starts|is starting]")
+    keyword(f"[as|when|once|as soon as|the [moment|second|instant]] the [{PICTURE}] [begins|starts|is starting|opens]")
     >> (lambda: Span(START, None, "moment")),
     keyword(f"[as|when] the [{PICTURE}] [ends|is ending|is over|stops|finishes]")
     >> (lambda: Span(END, None, "moment")),
@@ -356,19 +398,6 @@ span = either(
         f"progresses|plays|runs|advances|unfolds]|over the (whole|entire|full) [{PICTURE}]"
     )
     >> (lambda: Span(START, None)),
-    keyword("for|during")
-    + keyword("a|one")
-    + _unit
-    + ~keyword("or so|or two")
-    + keyword("at the (very) [start|beginning]")
-    >> (lambda unit: Span(START, unit)),
-    keyword("for|over")
-    + duration
-    + ~keyword("or so")
-    + keyword(f"at the (very) [start|beginning|head] (of the [{PICTURE}])")
-    >> (lambda length: Span(START, length)),
-    keyword("for|over") + duration + ~keyword("or so") + keyword(f"at the (very) [end|tail] (of the [{PICTURE}])")
-    >> (lambda length: Span(END.plus(length, -1.0), None)),
     keyword("from|since") + keyword("the") + _nth + keyword("second") + _onward
     >> (lambda n: Span(TimeExpression(seconds=n - 1), None, "from")),
     keyword("in|within") + duration >> (lambda length: Span(NOW, NOW.plus(length), "in")),
@@ -384,7 +413,9 @@ span = either(
             "scene]|forever|the [entire|whole] way|the whole way through|from start to finish|from (the) beginning to (the) "
             "end|(over|for) the whole duration|[over|during|throughout|across] the (whole|entire) [clip|video|film|scene|"
             "footage|shot|movie|sequence|recording]|at all times|in every frame|"
-            "in all frames|on every frame|on all frames": Span(START, None, "always")
+            "[in|on|for] all (the) frames|on every frame|constantly|perpetually|for its [entire|whole] length|from the first "
+            "(frame) to "
+            "the last (frame)": Span(START, None, "always")
         }
     ),
 )

@@ -131,7 +131,8 @@ VERBS: dict[str, str] = {
     "exchange places, exchange positions, change positions, switch positions, flip flop, transpose, reverse the places "
     "of, reverse the positions of, turn around the places of, exchange the places of, rotate the places of, cross "
     "over, trade off, change over, switch out the places of",
-    "match": "match, adapt, color match, take on, take over, pick up, borrow, inherit, adopt, share, steal, harmonize, "
+    "match": "match, adapt, adjust, fit, equalize, color match, take on, take over, pick up, borrow, inherit, adopt, share, "
+    "steal, harmonize, "
     "sync, blend, coordinate, imitate, emulate, tie in, unify, bring in line",
     # copies
     "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, copy and paste, copy paste, "

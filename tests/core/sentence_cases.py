@@ -169,7 +169,7 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
     if target == "background":
         spares = select["of"] if by == "not" else {}  # "and leave the car sharp" may be said beside it
         return any(
-            one["by"] == "moving" for one in (spares, *(spares.get("of", ()) if spares.get("by") == "or" else ()))
+            one.get("by") == "moving" for one in (spares, *(spares.get("of", ()) if spares.get("by") == "or" else ()))
         )
     if target == "moving thing":
         return "moving" in json.dumps(select)

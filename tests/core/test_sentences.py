@@ -39,7 +39,6 @@ REFUSED = (
     "8-bit pixel art shader on the player character (the man)",
     "spawn a ghost racer: man + scooter again, 0.5s behind the originals",
     "Has the horse got somebody riding it, or is it out there all alone?",
-    "paint out the car but leave its shadow in the plate",
     "Legal wants the number plate gone from the car",
     "make it loop for Instagram",
     "can there be ten swans",
