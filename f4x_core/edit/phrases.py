@@ -38,6 +38,7 @@ from ..language.lexicon import (
     ONES,
     PEOPLE,
     PICTURE,
+    SETTING,
     TENS,
     is_adverb,
     singular,
@@ -488,7 +489,7 @@ _determined = either(
 _named_at_length = _article + _strangers
 WHERE: dict[str, Where] = {
     "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer (to)|closer "
-    "(to)|adjacent to|over by|right at": "near",
+    "(to)|adjacent to|over by|right at|against": "near",
     "(to the) left of|[on|at|to] the left (side|hand side) of|left from|left next to": "left",
     "(to the) right of|[on|at|to] the right (side|hand side) of|right from": "right",
     "behind|in back of|at the back of|further back than": "behind",
@@ -603,6 +604,10 @@ _WHICH = {
 _WHERE = {
     f"[on|at|to|of|in] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])|to the far left": "left",
     f"[on|at|to|of|in] [the|its] (far) right (side|hand side|edge) (of [the|this] [{PICTURE}])": "right",
+    "in the left (hand) [half|part|third|corner]": "left",
+    "in the right (hand) [half|part|third|corner]": "right",
+    "in the [upper|top] [half|part|third|corner]": "top",
+    "in the [lower|bottom] [half|part|third|corner]": "bottom",
     "[farthest|furthest|closest|nearest|most] (to|on|at) (the) left": "left",
     "[farthest|furthest|closest|nearest|most] (to|on|at) (the) right": "right",
     "at the (very) top|on (the) top|on the top side": "top",
@@ -798,7 +803,7 @@ everything_else = keyword(
 _everybody_else = _everybody + keyword("else") >> (
     lambda everybody: lambda context: And((everybody(context), Not(context.it("'else'"))))
 )
-_in_scene = ~keyword(
+_in_scene = ~literal(f"in [the|this|our] [{SETTING}]") + ~keyword(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]|out of the "
     f"[{PICTURE}]|[over|out|back|up|down] there|over here"
 )

@@ -85,10 +85,12 @@ colour_value = either(
 more_colour_value = (
     optional(degree >> (lambda how: 0.5 if how.kind == "small" else 2.0), 1.0) + more_colour >> making.added
 )
-without_colour = keyword(
-    "black and white|black white|a black and white [picture|image|look]|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
+without_colour = ~literal("a|an|the") + keyword(
+    "black and white|black white|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
     "gray scale|colorless|desaturated|without (any|its|all) color|without colors"
-) >> (lambda: making.GRAYED)
+) + ~literal("look|filter|effect|video|clip|film|movie|version|picture|image|grade|treatment|footage") >> (
+    lambda: making.GRAYED
+)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
 _SIZE = ("bigger|larger|huger", "smaller|tinier", "big|large|huge|tall|high|wide", "small|tiny|little|short")
 _SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speedy", "slow|slowly")

@@ -272,6 +272,11 @@ PICTURE = (
     "recording"
 )
 """Words for what is seen."""
+SETTING = (
+    "park|street|garden|yard|field|meadow|forest|woods|bedroom|kitchen|city|town|village|beach|playground|stadium|arena|hall|"
+    "studio|gym|zoo|desert|countryside"
+)
+"""Words for where all that is seen is: they tell no thing from another."""
 EVERYBODY = ("person", "people", "human")
 PEOPLE = (
     r"person|people|humans?|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|bab(?:y|ies)|boys?|girls?|guys?|lad(?:y|ies)|"

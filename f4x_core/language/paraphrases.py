@@ -75,6 +75,11 @@ _REWRITINGS = r"""
     colou?rs?)? to (?:match|fit|be like) (?:that of |those of )?{REST}$ => match \g<x> to \g<rest>
 ^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{COLOUR}) (?:colou?r )?(?:of|on|in) {X}
     (?:for|with|by|to|into) (?:a |an |the |some )?{REST}$ => make \g<x> \g<rest>
+^(?:please )?(?:stop|keep|prevent|hinder) {X} from (?:moving|going anywhere|driving|walking|running)(?P<rest>.*)$ =>
+    freeze \g<x>\g<rest>
+^(?:(?:do not|don'?t) let|(?:i|we) (?:do not|don'?t) want) {X} (?:to )?(?:move|go anywhere|drive off|run off)(?P<rest>.*)$ =>
+    freeze \g<x>\g<rest>
+^(?:no|without|i (?:do not|don'?t) want any) colou?rs?(?: (?:at all|please|any ?more|left))*$ => make everything black and white
 ^(?:turn|change|make|transform) (?:the )?(?:day|daytime|daylight) (?:in)?to night$ => make everything look like night
 """
 _ORDERS = r"""

@@ -153,6 +153,7 @@ VERBS: dict[str, str] = {
     "arrest, come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, stop, stun, hold up, "
     "put a stop to, hit the brakes on, put the brakes on, apply the brakes to, stop the motion of, stop the movement of, kill the "
     "motion of, kill the movement of, "
+    "put a freeze on, apply a freeze to, do a freeze on, "
     "hold the position of, stop time for, time stop, hitpause, keep motionless, make stop, make a statue of, mannequin",
     "reverse": "run back, play in rewind, run in rewind, play it back, reverse, rewind, play backward, run backward, go "
     "backward, move backward, walk backward, invert in time, play back to front, run in reverse, play in reverse, go in "

@@ -62,7 +62,8 @@ plainly: dynamic|{+move|travel|come}|go|goes|going|went|came|in motion|on the mo
 stands: {+stand|stay|remain|keep|lie|sit|hide}|sitting|painted|located|placed|found|situated|positioned
 rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on the spot]|(all) (of) (the)
     [static|stationary|motionless|unmoving|immobile|still|fixed] {noun}|still|at
-    rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at rest]|where
+    rest|stationary|static|motionless|unmoving|immobile|resting|parked|idle|idling|at a standstill|standing (around)|{stands} "
+        "[still|stationary|static|motionless|put|at rest]|where
     it is|in place|not in motion|without moving
 set-off: {+take off|lift off|depart}|start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets
     going|set out|sets out
@@ -80,7 +81,8 @@ when: when (exactly)|after how [long|many seconds|many frames]|how [long|many se
     [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at)
     the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at}
     {moments} (in time|of the clip|on)
-where: where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|[point|show|direct|lead] [me|us]
+where: show [me|us]|where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|[point|show|direct|"
+    "lead] [me|us]
     to|(the) [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region]
     (of the {pictures})
 move: {plainly}|{+head}|{manner} (around|about)
@@ -132,8 +134,8 @@ hidden: hidden|invisible|covered|occluded|out of (the) [sight|view|frame|shot|th
     [visible|seen|shown|there|in view|in sight|on screen]|off screen
 gone: gone|no longer [{inside}|there|here|around|visible]|(can|could|do) {people} (can) no longer {see}|not ({now})
     [{inside}|there|here|around|visible|seen|{in-view}] [any more|anymore|any longer]
-leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|out of [sight|view|the
-    picture|the frame]|[leave|leaves|leaving] (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out
+leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|[leave|leaves|leaving] (the|"
+    "this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out
     of|get out of|drop out of}|{manner} out of] (the|this) ({pictures})
 happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do
     you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell
@@ -169,7 +171,8 @@ contents: what am i looking at|what does (the|this) {clips} [contain|show|includ
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
-filler: directly|immediately|state|report|confirm|verify|establish|ascertain|specify|indicate|or
+filler: spend|spends|altogether|all together|in all|all told|directly|immediately|state|report|confirm|verify|establish|"
+    "ascertain|specify|indicate|or
     [one|two|three|four|more|several]|would you say|do you [reckon|suppose|believe|figure]|if [the scale|it|that]
     [permits|allows]|[above|over|from] {its} [starting|initial|original|first] [point|position|height|level]|is it
     [true|right|correct] that|am i [right|correct] (in thinking) that|[draw|trace|plot|show]
@@ -217,7 +220,8 @@ comes: come|comes|came
 which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise) [color|colors|shade|hue|shades|tint|tone]
     (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color]
     [code|value|values] (of)|(the) (main|exact|dominant|average) [color|colors] (scheme|palette|of)|how colored
-how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
+how-many: (count|tell) how many|how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) "
+    "(the)|(the) (total)
     [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all) (of) (the)|what number
     of|[number|count|tally] (of)
 frames: total frames|how many frames of [{clips}|material]|frame count|(the) number of frames|how many [frames|pictures|images]
@@ -258,8 +262,9 @@ biggest = biggest: [bigger|larger|taller|wider|longer]|(the) [most|largest part|
     [space|room|area|volume|mass]
 biggest = smallest: [smaller|tinier|shorter]|(the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller
     one
-brightest = brightest: (the) (very) [brightest|lightest] ({noun})
-brightest = darkest: (the) (very) [darkest|dimmest] ({noun})
+brightest = brightest: (the) (very) [brightest|lightest] ({noun})|(the) [brighter|lighter] (one)
+brightest = darkest: (the) (very) [darkest|dimmest] ({noun})|(the) [darker|dimmer] (one)
+alone: (all) [alone|lonely]|(all) (by|on) (itself|himself|herself|its own|his own|her own)
 speediest = fastest: (the) [fastest|quickest|speediest] (moving) ({noun})|(the) [faster|quicker] (one)
 speediest = slowest: (the) [slowest] (moving) ({noun})|(the) slower (one)
 bigger = bigger: (much|the|a lot) {big-er} (one|in size)|[{+take up|cover|fill|occupy}] (much) more ([space|room|area|ground])
@@ -270,7 +275,8 @@ bigger = lower: (much|the|a lot) [shorter|lower] (one)
 as-big = taller: as [tall|high]
 as-big = bigger: as [big|large|wide|long]|the same size
 as-big = smaller: as small
-faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)
+faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)|(at|with) (a) [higher|greater|more] "
+    "speed
 faster = slower: (much|the|a lot) [slower|more slowly] (one)
 by-factor: how much|how many times|by how much|by what factor|by which factor|how many times as|what factor|to what degree|how
     much more
@@ -390,7 +396,7 @@ highest_moment: when highest thing? move?
 fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
 when_turns: when turn thing start? | thing turn
 @place: any place-of stands? | who place-of stands? | who place thing own stands?
-neighbours: who around-of stands? | who thing around
+neighbours: who around-of stands? | who thing around | thing alone stands?
 between: who pair in-gap? stands? | any pair in-gap? stands?
 relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands? |
     who farther-aside thing stands? | who place thing stands?
@@ -398,14 +404,15 @@ where: thing sides stands?
 polar relation: thing place-of stands? not?
 distance extreme=max: most-far pair | most-far gap? thing other
 distance extreme=mean: mean-far pair
-distance extreme=min: thing passes not? | close thing get other | close thing get together | least gap pair | least gap thing
+distance extreme=min: thing passes not? | thing passes-by not? | close thing get other | close thing get together | least gap "
+    "pair | least gap thing
     other | least thing get other
 distance: units thing together | units thing far-off | units thing far-off other | gap thing other | gap pair | gap thing
-compare_size: by-factor bigger thing other | who bigger thing
+compare_size: by-factor bigger thing other | who bigger thing | who pair bigger | thing bigger versus
 compare_size manner=bigger: sort big thing | big thing versus | big thing compared-to | thing bigger-or other
 compare_speed manner=faster: sort fast thing | fast thing versus | fast thing compared-to move?
 polar compare_size: thing bigger other not?
-compare_speed: by-factor faster thing other move? | who move? faster thing
+compare_speed: by-factor faster thing other move? | who move? faster thing | who pair faster move? | thing faster versus move?
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
@@ -414,7 +421,7 @@ nearest: who nearer thing us? | who nearer thing other | thing nearer other | wh
 farthest: who farther thing other | who farthest thing? other? stands? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
-brightest: who brightest thing? but? | brightest but?
+brightest: who brightest thing? but? | brightest but? | thing brightest other | thing brightest versus
 compare_speed: speediest but? | who move? speediest thing?
 colour: which-color thing stands? comes?
 polar colour: thing color not?

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..features.null import null_vector
+from ..language.compounds import names_another
 from ..language.lexicon import PEOPLE, spellings
 from ..scene import Scene
 from .calibration import evidence
@@ -39,15 +40,15 @@ the label sofa has 0.03 more."""
 
 def unknown_kind(scene: Scene, label: str) -> str | None:
     """Kind of things that the scene's teacher of words does not know, and `label` is one of; None where it may know it."""
+    if is_cast(label):  # which needs no teacher
+        return None
     kinds = UNKNOWN.get(text_head(scene).spec.text_encoder or "", {})
     name = re.sub(r"^(?:the|a|an) ", "", " ".join(label.lower().split()))
     return next((kind for kind, names in kinds.items() if re.fullmatch(names, name)), None)
 
 
 def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> None:
-    """Raise F4xError where the scene's teacher knows nothing of the kind of thing that `label` names; what is cast needs none."""
-    if is_cast(label):
-        return
+    """Raise F4xError where the scene's teacher knows nothing of the kind of thing that `label` names."""
     kind = unknown_kind(scene, label)
     if kind is None:
         return
@@ -74,10 +75,13 @@ def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encod
     everyone = np.maximum(np.bincount(patches.index, minlength=len(patches.weight)), 1)
     mass = patches.weight * np.bincount(patches.index, found.chosen, len(patches.weight)) / everyone
     seen = mass @ evidence(patches.features(head), np.concatenate([asked, vectors]), null) / mass.sum()
-    others = np.where(cosines(vectors, asked)[:, 0] < ALIKE, seen[1:], -np.inf)
+    words = {*spellings(label)}
+    kinds = np.array([not words.isdisjoint(spellings(one.split()[-1])) and not names_another(one) for one in labels])
+    own = max(seen[0], seen[1:][kinds].max(initial=-np.inf))  # a black swan is a swan
+    others = np.where((cosines(vectors, asked)[:, 0] < ALIKE) & ~kinds, seen[1:], -np.inf)
     best = int(others.argmax())
-    if others[best] > seen[0] + CLEARLY:
+    if others[best] > own + CLEARLY:
         raise F4xError(
-            f"{scene.name}: what '{label}' finds answers more to '{labels[best]}' ({others[best]:.2f} against {seen[0]:.2f}), so"
+            f"{scene.name}: what '{label}' finds answers more to '{labels[best]}' ({others[best]:.2f} against {own:.2f}), so"
             f" nothing is selected; is {labels[best]} meant? Then ask for that; else click on the thing or draw a box around it."
         )

@@ -19,7 +19,7 @@ from ..language.lexicon import spellings, word_set
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
-from .cast import moving_things
+from .cast import caster, is_cast, moving_things
 from .chat import ChatServer, image_part
 from .inventory import find, instead, labels_of, things_there
 from .knowledge import unknown_kind
@@ -370,6 +370,9 @@ def _word_of(scene: Scene, name: str) -> str:
 
     One unknown word may name a thing that the text encoder knows. Of several, one may as well be a verb or an adverb.
     """
+    if is_cast(name):  # "the car's shadow"
+        whose, cast = caster(name), name.split()[-1]
+        return cast if whose is None else f"{_word_of(scene, whose)}'s {cast}"
     known = {label.lower(): label for label in labels_of(scene)}
     words = name.split()
     for start in range(len(words)):

@@ -34,6 +34,7 @@ from ..language.lexicon import (
     CONTRACTIONS,
     FUNCTION_WORDS,
     PEOPLE,
+    SETTING,
     SPELLING,
     is_adverb,
     is_slip,
@@ -171,7 +172,11 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
             if not owner and (word not in _BEFORE or (first and word in COLOURS)) and not _NO_ENDING.fullmatch(word):
                 ends.append(end + 1)
         for end in reversed(ends):
-            yield end, reading.text_of(start, end).replace(" '", "'")
+            name = reading.text_of(start, end).replace(" '", "'")
+            yield end, name
+            for whole in cue("of (the|my|this|that|his|her|its)").at(reading, end):  # "the roof of the house"
+                for last, (owner,) in _name.at(reading, whole).items():
+                    yield last, f"{owner}'s {name}"
     if reading.word(at) in _IT:
         yield at + 1, "it"
     elif reading.word(at) in _EVERYTHING:
@@ -273,6 +278,11 @@ _slots: dict[str, Rule] = {
     "but": CUES["but"] + _names,
     "place-of": either(
         _beside("place"),
+        here(lambda reading, at: reading.word(0) in ("what", "who", "which"))
+        + cue("on|upon")
+        + _before_article
+        + _names
+        >> (lambda names: ("near", names)),
         cue("on|to|at")
         + _names
         + table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, words_of=WORDS)
@@ -337,6 +347,12 @@ _MANY = word_set("nearest farthest biggest brightest most_moving compare_speed o
 ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "path", "when_turns", "stops")
 """Kinds that are answered for each of several things."""
 _TWO = word_set("relation compare_size compare_speed")
+_ALONE = r"(?:all )?(?:alone|(?:by|on) \w+(?: own)?|not|(?:standing )?still|standing|at rest)\b"
+_IN_ITS_PLACE = (
+    rf"\b(?:in|inside|within|across|around) (?:the|this|my|our) (?:{SETTING})"
+    r"(?= *(?:$|[?,.]|(?:is|are|at|from|and|or|does|do|in|when|during|between|after|until)\b))"
+)
+"""Where all that is seen is: it tells no thing from another."""
 _NEGATION = r"\b(?:no|not|never)\b"
 _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in which|at what|at which)"
 _ASKING_WORDS = {*_NO_NAMES, *SPELLING} - {"looking"}  # in "what am I looking at?" alone
@@ -355,6 +371,8 @@ def plainly(question: str, selected: bool = False) -> str:
     text = without_courtesy(
         re.sub(r",? or (?:am i|are we|do i|did i|have i|is (?:it|that) (?:just|only) me)\b[^?]*", "", text)
     )
+    text = re.sub(rf"(?<=[a-z]),? or (?:is|are) (?:he|she|it|they) {_ALONE}", "", text)
+    text = re.sub(_IN_ITS_PLACE, "in the picture", text)
     text = re.sub(r"^(?:so |and )?(?:is|was) it (.*? or .*?) (?:that|who|which) (.*?)[?. ]*$", r"which \2, \1", text)
     text = re.sub(
         r"\bwhere (?:did|has|have) (.+?) (?:go|gone|got to|get to|gone to|ended up|wound "

@@ -463,8 +463,8 @@ def _operations_fit(wanted: list[dict[str, Any]], made: list[Any], row: dict[str
 KINDS = {
     "when_moves": {"motion"}, "moving": {"motion"}, "happens": {"things", "motion", "does"}, "list": {"things"},
     "duration": {"long", "frames"}, "when_visible": {"seen", "always", "seeing", "enter", "leave"}, "direction": {"way"},
-    "travelled": {"far"}, "speed": {"fast"}, "present": {"seen"}, "when_stops": {"motion", "stops"}, "still": {"still"},
-    "moves": {"motion", "stops"}, "where": {"where", "side"},
+    "travelled": {"far"}, "speed": {"fast"}, "present": {"seen"}, "when_stops": {"motion", "stops"},
+    "moves": {"motion", "stops"}, "where": {"where", "side"}, "still": {"still", "motion"},
 }  # fmt: skip
 
 
@@ -475,7 +475,7 @@ def _questions_fit(wanted: list[dict[str, Any]], asked: Any) -> bool:
         kinds = KINDS.get(slot["question"], {slot["question"]})
         if slot["question"] == "duration" and slot.get("target"):  # of a thing, not of the clip
             kinds = {"seeing", "lasting"}
-        if one.kind not in kinds:
+        if one.kind not in kinds or (slot["question"] == "still" and one.kind == "motion" and not one.negated):
             return False
         things = {_one(thing) for thing in one.things}
         for key in ("target", "other"):

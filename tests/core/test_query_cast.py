@@ -14,6 +14,7 @@ from f4x_core.query.cast import cast_of, caster, is_cast, moving_things
 from f4x_core.query.knowledge import refuse_unknown
 from f4x_core.query.objects import Graph, graph_of
 from f4x_core.query.prompts import select_by_text
+from f4x_core.query.questions import answer
 
 
 @pytest.mark.parametrize(
@@ -39,6 +40,14 @@ def test_a_shadow_needs_no_teacher_and_is_no_thing_that_moves():
     np.testing.assert_array_equal(moving_things(scene), scene.moving & ~shadow)
     removed = propose(scene, "remove the shadow").chosen.operations[0]
     np.testing.assert_array_equal(removed.select.array, np.sort(scene.ids[shadow]))
+
+
+def test_questions_speak_of_shadows_without_a_teacher():
+    scene, _ = scene_with_ripples()
+    shadow = select_by_text(scene, ["shadow"])
+    (sighting,) = answer(scene, "how big is the shadow").evidence["sightings"]
+    assert sighting["chosen"] == shadow.chosen.sum() > 0
+    assert answer(scene, "does the shadow move?").text.startswith("Yes: the shadow moves")
 
 
 def test_a_thing_with_its_shadow(monkeypatch):
