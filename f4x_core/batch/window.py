@@ -33,8 +33,8 @@ from ..scene.view import seen_from
 ROOT = Path(__file__).resolve().parents[2]
 """A child that starts here runs this package, installed or not."""
 SCENE = "scene.f4x"
-BESIDE = 0.5
-"""Widths of the picture by which the camera of a held-out frame may turn out to be off."""
+BESIDE = 1.0
+"""Pictures on every side that cameras beside the path may see: those of held-out frames, found again, and views aside."""
 WORDS = ("name", "fps", "source", "picked")
 ARRAYS = ("frames", "times", "held_out", "masks", "depth")
 """Fields of a clip in a request: as JSON, and as arrays."""
@@ -82,10 +82,10 @@ class WindowRequest:
     @property
     def key(self) -> str:
         """Hash of everything that decides what this window becomes."""
-        clip = self.clip
-        when = b"" if clip.steady else clip.times.tobytes()
-        state = hashlib.blake2b(clip.frames.tobytes() + clip.held_out.tobytes() + when, digest_size=16).hexdigest()
-        return config_hash(resolved(self.config), state, "" if self.before is None else self.before.digest)
+        clip, state = self.clip, hashlib.blake2b(digest_size=16)
+        for array in (clip.frames, clip.held_out, *(() if clip.steady else (clip.times,))):
+            state.update(np.ascontiguousarray(array).data)  # no copy of all pictures
+        return config_hash(resolved(self.config), state.hexdigest(), "" if self.before is None else self.before.digest)
 
     def finished(self) -> bool:
         """Whether an earlier run left the window's scene. F4xError where that was another window."""
@@ -143,8 +143,9 @@ class WindowRequest:
 
         scene = result.scene
         masks = result.priors.moving_masks
-        metrics = evaluate(near_path(scene), clip, baselines=True, masks=masks, backend=backend, progress=progress)
-        images = render_previews(scene, metrics, backend)
+        near = near_path(scene)
+        metrics = evaluate(near, clip, baselines=True, masks=masks, backend=backend, progress=progress)
+        images = render_previews(near, metrics, backend)
         write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
         newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))
         next_node = max(newest + 1, 0 if self.before is None else self.before.next_node)
@@ -164,7 +165,7 @@ class WindowRequest:
 
 
 def near_path(scene: Scene) -> Scene:
-    """The scene with no more background than is seen along its own cameras, or BESIDE them: what measuring it needs."""
+    """The scene with no more background than is seen along its own cameras or BESIDE them: to measure it, and to look at it."""
     cameras = scene.cameras
     return seen_from(scene, zip(map(cameras.__getitem__, range(len(cameras))), cameras.times, strict=True), BESIDE)
 
