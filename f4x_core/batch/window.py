@@ -6,6 +6,7 @@ one before. A process that ends gives everything back.
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import json
 import shutil
@@ -136,6 +137,7 @@ class WindowRequest:
         """Fit and measure the window; leaves its scene and its diagnostics page."""
         clip, folder, backend = self.clip, self.folder, self.config.backend
         result = self._fitted(progress)
+        gc.collect()  # the trainer and its actions hold each other
         from ..fit.diagnostics import (  # matplotlib: a second that the start need not wait
             render_previews,
             write_diagnostics,
