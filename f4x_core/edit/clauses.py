@@ -59,13 +59,12 @@ _then = either(span, keyword("only|just") + span, span + ~keyword(",") + keyword
 _when = ~keyword(",") + ~keyword("but") + _then
 _slowly = ~keyword(",") + table(
     {
-        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over "
-        "time|more and more|as time [goes on|goes by|passes]|with time|step by step|lerp|lerped|interpolate|"
-        "interpolated|tween|tweened|nice and [gentle|gently|easy|steady]|[with|in] a [slow|gentle|soft|smooth|gradual] "
-        "[transition|ramp|blend]|(in) a gradual way|easing in and out|easing in|easing out|with (a) [soft|smooth|"
-        "gentle] [ease|easing]|with (an) [ease|easing]|with soft ends|eased|(with) (an) ease in and out|(with) easing|"
-        "eased in and out|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth|(with) (a) [smooth|soft|"
-        "eased] [interpolation|motion|movement|transition] ((,) not linear)": True
+        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|more "
+        "and more|as time [goes on|goes by|passes]|with time|step by step|lerp|lerped|interpolate|interpolated|tween|tweened|nice "
+        "and [gentle|gently|easy|steady]|[with|in] a [slow|gentle|soft|smooth|gradual] [transition|ramp|blend]|(in) a gradual way|"
+        "easing in and out|easing in|easing out|with (a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|with soft "
+        "ends|eased|(with) (an) ease in and out|(with) easing|eased in and out|nice and [smooth|smoothly|slow|slowly|gradual]|"
+        "(nice and) smooth|(with) (a) [smooth|soft|eased] [interpolation|motion|movement|transition] ((,) not linear)": True
     }
 )
 _afterthought = either(

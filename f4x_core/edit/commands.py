@@ -114,12 +114,11 @@ ADDS_NOTHING = either(
     WISHES,
     COMMENTS,
     literal(
-        "needs|wants|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|"
-        "has got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|are "
-        "supposed to|might|is meant to|are meant to|was meant to|had better|should have|ought to have|had best|do need to] "
-        "(to) ([be|become|get|turn|go|look|appear|stay|end up|have|been|gone|become])|[become|becomes|becoming|being|be|were|"
-        "gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to|be [possible|feasible|doable]|could [do "
-        "with|use] being"
+        "needs|wants|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|has "
+        "got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|are supposed to|"
+        "might|is meant to|are meant to|was meant to|had better|should have|ought to have|had best|do need to] (to) ([be|become|"
+        "get|turn|go|look|appear|stay|end up|have|been|gone|become])|[become|becomes|becoming|being|be|were|gets|ends up|end up|"
+        "ending up|comes out|stays] (as)|for it to|for them to|be [possible|feasible|doable]|could [do with|use] being"
     ),
     literal(
         every_form("make|let|have|get|do|keep|animate")
@@ -139,6 +138,10 @@ ADDS_NOTHING = either(
     literal("done (up)") + here(lambda reading, at: reading.word(at) == "in"),
     literal("[would be|is|are|will be] [better off|happier]|[starts|start|begins|begin] (out|off) (as)"),
     literal("(over|right) after [him|her|them]"),
+    literal("while|as|when")
+    + literal("he|she|it|they")
+    + Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
+    + here(lambda reading, at: span.at(reading, at)),  # "while she spins from second 1 to 2" says what is seen then
     literal(
         "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its) [base|bottom|feet|ground|floor]|(,) (with) (the|its) [color "
         "space|mode|pivot] [=|:] [base|bottom]"
@@ -161,9 +164,8 @@ _led = here(lambda reading, at: reading.word(at) in ("at", "in", "with"))
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
     "[up|down] to|something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|"
-    "picture|"
-    "postcard] (,) (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|"
-    "nice|some|for|but|but in|be of|from"
+    "picture|postcard] (,) (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|"
+    "classic|nice|some|for|but|but in|be of|from"
 )
 _a = ~literal("with|in|of|to|into") + ~literal("a|an|some|the|that|this")
 _slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|touch of|bit of|dash of|little bit of")
@@ -597,8 +599,7 @@ _way = table(
     {
         any_form("more")
         + "|add|adds|adding|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|"
-        "greater|"
-        "bigger": True,
+        "greater|bigger": True,
         any_form("less")
         + "|out|back|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer|reduction|decrease": False,
     },
@@ -892,11 +893,10 @@ _command("delete the car", always(making.deleted), "verb", NAMED)(
     verb=literal(
         asked_form("delete")
         + "|(can|could|may|should) [it|he|she|they] [go|leave|come out]|out with|gone|out of [the|this] [scene|picture|video|clip|"
-        "image|shot|frame|view|movie|film]|no longer there|not "
-        "there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out|come out|come "
-        "off|be out] (away|out|the [scene|picture|video|clip|image|shot|frame|view])|bye bye|goodbye|no more|no longer "
-        "[want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|[i|we] do not [want|need] (to [see|"
-        "have])|[i|we] do not like to [see|have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
+        "image|shot|frame|view|movie|film]|no longer there|not there (any more)|[can|could|may|should|must|has to|have to|needs "
+        "to|need to] [go|leave|get out|come out|come off|be out] (away|out|the [scene|picture|video|clip|image|shot|frame|view])|"
+        "bye bye|goodbye|no more|no longer [want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|[i|we] do not "
+        "[want|need] (to [see|have])|[i|we] do not like to [see|have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
     ),
     out=OUT
     | literal(
@@ -1203,8 +1203,7 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
     times=~literal("of|with|by|plus|and|+") + unless(literal("a")) + _times,
     verb=literal(_LIGHT + "|" + any_form("add")),
     behind=literal(
-        "behind it|behind him|behind her|after it|behind itself|behind|it|itself|him|her|the original|the first (one)|"
-        "the real one"
+        "behind it|behind him|behind her|after it|behind itself|behind|it|itself|him|her|the original|the first (one)|the real one"
     ),
     shift=SHIFT
     | ~literal("with a lag of|at|every|each|by|with|spaced")

@@ -98,7 +98,7 @@ _PHRASAL = frozenset(
 )
 """Verbs of two words, the second of which may stand behind the thing."""
 _ASKED_FOR = frozenset(
-    form for verb in (IMPERATIVES - FUNCTION_WORDS) | {"have", "let"} for form in (verb, forms(verb)[0])
+    form for verb in (IMPERATIVES - FUNCTION_WORDS) | {"have", "let"} for form in (verb, *forms(verb))
 )
 """With which the command begins behind words that only ask for it: "would you mind making"."""
 _DROPPED = word_set("please kindly thanks thank")
@@ -1116,9 +1116,8 @@ _UNKNOWN_WAYS = (
     ),
     (
         keyword(
-            "cartoon|cartoons|oil painting|painting|sketch|pencil|pencil "
-            "sketch|anime|watercolor|pixel|pixels|pixelate|comic|manga|"
-            "vintage|retro|vhs|noir|impressionist|drawing|hologram|plastic|wood|wooden|stone|clay|lego|cyberpunk|vaporwave"
+            "cartoon|cartoons|oil painting|painting|sketch|pencil|pencil sketch|anime|watercolor|pixel|pixels|pixelate|comic|"
+            "manga|vintage|retro|vhs|noir|impressionist|drawing|hologram|plastic|wood|wooden|stone|clay|lego|cyberpunk|vaporwave"
         ),
         f"There is no look '{{words}}'; there are {', '.join(STYLES)}, and black and white.",
     ),

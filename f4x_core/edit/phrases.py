@@ -499,9 +499,8 @@ WHERE: dict[str, Where] = {
 }
 """Words -> how a thing stands to another."""
 _stands = ~keyword("that|which|who") + ~keyword(
-    "is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|sitting|lying|walking|"
-    "running|hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|are standing|comes right|"
-    "right|directly"
+    "is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|sitting|lying|walking|running|"
+    "hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|are standing|comes right|right|directly"
 )
 _neighbour = later(lambda: _one_thing)
 """To whom something stands; by name, because it may itself be told by where it stands."""
@@ -617,9 +616,8 @@ _WHERE = {
     f" to [{VIEWER}]|closest|nearest": "nearest",
     "(that is|which is|that are) [farther|further] (away|off|back)": "farthest",
     "(that is|which is|that are) [nearer|closer] (to us|by)": "nearest",
-    f"in the [back|background|distance|rear]|at the [back|rear]|[of|from] (the) [behind|back]|(way|right) back there|far "
-    f"away|[farthest|furthest] (away) from [{VIEWER}]|"
-    "farthest (away)|furthest (away)": "farthest",
+    "in the [back|background|distance|rear]|at the [back|rear]|[of|from] (the) [behind|back]|(way|right) back there|far away|"
+    f"[farthest|furthest] (away) from [{VIEWER}]|farthest (away)|furthest (away)": "farthest",
 }
 _which, _where = (
     table(_WHICH),
@@ -978,12 +976,11 @@ _everywhere_else = keyword(
     "[everything|anything|all] [else|other] [but|than|except]|all (the) other [things|objects] [than|but|except]"
 )
 untouched = literal(
-    "alone|be|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|where "
-    "they are|in peace|normal|original|like it is|like it was|in place|out of it|as before|how it is|in (full|"
-    "its) (original|normal) [colors|color|state]|colored|sharp|in focus|crisp|raw|at full (opacity)|fully visible|"
-    "opaque|solid|([keeps|keep|keeping]) (on) [moving|going] (on|normally|as before)|[goes|go|carries|carry|moves|move|"
-    "runs|run] on|continues|continue|[keeps|keep|keeping|retains] [its|his|her|their] (own|original|current) [size|"
-    "place|position|color|colors|speed|look]"
+    "alone|be|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|where they are|"
+    "in peace|normal|original|like it is|like it was|in place|out of it|as before|how it is|in (full|its) (original|normal) "
+    "[colors|color|state]|colored|sharp|in focus|crisp|raw|at full (opacity)|fully visible|opaque|solid|([keeps|keep|keeping]) "
+    "(on) [moving|going] (on|normally|as before)|[goes|go|carries|carry|moves|move|runs|run] on|continues|continue|[keeps|keep|"
+    "keeping|retains] [its|his|her|their] (own|original|current) [size|place|position|color|colors|speed|look]"
 ) | literal("the same") + unless(literal("for|with|to|on|as|color|size"))
 """How something stays that is not touched."""
 _sparing = (

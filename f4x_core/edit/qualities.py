@@ -217,8 +217,7 @@ _transparency = either(
     keyword("(very) faint|[almost|nearly|next to|all but|close to] [invisible|transparent|gone|vanished]")
     >> (lambda: 0.2),
     keyword(
-        "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not "
-        "visible|vanish|vanished|disappear|disappeared"
+        "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|disappeared"
     )
     >> (lambda: 0.0),
 )
@@ -295,8 +294,7 @@ transformed = (
 """What a thing turns to: matter, not a colour that is named like it."""
 liveliness = (
     literal(
-        "[a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|oomph|zing|"
-        "life|pep|pizzazz"
+        "[a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|oomph|zing|life|pep|pizzazz"
     )
     | literal(
         "some (more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|(a) (little) pop of color|more color|some color"

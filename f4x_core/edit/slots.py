@@ -107,8 +107,7 @@ FULL_TURN = table(
         "(a) half (a) [turn|rotation|spin|circle|revolution]|you turn|a 180": 180.0,
         "(a) quarter (of a) [turn|rotation|spin|circle]|(a) right angle": 90.0,
         "(a) three quarter turn|three quarters of a turn": 270.0,
-        "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution]|a [turn|spin|rotation]|(a) 360|full "
-        "360": 360.0,
+        "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution]|a [turn|spin|rotation]|(a) 360|full 360": 360.0,
         "two (full) [turns|rotations|spins]": 720.0,
         "three (full) [turns|rotations|spins]": 1080.0,
     },

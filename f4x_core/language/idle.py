@@ -92,9 +92,8 @@ def _is_value(tokens: list[Token]) -> bool:
 
 _VALUES = {*ONES, *TENS, *COLOURS, "left", "right"}
 _CARRIED = COLOURS.keys() | word_set(
-    "copy copies clone clones duplicate glow halo aura blur tint shade tone trail trails echo fade contrast saturation "
-    "brightness exposure speed size color colors light finish paint coat effect motion movement turn spin rotation nudge "
-    "push tilt version"
+    "copy copies clone clones duplicate glow halo aura blur tint shade tone trail trails echo fade contrast saturation brightness "
+    "exposure speed size color colors light finish paint coat effect motion movement turn spin rotation nudge push tilt version"
 )
 """What is said of these tells how they are: "emissive" of "a blue emissive glow"."""
 

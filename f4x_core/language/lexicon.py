@@ -198,8 +198,7 @@ def spellings(word: str) -> list[str]:
 
 
 _IN_LY = word_set(
-    "fly family butterfly dragonfly lily jelly belly dolly trolley ugly lonely elderly early bully curly wooly woolly "
-    "bubbly ally"
+    "fly family butterfly dragonfly lily jelly belly dolly trolley ugly lonely elderly early bully curly wooly woolly bubbly ally"
 )
 
 

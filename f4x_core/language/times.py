@@ -111,10 +111,9 @@ _part_way = either(
     + ~(_through | keyword("point") + ~keyword(f"of the [{PICTURE}]"))
     >> (lambda: HALF_WAY),
     keyword(
-        f"the (very) middle of the [{PICTURE}]|(the) [midpoint|mid point|midway point] (of the [{PICTURE}])|the [halfway|"
-        f"half way|half] [point|mark] (of the [{PICTURE}])|mid clip|"
-        "the half|half time|"
-        f"the middle of it|the [{PICTURE}] is [half|halfway] [over|through|done]"
+        f"the (very) middle of the [{PICTURE}]|(the) [midpoint|mid point|midway point] (of the [{PICTURE}])|the [halfway|half way|"
+        f"half] [point|mark] (of the [{PICTURE}])|mid clip|the half|half time|the middle of it|the [{PICTURE}] is [half|halfway] "
+        "[over|through|done]"
     )
     >> (lambda: HALF_WAY),
     fraction + (_through | _of_it | keyword("of the time|through the time|in")) >> (lambda x: TimeExpression(clip=x)),
@@ -235,15 +234,12 @@ _FRAMES = (
 )
 _since = keyword(
     "(right) from|after|since|ever since|as of|as from|once|not before|beginning|from (about) after|[no|not] [earlier|sooner] "
-    "than|(any) "
-    f"(time) later than|({_FRAMES}|any time|at any time) [after|from|past|beyond|since]|"
-    "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at"
+    f"than|(any) (time) later than|({_FRAMES}|any time|at any time) [after|from|past|beyond|since]|starting|starting [at|from|in|"
+    "with|on]|beginning [at|from|in|with]|start at"
 )
 _until = keyword(
-    f"until|before|(right|all the way) [up to|up until]|not after|[no|not] later than|[no|not] longer than (until)|ending [at|"
-    f"with|on|in]|({_FRAMES}|"
-    f"any "
-    "time|at any time) [before|until|up to]"
+    "until|before|(right|all the way) [up to|up until]|not after|[no|not] later than|[no|not] longer than (until)|ending [at|"
+    f"with|on|in]|({_FRAMES}|any time|at any time) [before|until|up to]"
 )
 _middle_point = keyword(f"the middle (of the [{PICTURE}])") >> (lambda: HALF_WAY)
 _reaches = (
@@ -407,15 +403,13 @@ span = either(
     table(
         {
             "always|all the time|(all) the [whole|entire] [time|duration]|(for|over|during) the [whole|entire] thing|for the "
-            "(whole|entire|full) [duration|length] (of the [clip|video|film|scene|shot|footage|recording|movie|sequence])|all "
-            "the way through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the [whole|"
-            "entire] [clip|video|time|film|shot|footage|movie|sequence|scene]|throughout|throughout the [clip|video|film|"
-            "scene]|forever|the [entire|whole] way|the whole way through|from start to finish|from (the) beginning to (the) "
-            "end|(over|for) the whole duration|[over|during|throughout|across] the (whole|entire) [clip|video|film|scene|"
-            "footage|shot|movie|sequence|recording]|at all times|in every frame|"
-            "[in|on|for] all (the) frames|on every frame|constantly|perpetually|for its [entire|whole] length|from the first "
-            "(frame) to "
-            "the last (frame)": Span(START, None, "always")
+            "(whole|entire|full) [duration|length] (of the [clip|video|film|scene|shot|footage|recording|movie|sequence])|all the "
+            "way through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the [whole|entire] [clip|"
+            "video|time|film|shot|footage|movie|sequence|scene]|throughout|throughout the [clip|video|film|scene]|forever|the "
+            "[entire|whole] way|the whole way through|from start to finish|from (the) beginning to (the) end|(over|for) the whole "
+            "duration|[over|during|throughout|across] the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|"
+            "recording]|at all times|in every frame|[in|on|for] all (the) frames|on every frame|constantly|perpetually|for its "
+            "[entire|whole] length|from the first (frame) to the last (frame)": Span(START, None, "always")
         }
     ),
 )

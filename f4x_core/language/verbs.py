@@ -27,13 +27,12 @@ VERBS: dict[str, str] = {
     "up, juice up, gain up, ride up, nudge up, inch up, creep up, notch up, hike up, max out, tick up, edge up, exaggerate, "
     "accentuate, emphasize, magnify, maximize, elevate",
     "less": "shave, slash, slice, skim, chop, "
-    "easy on, go easy on, take it easy on, lay off, ease up on, ease off on, hold back on, cut back on, back "
-    "off on, cool it with, reduce, decrease, lower, turn down, knock back, pull, back off, roll off, bring back, cut, "
-    "cut down, lessen, tone down, bring down, dial down, weaken, diminish, drop, take down, cut back, pull down, take "
-    "back, pull back, dial back, ramp down, scale back, soften, ease, mute, knock down, step down, go down, minimize, "
-    "tame, subdue, shrink, bump down, push down, limit, curb, moderate, attenuate, crank down, drag down, nerf, gain "
-    "down, ride down, ease down, nudge down, inch down, notch down, tick down, edge down, dampen, tone back, suppress, "
-    "crush down, level down, de emphasize, understate",
+    "easy on, go easy on, take it easy on, lay off, ease up on, ease off on, hold back on, cut back on, back off on, cool it "
+    "with, reduce, decrease, lower, turn down, knock back, pull, back off, roll off, bring back, cut, cut down, lessen, tone "
+    "down, bring down, dial down, weaken, diminish, drop, take down, cut back, pull down, take back, pull back, dial back, ramp "
+    "down, scale back, soften, ease, mute, knock down, step down, go down, minimize, tame, subdue, shrink, bump down, push down, "
+    "limit, curb, moderate, attenuate, crank down, drag down, nerf, gain down, ride down, ease down, nudge down, inch down, notch "
+    "down, tick down, edge down, dampen, tone back, suppress, crush down, level down, de emphasize, understate",
     "brighten": "lift the exposure of, shed light on, lighten up, brighten, lighten, brighten up, lighten up, illuminate, light "
     "up, light, relight, illumine, expose up, kick up the exposure of, push the exposure of, raise the exposure of, gain up, "
     "give light to, throw light on, perk up the light of",
@@ -57,9 +56,8 @@ VERBS: dict[str, str] = {
     "colors of, boost the colors of, color boost, brighten the colors of, turn up the colors of, crank the colors of, juice "
     "up, vibrance up, amp up the colors of, jazz up the colors of",
     "desaturate": "desaturate, decolor, decolorize, gray out, bleach out, take the color out of, drain the color from, drain the "
-    "color out of, suck the color out of, strip the color from, leach the color from, remove the color from, pull the color "
-    "out of, kill the color in, kill the color of, monochrome, turn black and white, make black and white, bleach the color "
-    "out of",
+    "color out of, suck the color out of, strip the color from, leach the color from, remove the color from, pull the color out "
+    "of, kill the color in, kill the color of, monochrome, turn black and white, make black and white, bleach the color out of",
     "mute": "mute, dull, dull down, wash out",
     "warm": "warm, warm up",
     "cool": "cool, cool down, cool off, chill",
@@ -125,15 +123,13 @@ VERBS: dict[str, str] = {
     "knock down, flop over",
     "face": "face, look, point, head, turn, aim",
     "swap": "change their places, change their positions, switch their places, switch their positions, swap their "
-    "places, swap their positions, exchange their places, trade their places, trade spots, swap spots, trade, flip "
-    "positions, swap, exchange, switch, trade, interchange, swap places, change places, trade places, switch places, "
-    "swap positions, swap around, swap round, change sides, switch sides, swap sides, swap over, switch around, "
-    "exchange places, exchange positions, change positions, switch positions, flip flop, transpose, reverse the places "
-    "of, reverse the positions of, turn around the places of, exchange the places of, rotate the places of, cross "
-    "over, trade off, change over, switch out the places of",
+    "places, swap their positions, exchange their places, trade their places, trade spots, swap spots, trade, flip positions, "
+    "swap, exchange, switch, trade, interchange, swap places, change places, trade places, switch places, swap positions, swap "
+    "around, swap round, change sides, switch sides, swap sides, swap over, switch around, exchange places, exchange positions, "
+    "change positions, switch positions, flip flop, transpose, reverse the places of, reverse the positions of, turn around the "
+    "places of, exchange the places of, rotate the places of, cross over, trade off, change over, switch out the places of",
     "match": "match, adapt, adjust, fit, equalize, color match, take on, take over, pick up, borrow, inherit, adopt, share, "
-    "steal, harmonize, "
-    "sync, blend, coordinate, imitate, emulate, tie in, unify, bring in line",
+    "steal, harmonize, sync, blend, coordinate, imitate, emulate, tie in, unify, bring in line",
     # copies
     "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, copy and paste, copy paste, "
     "duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, photostat, xerox, "
@@ -148,18 +144,16 @@ VERBS: dict[str, str] = {
     "need",
     # time
     "freeze": "lock, lock in place, hit pause on, put on pause, put on hold, stop in place, stand frozen, keep frozen, freeze, "
-    "pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep still, "
-    "stay put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its tracks, hold, petrify, "
-    "arrest, come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, stop, stun, hold up, "
-    "put a stop to, hit the brakes on, put the brakes on, apply the brakes to, stop the motion of, stop the movement of, kill the "
-    "motion of, kill the movement of, "
-    "put a freeze on, apply a freeze to, do a freeze on, "
-    "hold the position of, stop time for, time stop, hitpause, keep motionless, make stop, make a statue of, mannequin",
+    "pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep still, stay "
+    "put, hold in place, stay in place, stop dead, come to a stop, come to a halt, stop in its tracks, hold, petrify, arrest, "
+    "come to a standstill, come to rest, bring to a stop, bring to a halt, bring to a standstill, stop, stun, hold up, put a stop "
+    "to, hit the brakes on, put the brakes on, apply the brakes to, stop the motion of, stop the movement of, kill the motion of, "
+    "kill the movement of, put a freeze on, apply a freeze to, do a freeze on, hold the position of, stop time for, time stop, "
+    "hitpause, keep motionless, make stop, make a statue of, mannequin",
     "reverse": "run back, play in rewind, run in rewind, play it back, reverse, rewind, play backward, run backward, go "
-    "backward, move backward, walk backward, invert in time, play back to front, run in reverse, play in reverse, go in "
-    "reverse, backtrack, unwind, run it back, wind back, roll back, play the other way, send backward, send back in time, undo "
-    "the motion of, turn back the clock on, flip in time, time reverse, reverse time for, rewind time for, go in rewind, "
-    "boomerang back",
+    "backward, move backward, walk backward, invert in time, play back to front, run in reverse, play in reverse, go in reverse, "
+    "backtrack, unwind, run it back, wind back, roll back, play the other way, send backward, send back in time, undo the motion "
+    "of, turn back the clock on, flip in time, time reverse, reverse time for, rewind time for, go in rewind, boomerang back",
     "run": "play, run, go, move, walk, drive, dance, jump, ride, show, swim, fly, do, happen, roll, gallop, race, act, "
     "make, render, travel, trot, jog, hop, leap, skate, drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, have, "
     "replay, play back, be, get",

@@ -62,8 +62,8 @@ plainly: dynamic|{+move|travel|come}|go|goes|going|went|came|in motion|on the mo
 stands: {+stand|stay|remain|keep|lie|sit|hide}|sitting|painted|located|placed|found|situated|positioned
 rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on the spot]|(all) (of) (the)
     [static|stationary|motionless|unmoving|immobile|still|fixed] {noun}|still|at
-    rest|stationary|static|motionless|unmoving|immobile|resting|parked|idle|idling|at a standstill|standing (around)|{stands} "
-        "[still|stationary|static|motionless|put|at rest]|where
+    rest|stationary|static|motionless|unmoving|immobile|resting|parked|idle|idling|at a standstill|standing (around)|{stands}
+    [still|stationary|static|motionless|put|at rest]|where
     it is|in place|not in motion|without moving
 set-off: {+take off|lift off|depart}|start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets
     going|set out|sets out
@@ -81,8 +81,8 @@ when: when (exactly)|after how [long|many seconds|many frames]|how [long|many se
     [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at)
     the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at}
     {moments} (in time|of the clip|on)
-where: show [me|us]|where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|[point|show|direct|"
-    "lead] [me|us]
+where: show [me|us]|where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|[point|show|direct|lead]
+    [me|us]
     to|(the) [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region]
     (of the {pictures})
 move: {plainly}|{+head}|{manner} (around|about)
@@ -134,8 +134,8 @@ hidden: hidden|invisible|covered|occluded|out of (the) [sight|view|frame|shot|th
     [visible|seen|shown|there|in view|in sight|on screen]|off screen
 gone: gone|no longer [{inside}|there|here|around|visible]|(can|could|do) {people} (can) no longer {see}|not ({now})
     [{inside}|there|here|around|visible|seen|{in-view}] [any more|anymore|any longer]
-leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|[leave|leaves|leaving] (the|"
-    "this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out
+leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|[leave|leaves|leaving] (the|this)
+    ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out
     of|get out of|drop out of}|{manner} out of] (the|this) ({pictures})
 happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do
     you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell
@@ -171,8 +171,8 @@ contents: what am i looking at|what does (the|this) {clips} [contain|show|includ
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
     be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
-filler: spend|spends|altogether|all together|in all|all told|directly|immediately|state|report|confirm|verify|establish|"
-    "ascertain|specify|indicate|or
+filler: spend|spends|altogether|all together|in all|all
+    told|directly|immediately|state|report|confirm|verify|establish|ascertain|specify|indicate|or
     [one|two|three|four|more|several]|would you say|do you [reckon|suppose|believe|figure]|if [the scale|it|that]
     [permits|allows]|[above|over|from] {its} [starting|initial|original|first] [point|position|height|level]|is it
     [true|right|correct] that|am i [right|correct] (in thinking) that|[draw|trace|plot|show]
@@ -220,8 +220,8 @@ comes: come|comes|came
 which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise) [color|colors|shade|hue|shades|tint|tone]
     (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color]
     [code|value|values] (of)|(the) (main|exact|dominant|average) [color|colors] (scheme|palette|of)|how colored
-how-many: (count|tell) how many|how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) "
-    "(the)|(the) (total)
+how-many: (count|tell) how many|how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of)
+    (the)|(the) (total)
     [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all) (of) (the)|what number
     of|[number|count|tally] (of)
 frames: total frames|how many frames of [{clips}|material]|frame count|(the) number of frames|how many [frames|pictures|images]
@@ -275,8 +275,8 @@ bigger = lower: (much|the|a lot) [shorter|lower] (one)
 as-big = taller: as [tall|high]
 as-big = bigger: as [big|large|wide|long]|the same size
 as-big = smaller: as small
-faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)|(at|with) (a) [higher|greater|more] "
-    "speed
+faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)|(at|with) (a) [higher|greater|more]
+    speed
 faster = slower: (much|the|a lot) [slower|more slowly] (one)
 by-factor: how much|how many times|by how much|by what factor|by which factor|how many times as|what factor|to what degree|how
     much more
@@ -404,8 +404,8 @@ where: thing sides stands?
 polar relation: thing place-of stands? not?
 distance extreme=max: most-far pair | most-far gap? thing other
 distance extreme=mean: mean-far pair
-distance extreme=min: thing passes not? | thing passes-by not? | close thing get other | close thing get together | least gap "
-    "pair | least gap thing
+distance extreme=min: thing passes not? | thing passes-by not? | close thing get other | close thing get together | least gap pair
+    | least gap thing
     other | least thing get other
 distance: units thing together | units thing far-off | units thing far-off other | gap thing other | gap pair | gap thing
 compare_size: by-factor bigger thing other | who bigger thing | who pair bigger | thing bigger versus
