@@ -125,3 +125,20 @@ def test_an_answer_that_is_another_labels_names_it(scene, monkeypatch):
     refuse_evidence_of_another(scene, "wall", moves)  # a surface is what no thing takes
     nobody = Selection(scene.ids, np.zeros(len(scene.ids)), np.zeros(len(scene.ids), bool))
     refuse_evidence_of_another(scene, "rhomb", nobody, encode(0.59))
+
+
+def test_a_label_of_the_asked_kind_answers_for_the_word(scene, monkeypatch):
+    """A white square is a square, and evidence for it speaks for "square"; that for a square wall does not."""
+    monkeypatch.setattr(knowledge, "null_vector", lambda encoder: np.zeros(8))
+    moves = Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
+    vectors = np.eye(8, dtype=np.float16)[[0, 3]]
+
+    def answers(labels):
+        field = replace(scene.require_field(), vocabularies={"words": Vocabulary(labels, vectors)})
+        there = replace(scene, features=field)
+        refuse_evidence_of_another(there, "square", moves, lambda name, asked: np.eye(8)[[4]])
+
+    answers(("white square", "wall"))
+    for other in ("square wall", "disc"):
+        with pytest.raises(F4xError, match=f"answers more to '{other}'"):
+            answers((other, "wall"))
