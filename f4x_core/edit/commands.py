@@ -531,7 +531,7 @@ _command("remove the color of the house", always(making.GRAYED), "verb colors", 
     verb=literal(
         every_form(
             "remove|kill|zap|take|take out|take away|drain|strip|delete|drop|lose|get rid of|erase|suck|knock|pull|wash|"
-            "bleach|leach|wring|squeeze|draw|bring"
+            "bleach|leach|wring|squeeze|draw"
         )
     ),
     colors=~literal("all|all of|any") + ~literal("the|its|their") + literal("color|colors|saturation|coloring"),
@@ -601,7 +601,7 @@ _way = table(
         + "|add|adds|adding|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|"
         "greater|bigger": True,
         any_form("less")
-        + "|out|back|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer|reduction|decrease": False,
+        + "|back|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer|reduction|decrease": False,
     },
     reserve=False,
 )

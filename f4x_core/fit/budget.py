@@ -152,7 +152,8 @@ def within(grant: Grant, size: ClipSize, config: FitConfig, unit: float) -> FitC
     if grant.minutes is not None:
         left = 60 * grant.minutes / unit - _fixed(size, config)
         room = min(room, left / (config.steps * STEP_PER_GAUSSIAN))
-    memory = MEMORY_FRACTION * machine_memory() if grant.memory is None else grant.memory
+    there = machine_memory()
+    memory = MEMORY_FRACTION * there if grant.memory is None else min(grant.memory, there)
     if GIGABYTE * memory < _memory(size, config, 0):
         room = 0
     room = min(room, (GIGABYTE * memory - BASE_MEMORY - _training_memory(size)) / GAUSSIAN_MEMORY)
@@ -161,9 +162,11 @@ def within(grant: Grant, size: ClipSize, config: FitConfig, unit: float) -> FitC
     factor = room / max_gaussians(config)
     if factor < MIN_FRACTION:
         needed = cost(size, _scaled(config, MIN_FRACTION), unit)
+        has = f", which has {there:.1f} GB" if there < float("inf") else ""
         raise F4xError(
             f"A fit of {size} pixels with the profile {config.name} takes at least {needed.minutes:.1f} minutes and"
-            f" {needed.memory:.1f} GB on this machine; grant more, or give fewer --frames, a smaller --width or another --profile."
+            f" {needed.memory:.1f} GB on this machine{has}; grant more, or give fewer --frames, a smaller --width or"
+            " another --profile."
         )
     return _scaled(config, factor)
 

@@ -560,7 +560,7 @@ def _sweep(
     if not fits.any():
         return len(order)
     first = int(np.argmin(np.maximum(weakness, cutting.clear)))
-    stops = ~(np.diff(weakness[first:], append=np.inf) < 0)
+    stops = np.append(weakness[first + 1 :] >= weakness[first:-1], True)
     return first + int(np.argmax(stops)) + 1
 
 

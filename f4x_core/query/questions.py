@@ -22,7 +22,7 @@ from ..scene.view import render
 from .cast import caster, is_cast, moving_things
 from .chat import ChatServer, image_part
 from .inventory import find, instead, labels_of, things_there
-from .knowledge import unknown_kind
+from .knowledge import refuse_unknown
 from .labels import Encode
 from .measures import Comparison, Measured, measure, single_ones, times_of
 from .not_deleted import not_deleted
@@ -312,7 +312,10 @@ def _compared(
 def _found(
     scene: Scene, asked: Asked, encode: Encode | None, names: Mapping[str, Selection]
 ) -> tuple[dict[str, Selection], dict[str, str]]:
-    """(whom a question is about, by the word that was looked for; what the search leaves open)."""
+    """(whom a question is about, by the word that was looked for; what the search leaves open).
+
+    F4xError for what the teacher of the scene's words does not know.
+    """
     notes: dict[str, str] = {}
     if asked.things:
         given = {name.lower(): name for name in names}
@@ -320,8 +323,11 @@ def _found(
             name: next((given[form] for form in spellings(name) if form in given), None) or _word_of(scene, name)
             for name in asked.things
         }
+        for name, word in words.items():
+            if word not in names:
+                refuse_unknown(scene, name, encode)
         found = {word: names[word] if word in names else find(scene, word, encode) for word in words.values()}
-        notes = {word: _note(scene, name, word) for name, word in words.items() if word not in names}
+        notes = {word: _note(name, word) for name, word in words.items() if word not in names}
     else:
         found = things_there(scene)
         rest = moving_things(scene) & not_deleted(scene)
@@ -391,12 +397,10 @@ def _word_of(scene: Scene, name: str) -> str:
     return form
 
 
-def _note(scene: Scene, name: str, word: str) -> str:
+def _note(name: str, word: str) -> str:
     """Return the note about the part of `name` that a search for `word` leaves open."""
     if len(word.split()) < len(name.split()):
         return f"I looked for {word} alone: what is {name.rsplit(maxsplit=len(word.split()))[0]} I cannot tell."
-    if (kind := unknown_kind(scene, name)) is not None:
-        return f"The scene's text features know no {kind}, so this says little."
     return ""
 
 

@@ -71,8 +71,9 @@ def test_a_small_machine_takes_fewer_gaussians_or_refuses(monkeypatch):
     assert max_gaussians(fitting) < max_gaussians(config)
     assert cost(size, fitting, UNIT).memory <= 4.501
     monkeypatch.setattr(budget, "machine_memory", lambda: 2.0)
-    with pytest.raises(F4xError, match="grant more"):
-        within(Grant(), size, config, UNIT)
+    for grant in (Grant(), Grant(memory=500)):
+        with pytest.raises(F4xError, match=r"on this machine, which has 2\.0 GB; grant more"):
+            within(grant, size, config, UNIT)
 
 
 def test_no_grant_changes_nothing():
