@@ -142,6 +142,20 @@ def findings(
     return sorted(found, key=lambda finding: order.index(finding.weight))
 
 
+def about_room(thinned: Sequence[str]) -> list[Finding]:
+    """What the settings left no room for: `thinned`, "static" or "dynamic" (`pipeline.FitResult`)."""
+    if not thinned:
+        return []
+    limits = " and ".join(f"density_{name}.max_count" for name in thinned)
+    return [
+        Finding(
+            "problem",
+            f"There was no room for all that is {' or '.join(thinned)}, so the whole clip is covered more thinly.",
+            f"Grant more with --minutes or --memory, or raise --set {limits}.",
+        )
+    ]
+
+
 def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
     """The scene in a word: poor, usable with limits, or good; empty where it was not measured."""
     score = _unseen_psnr(metrics, metrics.get("used_psnr"))

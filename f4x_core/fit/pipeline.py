@@ -37,6 +37,10 @@ NOT_DECIDING = ("checkpoint_every", "measure_every")
 """Settings that do not change what a fit finds."""
 
 
+NEARLY_FULL = 0.85
+"""Of the Gaussians that there is room for at the start: what does not fit is spawned with a spacing that leaves about a tenth."""
+
+
 @dataclass(frozen=True)
 class FitResult:
     """A fitted scene, and how it came about."""
@@ -48,6 +52,8 @@ class FitResult:
     """Quality curve of the training."""
     seconds: dict[str, float]
     """Wall time per stage of this call."""
+    thinned: tuple[str, ...] = ()
+    """Of "static" and "dynamic", what the settings had no room for, so that it was spawned more sparsely."""
 
 
 def fit_clip(
@@ -199,7 +205,7 @@ def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> Fit
         needs=tuple(need.row() for need in needs),
         next_id=trainer.next_id,
     )
-    return FitResult(scene, trainer.priors, trainer.history, seconds or {})
+    return FitResult(scene, trainer.priors, trainer.history, seconds or {}, _thinned(trainer))
 
 
 def _picture_need(clip: Clip) -> list[Need]:
@@ -256,13 +262,22 @@ def _colour_need(trainer: Trainer) -> Need:
     )
 
 
+def _thinned(trainer: Trainer) -> tuple[str, ...]:
+    """Which of the sets came close to what there is room for at the start."""
+    return tuple(
+        name for name, count in trainer.spawned.items() if count > NEARLY_FULL * trainer.config.start_of(name).max_count
+    )
+
+
 def _gaussian_need(trainer: Trainer) -> Need:
     model, config = trainer.model, trainer.config
     static, dynamic = len(model.static), len(model) - len(model.static)
     cap = sum(control.limit for control in trainer.controls.values())
     curve = [point["psnr"] for point in trainer.history[-2:]]
-    tight = [name for name, count in trainer.spawned.items() if count > 0.9 * config.start_of(name).max_count]
-    bound = f" (no room for all that is {' or '.join(tight)}: the whole clip is covered more thinly)" if tight else ""
+    thinned = _thinned(trainer)
+    bound = (
+        f" (no room for all that is {' or '.join(thinned)}: the whole clip is covered more thinly)" if thinned else ""
+    )
     gain = f", last {config.measure_every} steps brought {curve[1] - curve[0]:+.2f} dB" if len(curve) == 2 else ""
     return Need(
         "Gaussians",

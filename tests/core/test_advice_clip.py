@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 from toy import clip_and_priors
 
-from f4x_core.fit.advice import contradiction, findings
+from f4x_core.fit.advice import about_room, contradiction, findings
 from f4x_core.priors import PriorsConfig, build_priors
 
 
@@ -74,3 +74,11 @@ def test_building_priors_looks_for_cuts_and_counts_clip_frames(tmp_path):
     clip.frames[5:] = 255 - clip.frames[5:, ::-1, ::-1]
     built = build_priors(clip, tmp_path / "priors", PriorsConfig())
     assert built.statistics["changes"]["cuts"] == [5]
+
+
+def test_what_there_was_no_room_for_is_told_with_the_setting_that_held_it_back():
+    assert about_room(()) == []
+    (told,) = about_room(("static", "dynamic"))
+    assert told.weight == "problem" and "no room for all that is static or dynamic" in told.what
+    assert "--memory" in told.advice and "density_static.max_count and density_dynamic.max_count" in told.advice
+    assert "static" not in about_room(("dynamic",))[0].advice
