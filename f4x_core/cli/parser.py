@@ -159,6 +159,7 @@ def _render(verbs: Verbs) -> None:
         "--samples", type=int, default=16, metavar="N", help="pictures that make a blurred one (default: 16)"
     )
     sub.add_argument("--video", action="store_true", help="also write DIR/CHANNEL.mp4")
+    sub.add_argument("--width", type=int, metavar="W", help="pictures W pixels wide (default: as the clip was fitted)")
     sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the path (default: all of it)")
     sub.add_argument("--part", metavar="I/N", help="only the I-th of N parts of these frames, for N machines")
     backend_option(sub)

@@ -18,6 +18,7 @@ from ..edit.naming import by_words
 from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import trajectory
+from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory
 from ..language.lexicon import plural
 from ..progress import Progress
@@ -41,6 +42,8 @@ NUMBERED = {
     "slow": "slow:FACTOR, for example slow:4",
 }
 """Paths with a number -> how to write them."""
+WIDTHS = (16, 16384)
+"""Least and greatest width of a picture in pixels."""
 MAX_SLOWER = 100
 """Slower than this is a still."""
 
@@ -106,7 +109,7 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     for folder in folders.values():
         folder.mkdir(parents=True, exist_ok=True)
     span = depth_span(scene, args.backend) if "depth" in channels else (0.0, 1.0)
-    full_motion = FULL_MOTION * scene.cameras.width
+    full_motion = FULL_MOTION * views[0].camera.width
     videos: dict[str, list[np.ndarray]] = {name: [] for name in channels}
     for done, index in enumerate(indices):
         progress("render", done, len(indices))
@@ -149,12 +152,21 @@ def _frames(indices: np.ndarray) -> str:
 
 
 def views_of(args: argparse.Namespace, scene: Scene) -> tuple[Trajectory, np.ndarray, np.ndarray]:
-    """(all views of `--path`, indices that `--frames` chooses, those of them in `--part`)."""
+    """(all views of `--path`, `--width` wide, indices that `--frames` chooses, those of them in `--part`)."""
     if not 0 < args.degrees < 90:
         raise F4xError(f"--degrees {args.degrees:g}: give a number above 0 and below 90.")
     views = trajectory_of(scene, args.path, args.degrees)
+    if args.width is not None:
+        if not WIDTHS[0] <= args.width <= WIDTHS[1]:
+            raise F4xError(f"--width {args.width}: give a number of pixels from {WIDTHS[0]} to {WIDTHS[1]}.")
+        views = [view._replace(camera=_as_wide(view.camera, args.width)) for view in views]
     chosen = frame_indices(args.frames, len(views), f"--path {args.path}")
     return views, chosen, chosen[part_of(len(chosen), args.part, args.video)]
+
+
+def _as_wide(camera: Camera, width: int) -> Camera:
+    """The camera for pictures `width` pixels wide and of even height, which films want."""
+    return camera.resized(width, max(2, 2 * round(camera.height * width / camera.width / 2)))
 
 
 def run_shots(args: argparse.Namespace, scene: Scene, progress: Progress) -> dict[str, Any]:

@@ -107,6 +107,16 @@ def test_fit_leaves_its_files_and_the_other_verbs_read_them(toy_fit, tmp_path, c
     capsys.readouterr()
     assert main(["render", str(out / "scene.f4x"), "-o", str(some), "--part", "1/20"]) == 0
     assert capsys.readouterr().out.endswith(": 0 frames; 8 frames in 20 parts leave nothing for --part 1/20\n")
+    large = ["render", str(out / "scene.f4x"), "-o", str(tmp_path / "large"), "--frames", "0:1"]
+    assert main([*large, "--channels", "rgb,motion", "--width", "200"]) == 0
+    assert Image.open(tmp_path / "large" / "rgb" / "00000.png").size == (200, 124)
+    again = np.asarray(
+        Image.open(tmp_path / "large" / "rgb" / "00000.png").resize((64, 40), Image.Resampling.BOX), float
+    )
+    assert np.abs(again - np.asarray(Image.open(frames / "rgb" / "00000.png"), float)).mean() < 6  # the same view
+    capsys.readouterr()
+    assert main([*large, "--width", "8"]) == 2
+    assert "--width 8: give a number of pixels from 16 to 16384" in capsys.readouterr().err
     for path in ("orbit", "frozen:2.5"):
         assert main(["render", str(out / "scene.f4x"), "-o", str(tmp_path / path[:4]), "--path", path, "--json"]) == 0
     assert main(["export", str(out / "scene.f4x"), "-o", str(tmp_path / "one.ply"), "--time", "2", "--json"]) == 0
