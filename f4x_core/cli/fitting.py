@@ -203,9 +203,10 @@ def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, unit: f
         small_width, small_height = even_size(width, height, wanted)
         small = resize_color(first, small_width, small_height)
         missed = np.mean((enlarge_color(small, width, height).astype(np.float64) - first) ** 2)
-        detail = f"to {10 * np.log10(255**2 / missed):.0f} dB" if missed else "all of it"
+        detail = f"the detail of the clip's {width} pixels"
+        kept = f"{detail} to {10 * np.log10(255**2 / missed):.0f} dB" if missed else f"all {detail}"
         minutes = parts * cost(ClipSize(size.frames, small_width, small_height), config, unit).minutes
-        words.append(f"--width {wanted} keeps the detail of the clip's {width} pixels {detail}, {minutes:.1f} minutes")
+        words.append(f"--width {wanted} keeps {kept}, {minutes:.1f} minutes")
     return "; ".join(words)
 
 
