@@ -25,6 +25,7 @@ from ..fit.pipeline import ClipFit, FitResult
 from ..fit.previous_window import PreviousWindow, WindowFit
 from ..fit.settings import list_settings, set_fields
 from ..geometry.camera import CameraPath
+from ..geometry.trajectory import original
 from ..priors.config import config_hash
 from ..processes import START, run_verb
 from ..progress import Progress
@@ -103,7 +104,7 @@ class WindowRequest:
     def write(self) -> Path:
         """Write the request into its folder; returns the file."""
         clip, config, before = self.clip, self.config, self.before
-        told = {
+        fields = {
             "clip": {name: getattr(clip, name) for name in WORDS},
             "cameras": None if clip.cameras is None else clip.cameras.to_json(),
             "picture": None if clip.picture is None else asdict(clip.picture),
@@ -116,7 +117,7 @@ class WindowRequest:
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / "request.npz"
         with replace_file(path) as file:
-            np.savez(file, **arrays, told=json.dumps(told))
+            np.savez(file, **arrays, fields=json.dumps(fields))
         return path
 
     @classmethod
@@ -124,14 +125,14 @@ class WindowRequest:
         """Read what `write` wrote."""
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in ARRAYS if name in file}
-            told = json.loads(str(file["told"]))
-        cameras, before = told["cameras"], told["before"]
+            fields = json.loads(str(file["fields"]))
+        cameras, before = fields["cameras"], fields["before"]
         cameras = None if cameras is None else CameraPath.from_json(cameras, path)
-        clip = Clip(**told["clip"], **arrays, cameras=cameras, picture=Picture.read(told["picture"]))
-        config = set_fields(FitConfig(), told["config"])
-        config = replace(config, priors=replace(config.priors, files=told["files"]))
+        clip = Clip(**fields["clip"], **arrays, cameras=cameras, picture=Picture.read(fields["picture"]))
+        config = set_fields(FitConfig(), fields["config"])
+        config = replace(config, priors=replace(config.priors, files=fields["files"]))
         known = None if before is None else WindowBefore(**{**before, "path": Path(before["path"])})
-        return cls(clip, path.parent, config, known, told["resume"])
+        return cls(clip, path.parent, config, known, fields["resume"])
 
     def fit(self, progress: Progress) -> None:
         """Fit and measure the window; leaves its scene and its diagnostics page."""
@@ -160,16 +161,15 @@ class WindowRequest:
 
     def _fitted(self, progress: Progress) -> FitResult:
         """The fit; what it held of the window before is gone when it ends."""
-        given = self.clip, self.folder, self.config, progress, self.resume
         if self.before is None:
-            return ClipFit(*given).run()
-        return WindowFit(*given, previous=self.before.read()).run()
+            return ClipFit(self.clip, self.folder, self.config, progress, self.resume).run()
+        previous = self.before.read()
+        return WindowFit(self.clip, self.folder, self.config, progress, self.resume, previous=previous).run()
 
 
 def near_path(scene: Scene) -> Scene:
     """The scene with no more background than is seen along its own cameras or BESIDE them: to measure it, and to look at it."""
-    cameras = scene.cameras
-    return seen_from(scene, zip(map(cameras.__getitem__, range(len(cameras))), cameras.times, strict=True), BESIDE)
+    return seen_from(scene, original(scene.cameras), BESIDE)
 
 
 def fit_here(request: Path, progress: Progress) -> None:

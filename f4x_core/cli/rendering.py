@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from ..clip.images import even_height
 from ..clip.read import frame_indices
 from ..clip.video import write_video
 from ..edit.apply import open_scene
@@ -18,7 +19,6 @@ from ..edit.naming import by_words
 from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import trajectory
-from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory
 from ..language.lexicon import plural
 from ..progress import Progress
@@ -159,14 +159,10 @@ def views_of(args: argparse.Namespace, scene: Scene) -> tuple[Trajectory, np.nda
     if args.width is not None:
         if not WIDTHS[0] <= args.width <= WIDTHS[1]:
             raise F4xError(f"--width {args.width}: give a number of pixels from {WIDTHS[0]} to {WIDTHS[1]}.")
-        views = [view._replace(camera=_as_wide(view.camera, args.width)) for view in views]
+        height = even_height(views[0].camera.width, views[0].camera.height, args.width)
+        views = [view._replace(camera=view.camera.resized(args.width, height)) for view in views]
     chosen = frame_indices(args.frames, len(views), f"--path {args.path}")
     return views, chosen, chosen[part_of(len(chosen), args.part, args.video)]
-
-
-def _as_wide(camera: Camera, width: int) -> Camera:
-    """The camera for pictures `width` pixels wide and of even height, which films want."""
-    return camera.resized(width, max(2, 2 * round(camera.height * width / camera.width / 2)))
 
 
 def run_shots(args: argparse.Namespace, scene: Scene, progress: Progress) -> dict[str, Any]:

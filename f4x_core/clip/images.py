@@ -68,7 +68,12 @@ def even_size(width: int, height: int, new_width: int | None) -> tuple[int, int]
     """Return (width, height) near `new_width` with the same aspect, both even as video codecs want; never larger."""
     if new_width is None or new_width >= width:
         return width, height
-    return max(2, 2 * round(new_width / 2)), max(2, 2 * round(height * new_width / width / 2))
+    return max(2, 2 * round(new_width / 2)), even_height(width, height, new_width)
+
+
+def even_height(width: int, height: int, new_width: int) -> int:
+    """Height of a picture of `width` x `height` that is made `new_width` wide, even as video codecs want."""
+    return max(2, 2 * round(height * new_width / width / 2))
 
 
 def resize_color(image: np.ndarray, width: int, height: int) -> np.ndarray:

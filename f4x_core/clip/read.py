@@ -19,7 +19,7 @@ from .video import decode, describe
 
 STAGE = "reading clip"
 USUAL_SIDE = 480
-"""Pixels along the longer side of a picture, unless told otherwise: what all figures of the project were measured at."""
+"""Pixels along the longer side of a picture, unless a width is given: what all figures of the project were measured at."""
 ASPECT_TOLERANCE = 0.01  # relative; rounding to even sizes changes the aspect of a 200-pixel frame by this much
 
 

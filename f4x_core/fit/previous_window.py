@@ -103,9 +103,7 @@ class PreviousWindow:
         known = np.full((len(frames), clip.height, clip.width), np.nan, np.float32)
         for row, frame in enumerate(frames + self.offset):
             if frame < len(self.scene.cameras):
-                time = float(self.scene.cameras.times[frame])
-                camera = self.scene.cameras[int(frame)]
-                seen = render(seen_from(self.scene, [(camera, time)]), camera, time, ("depth", "alpha"), backend)
+                seen = self._shown(int(frame), backend)
                 known[row] = np.where(seen["alpha"] > OPAQUE, seen["depth"], np.nan)
         return known
 
@@ -125,12 +123,10 @@ class PreviousWindow:
         ratios, then = [], []
         for row in shared:
             frame = int(priors.frames[row]) + self.offset
-            camera = self.scene.cameras[frame]
-            time = float(self.scene.cameras.times[frame])
-            seen = render(seen_from(self.scene, [(camera, time)]), camera, time, ("depth", "alpha"), backend)
+            seen = self._shown(frame, backend)
             known = (seen["alpha"] > OPAQUE) & (priors.depth[row] > 0)
             ratios.append(np.where(known, seen["depth"] / priors.depth[row], np.nan))
-            then.append(np.linalg.inv(camera.world_to_camera))
+            then.append(np.linalg.inv(self.scene.cameras.world_to_camera[frame]))
         ratio = np.stack(ratios)
         scale = _median(ratio[~moving[shared]], 1.0)
         own = min(_median(ratio[moving[shared]], scale), scale * _room(priors.depth, moving))
@@ -199,6 +195,11 @@ class PreviousWindow:
             return np.append(matches, STIFFNESS * np.sqrt(2 * len(points)) * camera.intrinsics[0, 0] * step)
 
         return moved(least_squares(off, np.zeros(freedom), loss="soft_l1", f_scale=FLOW_ERROR).x)
+
+    def _shown(self, frame: int, backend: str) -> dict[str, np.ndarray]:
+        """Depth and alpha of the earlier scene in its own `frame`."""
+        camera, time = self.scene.cameras[frame], float(self.scene.cameras.times[frame])
+        return render(seen_from(self.scene, [(camera, time)]), camera, time, ("depth", "alpha"), backend)
 
     def _ground(self, camera: Camera, backend: str) -> dict[str, np.ndarray]:
         """Colour, depth and alpha of all the background so far."""

@@ -93,7 +93,7 @@ BLOCK = 4096
 
 
 class Cutting(NamedTuple):
-    """How the weakest outline is told."""
+    """Which of the outlines along a walk is that of the thing."""
 
     contrast: float
     """Power of the mean strength of the cut bonds, as a fraction of what they could be; the rest is the power of the conductance,
