@@ -148,11 +148,11 @@ def parse(
             operations = read.operations or settled(read)
             _ask_about_purpose(sentence, known, read, operations)
             if _removes_loosely(replace(read, operations=operations)):
-                asked = _without_idle(replace(read, operations=operations))
+                asked = _without_idle(replace(read, operations=operations), known)
                 if (strange := _named_besides(read)) and not read.reading.word(read.idle[0] - 1) == "for":
                     raise Refusal(f"I do not know what '{strange}' is, so nothing is removed.")
                 raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
-            if why := misgiving(sentence, operations, lambda text: _words_of(_plainly(text, known)[0], known)):
+            if why := _why_unsure(sentence, operations, known):
                 asked = Doubt(f"I would do: {in_words(operations)}. {why}", in_words(operations))
                 raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
             return operations
@@ -419,7 +419,7 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
         return
     if "who" not in read.clauses[0].slots:
         return  # whom it is for may be what was left out
-    doubt = _without_idle(read)
+    doubt = _without_idle(read, known)
     if _means(doubt.instead, read.operations, known, settled):
         raise doubt
 
@@ -446,6 +446,11 @@ def _is_a_verb(reading: Reading, at: int) -> bool:
     return reading.word(at + 1) in ("the", "my", "that", "it", "him", "her", "them")
 
 
+def _why_unsure(sentence: str, operations: tuple[Operation, ...], known: Mapping[tuple[str, ...], str]) -> str:
+    """Why operations may not be what a sentence means, for people; nothing where they may."""
+    return misgiving(sentence, operations, lambda text: _words_of(_plainly(text, known)[0], known))
+
+
 def _means(
     sentence: str, operations: tuple[Operation, ...], known: Mapping[tuple[str, ...], str], settled: Settle
 ) -> bool:
@@ -456,7 +461,7 @@ def _means(
     return False
 
 
-def _without_idle(read: Read) -> Doubt:
+def _without_idle(read: Read, known: Mapping[tuple[str, ...], str]) -> Doubt:
     """What a sentence comes to without its idle words, to be asked."""
     tokens, typed = read.reading.tokens, read.reading.sentence
     joined: list[tuple[int, int]] = []
@@ -466,7 +471,10 @@ def _without_idle(read: Read) -> Doubt:
         else:
             joined.append((tokens[at].start, tokens[at].end))
     left_out = "', '".join(typed[start:end] for start, end in joined)
-    return Doubt(f"I would do: {in_words(read.operations)}. I do not know what '{left_out}' adds.", cut(typed, joined))
+    plan, instead = in_words(read.operations), cut(typed, joined)
+    if _why_unsure(instead, read.operations, known):  # its answer would raise another question
+        instead = plan
+    return Doubt(f"I would do: {plan}. I do not know what '{left_out}' adds.", instead)
 
 
 def _removes(operation: Operation) -> bool:

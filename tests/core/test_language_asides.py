@@ -4,7 +4,7 @@ import re
 from contextlib import suppress
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from f4x_core.edit.description import describe
@@ -157,6 +157,8 @@ def test_no_number_negation_limit_or_thing_is_left_unexplained(text):
 
 
 @settings(max_examples=60, deadline=None)
+@example("cat right wobbly cat only")
+@example("red cat cat without it")
 @given(st.lists(WORDS, min_size=2, max_size=10).map(" ".join))
 def test_every_question_names_what_its_sentence_does(text):
     try:
