@@ -62,11 +62,13 @@ _slowly = ~keyword(",") + table(
         "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|more "
         "and more|as time [goes on|goes by|passes]|with time|step by step|lerp|lerped|interpolate|interpolated|tween|tweened|nice "
         "and [gentle|gently|easy|steady]|[with|in] a [slow|gentle|soft|smooth|gradual] [transition|ramp|blend]|(in) a gradual way|"
-        "easing in and out|easing in|easing out|with (a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|with soft "
-        "ends|eased|(with) (an) ease in and out|(with) easing|eased in and out|nice and [smooth|smoothly|slow|slowly|gradual]|"
-        "(nice and) smooth|(with) (a) [smooth|soft|eased] [interpolation|motion|movement|transition] ((,) not linear)": True
+        "easing in|easing out|with (a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|eased|(with) easing|nice and "
+        "[smooth|smoothly|slow|slowly|gradual]|(nice and) smooth|(with) (a) [smooth|soft|eased] [interpolation|motion|movement|"
+        "transition] ((,) not linear)": False,
+        "easing in and out|with soft ends|(with) (an) ease in and out|eased in and out": True,
     }
 )
+"""That it comes little by little, and whether at both ends."""
 _afterthought = either(
     ~keyword(",|-|(") + ~keyword("but|though|if|and|or") + keyword("only|just|merely|barely|(even) if only") + degree,
     keyword(",|(|-|but") + ~keyword("maybe|perhaps|say") + degree,

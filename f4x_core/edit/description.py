@@ -175,8 +175,8 @@ def _(operation: Freeze) -> str:
 def _(operation: Retime) -> str:
     speeds = {2.0: "twice as fast", 0.5: "at half speed"}
     pace = speeds.get(operation.speed, f"at {_percent(operation.speed)} speed")
-    gradually = f"{', ' if operation.frames else ' '}gradually" if operation.ease else ""
-    return f"play {whom(operation.select)} {pace}" + _span(operation.frames) + gradually
+    eased = {"soft": " with soft ends"}.get(operation.ease, ", gradually" if operation.frames else " gradually")
+    return f"play {whom(operation.select)} {pace}" + _span(operation.frames) + (eased if operation.ease else "")
 
 
 @_sentence.register

@@ -636,7 +636,8 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             own = piece.get("when")
         before = command, piece
         topics = [*topics, who] if clause.gapped else [who]
-        settled = When.of(own or front or _time_behind(clauses, at), context, "slowly" in piece)
+        time = own or front or _time_behind(clauses, at)
+        settled = When.of(time, context, slowly="slowly" in piece, soft=piece.get("slowly", False))
         for operation in _made(command, piece, who, settled, context, assumed):
             lasts = isinstance(operation, Recolour | Opacity | Style | Grade | Blur | Glow | Freeze)
             if clause.ended and (not lasts or _removes(operation)):

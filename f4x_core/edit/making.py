@@ -162,10 +162,19 @@ def swapped(other: Who | None = None) -> Value:
 
 
 def stretched(by: float) -> Value:
-    """So many times as long; Mismatch for none."""
+    """So many times as long, all of the part that is named; Mismatch for none."""
     if by <= 0:
         raise Mismatch
-    return retimed(1 / by)
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        fields = replace(when, soft=True).pace
+        start, end = fields.get("frames", (0.0, None))
+        if end is not None:
+            end = start + by * (end - start)
+            fields["frames"] = (start, None if end >= context.frames - 1 else round(end, PLACES))
+        return Retime(who, round(1 / by, PLACES), **fields)
+
+    return value
 
 
 def opacity(by: float) -> Value:
@@ -359,12 +368,13 @@ def lasting(to: TimeExpression) -> Value:
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         if to.resolve(context) <= 0:
             raise Refusal("Nothing can last no time at all; say a longer time.")
-        if when.frames is None:
-            return Retime(who, round(context.frames / to.resolve(context), PLACES), **when.pace)
-        if when.frames[1] is None and when.kind not in ("range", "from"):
+        if when.frames and when.frames[1] is None and when.kind not in ("range", "from"):
             raise Refusal("It is not said which part is to last so long; add for example 'from second 1 to 2'.")
-        end = context.frames - 1 if when.frames[1] is None else when.frames[1]
-        return Retime(who, round((end - when.frames[0]) / to.resolve(context), PLACES), **when.pace)
+        start, end = when.frames or (0, context.frames)
+        length = (context.frames - 1 if end is None else end) - start
+        if length <= 0:
+            raise Refusal("A moment has no length; say from when to when, for example 'from second 1 to 2'.")
+        return stretched(to.resolve(context) / length)(who, when, context)
 
     return value
 

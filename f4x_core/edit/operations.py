@@ -248,8 +248,9 @@ class Retime(Change):
     """2 is twice as fast; at the end of the clip's motion it stands still."""
     frames: Span | None = None
     """Only from … to; afterwards at the old speed from where it then is. None = the whole clip."""
-    ease: Literal["linear", "smooth"] | None = None
-    """None: at once. Else the speed changes from the old one at the first frame to the new one at the last, and stays."""
+    ease: Literal["linear", "smooth", "soft"] | None = None
+    """None: at once. Else the speed changes from the old one at the first frame to the new one at the last, and stays; soft: it
+    comes and goes at both ends of the span, of which as much is shown as at once."""
 
     def __post_init__(self) -> None:
         """Validate."""

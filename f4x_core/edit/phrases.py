@@ -129,14 +129,16 @@ class When:
 
     slowly: bool = False
     """It is said to come little by little."""
+    soft: bool = False
+    """Little by little at both ends: it comes and is over at the last."""
     edge: tuple[float, float | None] | None = None
     """The second that "at the beginning" or "at the end" means for what is in effect for a while."""
 
     @classmethod
-    def of(cls, phrase: Span | None, context: SentenceContext, slowly: bool = False) -> When:
+    def of(cls, phrase: Span | None, context: SentenceContext, slowly: bool = False, soft: bool = False) -> When:
         """Clip frames of a span; Refusal: outside of the clip, or ending before it starts."""
         if phrase is None or phrase.kind == "always":
-            return cls(slowly=slowly)
+            return cls(slowly=slowly, soft=soft)
         start, end = phrase.start.resolve(context), None if phrase.end is None else phrase.end.resolve(context)
         last = context.frames - 1
         # The instant in which the last frame ends is still the clip: "to second 6" of six seconds.
@@ -151,7 +153,7 @@ class When:
         second, edge = min(context.fps, last), None
         if phrase.kind == "moment" and phrase.start in (START, END):
             edge = (0.0, float(second)) if phrase.start == START else (float(max(last - context.fps, 0)), None)
-        return cls((float(start), None if end is None else float(end)), kind, slowly, edge)
+        return cls((float(start), None if end is None else float(end)), kind, slowly, soft, edge)
 
     @property
     def effect(self) -> dict[str, Any]:
@@ -192,7 +194,7 @@ class When:
     def pace(self) -> dict[str, Any]:
         """Fields of a change of speed."""
         return (self._frames if self.edge is None else {"frames": self.edge}) | (
-            {"ease": "smooth"} if self.slowly else {}
+            {"ease": "soft" if self.soft else "smooth"} if self.slowly else {}
         )
 
     def fading(self, context: SentenceContext, inward: bool) -> dict[str, Any]:

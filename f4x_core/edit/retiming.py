@@ -30,6 +30,10 @@ TimeMap = Callable[[float], float]
 """Clip frame shown -> clip frame read."""
 
 
+SOFT = 0.25
+"""Fraction of a span that each of its soft ends takes, or less where it is slow."""
+
+
 def holds(frames: Span | None, time: float) -> bool:
     """Whether `time` lies within `frames`, both ends included."""
     return frames is None or frames[0] <= time <= (math.inf if frames[1] is None else frames[1])
@@ -87,9 +91,8 @@ def _retime(operation: Retime, clip: tuple[float, float]) -> TimeMap:
         if time <= begin or length <= 0:
             return time if time <= begin else min(begin + speed * (time - begin), last)
         u = min((time - begin) / length, 1.0)
-        grown = u * u / 2 if operation.ease == "linear" else u**3 - u**4 / 2  # the integral of the ease
-        after = max(time - begin - length, 0.0)
-        return min(begin + length * (u + (speed - 1) * grown) + speed * after, last)
+        after = max(time - begin - length, 0.0) * (1 if operation.ease == "soft" else speed)
+        return min(begin + length * (u + (speed - 1) * _changed(operation, u)) + after, last)
 
     def time_map(time: float) -> float:
         if time <= begin:
@@ -97,6 +100,15 @@ def _retime(operation: Retime, clip: tuple[float, float]) -> TimeMap:
         return min(begin + speed * (min(time, stop) - begin) + max(time - stop, 0.0), last)
 
     return eased if operation.ease else time_map
+
+
+def _changed(operation: Retime, u: float) -> float:
+    """The integral of an ease from 0 to `u`, fractions of its span; of a soft one it is 1 at the end."""
+    if operation.ease != "soft":
+        return u * u / 2 if operation.ease == "linear" else u**3 - u**4 / 2
+    side = min(operation.speed / 2, SOFT)  # so short that it never runs backwards between the ends
+    rise, fall = ((min(x, side) ** 2 / 2 / side + max(x - side, 0)) for x in (u, max(u - 1 + side, 0)))
+    return (rise - fall) / (1 - side)
 
 
 def _reverse(operation: Reverse, clip: tuple[float, float]) -> TimeMap:

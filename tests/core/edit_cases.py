@@ -64,7 +64,7 @@ retimings = st.one_of(
     st.builds(
         lambda s, at, more: Freeze(s, at, None if more is None else at + more), selects, frames, lasting | frames
     ),
-    st.builds(Retime, selects, st.sampled_from((0.5, 2.0)), spans, st.sampled_from((None, "linear", "smooth"))),
+    st.builds(Retime, selects, st.sampled_from((0.5, 2.0)), spans, st.sampled_from((None, "linear", "smooth", "soft"))),
     st.builds(Reverse, selects, spans),
     st.builds(Loop, selects, spans.filter(lambda s: s is not None)),
 )

@@ -345,6 +345,8 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
         if ok and "to_seconds" in slot:
             a, b = slot.get("span", {"seconds": [0, FRAMES / FPS]})["seconds"]
             ok = _amount_fits((b - a) / slot["to_seconds"], made["speed"])
+            if "span" in slot:  # all of it is shown, in its new length
+                slot = {**slot, "span": {"seconds": [a, a + slot["to_seconds"]]}}
         if ok and kind == "stretch" and "factor" in slot:
             ok = _amount_fits(1 / slot["factor"], made["speed"])
         if ok and slot.get("ease") == "smooth":

@@ -102,6 +102,18 @@ def test_an_eased_speed_is_the_old_one_at_first_and_the_new_one_at_last(ease):
     assert shown(20.0) == pytest.approx(10 + 10 * 0.75)
 
 
+@pytest.mark.parametrize("speed", [0.1, 0.5, 0.9, 2.0, 5.0])
+def test_a_speed_with_soft_ends_shows_as_much_as_at_once_and_is_over_at_the_last_frame(speed):
+    soft, hard = (time_map_of(Retime(All(), speed, (10.0, 30.0), ease), (0.0, 199.0)) for ease in ("soft", None))
+    times = np.linspace(0, 40, 4001)
+    speeds = np.gradient([soft(t) for t in times], times)
+    assert soft(30.0) == pytest.approx(hard(30.0))
+    assert soft(20.0) == pytest.approx(hard(20.0))  # what comes and what goes are alike
+    assert soft(37.0) - soft(30.0) == pytest.approx(7.0)
+    assert speeds.min() > 0  # it never stands still or runs back
+    assert np.abs(np.diff(speeds)).max() < 0.05 * abs(speed - 1) + 0.01  # and never jumps
+
+
 def test_the_upper_half_is_what_lies_above_the_middle_of_the_picture_of_it():
     camera = Camera(np.array([[50.0, 0, 32], [0, 50, 20], [0, 0, 1]]), np.eye(4), 64, 40)
     points = np.stack([np.zeros(101), np.linspace(-1, 1, 101), np.full(101, 3.0)], 1)

@@ -15,8 +15,9 @@ from f4x_core.edit.commands import COMMANDS
 from f4x_core.edit.description import describe
 from f4x_core.edit.language import MAX_CHARACTERS, Refusal, nearest, parse
 from f4x_core.edit.making import SHOWN
-from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Transform, read_operation
+from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Retime, Transform, read_operation
 from f4x_core.edit.request import Request
+from f4x_core.edit.retiming import time_map_of
 from f4x_core.edit.selects import Current, Ids, Instance, Named, Not, Or, Text
 from f4x_core.edit.slots import AGAIN, REMARK
 from f4x_core.errors import F4xError
@@ -286,6 +287,39 @@ def test_the_word_that_is_blamed_is_the_one_at_fault(sentence, word):
         say(sentence, selected=True)
     assert word in told.value.reason
     assert not any("remove" in example for example in told.value.nearest if "n't" in sentence)
+
+
+@pytest.mark.parametrize(
+    ("sentence", "part", "length"),
+    [
+        ("stretch the first second to two seconds", (0, 10), 20),
+        ("make the first second last two seconds", (0, 10), 20),
+        ("compress the second second into half a second", (10, 20), 5),
+        ("make seconds 1 to 2 take half a second", (10, 20), 5),
+        ("stretch the part from 0.5 to 1 second so that it takes two seconds", (5, 10), 20),
+        ("let the dog's first second take one and a half seconds", (0, 10), 15),
+        ("shorten the second second by half", (10, 20), 5),
+        ("play the first second in half the time", (0, 10), 5),
+        ("the first second should be three times as long", (0, 10), 30),
+        ("stretch frames 10 to 20 to four seconds", (10, 20), 40),
+        ("stretch the first second to two seconds, easing in and out", (0, 10), 20),
+        ("draw out the second second over two seconds smoothly", (10, 20), 20),
+    ],
+)
+def test_a_part_that_gets_another_length_is_shown_whole_in_it(sentence, part, length):
+    (retime,) = say(sentence)
+    (start, end), shown = part, time_map_of(retime, (0, 59))
+    assert shown(start) == pytest.approx(start)
+    assert shown(start + length) == pytest.approx(end, abs=0.02)  # speeds have three decimals
+    assert shown(start + length + 5) == pytest.approx(end + 5, abs=0.02)  # then it goes on as it was
+    assert (retime.ease == "soft") == ("eas" in sentence or "smooth" in sentence)
+
+
+@pytest.mark.parametrize(
+    "sentence", ["play the dog at half speed during the first second", "slow motion for the dog until second 1"]
+)
+def test_a_speed_during_a_part_is_for_what_is_shown_then(sentence):
+    assert say(sentence) == (Retime(DOG, 0.5, (0.0, 10.0)),)
 
 
 def test_examples_are_about_what_is_there():
