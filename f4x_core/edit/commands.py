@@ -595,7 +595,14 @@ _QUALITIES = {
     "warmth|color temperature|temperature": lambda by: making.warmed(Amount("fraction", abs(by - 1)), by > 1),
     "blur|blurriness|softness": lambda by: making.blurred(Amount("large" if by > 1.5 else "small")) if by > 1 else None,
 }
-_way = table(
+_BROUGHT = word_set("bring give get put want have bringing giving getting putting")
+_color_brought_back = here(
+    lambda reading, at: (
+        "back" in reading.words[at : at + 2] and {"color", "colors"} & {*reading.words} and _BROUGHT & {*reading.words}
+    )
+)
+"""That is no less of it: "bring back the color"."""
+_way = unless(_color_brought_back) + table(
     {
         any_form("more")
         + "|add|adds|adding|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|"

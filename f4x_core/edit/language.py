@@ -83,6 +83,7 @@ from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
 from .slots import AGAIN, ENDED, REMARK, TOPIC, Command
 from .styles import STYLES
+from .taking_back import taken_back, turned_round
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
@@ -162,6 +163,8 @@ def parse(
             raise Refusal(refusal.reason, _nearest(read.reading.tokens)) from refusal
         except F4xError as error:
             raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
+    if taken := taken_back(read.reading):
+        raise taken
     if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
         if not (read.reason or _holds(_shade, read.reading)):  # what is understood and cannot be has its own reason
@@ -521,6 +524,7 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
         describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
+        describes = describes or turned_round(token.text) is not None
         if token.is_word and not describes and not {token.text, singular(token.text)} & lexicon:
             meant = misspelt(token.text, parts | _SPOKEN_OF) or (None if understood else misspelt(token.text, lexicon))
             if meant and (is_slip(token.text, meant) or not token.text.endswith(_INFLECTED)):

@@ -28,6 +28,7 @@ from .selects import Ids, SelectKind, Text
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
 from .stack import undo as undo
+from .taking_back import TakenBack
 
 GRAMMAR = "grammar"
 """`Proposal.understood_by` where no model was asked."""
@@ -101,6 +102,8 @@ def propose(
         asked, understood_by, notes = read_sentence(scene, sentence, context, server)
     except Doubt:
         raise
+    except TakenBack as taken:
+        raise Refusal(taken.reason_in(of(scene))) from taken
     except Refusal as refusal:
         raise Refusal(refusal.reason, refusal.nearest and language.nearest(sentence, _there(scene))) from refusal
     resolver = Resolver(context, encode)

@@ -75,6 +75,7 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     ),
     (r"\b(?:hex|html)(?: colou?r| code)?:? *#?(?=[0-9a-f]{6}\b)", "#"),
     (r"\b(to|toward|towards|on) the (?:write|rite|wright)\b", r"\1 the right"),
+    (r"\b(un|de|non)-(?=[a-z]{3})", r"\1"),
     (r"\bmost near\b", "nearest"),
     (r"\bmost close\b", "closest"),
     (r"\btoo (?=the\b|my\b|its\b)", "to "),
