@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from ..language.amounts import VIEWER, direction, number, number_at
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
+from ..language.compounds import is_adjective
 from ..language.grammar import (
     NOTHING,
     VOCABULARY,
@@ -286,7 +287,7 @@ def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         _open(reading, before)
         or reading.word(before) in SHADES
         or (reading.word(before),) in reading.known
-        or (behind_article and _describes(reading.word(before)))
+        or (behind_article and (_describes(reading.word(before)) or (before == at and _is_done_with(reading, at))))
     ):
         thing_before = before > at and reading.word(before - 1) not in SHADES
         if reading.word(before) in COLOURS and thing_before and any(True for _ in _known_at(reading, before - 1)):
@@ -301,22 +302,23 @@ def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 _ARTICLES = word_set("the a an my our that this your his her their these those")
-_ADJECTIVE = re.compile(r".{2,}(?:ing|ed|y|en|ish|ful|ous|ic|al|ive|less)")
-_ADJECTIVES = word_set(
-    "old young plain bare dry wet fat thin round open closed broken clean soft hard hot cheap real wild rough odd strange huge"
-)
 _SELECTING = word_set(
     "moving static missing remaining missed only many any every early ordinary duplicated copied selected"
 )
 """Words that say which of several and are nothing that a thing is like."""
+_COPYING = frozenset(any_form("copy").split("|"))
+"""Verbs that before a thing mean its copy."""
 
 
 def _describes(word: str) -> bool:
     """Whether a word before a noun says what it is like, also where it means something elsewhere: "the shiny car"."""
-    return word in _ADJECTIVES or (
-        bool(_ADJECTIVE.fullmatch(word))
-        and word not in FUNCTION_WORDS | NO_THINGS | _SELECTING | ONES.keys() | TENS.keys()
-    )
+    return is_adjective(word) and word not in FUNCTION_WORDS | NO_THINGS | _SELECTING | ONES.keys() | TENS.keys()
+
+
+def _is_done_with(reading: Reading, at: int) -> bool:
+    """Whether a verb before a known thing says what it is for: "drift car"."""
+    word = reading.word(at)
+    return word in IMPERATIVES - FUNCTION_WORDS - _SELECTING - _COPYING and any(_known_at(reading, at + 1))
 
 
 _PARTS_IN_ING = word_set("wing ring earring lining railing clothing building painting string spring ceiling coating")

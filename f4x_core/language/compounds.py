@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 
-from .lexicon import spellings
+from .lexicon import spellings, word_set
 
 _IDIOMS = ("hot dog", "sea horse", "sea lion", "guinea pig", "teddy bear", "toilet seat", "shoe tree", "clothes horse")
 _MADE_UP = ("toy", "stuffed", "plush", "teddy", "rocking", "gummy", "cartoon", "imaginary")
@@ -14,6 +15,16 @@ ADJECTIVE = (
     r"colou?rful|big|large|small|little|tiny|huge|tall|short|long|thin|thick|fat|young|old|new|beautiful|pretty|nice|cute"
 )
 """Words before the name of a thing that say how it looks: the search leaves them out, and the answer says so."""
+
+_DESCRIBING = re.compile(r".{2,}(?:ing|ed|y|en|ish|ful|ous|ic|al|ive|less)")
+_PLAIN_ADJECTIVES = word_set(
+    "old young plain bare dry wet fat thin round open closed broken clean soft hard hot cheap real wild rough odd strange huge"
+)
+
+
+def is_adjective(word: str) -> bool:
+    """Whether a word before a noun says what it is like, as far as its form tells."""
+    return word in _PLAIN_ADJECTIVES or bool(_DESCRIBING.fullmatch(word))
 
 
 _JOINTS = ("of", "in", "with", "wearing", "who", "that", "which")

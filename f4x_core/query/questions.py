@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Protocol
@@ -13,9 +13,9 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import Trajectory, original
-from ..language.compounds import ADJECTIVE
+from ..language.compounds import ADJECTIVE, head_of, is_adjective, names_another
 from ..language.grammar import read_as_meant
-from ..language.lexicon import spellings, word_set
+from ..language.lexicon import FUNCTION_WORDS, is_adverb, spellings, word_set
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
@@ -388,7 +388,7 @@ def _word_of(scene: Scene, name: str) -> str:
     else:
         start, form = (0, name) if len(words) == 1 else (len(words), "")
     left = [word for word in words[:start] if not re.fullmatch(ADJECTIVE, word)]
-    if left or not form:
+    if not form or (left and not _is_compound(left, name, known)):
         named = {*known, "it", "they", "them", "he", "she", "this", "that"}
         strange = " ".join(word for word in left if named.isdisjoint(spellings(word))) or name
         raise Unanswerable(
@@ -397,9 +397,17 @@ def _word_of(scene: Scene, name: str) -> str:
     return form
 
 
+def _is_compound(left: Sequence[str], name: str, known: Collection[str]) -> bool:
+    """Whether the words before a known one are a noun that says which kind it is: "race horse", which a "hot dog" is not."""
+    plain = not is_adjective(left[0]) and left[0] not in FUNCTION_WORDS and not is_adverb(left[0])
+    return len(left) == 1 and plain and left[0].isalpha() and not names_another(name) and head_of(name, known) is None
+
+
 def _note(name: str, word: str) -> str:
     """Return the note about the part of `name` that a search for `word` leaves open."""
     if len(word.split()) < len(name.split()):
+        if not re.search(rf"\b(?:{ADJECTIVE})\b", name):
+            return f"I looked for {word}: whether it is a {name} I cannot tell."
         return f"I looked for {word} alone: what is {name.rsplit(maxsplit=len(word.split()))[0]} I cannot tell."
     return ""
 

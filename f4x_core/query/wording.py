@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import F4xError
@@ -40,11 +40,13 @@ from ..language.lexicon import (
     is_slip,
     label_of,
     misspelt,
+    singular,
     spellings,
     word_set,
     written,
 )
 from ..language.times import END, START, Clip, Span, no_such_time, span
+from ..language.verbs import IMPERATIVES
 from . import meaning
 from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
 
@@ -151,19 +153,42 @@ _ARTICLE = cue(
 )
 
 
+_VERBS = (IMPERATIVES | (CUES["manner"].first or frozenset()) | word_set("work")) - FUNCTION_WORDS
+"""Words that before a thing say what it is for: "drift car"."""
+
+
+@dataclass
+class _Shown(Clip):
+    """A clip and the words for what is in it."""
+
+    known: dict[tuple[str, ...], str] = field(default_factory=dict)
+    """Words of a label -> the label."""
+
+
+def _label_end(reading: Reading, at: int) -> int:
+    """Where the longest label ends that stands at a word; 0 where none does."""
+    words = reading.words[at : at + reading.longest]
+    whole = (n for n in range(len(words), 0, -1) if (*words[: n - 1], singular(words[n - 1])) in reading.known)
+    return next((at + n for n in whole), 0)
+
+
 def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """The names that begin at a word, the longest first; `it` for a pronoun."""
     begins = [at, *_ARTICLE.at(reading, at)]
     for start in sorted(begins, reverse=True):
-        ends = []
+        ends, label = [], _label_end(reading, start)
         for end in range(start, min(len(reading.tokens), start + 2 * _MOST_WORDS)):
             word = reading.word(end)
             owner = word == "'s" and end > start
             if not owner and (not word.isalpha() or is_adverb(word)):
                 break
             first = end == start > at  # an article stands before it
+            compound = first and word in _VERBS and _label_end(reading, end + 1)  # "the race horse"
+            if end + 1 < (compound or label):
+                continue
             if word in _NO_NAMES and not (
                 owner
+                or end + 1 == label
                 or word in _BEFORE
                 or (first and (word in _NOUNS_TOO or word.endswith("ing")))
                 or (end > start and word == "one")
@@ -398,6 +423,7 @@ def read_question(
     def called(words: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(label_of(word, labels) for word in words)
 
+    clip = _Shown(fps, frames, known={tuple(token.text for token in tokenise(label)): label for label in labels})
     text = plainly(question, bool(selected))
     parts = re.split(rf"[?!;]+ *|\. |,?(?<!^who) and (?={_ASKING}\b)", text)
     parts = [part for part in parts if not (_matches(_adds_nothing, part) or _SAID_AFTER.match(part))] or parts
@@ -407,11 +433,11 @@ def read_question(
         topic, part = _topic(part)
         if number + 1 < len(parts) and (end := _END.search(parts[number + 1])) and not _END.search(part):
             whole = f"{part} {end[0]}"  # "how far and how fast does the car drive"
-            part = whole if _understood(whole, Clip(fps, frames), ()) else part
+            part = whole if _understood(whole, clip, ()) else part
         if (
             not it and number + 1 < len(parts) and _IT.isdisjoint(part.split())
         ):  # "how fast and how far does the dog run?"
-            ahead = _understood(parts[number + 1], Clip(fps, frames), ())
+            ahead = _understood(parts[number + 1], clip, ())
             it = ahead.things if ahead else ()
         if understood:
             it = understood[-1].things or it
@@ -429,7 +455,7 @@ def read_question(
                 understood.append(replace(last, kind=moment, extreme="") if moment else last)
         else:
             try:
-                more_asked = _read(part, Clip(fps, frames), it, labels)
+                more_asked = _read(part, clip, it, labels)
             except Doubt as doubt:
                 raise type(doubt)(doubt.reason, text.replace(part, doubt.instead)) from doubt
             if understood and more_asked[0].kind == "fast" and "then" in part.split():
@@ -499,7 +525,7 @@ def _things_alone(text: str) -> tuple[str, ...]:
     return names
 
 
-def _read(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]) -> list[Asked]:
+def _read(text: str, clip: _Shown, it: tuple[str, ...], labels: Collection[str]) -> list[Asked]:
     asked = (
         _understood(text, clip, it)
         or _either_or(text, clip, it)
@@ -546,11 +572,11 @@ def _behind_remarks(text: str) -> Iterator[str]:
             yield text[end.end() :]
 
 
-def _understood(text: str, clip: Clip, it: tuple[str, ...], below: int = _UNKNOWN) -> Asked | None:
+def _understood(text: str, clip: _Shown, it: tuple[str, ...], below: int = _UNKNOWN) -> Asked | None:
     """The likeliest question, of those that cost less than `below`."""
     text = re.sub(r"^((?:and |but |so )?(?:is|are|was|were|do|does|did|has|have|can|could))n't\b", r"\1", text)
     tokens = tokenise(text)  # "Isn't it moving?" wants the same yes as "Is it moving?"
-    reading = Reading.of(text, tokens, {})
+    reading = Reading.of(text, tokens, clip.known)
     cost, asked = next(readings := _readings(reading, clip, it), (below, None))
     for same, other in readings if asked and asked.kind in ASKED_FOR else ():
         if asked and same == cost and not any({asked.kind, other.kind} <= alike for alike in ({asked.kind}, *_ALIKE)):
@@ -562,7 +588,7 @@ def _understood(text: str, clip: Clip, it: tuple[str, ...], below: int = _UNKNOW
 
 
 def _readings(
-    reading: Reading, clip: Clip, it: tuple[str, ...], whatever: bool = False
+    reading: Reading, clip: _Shown, it: tuple[str, ...], whatever: bool = False
 ) -> Iterator[tuple[float, Asked]]:
     """(cost, question) of every row that covers the sentence, the cheapest first; `whatever`: any words may be left out."""
     tokens = range(len(reading.tokens))
@@ -589,7 +615,7 @@ def _gaps(reading: Reading, at: int) -> dict[int, int]:
     return ends | dict.fromkeys(CUES["inside"].at(reading, at), 1)
 
 
-def _either_or(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
+def _either_or(text: str, clip: _Shown, it: tuple[str, ...]) -> Asked | None:
     """The question that two ask, of which the second says only what is other: "Is the dog moving or standing still?"."""
     for joint in re.finditer(r",? or ", text):
         first, rest = _understood(text[: joint.start()], clip, it), text[joint.end() :]
@@ -605,7 +631,7 @@ def _either_or(text: str, clip: Clip, it: tuple[str, ...]) -> Asked | None:
     return None
 
 
-def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) -> Asked | None:
+def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) -> Asked | None:
     """The question of a row whose slots are filled; None where they do not go together."""
     joined = next((found[slot] for slot in _JOINED if slot in found), ("", ()))
     pair = found.get("pair", ())
@@ -721,17 +747,17 @@ def _in_words(asked: Asked) -> str:
     return ASKED_FOR[asked.kind].format(things)
 
 
-def _nearest_kinds(text: str, clip: Clip, it: tuple[str, ...]) -> str:
+def _nearest_kinds(text: str, clip: _Shown, it: tuple[str, ...]) -> str:
     """What questions that the scene answers are like `text`; nothing where too many of its words would be left out."""
     reading = Reading.of(text, tokenise(text), {})
     near: dict[str, str] = {}
-    for cost, asked in _readings(reading, Clip(clip.fps, 10**6), it, whatever=True):  # times are another matter
+    for cost, asked in _readings(reading, _Shown(clip.fps, 10**6), it, whatever=True):  # times are another matter
         if cost < _UNKNOWN * len(reading.tokens) / 2 and asked.kind in ASKED_FOR:
             near.setdefault(asked.kind, _in_words(asked))
     return f" Do you ask {', or '.join([*near.values()][:2])}?" if near else ""
 
 
-def _refusal(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]) -> F4xError:
+def _refusal(text: str, clip: _Shown, it: tuple[str, ...], labels: Collection[str]) -> F4xError:
     """Why nothing is computed: the word that is not known, or what the question is about; and what may be meant."""
     words = re.findall(r"[^\W\d_]+", text)
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
@@ -753,7 +779,7 @@ def _refusal(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]
     return Unanswerable(f"{why}; {what_can}.{_nearest_kinds(text, clip, it)}")
 
 
-def _alike(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]) -> str:
+def _alike(text: str, clip: _Shown, it: tuple[str, ...], labels: Collection[str]) -> str:
     """The question that those like it ask; nothing where that is not certain enough to be asked back."""
     with suppress(F4xError):
         if not any(re.search(pattern, text) for pattern, _ in _BEYOND):
@@ -761,7 +787,7 @@ def _alike(text: str, clip: Clip, it: tuple[str, ...], labels: Collection[str]) 
     return ""
 
 
-def _frames(span: Span, clip: Clip) -> tuple[float, float]:
+def _frames(span: Span, clip: _Shown) -> tuple[float, float]:
     """First and last clip frame of a span, of a moment twice the same."""
     last = clip.frames - 1
     first = span.start.resolve(clip)

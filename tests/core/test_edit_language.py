@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from f4x_core.edit import styles
 from f4x_core.edit.commands import COMMANDS
-from f4x_core.edit.description import describe
+from f4x_core.edit.description import describe, in_words
 from f4x_core.edit.language import MAX_CHARACTERS, Refusal, nearest, parse
 from f4x_core.edit.making import SHOWN
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Retime, Transform, read_operation
@@ -320,6 +320,22 @@ def test_a_part_that_gets_another_length_is_shown_whole_in_it(sentence, part, le
 )
 def test_a_speed_during_a_part_is_for_what_is_shown_then(sentence):
     assert say(sentence) == (Retime(DOG, 0.5, (0.0, 10.0)),)
+
+
+@pytest.mark.parametrize(
+    ("sentence", "plan"),
+    [
+        ("hide the drift car", "hide the drift car"),
+        ("make the jump dog bigger", "make the jump dog bigger"),
+        ("move the show dog up", "move the show dog by 1 width up"),
+        ("freeze the dance dog at second 1", "freeze the dance dog at frame 10"),
+        ("turn the tow car around", "rotate the tow car by 180 degrees to the right"),
+        ("speed up the race car from second 1 to 2", "play the race car at 150 % speed from frame 10 to frame 20"),
+        ("make the guide dog red and the police car blue", "make the guide dog red; make the police car blue"),
+    ],
+)
+def test_a_verb_or_noun_before_a_thing_says_which_kind_it_is(sentence, plan):
+    assert in_words(say(sentence)) == plan
 
 
 def test_examples_are_about_what_is_there():

@@ -232,6 +232,14 @@ def test_computed_answers_are_right(scene, question, words):
     assert re.search(words, said.text), said.text
 
 
+@pytest.mark.parametrize("kind", ["race", "police", "guide", "circus", "drift"])
+def test_of_a_compound_the_kind_of_thing_is_looked_for_and_that_is_said(scene, kind):
+    said = answer(scene, f"Where is the {kind} square?").text
+    assert re.search(rf"The square .* I looked for square: whether it is a {kind} square I cannot tell\.", said)
+    taught = Selection(scene.ids, ~scene.moving.astype(bool), np.zeros(len(scene.ids), bool))
+    assert "I looked for" not in answer(scene, f"Where is the {kind} square?", names={f"{kind} square": taught}).text
+
+
 @pytest.mark.parametrize(
     ("question", "words"),
     [

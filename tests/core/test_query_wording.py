@@ -102,6 +102,46 @@ def test_slots(question, asked):
     assert read_question(question, FPS, FRAMES) == (asked,)
 
 
+COMPOUNDS = (
+    "race horse",
+    "drift car",
+    "jump horse",
+    "show dog",
+    "guide dog",
+    "cruise boat",
+    "swing chair",
+    "work horse",
+)
+
+
+@pytest.mark.parametrize("compound", COMPOUNDS)
+def test_a_verb_before_a_thing_says_which_kind_it_is(compound):
+    labels = ("horse", "car", "dog", "boat", "chair", "tree")
+    for asks, kind, things in (
+        ("where is the {} at second 1?", "where", 1),
+        ("how fast does the {} move", "fast", 1),
+        ("is the {} moving?", "motion", 1),
+        ("when does the {} stop", "motion", 1),
+        ("how far is the {} from the tree", "distance", 2),
+    ):
+        (asked,) = read_question(asks.format(compound), FPS, FRAMES, labels=labels)
+        assert (asked.kind, asked.things) == (kind, (compound, "tree")[:things])
+
+
+@pytest.mark.parametrize("name", ["race horse", "jump start", "run club", "big fast one"])
+def test_a_name_of_several_words_is_read_as_it_was_taught(name):
+    (asked,) = read_question(f"where is the {name} at second 1?", FPS, FRAMES, labels=("horse", name))
+    assert (asked.kind, asked.things, asked.span) == ("where", (name,), (24.0, 24.0))
+
+
+@pytest.mark.parametrize(
+    "question", ["does the horse race", "when does the horse jump", "is the dog moving", "does the dog drift"]
+)
+def test_a_verb_behind_a_thing_stays_one(question):
+    (asked,) = read_question(question, FPS, FRAMES, labels=("horse", "dog", "race horse"))
+    assert asked.kind == "motion" and len(asked.things[0].split()) == 1
+
+
 def test_what_it_stands_for():
     assert read_question("how big is it?", FPS, FRAMES, "train")[0].things == ("train",)
     assert read_question("how fast is the car? and the dog?", FPS, FRAMES)[1] == Asked("fast", ("dog",))
