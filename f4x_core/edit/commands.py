@@ -1381,7 +1381,8 @@ _command("blur the background", making.blurred, "verb")(
         any_form("blur")
         + "|anonymous|illegible|unreadable|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"
     ),
-    how=~literal(",") + qualities.softly,
+    how=~literal(",") + qualities.softly
+    | ~literal("by") + number + literal("unit|units") >> (lambda x: Amount("to", x)),
 )
 _command("add a soft blue glow around the dog", _haloed, "light")(
     verb=_doing,
@@ -1396,7 +1397,7 @@ _command("add a soft blue glow around the dog", _haloed, "light")(
 )
 _command("make the dog glow", making.glowing, "verb")(
     verb=literal(any_form("glow") + "|aglow|luminous|radiant") + ~literal("on|effect|in the dark"),
-    how=qualities.softly,
+    how=qualities.softly | ~literal("by|at") + percent >> (lambda x: Amount("fraction", x)),
     rgb=_a + ~_slight + qualities.shade_of + colour + ~literal("light|color|tone|shade|hue"),
 )
 

@@ -8,7 +8,7 @@ from functools import singledispatch
 from ..language.amounts import PLACES
 from ..language.colour_names import COLOURS, Colour, name_of
 from ..language.lexicon import plural
-from .making import BLUR, GLOW, MORE_COLOUR, SHOWN, STANDING
+from .making import SHOWN, STANDING
 from .operations import (
     Blur,
     Delete,
@@ -53,14 +53,6 @@ from .selects import (
 _WHICH = {"largest": "biggest"}
 _AXES = (("to the left", "to the right"), ("up", "down"), ("forward", "back"))
 """Along the camera's axes: what a negative and a positive step is called."""
-_MORE_OR_LESS = {
-    1.5: "{more}",
-    0.67: "{less}",
-    1.2: "a bit {more}",
-    0.83: "a bit {less}",
-    2.0: "twice as {plain}",
-    0.5: "half as {plain}",
-}
 _BASIC = ("red", "green", "blue", "yellow", "orange", "purple", "pink", "cyan", "brown", "white", "black")
 
 
@@ -82,7 +74,7 @@ def _sentence(operation: Operation) -> str:
 @_sentence.register
 def _(operation: Recolour) -> str:
     who, rgb = whom(operation.select), operation.rgb
-    strong = {1.0: "", 0.5: "a bit "}.get(operation.strength, f"{100 * operation.strength:g} % ")
+    strong = _strength(operation.strength)
     if operation.mode == "hue":
         sentence = (
             f"make {who} {strong}black and white"
@@ -143,7 +135,7 @@ def _(operation: Transform) -> str:
     if any(operation.rotate):
         parts.append(_turn(who, operation.rotate, operation.axes))
     if operation.scale != 1 or not parts:
-        size = _times(operation.scale, "big", "bigger", "smaller") if operation.scale in _MORE_OR_LESS else ""
+        size = _times(operation.scale, "big", "bigger", "smaller") if 0.5 <= operation.scale <= 2 else ""
         parts.append(
             (f"make {who} {size}" if size else f"scale {who} by {operation.scale:g}") + _about(operation.pivot)
         )
@@ -175,7 +167,7 @@ def _(operation: Freeze) -> str:
 def _(operation: Retime) -> str:
     speeds = {2.0: "twice as fast", 0.5: "at half speed"}
     pace = speeds.get(operation.speed, f"at {_percent(operation.speed)} speed")
-    eased = {"soft": " with soft ends"}.get(operation.ease, ", gradually" if operation.frames else " gradually")
+    eased = {"soft": " with soft ends"}.get(operation.ease or "", ", gradually" if operation.frames else " gradually")
     return f"play {whom(operation.select)} {pace}" + _span(operation.frames) + (eased if operation.ease else "")
 
 
@@ -192,14 +184,14 @@ def _(operation: Loop) -> str:
 @_sentence.register
 def _(operation: Style) -> str:
     return _coming(
-        operation, f"make {whom(operation.select)} look {_slightly(operation.strength)}like {operation.look}"
+        operation, f"make {whom(operation.select)} look {_strength(operation.strength)}like {operation.look}"
     )
 
 
 @_sentence.register
 def _(operation: Match) -> str:
     who, source = whom(operation.select), whom(operation.source)
-    return _coming(operation, f"match {who} {_slightly(operation.strength)}to {source}")
+    return _coming(operation, f"match {who} {_strength(operation.strength)}to {source}")
 
 
 @_sentence.register
@@ -216,15 +208,13 @@ def _(operation: Grade) -> str:
 
 @_sentence.register
 def _(operation: Blur) -> str:
-    return f"blur {whom(operation.select)}" + _strongly(operation.radius / BLUR) + _span(operation.frames)
+    return f"blur {whom(operation.select)} by {operation.radius:g} units" + _span(operation.frames)
 
 
 @_sentence.register
 def _(operation: Glow) -> str:
     colour = f" {_colour(operation.rgb)}" if operation.rgb else ""
-    return (
-        f"make {whom(operation.select)} glow{colour}" + _strongly(operation.strength / GLOW) + _span(operation.frames)
-    )
+    return f"make {whom(operation.select)} glow{colour} by {_percent(operation.strength)}" + _span(operation.frames)
 
 
 @_sentence.register
@@ -326,30 +316,28 @@ def _colour(rgb: Colour) -> str:
 
 
 def _more(rgb: Vector) -> str:
-    """ "more red" for what it adds; nothing when it is no basic colour."""
+    """ "30 % more red" for what it adds; nothing when it is no basic colour."""
     for word, sign in (("more", 1), ("less", -1)):
         for name in _BASIC:
-            if rgb == tuple(round(sign * MORE_COLOUR * (c - 0.5), PLACES) for c in COLOURS[name]):
-                return f"{word} {name}"
+            pure = [sign * (c - 0.5) for c in COLOURS[name]]
+            share = round(max(map(abs, rgb)) / max(map(abs, pure)), PLACES)
+            if rgb == tuple(round(share * c, PLACES) for c in pure):
+                return f"{_percent(share)} {word} {name}"
     return ""
 
 
 def _times(factor: float, plain: str, more: str, less: str) -> str:
-    if factor in _MORE_OR_LESS:
-        return _MORE_OR_LESS[factor].format(plain=plain, more=more, less=less)
+    if factor in (2, 0.5):
+        return f"{'twice' if factor == 2 else 'half'} as {plain}"
     return f"{_percent(factor - 1)} {more}" if factor >= 1 else f"{_percent(1 - factor)} {less}"
-
-
-def _strongly(times: float) -> str:
-    return {1.0: "", 0.5: " a bit", 2.0: " strongly"}.get(times, f" {times:g} times as much")
 
 
 def _percent(fraction: float) -> str:
     return f"{round(100 * fraction, PLACES):g} %"
 
 
-def _slightly(strength: float) -> str:
-    return {1.0: "", 0.5: "a bit "}.get(strength, f"{_percent(strength)} ")
+def _strength(share: float) -> str:
+    return "" if share == 1 else f"{_percent(share)} "
 
 
 def _numbers(values: tuple[float, ...]) -> str:

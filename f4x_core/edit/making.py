@@ -73,9 +73,9 @@ def recoloured(rgb: Colour, mode: Any = "assign", strength: float = 1.0) -> Valu
     return lambda who, when, _: Recolour(who, rgb, mode, strength, **when.coming)
 
 
-def hued(rgb: Colour) -> Value:
+def hued(rgb: Colour, strength: float = 1.0) -> Value:
     """The hue of a colour; light and dark stay."""
-    return recoloured(rgb, "hue")
+    return recoloured(rgb, "hue", strength)
 
 
 GRAYED = hued(BLACK_AND_WHITE)
@@ -124,19 +124,24 @@ def warmed(how: Amount | None, warmer: bool) -> Value:
     return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.coming)
 
 
-def blurred(how: Amount | None = None) -> Value:
-    """A blur, a bit of one or much; Mismatch for other amounts."""
+def _strong(usual: float, how: Amount | None, kind: str) -> float:
+    """The usual strength, a bit of it or much, or the amount itself where it is of the `kind`; Mismatch for others."""
+    if how is not None and how.kind == kind:
+        return how.value
     if how is not None and how.kind not in ("small", "large"):
         raise Mismatch
-    radius = BLUR * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
+    return usual * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
+
+
+def blurred(how: Amount | None = None) -> Value:
+    """A blur, a bit of one or much, or one `to` a radius in world units; Mismatch for other amounts."""
+    radius = _strong(BLUR, how, "to")
     return lambda who, when, _: Blur(who, radius, **when.effect)
 
 
 def glowing(how: Amount | None = None, rgb: Colour | None = None) -> Value:
-    """A glow, in its own colours or in `rgb`; Mismatch as for `blurred`."""
-    if how is not None and how.kind not in ("small", "large"):
-        raise Mismatch
-    strength = GLOW * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
+    """A glow, in its own colours or in `rgb`, a bit, much or a fraction; Mismatch for other amounts."""
+    strength = _strong(GLOW, how, "fraction")
     return lambda who, when, _: Glow(who, strength, rgb, **when.effect)
 
 

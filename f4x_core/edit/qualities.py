@@ -39,6 +39,16 @@ from .styles import STYLES
 
 _BEFORE_SHADES = word_set("in to a an into nice lovely some with")
 _small = degree >> (lambda how: making.A_BIT if how.kind == "small" else 1.0)
+
+
+def _below_all(x: float) -> float:
+    """A share of something; Mismatch for more than all of it."""
+    if x > 1:
+        raise Mismatch
+    return x
+
+
+_share = percent >> _below_all
 _article = ~keyword("a|an|the|some")
 shade_of = ~keyword(
     "(nice|lovely|bright|strong|warm|cool) [shade|tone|tint|hue] of|any [shade|tone] of|nice|lovely|beautiful|pretty|"
@@ -80,16 +90,21 @@ colour_value = either(
     + (colour | colourish)
     >> making.faintly,
     ~keyword("a|an|some") + colourish + colored >> making.faintly,
+    _share + colour >> (lambda share, rgb: making.assigned(rgb, share)),
     _fully + ~keyword("a|an|some") + _shade_of + ~keyword("the color") + colour + colored >> making.assigned,
 )
 more_colour_value = (
-    optional(degree >> (lambda how: 0.5 if how.kind == "small" else 2.0), 1.0) + more_colour >> making.added
+    optional(
+        degree >> (lambda how: 0.5 if how.kind == "small" else 2.0) | percent >> (lambda x: x / making.MORE_COLOUR), 1.0
+    )
+    + more_colour
+    >> making.added
 )
-without_colour = ~literal("a|an|the") + keyword(
+without_colour = ~literal("a|an|the") + optional(_share, 1.0) + keyword(
     "black and white|black white|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
     "gray scale|colorless|desaturated|without (any|its|all) color|without colors"
 ) + ~literal("look|filter|effect|video|clip|film|movie|version|picture|image|grade|treatment|footage") >> (
-    lambda: making.GRAYED
+    lambda share: making.hued(making.BLACK_AND_WHITE, share)
 )
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
 _SIZE = ("bigger|larger|huger", "smaller|tinier", "big|large|huge|tall|high|wide", "small|tiny|little|short")
@@ -307,7 +322,7 @@ hint = (
         "(just|only) a [hint|touch|bit|little|tad|shade|trace] (of it)|[slightly|subtly|faintly|softly|gently] (so)"
     )
 )
-_strongly = optional(_small, 1.0)
+_strongly = optional(_small | _share, 1.0)
 _seem = ~keyword("look|looking|looks|looked|appear|seem|feel")
 _new_thing = literal("a|an|some")
 a_look = either(

@@ -12,7 +12,7 @@ from ..query.connected_objects import width_along
 from ..scene import Scene
 from .apply import edited, with_operations
 from .description import describe, steps_in_words, whom
-from .operations import Duplicate, Operation, Swap, Transform, Vector
+from .operations import Blur, Duplicate, Operation, Swap, Transform, Vector
 from .resolve import rows_of
 
 SLIGHT = 0.02
@@ -29,11 +29,16 @@ def told(scene: Scene, operations: Sequence[Operation], frame: float = 0.0) -> I
 
 
 def _line(scene: Scene, operation: Operation, frame: float) -> str:
-    if not isinstance(operation, Transform | Duplicate | Swap):
+    if not isinstance(operation, Transform | Duplicate | Swap | Blur):
         return describe(operation)
     span = None if isinstance(operation, Duplicate) else operation.frames
     time = span[0] if span else frame
     rows = rows_of(scene, operation.select)
+    if isinstance(operation, Blur):
+        camera = scene.cameras.at(time)
+        depths = camera.project(scene.posed(time).means[rows])[1]
+        depth = np.median(depths[depths > 0]) if (depths > 0).any() else np.inf
+        return f"{describe(operation)} ({operation.radius * camera.focal / depth:.1f} pixels where it is)"
     axes = scene.cameras.at(time).camera_to_world[:3, :3]  # columns: right, down, forward
     width = max(width_along(scene.posed(time).means[rows], axes[:, 0]), 1e-9) if len(rows) else 1.0
 

@@ -110,6 +110,35 @@ def test_every_example_is_understood(example):
     assert say(example)
 
 
+@pytest.mark.parametrize(
+    ("sentence", "plan"),
+    [
+        ("make the dog a bit bigger", "make the dog 20 % bigger"),
+        ("shrink the dog slightly", "make the dog 17 % smaller"),
+        ("the dog should be bigger", "make the dog 50 % bigger"),
+        ("make the dog half as big", "make the dog half as big"),
+        ("make the dog twice as big", "make the dog twice as big"),
+        ("make the dog three times as big", "scale the dog by 3"),
+        ("brighten the dog a little", "make the dog 20 % brighter"),
+        ("a darker dog", "make the dog 33 % darker"),
+        ("make the dog glow", "make the dog glow by 50 %"),
+        ("add a soft red glow around the dog", "make the dog glow red by 25 %"),
+        ("let the dog glow strongly from second 1 to 2", "make the dog glow by 100 % from frame 10 to frame 20"),
+        ("make the dog glow at 80 %", "make the dog glow by 80 %"),
+        ("blur the dog", "blur the dog by 0.02 units"),
+        ("blur the dog a bit until second 2", "blur the dog by 0.01 units from frame 0 to frame 20"),
+        ("tint the dog red", "make the dog 50 % red"),
+        ("make the dog 30 % blue", "make the dog 30 % blue"),
+        ("make the dog redder", "make the dog 30 % more red"),
+        ("make the dog a bit greener", "make the dog 15 % more green"),
+        ("make the dog look a bit like gold", "make the dog look 50 % like gold"),
+    ],
+)
+def test_a_plan_says_how_much_and_is_read_as_itself(sentence, plan):
+    made = say(sentence)
+    assert in_words(made) == plan and say(plan) == made
+
+
 @pytest.mark.parametrize("number", range(len(PHRASES)))
 def test_words_of_an_operation_mean_it(number):
     for operation in wanted(PHRASES[number]):
@@ -326,7 +355,7 @@ def test_a_speed_during_a_part_is_for_what_is_shown_then(sentence):
     ("sentence", "plan"),
     [
         ("hide the drift car", "hide the drift car"),
-        ("make the jump dog bigger", "make the jump dog bigger"),
+        ("make the jump dog bigger", "make the jump dog 50 % bigger"),
         ("move the show dog up", "move the show dog by 1 width up"),
         ("freeze the dance dog at second 1", "freeze the dance dog at frame 10"),
         ("turn the tow car around", "rotate the tow car by 180 degrees to the right"),

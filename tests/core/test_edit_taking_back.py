@@ -67,12 +67,12 @@ def test_taking_a_change_back_is_never_a_proposal_of_it(made, sentences):
     ("sentence", "plan"),
     [
         ("un-hide the dog", "show the dog again"),
-        ("make the dog less dark", "make the dog brighter"),
+        ("make the dog less dark", "make the dog 50 % brighter"),
         ("stop showing the dog", "hide the dog"),
         ("make the dog visible again", "show the dog again"),
         ("de-saturate the dog", "make the dog black and white"),
         ("dial the contrast of the dog back", "set the contrast of the dog to 67 %"),
-        ("remove the dog and make the horse glow", "remove the dog; make the horse glow"),
+        ("remove the dog and make the horse glow", "remove the dog; make the horse glow by 50 %"),
         ("remove the glowing dog", "remove the glowing dog"),
         ("stop the dog from moving", "freeze the dog at frame 0"),
     ],
@@ -100,9 +100,9 @@ def test_the_edit_to_take_back_is_named():
     scene = edited(labelled_scene())
     for sentence in ("make the square glow", "blur the wall", "make the wall red"):
         scene = preview(scene, propose(scene, sentence).chosen)
-    assert "Take back edit 1, 'make the square glow'" in told(scene, "stop the square glowing")
+    assert "Take back edit 1, 'make the square glow by 50 %'" in told(scene, "stop the square glowing")
     assert "--count 3`" in told(scene, "stop the square glowing") and "the 2 after it" in told(scene, "no more glow")
-    assert "Take back edit 2, 'blur the wall'" in told(scene, "unblur the wall")
+    assert "Take back edit 2, 'blur the wall by 0.02 units'" in told(scene, "unblur the wall")
     assert (
         told(scene, "undo the tint of the wall")
         == "Take back the last edit, 'make the wall red': `f4x undo SCENE`, or the button for it."

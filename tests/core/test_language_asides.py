@@ -61,7 +61,7 @@ def test_what_adds_nothing_is_left_out_unasked(command, expected, aside):
         ("let the dog appear slowly over the first second", ["fade in the dog from frame 0 to frame 24"]),
         ("car: black, half its size, moved to the right",
          ["make the car black", "make the car half as big", "move the car by 1 width to the right"]),
-        ("make the swan glow during the last 12 frames only", ["make the swan glow from frame 59 on"]),
+        ("make the swan glow during the last 12 frames only", ["make the swan glow by 50 % from frame 59 on"]),
     ],
 )  # fmt: skip
 def test_classes_of_words(sentence, expected):

@@ -155,14 +155,14 @@ def test_half_an_understanding_is_none(sentence):
 @pytest.mark.parametrize(
     ("sentence", "told"),
     [
-        ("the bird should be a third smaller", ["scale the bird by 0.667"]),
+        ("the bird should be a third smaller", ["make the bird 33.3 % smaller"]),
         ("paint the bird red and do the same with the car", ["make the bird red", "make the car red"]),
         ("make the bird red at the beginning and blue at the end",
          ["make the bird red from frame 0 to frame 24", "make the bird blue from frame 47 on"]),
         ("make a smaller copy of the bird to the left",
-         ["copy the bird by 1.2 widths to the left, called copy", "make the copy smaller"]),
+         ["copy the bird by 1.2 widths to the left, called copy", "make the copy 33 % smaller"]),
         ("play the last second in slow motion", ["play everything at half speed from frame 47 on"]),
-        ("make the woman in red glow", ["make the woman in red glow"]),
+        ("make the woman in red glow", ["make the woman in red glow by 50 %"]),
         ("don't touch the car, but make the bird gray", ["make the bird black and white"]),
         ("I don't want to see the car any more", ["remove the car"]),
         ("the bird has to go", ["remove the bird"]),
@@ -173,17 +173,17 @@ def test_half_an_understanding_is_none(sentence):
         ("the car is in the way, get rid of it", ["remove the car"]),
         ("nobody needs that car, kill it", ["remove the car"]),
         ("my boss wants the car to be green", ["make the car green"]),
-        ("perfect. next: blur the car", ["blur the car"]),
-        ("anonymise the woman, i.e. blur her", ["blur the woman"]),
-        ("the bird is a bit small", ["make the bird bigger"]),
-        ("not bright enough", ["make everything brighter"]),
+        ("perfect. next: blur the car", ["blur the car by 0.02 units"]),
+        ("anonymise the woman, i.e. blur her", ["blur the woman by 0.02 units"]),
+        ("the bird is a bit small", ["make the bird 50 % bigger"]),
+        ("not bright enough", ["make everything 50 % brighter"]),
         ("could the car be a darker blue", ["make the car rgb 0, 0, 0.5"]),
         ("paint the car in a nice walnut brown", ["make the car brown"]),
         ("bird red until second 1, then blue",
          ["make the bird red from frame 0 to frame 24", "make the bird blue from frame 24 on"]),
         ("the bird should be where the car is and vice versa", ["swap the bird with the car"]),
         ("have the bird pop up at second 1", ["hide the bird from frame 0 to frame 24"]),
-        ("a bigger bird, and move it to the left", ["make the bird bigger", "move the bird by 1 width to the left"]),
+        ("a bigger bird, and move it to the left", ["make the bird 50 % bigger", "move the bird by 1 width to the left"]),
     ],
 )  # fmt: skip
 def test_any_verb_goes_with_any_slot(sentence, told):
@@ -196,7 +196,7 @@ def test_any_verb_goes_with_any_slot(sentence, told):
     [
         ("slow motion, please", ["play everything at half speed"]),  # the frame before asks whom it is for
         ("slow down the last second", ["play everything at 67 % speed from frame 47 on"]),
-        ("make it brighter", ["make everything brighter"]),
+        ("make it brighter", ["make everything 50 % brighter"]),
     ],
 )
 def test_where_a_frame_fits_and_cannot_be_carried_out_the_next_is_asked(sentence, expected):
