@@ -38,9 +38,9 @@ from .operations import (
     Transform,
     rotation_of,
 )
-from .retiming import AppearanceChange, effect, holds, progress
+from .retiming import AppearanceChange, effect, holds, progress, time_map_of
 from .splat_rows import SplatRows, Step, steps_of
-from .stack import EditStack, of, with_stack
+from .stack import Edit, EditStack, of, with_stack
 from .styles import STYLES
 
 MAX_MOMENTS = 512
@@ -149,6 +149,12 @@ class EditedScene(Scene):
     def base(self) -> Scene:
         """The scene before its edits."""
         return base_of(self)
+
+    @cached_property
+    def untimed(self) -> Scene:
+        """The scene without what its edits do to moments: nothing is faster, later or backwards, so all of the clip is shown."""
+        edits = tuple(map(_untimed, of(self).edits))
+        return self if edits == of(self).edits else edited(with_stack(self.base, EditStack(edits)))
 
     @property
     def origin(self) -> np.ndarray:
@@ -427,6 +433,14 @@ class EditedScene(Scene):
                 known.clear()
             known[below, time] = value
         return known[below, time]
+
+
+def _untimed(edit: Edit) -> Edit:
+    """The edit, switched off where it retimes; a copy without its delay."""
+    operation = edit.operation
+    if isinstance(operation, Duplicate):
+        return replace(edit, operation=replace(operation, time_shift=0.0))
+    return replace(edit, enabled=edit.enabled and time_map_of(operation, (0.0, 1.0)) is None)
 
 
 def edited(scene: Scene) -> Scene:

@@ -16,9 +16,12 @@ _NOT_DELETED: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 
 
 def not_deleted(scene: Scene) -> np.ndarray:
-    """(N,) bool over `scene.posed`: Gaussians whose opacity is above 0 at some moment. Cached for the scene's lifetime."""
+    """(N,) bool over `scene.posed`: Gaussians whose opacity is above 0 at some moment of the clip, also one that retiming edits
+    do not show. Cached for the scene's lifetime."""
     if scene.base is scene:
         return np.ones(len(scene.ids), bool)  # before edits nothing is deleted
+    if scene.untimed is not scene:
+        return not_deleted(scene.untimed)
     if scene not in _NOT_DELETED:
         times = scene.cameras.times
         visible = _seen_at(scene, times[evenly_spaced(len(times), CHECKED_FRAMES)], np.zeros(len(scene.ids), bool))

@@ -285,6 +285,11 @@ class Scene:
         return self
 
     @property
+    def untimed(self) -> Scene:
+        """The scene with edits that change no moments: itself."""
+        return self
+
+    @property
     def origin(self) -> np.ndarray:
         """(N,) int64: the row of `base.posed` that each row of `posed` is, or is a copy of."""
         return np.arange(len(self.ids))

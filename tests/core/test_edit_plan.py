@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from labelled_scene import FRAMES, STEP, VECTORS, labelled_scene, sheet
+from labelled_scene import FOCAL, FRAMES, STEP, VECTORS, labelled_scene, sheet
+from labelled_scene import SQUARE as SQUARE_DEPTH
 from PIL import Image
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -17,10 +18,24 @@ from f4x_core.edit.apply import edited, pivot_of, with_operations
 from f4x_core.edit.description import describe
 from f4x_core.edit.display import Display
 from f4x_core.edit.language import Refusal
-from f4x_core.edit.operations import Delete, Duplicate, Freeze, Match, Name, Opacity, Recolour, Transform
+from f4x_core.edit.operations import (
+    Blur,
+    Delete,
+    Duplicate,
+    Freeze,
+    Loop,
+    Match,
+    Name,
+    Opacity,
+    Recolour,
+    Retime,
+    Reverse,
+    Transform,
+)
 from f4x_core.edit.resolve import EditorState, labels_of, resolve, rows_of
 from f4x_core.edit.selects import All, And, Beside, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, Text
 from f4x_core.edit.stack import of
+from f4x_core.edit.telling import told as told_in_words
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
@@ -77,6 +92,34 @@ def test_prompts_become_ids(scene, select):
 @pytest.mark.parametrize("select", [All(), Moving(), Not(Moving()), And((All(), Not(Moving())))])
 def test_what_means_the_same_always_stays(scene, select):
     assert resolve(scene, Delete(select), HERE).select == select
+
+
+@pytest.mark.parametrize(
+    "retimes",
+    [
+        (Retime(All(), 0.5),),
+        (Retime(SQUARE, 2.0),),
+        (Freeze(All(), 1.0),),
+        (Reverse(All()), Retime(Moving(), 0.25)),
+        (Retime(All(), 0.5, (0.0, 4.0)), Loop(All(), (0.0, 1.0))),
+    ],
+)
+def test_words_mean_the_same_whatever_moments_are_shown(scene, retimes):
+    """Half of the square is there in the first frames only, the other half in the last ones only."""
+    lives = np.where(np.arange(len(scene.dynamic))[:, None] % 2, (-2.0, -1.0, 2.0, 2.5), (2.5, 3.0, 6.0, 7.0))
+    scene = replace(scene, dynamic=replace(scene.dynamic, span=lives.astype(np.float32)))
+    slow = with_operations(scene, *(resolve(scene, one, HERE) for one in retimes))
+    found = resolve(slow, Recolour(SQUARE, RED), HERE).select
+    assert set(slow.ids[rows_of(slow, found)].tolist()) == square_of(scene)
+    gone = with_operations(slow, resolve(slow, Delete(SQUARE), HERE))
+    with pytest.raises(F4xError, match=r"removed before|nothing is called"):
+        resolve(gone, Recolour(SQUARE, RED), HERE)
+
+
+def test_a_blur_is_told_in_pixels_too(scene):
+    blur = resolve(scene, Blur(SQUARE, 0.02), HERE)
+    (line,) = told_in_words(scene, [blur])
+    assert line == f"blur the square by 0.02 units ({0.02 * FOCAL / SQUARE_DEPTH:.1f} pixels where it is)"
 
 
 def test_names_stay_and_current_becomes_ids(scene):

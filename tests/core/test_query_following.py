@@ -284,7 +284,7 @@ class Edited:
         self.opacities, self.ids, self.times = opacities, np.arange(len(opacities(0.0))), []
         self.origin, self.gone, self.fades = self.ids, np.isin(self.ids, gone), any(span is not None for span in spans)
         self.base = SimpleNamespace(static=Part(spans[0]), dynamic=Part(spans[1]))
-        self.cameras = SimpleNamespace(times=np.arange(20.0))
+        self.cameras, self.untimed = SimpleNamespace(times=np.arange(20.0)), self
 
     def posed(self, time):
         self.times.append(time)
