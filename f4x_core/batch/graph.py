@@ -132,7 +132,7 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
         )
         scene, source = "distilled.f4x", "distill"
     for words in row.queries:
-        asked = ["query", scene, "--text", words, "-o", place("query", words), *drawn]
+        asked = ["query", scene, "--text", words, "--if-any", "-o", place("query", words), *drawn]
         add(f"query {words}", asked, inputs={source: scene})
     if row.edits:
         commands: list[list[str]] = []

@@ -265,6 +265,7 @@ def _query(verbs: Verbs) -> None:
     edits_option(sub)
     prompt_options(sub)
     sub.add_argument("--span", metavar="A:B", help="clip frames in which the selection holds (default: all)")
+    sub.add_argument("--if-any", action="store_true", help="an empty selection is written and is no error")
     output_option(sub, help="write DIR/selection.json, DIR/mask/00000.png …, DIR/heat.mp4")
     path_options(sub)
     backend_option(sub)

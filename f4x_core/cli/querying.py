@@ -72,6 +72,8 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         given_names = by_names(scene, list(by_word))
         asked = [word for word in by_word if word not in given_names]
         result["there"], hint = instead(scene, asked, encoder(progress)) if asked else ([], "")
+        if not args.if_any:
+            raise F4xError(_empty_line(selection, hint) + ".")
         absent, lines = [_empty_line(selection, hint)], []
     if absent:
         lines += absent

@@ -156,13 +156,27 @@ def test_bench_finds_no_change_in_the_pictures(folder, capsys, tmp_path):
         assert code == 2 and words in err
 
 
-def test_a_word_that_nobody_answers_to_is_told_with_what_is_there(folder, capsys):
-    code, out, _ = run(capsys, "query", folder / "scene.f4x", "--text", "sky", "--not", "wall,square")
-    assert code == 0 and out.strip().count("\n") == 0
-    assert re.match(r"sky: nothing in the scene answers to it with 0\.5 or more .*the scene answers to .*square", out)
-    code, out, _ = run(capsys, "query", folder / "scene.f4x", "--text", "sky", "--not", "wall,square", "--json")
+def test_a_word_that_nobody_answers_to_is_told_with_what_is_there(folder, capsys, tmp_path):
+    query = ["query", folder / "scene.f4x", "--text", "sky", "--not", "wall,square", "-o", tmp_path / "sky"]
+    code, out, err = run(capsys, *query)
+    assert code == 2 and not out and err.strip().count("\n") == 0 and not (tmp_path / "sky").exists()
+    assert re.search(r"sky: nothing in the scene answers to it with 0\.5 or more .*the scene answers to .*square", err)
+    code, out, _ = run(capsys, *query, "--if-any", "--json")
     told = json.loads(out)
     assert code == 0 and told["chosen"] == 0 and set(told["there"]) == {"square", "wall"} and told["note"] in out
+    assert json.loads((tmp_path / "sky" / "selection.json").read_text())
+
+
+def test_naming_and_selecting_what_nobody_answers_to_end_alike(capsys, tmp_path):
+    """One sentence, exit code 2, and nothing written."""
+    scene = tmp_path / "scene.f4x"
+    write_scene(labelled_scene(), scene)
+    assert run(capsys, "edit", scene, "--say", "remove the square")[0] == 0
+    before = scene.read_bytes()
+    for asked in (["query", scene, "-o", tmp_path / "none"], ["name", scene, "max"]):
+        code, out, err = run(capsys, *asked, "--text", "square")
+        assert code == 2 and not out and "square: nothing in the scene answers to it" in err
+    assert scene.read_bytes() == before and not (tmp_path / "none").exists()
 
 
 def test_of_several_words_those_that_nobody_answers_to_are_told(folder, capsys):
@@ -197,7 +211,8 @@ def test_names_that_edits_gave_are_found(capsys, tmp_path):
     both = json.loads(run(capsys, "query", scene, "--text", "rex,wall", "--json")[1])
     assert both["chosen"] == both["gaussians"]
     assert run(capsys, "edit", scene, "--say", "remove the square")[0] == 0
-    assert "rex: nothing in the scene answers" in run(capsys, "query", scene, "--text", "rex")[1]
+    code, _, err = run(capsys, "query", scene, "--text", "rex")
+    assert code == 2 and "rex: nothing in the scene answers" in err
 
 
 def test_drawing_without_compiled_kernels_is_told_once(folder, capsys, monkeypatch):
@@ -216,8 +231,8 @@ def test_what_was_deleted_is_found_no_more(folder, capsys, tmp_path):
     scene = tmp_path / "edited.f4x"
     write_scene(labelled_scene(), scene)
     assert run(capsys, "edit", scene, "--say", "remove the square")[0] == 0
-    code, out, _ = run(capsys, "query", scene, "--text", "square")
-    assert code == 0 and "nothing in the scene answers" in out and "best: 0.00" in out
+    code, _, err = run(capsys, "query", scene, "--text", "square")
+    assert code == 2 and "nothing in the scene answers" in err and "best: 0.00" in err
     code, _, err = run(capsys, "edit", scene, "--say", "make the square red")
     assert code == 2 and re.search("nothing (in the scene )?is called", err) and "best: 1.00" not in err
     mask = folder / "masks" / "00000.png"
