@@ -33,6 +33,7 @@ from ..f4x_core.edit.operations import (
     Transform,
     Vector,
 )
+from ..f4x_core.edit.phrases import refuse_as_name
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.edit.telling import told
 from ..f4x_core.errors import F4xError
@@ -273,10 +274,11 @@ class F4X_OT_name_selection(_Dialog, bpy.types.Operator):  # noqa: N801
 
     bl_idname, bl_label = "f4x.name_selection", "Name Selection"
 
-    called: StringProperty(name="Name", default="thing")  # type: ignore[valid-type]
+    called: StringProperty(name="Name", default="subject")  # type: ignore[valid-type]
 
     def operation(self, scene_object):
         """Names travel with the scene file."""
+        refuse_as_name(self.called)
         return Name(scene_object.selected_ids, self.called)
 
 

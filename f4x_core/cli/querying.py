@@ -16,15 +16,17 @@ from ..edit.apply import open_scene, with_operations
 from ..edit.json_files import read_json
 from ..edit.naming import by_names, by_words, together
 from ..edit.operations import Name
+from ..edit.phrases import refuse_as_name
 from ..edit.resolve import named
 from ..edit.selects import Ids
 from ..edit.stack import of, write_stack
 from ..errors import F4xError
 from ..files import json_text, replace_file
 from ..language.grammar import Doubt
+from ..language.lexicon import spellings
 from ..progress import Progress
 from ..query.chat import ChatServer
-from ..query.inventory import instead
+from ..query.inventory import instead, labels_of
 from ..query.labels import Encode, words_of
 from ..query.marks import Box, Brush, Lasso, Mark, Mask, Point
 from ..query.pixels import coverage_image, heat_map, mask_video
@@ -88,15 +90,21 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def run_name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Make a word of a selection: a `name` edit, which words in queries, questions and sentences then mean."""
     scene = open_scene(args.scene)
+    word = " ".join(args.word.split())
+    refuse_as_name(word)
     args.negatives, args.threshold = None, THRESHOLD
     selection, _ = chosen_by(scene, args, None, progress)
     chosen = selection.chosen_ids
     if not len(chosen):
         raise F4xError(_empty_line(selection) + ".")
-    word = " ".join(args.word.split())
     write_stack(args.scene, of(with_operations(scene, Name(Ids.of(chosen), word))))
     text = f"{args.scene}: '{word}' is {len(chosen):,} Gaussians; it answers to that name from now on"
-    return {"name": word, "chosen": len(chosen), "text": text}
+    known = {label.lower() for label in labels_of(scene)}
+    replaced = "name" if by_names(scene, [word]) else "word" if known.intersection(spellings(word)) else ""
+    if replaced:
+        before = "an earlier edit called so" if replaced == "name" else "the scene's own word meant"
+        text += f", in place of what {before}; `f4x undo` brings that back"
+    return {"name": word, "chosen": len(chosen), "replaced": replaced, "text": text}
 
 
 def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from .operations import (
     Swap,
     Transform,
 )
-from .phrases import Place, SentenceContext, When, Who, means_something
+from .phrases import Place, SentenceContext, When, Who, refuse_as_name
 from .selects import All, Instance, Named, Not, Or, SelectKind, Text, Where
 
 Value = Callable[[SelectKind, When, SentenceContext], Operation]
@@ -478,8 +478,7 @@ def matched(source: Who) -> Value:
 
 def named(called: str) -> Value:
     """To have a name; Refusal for one that means something else."""
-    if means_something(called):
-        raise Refusal(f"'{called}' cannot be a name, because it means something else in a sentence; choose another.")
+    refuse_as_name(called)
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         return Name(who, context.names.setdefault(called.lower(), called), **when.none("A name"))

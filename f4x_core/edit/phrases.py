@@ -1121,13 +1121,28 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 name = generated(_name_at)
 _no_name = either(
-    _moving, _static, _current, _instance, _everybody, silent(_everything), _it, _they, _copy, _original, colour, _which
+    *(
+        _moving,
+        _static,
+        _current,
+        _instance,
+        _everybody,
+        silent(_everything),
+        _it,
+        _they,
+        _copy,
+        _original,
+        colour,
+        _which,
+    ),
+    *(everything_else, _other_one, number),
 )
 
 
-def means_something(called: str) -> bool:
-    """Whether a name would be taken for a colour or for another way to say who: "red", "it", "everything"."""
+def refuse_as_name(called: str) -> None:
+    """Raise Refusal for what would be taken for a colour or for another way to say who: "red", "it", "everything"."""
     readings = (Reading.of(text, tokenise(text), {}) for text in (called, f"the {called}"))
-    return called.lower() in FUNCTION_WORDS | NO_THINGS or any(
+    if called.lower() in FUNCTION_WORDS | NO_THINGS or any(
         len(reading.tokens) in _no_name.at(reading, 0) for reading in readings
-    )
+    ):
+        raise Refusal(f"'{called}' cannot be a name, because it means something else in a sentence; choose another.")

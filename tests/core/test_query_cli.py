@@ -86,6 +86,46 @@ def test_a_name_is_a_word_from_then_on(folder, capsys, tmp_path):
         assert code == 2 and words in err and scene.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    "word",
+    [
+        "everything",
+        "red",
+        "it",
+        "left",
+        "The Background",
+        "the rest",
+        "them",
+        "two",
+        "second",
+        "the copy",
+        "the biggest one",
+    ],
+)
+def test_what_sentences_use_for_something_else_is_no_name(capsys, tmp_path, word):
+    scene = tmp_path / "scene.f4x"
+    write_scene(labelled_scene(), scene)
+    before = scene.read_bytes()
+    code, out, err = run(capsys, "name", scene, word, "--text", "square")
+    assert code == 2 and not out and f"'{word}' cannot be a name, because it means something else" in err
+    assert scene.read_bytes() == before
+
+
+def test_naming_says_what_a_name_replaces(capsys, tmp_path):
+    scene = tmp_path / "scene.f4x"
+    write_scene(labelled_scene(), scene)
+
+    def told(word, of):
+        return run(capsys, "name", scene, word, "--text", of)[1]
+
+    assert "in place of" not in told("race horse", "square")
+    assert "in place of what the scene's own word meant; `f4x undo` brings that back" in told("Wall", "square")
+    assert "in place of what an earlier edit called so" in told("race horse", "wall")
+    assert json.loads(run(capsys, "query", scene, "--text", "wall", "--json")[1])["chosen"] == 81
+    assert run(capsys, "undo", scene, "--count", "2")[0] == 0
+    assert json.loads(run(capsys, "query", scene, "--text", "wall", "--json")[1])["chosen"] > 81
+
+
 def test_query_by_mask_file_without_features(folder, capsys):
     mask = folder / "masks" / "00000.png"
     code, out, _ = run(capsys, "query", folder / "plain.f4x", "--mask", mask, "--frame", 0, "--span", "1:3", "--json")
