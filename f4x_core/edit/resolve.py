@@ -133,7 +133,7 @@ class Resolver:
         if not len(rows_of(scene, found)):
             if chosen(scene, found).any():
                 raise Absent(
-                    f"{scene.name}: {whom(select)} was removed before; take that back, or name something else."
+                    f"In the scene '{scene.name}' {whom(select)} was removed before; take that back, or name something else."
                 )
             raise Absent(self._nothing(scene, select))
         return found
@@ -206,7 +206,7 @@ class Resolver:
             camera = scene.cameras.at(time)
             found = stand_to(scene.posed(time), rows, others, select.where, camera, select.each)
             if not len(found):
-                raise Absent(f"{scene.name}: there is no {whom(select).removeprefix('the ')}.")
+                raise Absent(f"In the scene '{scene.name}' there is no {whom(select).removeprefix('the ')}.")
             return Ids.of(scene.ids[found])
         if isinstance(select, Part):
             rows = rows_of(scene, self._cached(scene, select.of, tidy))
@@ -289,7 +289,9 @@ class Resolver:
         """The sentence about a selection that holds no Gaussian."""
         words = next((part for part in parts_of(select) if isinstance(part, Text)), None)
         if words is None or scene.features is None:
-            return f"{scene.name}: the selection is empty at this place in the edits; select something else."
+            return (
+                f"In the scene '{scene.name}' the selection is empty at this place in the edits; select something else."
+            )
         if isinstance(select, And) and any(isinstance(part, Instance) for part in parts_of(select)):
             return (
                 f"In the scene '{scene.name}' there is only one of {whom(words)}, so nobody is left of {whom(select)}."

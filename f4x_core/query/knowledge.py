@@ -54,7 +54,7 @@ def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> No
         return
     _, hint = instead(scene, [label], encode)
     raise F4xError(
-        f"{scene.name}: '{label}' is not looked for, because the teacher of this scene's words knows no {kind}; click on the"
+        f"In the scene '{scene.name}' '{label}' is not looked for, because the teacher of its words knows no {kind}; click on the"
         f" thing or draw a box around it, or add another teacher with `f4x distill SCENE --teacher NAME`{hint and f'; {hint}'}."
     )
 
@@ -82,6 +82,7 @@ def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encod
     best = int(others.argmax())
     if others[best] > own + CLEARLY:
         raise F4xError(
-            f"{scene.name}: what '{label}' finds answers more to '{labels[best]}' ({others[best]:.2f} against {own:.2f}), so"
-            f" nothing is selected; is {labels[best]} meant? Then ask for that; else click on the thing or draw a box around it."
+            f"In the scene '{scene.name}' what '{label}' finds answers more to '{labels[best]}' ({others[best]:.2f} against"
+            f" {own:.2f}), so nothing is selected; is {labels[best]} meant? Then ask for that; else click on the thing or draw a"
+            " box around it."
         )

@@ -97,7 +97,7 @@ def text_head(scene: Scene, name: str | None = None) -> FieldHead:
         if head.spec.text_encoder is not None:
             return head
     raise F4xError(
-        f"{scene.name}: {f'the head {name} does not understand' if name else 'no head of the scene understands'} words;"
+        f"In the scene '{scene.name}' {f'the head {name} does not understand' if name else 'no head understands'} words;"
         " add one with `f4x distill SCENE --teacher text`."
     )
 
@@ -120,6 +120,6 @@ def unknown_label(scene: Scene, label: str, known: Sequence[str], encoder: str) 
     meant = misspelt(label, known)
     hint = f"; near it is {meant}" if meant else ""
     return (
-        f"{scene.name}: the scene's vocabulary of {len(known)} labels lacks '{label}'{hint}; add it with"
+        f"The scene '{scene.name}' knows {len(known)} words and lacks '{label}'{hint}; add it with"
         f' `f4x distill SCENE --vocabulary "{label}"` where the text encoder {encoder} is installed.'
     )

@@ -356,7 +356,10 @@ class Scene:
     def require_field(self, heads: Sequence[str] = ()) -> FeatureField:
         """The feature field; F4xError where there is none, or one of `heads` is missing in it."""
         if self.features is None:
-            missing.refuse(f"{self.name}: the scene knows no words and looks yet", "--teacher text,visual --clip CLIP")
+            missing.refuse(
+                f"The scene '{self.name}' knows no words and looks yet, so nothing in it can be found by its name",
+                "--teacher text,visual --clip CLIP",
+            )
         for name in heads:
             self.features.head(name)
         return self.features

@@ -396,8 +396,15 @@ def test_a_rank_beyond_the_channels_is_told(capsys, tmp_path, monkeypatch):
 
 
 def test_words_need_a_field(folder, capsys):
-    code, _, err = run(capsys, "query", folder / "plain.f4x", "--text", "square")
-    assert code == 2 and "knows no words" in err
+    for asked in (
+        ["query", "--text", "square"],
+        ["edit", "--say", "make the dog red"],
+        ["ask", "Where is the square?"],
+    ):
+        code, _, err = run(capsys, asked[0], folder / "plain.f4x", *asked[1:])
+        assert code == 2 and re.search(
+            r"The scene '\w+' knows no words .*found by its name; `f4x distill SCENE --teacher text", err
+        )
 
 
 def test_a_doubtful_question_is_asked_back_and_answered_with_yes(folder, capsys):
