@@ -102,8 +102,6 @@ def propose(
         asked, understood_by, notes = read_sentence(scene, sentence, context, server)
     except Doubt:
         raise
-    except TakenBack as taken:
-        raise Refusal(taken.reason_in(of(scene))) from taken
     except Refusal as refusal:
         raise Refusal(refusal.reason, refusal.nearest and language.nearest(sentence, _there(scene))) from refusal
     resolver = Resolver(context, encode)
@@ -115,8 +113,11 @@ def propose(
         except F4xError as error:
             if why:
                 continue
+            told = " ".join([*notes, str(error)])
             if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
-                raise Refusal(str(error), language.nearest(sentence, _there(scene))) from error
+                raise Refusal(told, language.nearest(sentence, _there(scene))) from error
+            if notes:
+                raise F4xError(told) from error
             raise
         if all(settled != other.operations for other in found):
             found.append(Candidate(settled, why, sentence))
@@ -151,9 +152,17 @@ def read_sentence(
     earlier, copies = next((edit.sentence for edit in reversed(of(scene).edits) if edit.enabled), ""), _copies(scene)
 
     def read(text: str) -> tuple[Operation, ...]:
-        return language.parse(replace(request, sentence=text), copies=copies, earlier=earlier)
+        try:
+            return language.parse(replace(request, sentence=text), copies=copies, earlier=earlier)
+        except TakenBack as taken:
+            raise Refusal(taken.reason_in(of(scene))) from taken
 
-    understood, mended = read_as_meant(read, sentence, context.agreed)
+    try:
+        understood, mended = read_as_meant(read, sentence, context.agreed)
+    except Refusal as refusal:
+        if notes:
+            raise refusal.behind(notes) from refusal
+        raise
     return understood, GRAMMAR, (*notes, *mended)
 
 

@@ -8,7 +8,7 @@ Rules are joined as in `the + colour | number`; `~rule` may be absent; `rule >> 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count, groupby, product
 from operator import itemgetter
@@ -227,6 +227,10 @@ class Refusal(F4xError):  # noqa: N818  # nothing went wrong
         self.reason = reason
         self.nearest = nearest
 
+    def behind(self, notes: Sequence[str]) -> Refusal:
+        """The same, with what else a person should know in front."""
+        return Refusal(" ".join([*notes, self.reason]), self.nearest)
+
 
 class Final(Refusal):
     """A sentence that is understood and cannot be carried out, so that no other reading of it is looked for."""
@@ -239,6 +243,10 @@ class Doubt(Refusal):
         """`instead`: the sentence that was probably meant."""
         super().__init__(reason)
         self.instead = instead
+
+    def behind(self, notes: Sequence[str]) -> Doubt:
+        """As for every refusal."""
+        return type(self)(" ".join([*notes, self.reason]), self.instead)
 
 
 class Slip(Doubt):

@@ -39,6 +39,7 @@ from f4x_core.edit.telling import told as told_in_words
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
+from f4x_core.language.grammar import Doubt
 from f4x_core.query.connected_objects import label_components, pick_object, split_objects
 from f4x_core.query.prompts import select_by_text
 from f4x_core.scene import StaticSet, read_scene, write_scene
@@ -501,6 +502,27 @@ def test_a_model_that_fails_leaves_the_grammar(path, reply):
         with pytest.raises(Refusal):
             plan.propose(read_scene(path), "make the square bark", HERE, server=client(stub))
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("sentence", "kind", "words"),
+    [
+        ("make the square bark", Refusal, "'bark'"),
+        ("paint the sqaure red", Doubt, "did you mean 'square'"),
+        ("make the square red and happy", Doubt, "'and happy'"),
+        ("remove the zebra", F4xError, "lacks 'zebra'"),
+        ("stop the square glowing", Refusal, "No edit of this scene"),
+        ("make it red", F4xError, "'it'"),
+    ],
+)
+def test_a_server_that_is_not_reached_is_told_where_the_grammar_refuses_too(scene, sentence, kind, words):
+    with stub_server() as stub:
+        dead = client(stub)
+    with pytest.raises(kind, match=r"cannot be reached.* The grammar read the sentence instead\.") as told:
+        plan.propose(scene, sentence, HERE, server=dead)
+    assert words in str(told.value) and str(told.value).count("cannot be reached") == 1
+    if kind is Doubt:
+        assert plan.propose(scene, told.value.instead, HERE).chosen.operations
 
 
 def test_a_hostile_label_changes_nothing(scene):
