@@ -26,6 +26,7 @@ from ..edit.records import read_record
 from ..edit.resolve import EditorState, Resolver, labels_of, named, resolve, rows_of
 from ..edit.selects import All, Ids, SelectKind
 from ..edit.stack import Edit, EditStack, of, read_stack
+from ..edit.telling import sizes
 from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import trajectory
@@ -387,13 +388,12 @@ class Session:
 
     def _candidate_summary(self, scene: Scene, index: int, candidate: plan.Candidate) -> dict[str, Any]:
         """A candidate as JSON, with counts in place of lists of ids."""
-        steps = getattr(plan.preview(scene, candidate), "steps", ())
-        chosen = {step.edit.id: int(step.chosen.sum()) for step in steps}
-        new = of(plan.preview(scene, candidate)).edits[len(of(scene)) :]
+        shown = plan.preview(scene, candidate)
+        chosen, new = sizes(shown), of(shown).edits[len(of(scene)) :]
         does = [
             {
                 "does": describe(edit.operation),
-                "gaussians": chosen.get(edit.id, 0),
+                "gaussians": sum(chosen.get(edit.id, ())),
                 **_with_id_counts(edit.operation.to_json()),
             }
             for edit in new

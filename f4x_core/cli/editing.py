@@ -14,7 +14,7 @@ from ..edit.operations import Name
 from ..edit.plan import preview, propose
 from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
-from ..edit.telling import told
+from ..edit.telling import sizes, told
 from ..errors import F4xError
 from ..files import replace_file
 from ..language.lexicon import plural
@@ -40,10 +40,11 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         write_stack(args.scene, of(scene))
     elif not args.dry_run:
         write_scene(base_of(scene), args.output)
-    chosen = {step.edit.id: int(step.chosen.sum()) for step in getattr(scene, "steps", ())}
+    chosen = sizes(scene)
     plan = told(unedited, [edit.operation for edit in new], args.frame)
     lines += [
-        f"{number} {line}" + (f": {chosen[edit.id]:,} Gaussians" if edit.id in chosen else "")
+        f"{number} {line}"
+        + (f": {' and '.join(f'{n:,}' for n in chosen[edit.id])} Gaussians" if edit.id in chosen else "")
         for number, (edit, line) in enumerate(zip(new, plan, strict=True), before + 1)
     ]
     active = sum(edit.enabled for edit in of(scene).edits)
@@ -52,7 +53,7 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         **found,
         "output": None if args.dry_run else str(written),
         "edits": [edit.to_json() for edit in new],
-        "gaussians": [chosen.get(edit.id, 0) for edit in new],
+        "gaussians": [sum(chosen.get(edit.id, ())) for edit in new],
         "text": "\n".join([*lines, "nothing was written" if args.dry_run else end]),
     }
 

@@ -14,6 +14,7 @@ from .apply import edited, with_operations
 from .description import describe, steps_in_words, whom
 from .operations import Blur, Duplicate, Operation, Swap, Transform, Vector
 from .resolve import rows_of
+from .stack import of
 
 SLIGHT = 0.02
 """A part of a way is told from this fraction of its longest part on."""
@@ -26,6 +27,15 @@ def told(scene: Scene, operations: Sequence[Operation], frame: float = 0.0) -> I
         line = _line(scene, operation, frame)
         yield re.sub(r"\bframe ([\d.]*\d)", lambda found: f"frame {found[1]} ({float(found[1]) / fps:.1f} s)", line)
         scene = with_operations(scene, operation)
+
+
+def sizes(scene: Scene) -> dict[int, tuple[int, ...]]:
+    """Id of an edit in effect -> how many Gaussians it is for; of two things that change places, of each."""
+    found: dict[int, list[int]] = {}
+    for step in getattr(scene, "steps", ()):
+        found.setdefault(step.edit.id, []).append(int(step.chosen.sum()))
+    swaps = {edit.id for edit in of(scene).edits if isinstance(edit.operation, Swap)}
+    return {id: tuple(counts if id in swaps else counts[:1]) for id, counts in found.items()}
 
 
 def _line(scene: Scene, operation: Operation, frame: float) -> str:

@@ -111,6 +111,16 @@ def test_words_are_looked_up_once(scene, capsys, tmp_path):
     assert code == 0 and told["edits"][0]["select"]["by"] == "ids" and told["gaussians"] == [81]
 
 
+def test_of_two_that_change_places_both_are_counted(scene, capsys):
+    for sentence, words, count in (
+        ("swap the left half of the square and the right half of the square", "the other way: 45 and 36 Gaussians", 81),
+        ("make the square glow red from frame 1 to 3", "to frame 3 (0.1 s): 81 Gaussians", 81),
+    ):
+        edit = ["edit", scene, "--say", sentence, "--dry-run"]
+        assert f4x(capsys, *edit)[1]["gaussians"] == [count]
+        assert main([*map(str, edit)]) == 0 and words in capsys.readouterr().out
+
+
 def test_it_is_the_selection_that_a_query_left(scene, capsys, tmp_path):
     ids = labelled_scene().ids[3:8]
     chosen = Selection(ids, np.ones(5), np.zeros(5, bool))
