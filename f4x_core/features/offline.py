@@ -16,6 +16,7 @@ import torch
 from torch.nn import functional
 
 from ..errors import F4xError
+from .classes import image_classes
 from .minilm import MiniLm
 from .preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size, resize_map
 from .spec import FeatureSpec
@@ -24,9 +25,6 @@ from .weights import PACKAGED
 
 AREA = 1024 * 576
 """Pixels of the picture that both networks see: twice the usual clip's, so that a cell is about 7 or 15 clip pixels."""
-CLASS_NAMES = Path(__file__).with_name("imagenet_classes.txt")
-"""The 1000 classes of ILSVRC 2012 in the order of the logits, one a line: the synonyms of the WordNet synset, then, after a
-tab and where there is an everyday word for it, the kind of thing."""
 KIND_WEIGHT = 2.0
 """How much the kind counts beside the name; mean AP of four clips: 0.63 at 0, 0.68 at 1, 0.69 at 2."""
 
@@ -121,12 +119,12 @@ def class_embeddings(encode: Callable[[list[str]], np.ndarray]) -> np.ndarray:
 
     A breed of dogs is far from "dog" in a space of words, so that the kind, where the list says one, counts KIND_WEIGHT times.
     """
-    rows = [line.split("\t") for line in CLASS_NAMES.read_text(encoding="utf-8").splitlines()]
-    kinds = sorted({row[1] for row in rows if len(row) > 1})
-    vectors = encode([row[0] for row in rows] + kinds)
+    rows = image_classes()
+    kinds = sorted({row.kind for row in rows} - {""})
+    vectors = encode([row.names for row in rows] + kinds)
     vectors, of_kind = vectors[: len(rows)], dict(zip(kinds, vectors[len(rows) :], strict=True))
     return unit(
-        np.stack([v + KIND_WEIGHT * of_kind[row[1]] if row[1:] else v for v, row in zip(vectors, rows, strict=True)])
+        np.stack([v + KIND_WEIGHT * of_kind[row.kind] if row.kind else v for v, row in zip(vectors, rows, strict=True)])
     )
 
 

@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from ..errors import F4xError
+from ..features.classes import kinds_of
 from ..features.null import null_vector
 from ..language.compounds import names_another
 from ..language.lexicon import PEOPLE, spellings
@@ -78,7 +79,8 @@ def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encod
     words = {*spellings(label)}
     kinds = np.array([not words.isdisjoint(spellings(one.split()[-1])) and not names_another(one) for one in labels])
     own = max(seen[0], seen[1:][kinds].max(initial=-np.inf))  # a black swan is a swan
-    others = np.where((cosines(vectors, asked)[:, 0] < ALIKE) & ~kinds, seen[1:], -np.inf)
+    broader = np.array([one in kinds_of(label) for one in labels])  # any swan is a bird, which the teacher knows better
+    others = np.where((cosines(vectors, asked)[:, 0] < ALIKE) & ~kinds & ~broader, seen[1:], -np.inf)
     best = int(others.argmax())
     if others[best] > own + CLEARLY:
         raise F4xError(

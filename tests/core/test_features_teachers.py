@@ -14,6 +14,7 @@ from f4x_core.cli import main
 from f4x_core.clip import Clip, write_images
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.features import offline, teachers, text, weights
+from f4x_core.features.classes import image_classes, kinds_of
 from f4x_core.features.minilm import MAX_TOKENS
 from f4x_core.features.precomputed import LIMIT
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size, resize_map
@@ -265,12 +266,21 @@ def test_a_spoilt_text_encoder_is_told(tmp_path, spoilt):
 
 
 def test_imagenet_names_are_in_the_order_of_the_logits():
-    lines = offline.CLASS_NAMES.read_text(encoding="utf-8").splitlines()
+    lines = image_classes()
     assert len(lines) == 1000
     known = {0: "tench", 1: "goldfish", 100: "black swan", 207: "golden retriever", 354: "camel", 817: "sports car"}
     known |= {463: "bucket", 701: "parachute", 947: "mushroom", 963: "pizza", 999: "toilet tissue"}
-    assert all(name in lines[i] for i, name in known.items())
-    assert {line.split("\t")[1] for line in lines[151:269]} == {"dog"}
+    assert all(name in lines[i].names for i, name in known.items())
+    assert {line.kind for line in lines[151:269]} == {"dog"}
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [("swan", {"bird"}), ("the Swans", {"bird"}), ("black swan", {"bird"}), ("scooter", {"motorcycle"}), ("jeep", {"car"}),
+     ("poodle", {"dog"}), ("bird", set()), ("dog", {"wild dog"}), ("hot dog", set()), ("rider", set()), ("train", set())],
+)  # fmt: skip
+def test_names_of_classes_tell_the_kind(name, kinds):
+    assert kinds_of(name) - {name} == kinds
 
 
 def test_classes_lean_towards_their_kind():

@@ -139,6 +139,8 @@ def test_a_label_of_the_asked_kind_answers_for_the_word(scene, monkeypatch):
         refuse_evidence_of_another(there, "square", moves, lambda name, asked: np.eye(8)[[4]])
 
     answers(("white square", "wall"))
+    monkeypatch.setattr(knowledge, "kinds_of", lambda name: {"shape"} if name == "square" else set())
+    answers(("shape", "wall"))  # all squares are shapes
     for other in ("square wall", "disc"):
         with pytest.raises(F4xError, match=f"answers more to '{other}'"):
             answers((other, "wall"))
