@@ -107,18 +107,23 @@ def _alone(value: Value) -> Given:
     return ((value,),)
 
 
+_WANTED = (
+    "needs|wants|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|has "
+    "got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|are supposed to|"
+    "might|is meant to|are meant to|was meant to|had better|should have|ought to have|had best|do need to]"
+)
+_over = here(lambda reading, at: not reading.word(at).isalpha())
 _goes_on = unless(literal("and|but")) + here(lambda reading, at: reading.word(at).isalpha())
 ADDS_NOTHING = either(
     CALLS,
     ASKS,
     WISHES,
     COMMENTS,
+    literal(f"{_WANTED} (to) ([be|become|get|turn|look|appear|stay|end up|have|been|gone|become])"),
+    literal(f"[{_WANTED}] (to) go") + unless(_over),  # what has to go is to be gone
     literal(
-        "needs|wants|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|has "
-        "got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|are supposed to|"
-        "might|is meant to|are meant to|was meant to|had better|should have|ought to have|had best|do need to] (to) ([be|become|"
-        "get|turn|go|look|appear|stay|end up|have|been|gone|become])|[become|becomes|becoming|being|be|were|gets|ends up|end up|"
-        "ending up|comes out|stays] (as)|for it to|for them to|be [possible|feasible|doable]|could [do with|use] being"
+        "[become|becomes|becoming|being|be|were|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to|"
+        "be [possible|feasible|doable]|could [do with|use] being"
     ),
     literal(
         every_form("make|let|have|get|do|keep|animate")
@@ -324,8 +329,10 @@ _some_verb = Rule(
     )
 )
 """A verb that nobody knows, where something comes "to" a value: "lerp the color to yellow"."""
+_has_to_go = literal("go|goes|gone") + _over
 _becoming = either(
-    unless(literal("tones|shades|looks|seems|feels") | qualities.cast) + literal(any_form("match") + "|" + _LIGHT),
+    unless(literal("tones|shades|looks|seems|feels") | qualities.cast | _has_to_go)
+    + literal(any_form("match") + "|" + _LIGHT),
     _some_verb,
 )
 _COLOURING = {
@@ -1359,7 +1366,7 @@ _bit_of = ~literal("some|a|an|a bit of|a little|a touch of|the") + optional(
         reserve=False,
     )
 )
-_doing = literal(_LIGHT)
+_doing = unless(_has_to_go) + literal(_LIGHT)
 
 
 def _haloed(light: tuple[Amount | None, Any], rgb: Any = None) -> Value:

@@ -116,7 +116,7 @@ MEANINGS = {
 _NEEDED = word_set("delete extract hide show larger smaller move rotate swap duplicate follow recolour")
 """Operations of which it has to be said whom they are for."""
 _REMOVING = ("delete", "extract", "hide")
-"""Operations that are not asked about where two things are named."""
+"""Operations that are not asked about where two things are named, be one unknown: "get the darkness off the dog"."""
 
 
 def masked(reading: Reading) -> tuple[str, tuple[Slot, ...]]:
@@ -166,7 +166,10 @@ def sentences(operation: str, slots: Sequence[Slot], labels: set[str], selected:
     twice = len({kind for kind, _ in valued}) < len(valued)
     who = _things([slot.words for slot in slots if slot.kind == "WHO"], labels)
     gray = any(slot.kind == "GRAY" for slot in slots) and operation != "gray"
-    unsure = len(who) > 1 and (operation in _REMOVING or any(slot.words.lower() in _STANDING_FOR for slot in slots))
+    named = {slot.words for slot in slots if slot.kind == "WHO" and slot.words.lower() not in _PRONOUNS}
+    unsure = (operation in _REMOVING and len(named) > 1) or (
+        len(who) > 1 and any(slot.words.lower() in _STANDING_FOR for slot in slots)
+    )
     if twice or gray or unsure or operation == NOTHING or (not who and not selected and operation in _NEEDED):
         return
     values["WHO"] = who[0] if who else "it" if selected else "everything"

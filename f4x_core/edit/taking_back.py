@@ -11,50 +11,32 @@ from ..language.colours import colour
 from ..language.grammar import Final, Reading, Rule, either, here, literal, table, tokenise
 from ..language.lexicon import every_form, singular, word_set
 from ..language.verbs import any_form
+from . import operations as ops
 from .description import describe
-from .operations import (
-    Blur,
-    Delete,
-    Duplicate,
-    Extract,
-    Freeze,
-    Glow,
-    Grade,
-    Loop,
-    Match,
-    Opacity,
-    Recolour,
-    Retime,
-    Reverse,
-    Style,
-    Swap,
-    Transform,
-)
 from .qualities import any_look
 from .stack import EditStack
 
 Kinds = tuple[type, ...]
 """Operations that make a change."""
-_COLOURED: Kinds = (Recolour, Style, Match, Grade)
+_COLOURED: Kinds = (ops.Recolour, ops.Style, ops.Match, ops.Grade)
 _CHANGES = table(
     {
-        any_form("glow") + "|halo|aura|glowy|shiny|luminous|radiant": (Glow,),
-        any_form("blur") + "|blurred|blurry|blurriness|fuzzy|hazy|softness|out of focus": (Blur,),
+        any_form("glow") + "|halo|aura|glowy|shiny|luminous|radiant": (ops.Glow,),
+        any_form("blur") + "|blurred|blurry|blurriness|fuzzy|hazy|softness|out of focus": (ops.Blur,),
         any_form("tint") + "|tinge|dye|dyed|paint|painted|paint job|recolored|desaturation": _COLOURED,
-        "look|style|filter|effect|black and white|grayscale": (*_COLOURED, Glow, Blur),
-        every_form("freeze|pause|hold still|stand still") + "|freeze frame": (Freeze,),
-        any_form("slow", "quicken") + "|slow motion|slow mo|slowmo|fast forward|fast motion|time lapse|retime": (
-            Retime,
-        ),
-        any_form("loop"): (Loop,),
-        any_form("reverse") + "|backward|in reverse": (Reverse,),
+        "look|style|filter|effect|black and white|grayscale": (*_COLOURED, ops.Glow, ops.Blur),
+        every_form("freeze|pause|hold still|stand still") + "|freeze frame": (ops.Freeze,),
+        any_form("slow", "quicken")
+        + "|slowness|slow motion|slow mo|slowmo|fast forward|fast motion|time lapse|retime": (ops.Retime,),
+        any_form("loop"): (ops.Loop,),
+        any_form("reverse") + "|backward|in reverse": (ops.Reverse,),
         every_form("copy|clone|duplicate|echo") + "|copies|clones|trail|trails|ghost|ghosts|echoes|afterimages": (
-            Duplicate,
+            ops.Duplicate,
         ),
         every_form("fade|fade out|fade in|hide")
-        + "|transparency|transparent|see through|translucent|hidden|invisible": (Opacity, Delete),
-        every_form("delete|remove|erase"): (Delete, Extract, Opacity),
-        every_form("swap|switch places"): (Swap,),
+        + "|transparency|transparent|see through|translucent|hidden|invisible": (ops.Opacity, ops.Delete),
+        every_form("delete|remove|erase"): (ops.Delete, ops.Extract, ops.Opacity),
+        every_form("swap|switch places"): (ops.Swap,),
     },
     reserve=False,
 )
@@ -62,26 +44,30 @@ _CHANGES = table(
 _QUALITIES = either(
     table(
         {
-            "color|colors|coloring|contrast|saturation|warmth|brightness": _COLOURED,
-            "speed|pace|tempo": (Retime, Freeze),
-            "opacity|visibility": (Opacity, Delete),
-            "size|scale|place|position|spot|direction|"
-            + every_form("move|shift|rotate|spin|turn|tilt|raise|lower|enlarge|shrink|scale|grow"): (Transform, Swap),
+            "color|colors|coloring|contrast|saturation|warmth|brightness|darkness|grayness|"
+            + any_form("brighten", "darken", "saturate", "desaturate", "warm", "cool"): _COLOURED,
+            "speed|pace|tempo": (ops.Retime, ops.Freeze),
+            "opacity|visibility": (ops.Opacity, ops.Delete),
+            "size|scale|place|position|spot|direction|rotation|tilting|shifting|"
+            + every_form("move|shift|rotate|spin|turn|tilt|raise|lower|scale")
+            + "|"
+            + any_form("enlarge", "shrink"): (ops.Transform, ops.Swap),
         },
         reserve=False,
     ),
     (colour | any_look) >> (lambda _: _COLOURED),
 )
 """Words that say of what a thing has a natural state; they also name changes that are made."""
-_RESTORING = literal(
-    every_form("undo|revert|reset|cancel|restore|take back")
-    + "|less|no longer|any more|anymore|any longer|back to|back in|back|normal|original|usual|natural|former"
+_RESTORING = either(
+    literal(
+        every_form("undo|revert|reset|cancel|restore|take back|stop|quit|cease")
+        + "|less|too much|so much|no longer|any more|anymore|any longer|back to|back in|back|normal|original|usual|natural|former"
+    ),
+    literal("go|goes") + here(lambda reading, at: not reading.word(at).isalpha()),
 )
 _REMOVING = either(
     _RESTORING,
-    literal(
-        any_form("delete") + "|" + every_form("stop|quit|cease|reduce|lower|decrease|lessen|weaken|dull|soften|tame")
-    ),
+    literal(any_form("delete") + "|" + every_form("reduce|lower|decrease|lessen|weaken|dull|soften|tame")),
     literal("off|away|down|without|no|disappear|vanish|gone|ugly|awful|terrible|horrible|annoying|distracting|wrong"),
     literal("too|so") + here(lambda reading, at: reading.word(at).isalpha()),
 )
@@ -125,7 +111,7 @@ class TakenBack(Final):
             return f"Take back the last edit, '{words}': `f4x undo SCENE`, or the button for it."
         return (
             f"Take back edit {number}, '{words}': remove it from the list of changes in Blender; `f4x undo SCENE --count {steps}`"
-            f" takes it back with the {steps - 1} after it."
+            " takes it back with what came after it."
         )
 
 

@@ -6,7 +6,7 @@ from labelled_scene import labelled_scene
 from f4x_core.edit.apply import edited
 from f4x_core.edit.description import describe
 from f4x_core.edit.language import Refusal, parse
-from f4x_core.edit.operations import Blur, Duplicate, Freeze, Glow, Loop, Recolour, Retime, Reverse, Style
+from f4x_core.edit.operations import Blur, Duplicate, Freeze, Glow, Loop, Recolour, Retime, Reverse, Style, Transform
 from f4x_core.edit.plan import preview, propose
 from f4x_core.edit.request import Request
 from f4x_core.edit.taking_back import TakenBack
@@ -52,6 +52,17 @@ def say(sentence):
         (Loop, "stop looping the dog|undo the loop of the horse"),
         (Reverse, "stop reversing the car|un-reverse the dog"),
         (Duplicate, "remove the trail behind the dog|no more ghosts behind the horse|remove the copy of the car"),
+        (
+            Transform,
+            "stop enlarging the dog|quit rotating the car already|I'd like a lot less rotation on the tree|"
+            "there is far too much enlargement on the horse|the shrinking on the dog has to go",
+        ),
+        (
+            Recolour,
+            "quit brightening the dog|stop darkening the tree|the red tint on the horse must go|stop saturating the car",
+        ),
+        (Glow, "the glow on the tree has to go|the halo around the dog should go"),
+        (Blur, "the blur on the car needs to go"),
     ],
 )
 def test_taking_a_change_back_is_never_a_proposal_of_it(made, sentences):
@@ -74,11 +85,23 @@ def test_taking_a_change_back_is_never_a_proposal_of_it(made, sentences):
         ("dial the contrast of the dog back", "set the contrast of the dog to 67 %"),
         ("remove the dog and make the horse glow", "remove the dog; make the horse glow by 50 %"),
         ("remove the glowing dog", "remove the glowing dog"),
+        ("the horse has to go", "remove the horse"),
+        ("the car must go faster", "play the car at 150 % speed"),
+        ("the tree should go blue", "make the tree blue"),
         ("stop the dog from moving", "freeze the dog at frame 0"),
     ],
 )
 def test_what_an_operation_does_is_still_done(sentence, plan):
     assert "; ".join(map(describe, say(sentence))) == plan
+
+
+@pytest.mark.parametrize(
+    "sentence", ["get the darkness off that dog", "get the grayness off the car", "peel the gloom from the horse"]
+)
+def test_what_is_to_come_off_a_thing_does_not_remove_the_thing(sentence):
+    with pytest.raises(Refusal) as refused:
+        say(sentence)
+    assert "remove" not in getattr(refused.value, "instead", "")
 
 
 @pytest.mark.parametrize(
@@ -101,7 +124,9 @@ def test_the_edit_to_take_back_is_named():
     for sentence in ("make the square glow", "blur the wall", "make the wall red"):
         scene = preview(scene, propose(scene, sentence).chosen)
     assert "Take back edit 1, 'make the square glow by 50 %'" in told(scene, "stop the square glowing")
-    assert "--count 3`" in told(scene, "stop the square glowing") and "the 2 after it" in told(scene, "no more glow")
+    assert "--count 3`" in told(scene, "stop the square glowing") and "with what came after it" in told(
+        scene, "no more glow"
+    )
     assert "Take back edit 2, 'blur the wall by 0.02 units'" in told(scene, "unblur the wall")
     assert (
         told(scene, "undo the tint of the wall")
