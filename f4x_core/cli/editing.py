@@ -10,7 +10,7 @@ from ..edit.bake import bake, needs_time
 from ..edit.description import describe
 from ..edit.json_files import read_operations
 from ..edit.judge import candidate_sheet
-from ..edit.operations import Name
+from ..edit.operations import Name, TakeBack
 from ..edit.plan import preview, propose
 from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
@@ -47,7 +47,7 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         + (f": {' and '.join(f'{n:,}' for n in chosen[edit.id])} Gaussians" if edit.id in chosen else "")
         for number, (edit, line) in enumerate(zip(new, plan, strict=True), before + 1)
     ]
-    active = sum(edit.enabled for edit in of(scene).edits)
+    active = sum(edit.enabled and not isinstance(edit.operation, TakeBack) for edit in of(scene).edits)
     end = f"{written}: {_edits(active)} in effect; `f4x undo` takes back the last"
     return {
         **found,

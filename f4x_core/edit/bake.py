@@ -24,7 +24,7 @@ from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
 from .apply import APPEARANCE_OPERATIONS, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
 from .keys import with_keys_folded
-from .operations import Blur, Delete, Duplicate, Glow, Name, Opacity, Transform
+from .operations import Blur, Delete, Duplicate, Glow, Name, Opacity, TakeBack, Transform
 from .retiming import progress
 from .selects import Ids, Moving, Select
 from .splat_rows import SplatRows
@@ -48,7 +48,7 @@ def bake(scene: Scene) -> Scene:
     """
     scene = with_keys_folded(base_of(scene))
     stack = of(scene)
-    active = tuple(edit for edit in stack.edits if edit.enabled)
+    active = tuple(edit for edit in stack.edits if edit.enabled and not isinstance(edit.operation, TakeBack))
     kept = EditStack(active)
     whole = edited(with_stack(scene, kept))
     for count in _foldable(scene, active):

@@ -28,6 +28,7 @@ from .operations import (
     Reverse,
     Style,
     Swap,
+    TakeBack,
     Transform,
     Vector,
 )
@@ -228,6 +229,11 @@ def _(operation: Swap) -> str:
 @_sentence.register
 def _(operation: Name) -> str:
     return f'call {whom(operation.select)} "{operation.name}"'
+
+
+@_sentence.register
+def _(operation: TakeBack) -> str:
+    return f"take back '{operation.words}'" if operation.words else f"take back the edit of id {operation.edit}"
 
 
 @_sentence.register

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import F4xError
 from .records import Record, near, read_record
-from .selects import Moving, Named, SelectKind
+from .selects import All, Moving, Named, SelectKind
 from .styles import STYLES
 
 Vector = tuple[float, float, float]
@@ -485,6 +485,18 @@ class Rekey(Change):
         return poses[..., :3], poses[..., 3:]
 
 
+@dataclass(frozen=True)
+class TakeBack(Change):
+    """An earlier edit of the stack switched off; undoing this one switches it on again."""
+
+    TAG = "take_back"
+    edit: int
+    """Id of the edit."""
+    words: str = ""
+    """What it did, for people."""
+    select: ClassVar[SelectKind] = All()  # type: ignore[misc]  # whoever that edit was for
+
+
 Operation = Union[  # noqa: UP007  # read at run time
     Recolour,
     Opacity,
@@ -504,6 +516,7 @@ Operation = Union[  # noqa: UP007  # read at run time
     Swap,
     Name,
     Rekey,
+    TakeBack,
 ]
 """Any operation."""
 

@@ -155,7 +155,7 @@ def read_sentence(
         try:
             return language.parse(replace(request, sentence=text), copies=copies, earlier=earlier)
         except TakenBack as taken:
-            raise Refusal(taken.reason_in(of(scene))) from taken
+            return (taken.operation(of(scene)),)
 
     try:
         understood, mended = read_as_meant(read, sentence, context.agreed)

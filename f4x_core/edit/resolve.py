@@ -21,7 +21,7 @@ from ..query.selection import SELECTED, Selection, fingerprint
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id, pivot_of, with_operations
 from .description import whom
-from .operations import Duplicate, Freeze, Glow, Opacity, Operation, Rekey, Swap, Transform
+from .operations import Duplicate, Freeze, Glow, Opacity, Operation, Rekey, Swap, TakeBack, Transform
 from .selects import (
     MAX_WORDS_LENGTH,
     And,
@@ -106,7 +106,7 @@ class Resolver:
     def resolve(self, scene: Scene, operation: Operation, tidy: bool = False) -> Operation:
         """Resolve one operation, as the function `resolve` does; `tidy` leaves out small stray components of what words select."""
         _check_times(scene, operation, self.context.frame)
-        if isinstance(operation, Rekey):
+        if isinstance(operation, Rekey | TakeBack):
             return operation
         self._hidden_too = isinstance(operation, Opacity) and operation.factor > 1
         changed: dict[str, Any] = {}

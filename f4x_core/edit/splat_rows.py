@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..scene import Scene
-from .operations import Delete, Duplicate, Extract, Match, Name, Rekey, Transform, steps_of_operation
+from .operations import Delete, Duplicate, Extract, Match, Name, Rekey, TakeBack, Transform, steps_of_operation
 from .retiming import TimeMap, copy_time_map, time_map_of
 from .selects import All, And, Ids, Moving, Named, Not, Or, SelectKind
 from .stack import Edit
@@ -122,7 +122,9 @@ def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], S
 
 def _step(edit: Edit, rows: SplatRows, clip: tuple[float, float]) -> tuple[Step | None, SplatRows]:
     operation = edit.operation
-    if isinstance(operation, Rekey):  # changes the motion that all steps read
+    if isinstance(
+        operation, Rekey | TakeBack
+    ):  # changes the motion that all steps read; has switched off an earlier edit
         return None, rows
     if isinstance(operation, Name):  # what was named once stays named, or edits after it would mean nobody
         return None, _named(rows, operation.name, np.flatnonzero(rows.chosen(operation.select)))

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..errors import F4xError
 from ..scene import Scene, read_header, write_edits
-from .operations import Operation, read_operation
+from .operations import Operation, TakeBack, read_operation
 
 UNDONE = "undone"
 """The field of scene.json with the undone edits, the one undone last at the end."""
@@ -105,23 +105,27 @@ class EditStack:
     def append(self, operation: Operation, sentence: str = "") -> EditStack:
         """The stack with one more edit, after which there is nothing to redo. Its inverse: `undo`."""
         id = 1 + max((edit.id for edit in (*self.edits, *self.undone)), default=0)
-        return EditStack((*self.edits, Edit(operation, id, sentence=sentence[:MAX_SENTENCE_LENGTH])))
+        if isinstance(operation, TakeBack) and not self.edits[self.position(operation.edit)].enabled:
+            raise F4xError(f"the edit {operation.edit} is switched off already.")
+        edit = Edit(operation, id, sentence=sentence[:MAX_SENTENCE_LENGTH])
+        return EditStack((*self.edits, edit))._taken_back(edit)
 
     def undo(self) -> EditStack:
         """Without the last edit, which `redo` brings back; F4xError where there is none."""
         if not self.edits:
             raise F4xError("there is nothing to undo.")
-        return EditStack(self.edits[:-1], (*self.undone, self.edits[-1]))
+        return EditStack(self.edits[:-1], (*self.undone, self.edits[-1]))._taken_back(self.edits[-1], False)
 
     def redo(self) -> EditStack:
         """With the edit that was undone last; F4xError where there is none."""
         if not self.undone:
             raise F4xError("there is nothing to redo.")
-        return EditStack((*self.edits, self.undone[-1]), self.undone[:-1])
+        return EditStack((*self.edits, self.undone[-1]), self.undone[:-1])._taken_back(self.undone[-1])
 
     def enable(self, id: int, on: bool) -> EditStack:
         """With the edit `id` switched on or off."""
-        return self._with(replace(self.edits[self.position(id)], enabled=on))
+        edit = replace(self.edits[self.position(id)], enabled=on)
+        return self._with(edit)._taken_back(edit)
 
     def replace(self, id: int, operation: Operation) -> EditStack:
         """With another operation as edit `id`, in its place. Its inverse: `replace` by the old one."""
@@ -130,18 +134,24 @@ class EditStack:
     def remove(self, id: int) -> EditStack:
         """Without the edit `id`. Its inverse: `insert`."""
         at = self.position(id)
-        return replace(self, edits=self.edits[:at] + self.edits[at + 1 :])
+        return replace(self, edits=self.edits[:at] + self.edits[at + 1 :])._taken_back(self.edits[at], False)
 
     def insert(self, edit: Edit, at: int) -> EditStack:
         """With `edit` at the index `at` (0 = first)."""
         if not 0 <= at <= len(self.edits):
             raise F4xError(f"{at} is no place in a stack of {len(self.edits)}; give 0 to {len(self.edits)}.")
-        return replace(self, edits=(*self.edits[:at], edit, *self.edits[at:]))
+        return replace(self, edits=(*self.edits[:at], edit, *self.edits[at:]))._taken_back(edit)
 
     def move(self, id: int, to: int) -> EditStack:
         """With the edit `id` at the index `to`. Its inverse: `move` back to its old index."""
         edit = self.edits[self.position(id)]
         return self.remove(id).insert(edit, to)
+
+    def _taken_back(self, edit: Edit, back: bool = True) -> EditStack:
+        """With the edit that `edit` takes back switched off, or on again where that is not `back` any more."""
+        one = edit.operation
+        named = (other for other in self.edits if isinstance(one, TakeBack) and other.id == one.edit)
+        return next((self._with(replace(other, enabled=not (back and edit.enabled))) for other in named), self)
 
     def _with(self, edit: Edit) -> EditStack:
         at = self.position(edit.id)

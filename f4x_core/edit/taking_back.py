@@ -1,6 +1,6 @@
-"""What takes away or lessens a change that an edit made: "remove the glow from the horse". No operation does that; the edit goes.
+"""What takes away or lessens a change that an edit made: "remove the glow from the horse". The edit is taken back.
 
-Asked only of sentences that are not understood otherwise, so that none of them is answered with a proposal that adds the change.
+Asked only of sentences that are not understood otherwise, so that none of them is answered with what makes the change.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 
 from ..language.colours import colour
-from ..language.grammar import Final, Reading, Rule, either, here, literal, table, tokenise
+from ..language.grammar import Final, Reading, Refusal, Rule, either, here, table, tokenise
 from ..language.lexicon import every_form, singular, word_set
 from ..language.verbs import any_form
 from . import operations as ops
@@ -58,20 +58,31 @@ _QUALITIES = either(
     (colour | any_look) >> (lambda _: _COLOURED),
 )
 """Words that say of what a thing has a natural state; they also name changes that are made."""
+_LESSENING, _ENDING = "less", "gone"
 _RESTORING = either(
-    literal(
-        every_form("undo|revert|reset|cancel|restore|take back|stop|quit|cease")
-        + "|less|too much|so much|no longer|any more|anymore|any longer|back to|back in|back|normal|original|usual|natural|former"
+    table({"less|too much|so much": _LESSENING}, reserve=False),
+    table(
+        {
+            every_form("undo|revert|reset|cancel|restore|take back|stop|quit|cease")
+            + "|no longer|any more|anymore|any longer|back to|back in|back|normal|original|usual|natural|former": _ENDING
+        },
+        reserve=False,
     ),
-    literal("go|goes") + here(lambda reading, at: not reading.word(at).isalpha()),
+    table({"go|goes": _ENDING}, reserve=False) + here(lambda reading, at: not reading.word(at).isalpha()),
 )
 _REMOVING = either(
     _RESTORING,
-    literal(any_form("delete") + "|" + every_form("reduce|lower|decrease|lessen|weaken|dull|soften|tame")),
-    literal("off|away|down|without|no|disappear|vanish|gone|ugly|awful|terrible|horrible|annoying|distracting|wrong"),
-    literal("too|so") + here(lambda reading, at: reading.word(at).isalpha()),
+    table(
+        {
+            every_form("reduce|lower|decrease|lessen|weaken|dull|soften|tame|tone down|turn down"): _LESSENING,
+            any_form("delete")
+            + "|off|away|without|no|disappear|vanish|gone|ugly|awful|terrible|horrible|annoying|distracting|wrong": _ENDING,
+        },
+        reserve=False,
+    ),
+    table({"too|so|down": _LESSENING}, reserve=False),
 )
-"""Words that take away."""
+"""Words that take away, with what they say."""
 _PREFIXED = re.compile(r"(?:un|de|dis|non)(?P<rest>[a-z]{3,})")
 _ANYTHING = word_set("everything selection Gaussian")
 """Words for whom an edit is that may hold any thing."""
@@ -80,39 +91,33 @@ _ENDS = word_set("and then but that which who , . ; : !")
 
 
 class TakenBack(Final):
-    """A sentence that takes a change away, which only taking back its edit does."""
+    """A sentence that takes a change away or lessens it, which is for the edit that made it."""
 
-    def __init__(self, change: str, kinds: Kinds, things: set[str]):
+    def __init__(self, change: str, kinds: Kinds, things: set[str], lessened: bool = False):
         """`change`: as it was said; `kinds`: operations that make it; `things`: labels in the sentence."""
         super().__init__(
             f"That takes a change back ('{change}'): `f4x undo SCENE` takes back the last edits, the list of changes in Blender"
             " any of them."
         )
-        self.change, self.kinds, self.things = change, kinds, things
+        self.change, self.kinds, self.things, self.lessened = change, kinds, things, lessened
 
-    def reason_in(self, stack: EditStack) -> str:
-        """The sentence about the edits of a scene that made the change."""
-        made = [
-            (number, describe(edit.operation))
-            for number, edit in enumerate(stack.edits, 1)
-            if edit.enabled and isinstance(edit.operation, self.kinds)
-        ]
-        spoken_of = [
-            (n, words)
-            for n, words in made
-            if not self.things or (self.things | _ANYTHING) & {*map(singular, words.split())}
-        ]
-        if not spoken_of:
+    def operation(self, stack: EditStack) -> ops.TakeBack:
+        """What takes back the edit of a scene that made the change; Refusal where there is none, or more than one."""
+        found = [edit for edit in stack.edits if edit.enabled and isinstance(edit.operation, self.kinds)]
+        meant = {edit.id: describe(edit.operation) for edit in found}
+        if self.things:
+            about = self.things | _ANYTHING
+            meant = {id: words for id, words in meant.items() if about & {*map(singular, words.split())}}
+        named = "', '".join(meant.values())
+        if not meant:
             whom = f" for '{', '.join(sorted(self.things))}'" if self.things else ""
-            return f"No edit of this scene made '{self.change}'{whom}; nothing can be taken back (`f4x history SCENE` lists them)."
-        number, words = spoken_of[-1]
-        steps = len(stack) - number + 1
-        if steps == 1:
-            return f"Take back the last edit, '{words}': `f4x undo SCENE`, or the button for it."
-        return (
-            f"Take back edit {number}, '{words}': remove it from the list of changes in Blender; `f4x undo SCENE --count {steps}`"
-            " takes it back with what came after it."
-        )
+            raise Refusal(f"No edit of this scene made '{self.change}'{whom}; `f4x history SCENE` lists them.")
+        if len(meant) > 1:
+            raise Refusal(f"More than one edit may be meant: '{named}'; `f4x undo SCENE` takes back the last ones.")
+        if self.lessened:
+            raise Refusal(f"'{named}' is there as it was said; take it back, and say how much it is to be.")
+        ((id, words),) = meant.items()
+        return ops.TakeBack(id, words)
 
 
 def taken_back(reading: Reading) -> TakenBack | None:
@@ -122,8 +127,8 @@ def taken_back(reading: Reading) -> TakenBack | None:
     for at, token in enumerate(reading.tokens):
         for changes, markers in ((_CHANGES, _REMOVING), (_QUALITIES, _RESTORING)):
             for end, (kinds,) in changes.at(reading, at).items():
-                if _is_marked(reading, at, end, markers):
-                    return TakenBack(reading.text_of(at, end), kinds, things)
+                if found := _marks(reading, at, end, markers):
+                    return TakenBack(reading.text_of(at, end), kinds, things, lessened=_LESSENING in found)
         if round := turned_round(token.text):
             return TakenBack(*round, things)
     return None
@@ -137,13 +142,13 @@ def turned_round(word: str) -> tuple[str, Kinds] | None:
     return (change, ways[1][0]) if 1 in ways else None
 
 
-def _is_marked(reading: Reading, at: int, end: int, markers: Rule) -> bool:
-    """Whether a word that takes away stands in the same clause as the words [at, end)."""
+def _marks(reading: Reading, at: int, end: int, markers: Rule) -> set[str]:
+    """What the words that take away say that stand in the same clause as the words [at, end)."""
     first = next((i + 1 for i in range(at - 1, -1, -1) if reading.word(i) in _ENDS), 0)
     last = next((i for i in range(end, len(reading.tokens)) if reading.word(i) in _ENDS), len(reading.tokens))
-    return any(
-        stop <= at or i >= end
+    return {
+        said
         for i in (*range(first, at), *range(end, last))
-        for stop in markers.at(reading, i)
-        if stop <= last
-    )
+        for stop, (said,) in markers.at(reading, i).items()
+        if stop <= last and (stop <= at or i >= end)
+    }

@@ -229,7 +229,13 @@ def test_every_operation_of_the_schema(operation, expected):
 
 def test_no_operation_of_a_stack_is_kept_from_the_model():
     told = json.dumps(schema_of(ChangeList))
-    says = {"recolour": "paint", "extract": "keep_only", "retime": "speed", "rekey": None}  # a rekey is no word's work
+    says = {
+        "recolour": "paint",
+        "extract": "keep_only",
+        "retime": "speed",
+        "rekey": None,
+        "take_back": None,
+    }  # no word's work
     for kind in get_args(Operation):
         tag = says.get(kind.TAG, kind.TAG)
         assert tag is None or f'"{tag}"' in told, kind

@@ -1,16 +1,33 @@
 """Sentences that take a change away or lessen it are never answered with what makes it."""
 
+import numpy as np
 import pytest
 from labelled_scene import labelled_scene
 
-from f4x_core.edit.apply import edited
+from f4x_core.cli import main
+from f4x_core.edit.bake import bake
 from f4x_core.edit.description import describe
 from f4x_core.edit.language import Refusal, parse
-from f4x_core.edit.operations import Blur, Duplicate, Freeze, Glow, Loop, Recolour, Retime, Reverse, Style, Transform
+from f4x_core.edit.operations import (
+    Blur,
+    Duplicate,
+    Freeze,
+    Glow,
+    Loop,
+    Recolour,
+    Retime,
+    Reverse,
+    Style,
+    TakeBack,
+    Transform,
+)
 from f4x_core.edit.plan import preview, propose
 from f4x_core.edit.request import Request
+from f4x_core.edit.stack import of, read_stack
 from f4x_core.edit.taking_back import TakenBack
+from f4x_core.errors import F4xError
 from f4x_core.language.grammar import Doubt
+from f4x_core.scene import write_scene
 
 LABELS = ("dog", "car", "horse", "tree")
 
@@ -113,24 +130,87 @@ def test_a_word_that_turns_another_round_is_no_slip_of_it(sentence):
     assert not isinstance(refused.value, Doubt) and "did you mean" not in refused.value.reason
 
 
-def told(scene, sentence):
-    with pytest.raises(Refusal) as refused:
+def taken(scene, sentence):
+    """What a sentence takes back, in words."""
+    (operation,) = propose(scene, sentence).chosen.operations
+    assert isinstance(operation, TakeBack)
+    return operation.words
+
+
+def refused(scene, sentence):
+    with pytest.raises(Refusal) as told:
         propose(scene, sentence)
-    return refused.value.reason
+    return told.value.reason
 
 
-def test_the_edit_to_take_back_is_named():
-    scene = edited(labelled_scene())
+@pytest.fixture(scope="module")
+def scene():
+    made = labelled_scene()
     for sentence in ("make the square glow", "blur the wall", "make the wall red"):
-        scene = preview(scene, propose(scene, sentence).chosen)
-    assert "Take back edit 1, 'make the square glow by 50 %'" in told(scene, "stop the square glowing")
-    assert "--count 3`" in told(scene, "stop the square glowing") and "with what came after it" in told(
-        scene, "no more glow"
-    )
-    assert "Take back edit 2, 'blur the wall by 0.02 units'" in told(scene, "unblur the wall")
+        made = preview(made, propose(made, sentence).chosen)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("sentence", "words"),
+    [
+        ("stop the square glowing", "make the square glow by 50 %"),
+        ("no more glow", "make the square glow by 50 %"),
+        ("the glow on the square has to go", "make the square glow by 50 %"),
+        ("unblur the wall", "blur the wall by 0.02 units"),
+        ("take the blur off the wall", "blur the wall by 0.02 units"),
+        ("undo the tint of the wall", "make the wall red"),
+        ("the wall should no longer be red", "make the wall red"),
+        ("give the wall its color back", "make the wall red"),
+    ],
+)
+def test_the_edit_that_made_the_change_is_taken_back(scene, sentence, words):
+    assert taken(scene, sentence) == words
+    after = preview(scene, propose(scene, sentence).chosen)
+    assert [describe(one.operation) for one in of(after).edits if not one.enabled] == [words]
+    assert "No edit of this scene made" in refused(after, sentence)  # it is gone
+
+
+def test_what_was_taken_back_is_as_it_never_was_and_comes_back_by_undoing(scene):
+    without = labelled_scene()
+    for sentence in ("blur the wall", "make the wall red"):
+        without = preview(without, propose(without, sentence).chosen)
+    after = preview(scene, propose(scene, "remove the glow from the square").chosen)
+    shown, wanted = after.posed(2.0), without.posed(2.0)
+    there = shown.opacities > 0
+    for name in ("means", "opacities", "sh", "scales"):
+        np.testing.assert_array_equal(getattr(shown, name)[there], getattr(wanted, name)[wanted.opacities > 0])
+    stack = of(after)
+    assert stack.undo().edits == of(scene).edits
+    assert stack.undo().redo().edits == stack.edits
+    last = stack.edits[-1].id
+    assert all(edit.enabled for edit in stack.remove(last).edits)  # in the panel's list
+    assert [edit.enabled for edit in stack.enable(last, False).edits] == [True, True, True, False]
+    assert stack.enable(last, False).enable(last, True) == stack
+    assert len(of(bake(after)).edits) == len(of(bake(without)).edits)
+    with pytest.raises(F4xError, match="switched off already"):
+        stack.append(stack.edits[-1].operation)
+    with pytest.raises(F4xError, match="there is no edit 9"):
+        stack.append(TakeBack(9))
+
+
+def test_where_no_edit_or_more_than_one_may_be_meant_that_is_told(scene):
+    assert "No edit of this scene made 'glow' for 'wall'" in refused(scene, "remove the glow from the wall")
+    assert "No edit of this scene made 'freezing'" in refused(scene, "stop freezing the square")
+    assert "'make the square glow by 50 %' is there as it was said" in refused(scene, "less glow on the square")
+    twice = preview(scene, propose(scene, "make the square glow red").chosen)
+    assert "More than one edit may be meant: 'make the square glow by 50 %', 'make" in refused(twice, "no more glow")
+
+
+def test_taking_back_in_the_terminal(capsys, tmp_path):
+    path = str(tmp_path / "a.f4x")
+    write_scene(labelled_scene(), path)
+    for sentence in ("make the square glow", "make the wall red", "remove the glow from the square"):
+        assert main(["edit", path, "--say", sentence]) == 0
     assert (
-        told(scene, "undo the tint of the wall")
-        == "Take back the last edit, 'make the wall red': `f4x undo SCENE`, or the button for it."
+        "3 take back 'make the square glow by 50 %'\n" in (said := capsys.readouterr().out)
+        and ": 1 edit in effect" in said
     )
-    assert "No edit of this scene made 'glow' for 'wall'" in told(scene, "remove the glow from the wall")
-    assert "No edit of this scene made 'freezing'" in told(scene, "stop freezing the square")
+    assert main(["history", path]) == 0
+    assert '1 make the square glow by 50 % ("make the square glow") [off]' in capsys.readouterr().out
+    assert main(["undo", path]) == 0 and all(edit.enabled for edit in read_stack(path).edits)
