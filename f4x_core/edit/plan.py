@@ -24,6 +24,7 @@ from .operations import Duplicate, Freeze, Loop, Operation, Retime, Reverse, Tra
 from .records import Record
 from .request import Request
 from .resolve import Absent, EditorState, Resolver, labels_of, rows_of
+from .retiming import time_map_of
 from .selects import Ids, SelectKind, Text
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
@@ -184,11 +185,18 @@ def _there(scene: Scene) -> tuple[str, ...]:
 
 
 def _idle(scene: Scene, operations: tuple[Operation, ...]) -> Iterator[str]:
-    """A sentence about each operation that gives other moments to what is the same at all of them."""
+    """A sentence about each operation that gives other moments to what is the same at all of them, or leaves some out."""
+    first, last = (float(time) for time in scene.cameras.times[[0, -1]])
     for operation in operations:
         retimes = isinstance(operation, Freeze | Retime | Reverse | Loop) and not scene.fades
         if retimes and not scene.moving[rows_of(scene, operation.select)].any():
             yield f"{describe(operation)}: that stands still already, so nothing changes."
+        elif (
+            isinstance(operation, Retime)
+            and (shown := time_map_of(operation, (first, last)))
+            and shown(last) < last - 1
+        ):
+            yield f"{describe(operation)}: the clip keeps its length, so what comes after frame {shown(last):.0f} is not shown."
         scene = with_operations(scene, operation)
 
 

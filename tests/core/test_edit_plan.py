@@ -618,6 +618,21 @@ def test_of_one_thing_there_are_not_several(scene, sentence):
         plan.propose(scene, sentence, HERE)
 
 
+@pytest.mark.parametrize(
+    ("sentence", "reached"),
+    [
+        ("play the square at 40 % speed", 2),
+        ("stretch the square to five times its length", 1),
+        ("slow the square down to half speed from frame 1 on", 3),
+        ("play the square twice as fast", None),
+        ("play the square twice as fast from frame 0 to frame 2", None),
+    ],
+)
+def test_what_a_clip_has_no_time_left_for_is_told(scene, sentence, reached):
+    notes = plan.propose(scene, sentence, HERE).notes
+    assert (not notes) if reached is None else notes[0].endswith(f"so what comes after frame {reached} is not shown.")
+
+
 def test_what_stands_still_cannot_be_stopped_and_that_is_told(scene):
     assert "stands still already" in plan.propose(scene, "freeze the background", HERE).notes[0]
     assert "stands still already" in plan.propose(scene, "reverse the background", HERE).notes[0]
