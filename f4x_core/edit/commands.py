@@ -1311,18 +1311,25 @@ _command("the clip should be twice as long", as_given, "values", TIMED)(
 )
 _LENGTHS = word_set("longer shorter briefer")
 _LASTS = word_set("lasts last takes take")
-_command("halve the length of the clip", _changed, "quality who", NAMED)(
-    who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s") >> _the_clip,
-    verb=_set,
-    quality=~literal("the|a|its")
+_length: dict[str, Rule] = {
+    "verb": _set,
+    "quality": ~literal("the|a|its")
     + either(
         table({"length|duration|running time|runtime|run time": making.stretched}, reserve=False),
         here(lambda reading, at: reading.word(at) in _LENGTHS) >> (lambda: making.stretched),
     ),
-    way=_way | table({"longer": True, "shorter|briefer": False}, reserve=False),
-    how=amount,
-    to=_to_value,
-    times=_times_as_much,
+    "way": _way | table({"longer": True, "shorter|briefer": False}, reserve=False),
+    "how": amount,
+    "to": _to_value,
+    "times": _times_as_much,
+}
+_command("halve the length of the clip", _changed, "quality who", NAMED)(
+    who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s") >> _the_clip, **_length
+)
+_command("double the length of the first second", _changed, "quality when", TIMED)(
+    who=Rule(lambda reading, at: {}, frozenset()),
+    of=literal("of") + here(lambda reading, at: span.at(reading, at)),
+    **_length,
 )
 _command("the movement of the dog should take three seconds", making.lasting, "verb to", WHOLE)(
     who=~literal("the") + _whom + ~literal("'s") + ~literal("motion|movement|action"),

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..language.amounts import Distance, distance, fraction_of, multiple, number, signed, steps
-from ..language.grammar import Mismatch, Rule, either, here, keyword, table
-from ..language.lexicon import PICTURE
+from ..language.amounts import Distance, distance, fraction, fraction_of, multiple, number, percent, signed, steps
+from ..language.grammar import Mismatch, Rule, either, here, keyword, table, unless
+from ..language.lexicon import PICTURE, every_form
 from ..language.times import TimeExpression, duration
 from . import making, qualities
 from .making import Value
@@ -79,6 +79,11 @@ def as_given(values: Given) -> Given:
     return values
 
 
+_SHORTENING = frozenset(every_form("shorten|compress|condense|squeeze|squash|squish|cram|abridge|cut|speed").split("|"))
+"""Verbs of `last` that make it take less time."""
+_shortened = here(lambda reading, at: not _SHORTENING.isdisjoint(reading.words))
+_by_factor = keyword("by a factor of") + number | keyword("by") + unless(fraction) + (multiple | number)
+_by_share = keyword("by") + (fraction | percent)
 as_long = either(
     ~keyword("so (that) [it|they] [takes|take|lasts|last|runs|is|are]") + multiple + keyword("as long")
     >> making.stretched,
@@ -87,7 +92,10 @@ as_long = either(
     + ~keyword("a factor of")
     + (fraction_of("length|duration") | multiple + keyword("the time|its time|as much time"))
     >> making.stretched,
-    keyword("by") + ~keyword("a factor of") + (multiple | number) >> making.stretched,
+    _shortened + _by_factor >> (lambda x: making.stretched(x and 1 / x)),
+    _by_factor >> making.stretched,
+    _shortened + _by_share >> (lambda x: making.stretched(1 - x)),
+    _by_share >> (lambda x: making.stretched(1 + x)),
 )
 OUT = keyword(
     f"out|away|off|[off|out of|away from] [the|this|my|our] (whole|entire) [{PICTURE}]|out of [there|here|sight]|from "

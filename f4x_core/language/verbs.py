@@ -159,7 +159,7 @@ VERBS: dict[str, str] = {
     "replay, play back, be, get",
     "loop": "pingpong, loop, repeat, cycle, replay, keep repeating, keep looping, go round and round, boomerang, ping pong, keep "
     "cycling, keep on repeating, put on loop, put on repeat, play over and over, do over and over, replay over and over",
-    "last": "squash, condense, cram, take, last, retime, stretch, stretch out, extend, expand, slow down, compress, squeeze, "
+    "last": "squash, spread, condense, cram, take, last, stretch, stretch out, extend, expand, slow down, compress, squeeze, "
     "speed up, shorten, retime, lengthen, be, run, prolong, drag out, cut down, time stretch, stretch in time, make, "
     "get, time warp, time remap, draw out, spread out, pull out, elongate, protract, drag on, abridge, condense down, squish",
     # light
