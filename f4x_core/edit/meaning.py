@@ -23,7 +23,7 @@ from .qualities import any_look
 
 PHRASINGS = Path(__file__).with_name("phrasings.txt")
 """Sentences that are known, without what stands in their slots, by operation."""
-_NEVER = word_set("not never no except but unless if when without why how undo instead while until or")
+_NEVER = word_set("less not never no except but unless if when without why how undo instead while until or")
 """Words with which a sentence means something else than what it names."""
 _PRONOUNS = word_set(
     "it that this them her him he she they you we i me us itself himself herself one ones these those there what which who "
@@ -97,8 +97,8 @@ MEANINGS = {
     "extract": "keep only WHO",
     "larger": "scale WHO to TO|make WHO AMOUNT bigger|scale WHO by AMOUNT|scale WHO by COUNT|make WHO SHARE bigger"
     "|make WHO SLIGHTLY bigger|make WHO MUCH bigger|make WHO bigger",
-    "smaller": "scale WHO to TO|make WHO SHARE as big|make WHO AMOUNT smaller|scale WHO by COUNT|make WHO SLIGHTLY smaller"
-    "|make WHO MUCH smaller|make WHO smaller",
+    "smaller": "scale WHO to TO|make WHO SHARE as big|make WHO AMOUNT smaller|make WHO COUNT times smaller"
+    "|make WHO SLIGHTLY smaller|make WHO MUCH smaller|make WHO smaller",
     "move": "move WHO WAY by LENGTH|move WHO WAY by SHARE of its width|move WHO WAY by COUNT widths|move WHO SLIGHTLY WAY"
     "|move WHO WAY",
     "rotate": "rotate WHO by ANGLE WAY|rotate WHO by ANGLE|rotate WHO by COUNT degrees WAY|rotate WHO by COUNT degrees"
@@ -107,7 +107,7 @@ MEANINGS = {
     "duplicate": "copy WHO WAY TIME later|copy WHO TIME later|copy WHO WAY|copy WHO COUNT times|copy WHO AMOUNT|copy WHO",
     "follow": "let COUNT copies follow WHO TIME behind|let a copy follow WHO TIME behind|let a copy follow WHO",
     "faster": "play WHO at TO speed|play WHO AMOUNT as fast|play WHO AMOUNT faster|play WHO SLIGHTLY faster|play WHO faster",
-    "slower": "play WHO at TO speed|play WHO at SHARE speed|play WHO at AMOUNT speed|play WHO SLIGHTLY slower|play WHO slower",
+    "slower": "play WHO at TO speed|play WHO at SHARE speed|play WHO AMOUNT slower|play WHO SLIGHTLY slower|play WHO slower",
     "freeze": "freeze WHO TIME|freeze WHO",
     "reverse": "play WHO in reverse",
     "loop": "loop WHO",

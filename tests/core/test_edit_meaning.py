@@ -78,6 +78,7 @@ def test_with_vectors_it_asks_more_rightly_and_no_more_wrongly(examples, words):
         ("duplicate the car half a second", "copy the car half a second later"),
         ("make a copy of the car 10 frames to the left", "copy the car to the left 10 frames later"),
         ("freeze the car 5 frames", "freeze the car for 5 frames"),
+        ("make the car smaller by two", "make the car two times smaller"),
     ],
 )
 def test_what_the_grammar_refuses_is_asked_about_in_its_own_words(sentence, instead):
@@ -94,6 +95,8 @@ def test_what_the_grammar_refuses_is_asked_about_in_its_own_words(sentence, inst
         "don't let the car be anything but red",
         "I reckon the car doesn't deserve a teal wash all over, innit",
         "if the bird moves make the car red",
+        "make the bird less big by 1.5",
+        "make the car less small by two",
         "wibble the wobble",
         "could the bird be zapped where the car is, erase-ish it",
     ],
