@@ -29,6 +29,7 @@ from .bundle import Bundle, BundleConfig, Observations, adjust, resect, total_co
 from .config import CamerasConfig, PriorsConfig
 from .flow import grey, sample, texture
 from .folder import SEEN_DEPTH
+from .lens import measure
 from .mirror import DepthCues, choose_orientation, decide, guess_inverse_distance
 from .rigid import explained_fraction
 from .second_look import mask_in_doubt, release_static
@@ -121,6 +122,8 @@ def provide(
     solution, kind = _solve_what_stands_still(job, shift)
     if first is None and settings.kind in (None, "moving") and mask_in_doubt(priors):
         solution, kind = _solve_everything(job, solution, kind)
+    if kind != "static" and first is None:
+        _tell_what_the_lens_bends(job, solution.bundle, kind)
     for line in job.warnings:
         priors.warn(line)
     if kind != "static" and solution is not first:
@@ -146,6 +149,16 @@ def provide(
     }
     priors.statistics["cameras"] = statistics
     progress("cameras", 4, 4, f"{kind}, focal length {statistics['focal_over_width']:.2f} of the width")
+
+
+def _tell_what_the_lens_bends(job: _CameraProblem, bundle: Bundle, kind: str) -> None:
+    """Measure the bend of straight lines in the pictures, and warn where it spoils the cameras of all frames, `bundle`."""
+    bend = measure(bundle, job.tracks, job.visible, job.static, replace(job.lens, refine_centers=kind == "moving"))
+    if bend is None:
+        return
+    job.statistics["bend"] = {"bend": _json(bend.bend), "saved": _json(bend.saved)}
+    if bend.certain:
+        job.warnings.append(bend.advice(job.priors.width, job.priors.height))
 
 
 def _why_motion_is_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray) -> str:
