@@ -345,3 +345,18 @@ def test_help_waits_for_no_heavy_package():
     )
     told = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
+
+
+def test_threads_sleep_while_they_wait_unless_it_is_said_otherwise(monkeypatch):
+    """Before torch is imported, which reads it then."""
+    monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
+    asked = (
+        "import os, sys; from f4x_core.cli import main; main(['info', 'none.f4x']);"
+        " print(os.environ['OMP_WAIT_POLICY'], 'torch' in sys.modules)"
+    )
+
+    def answer(**own):
+        child = subprocess.run([sys.executable, "-c", asked], env=os.environ | own, capture_output=True, check=True)
+        return child.stdout.decode().split()
+
+    assert answer() == ["PASSIVE", "False"] and answer(OMP_WAIT_POLICY="ACTIVE") == ["ACTIVE", "False"]
