@@ -18,6 +18,7 @@ UNTAGGED = 2  # colour properties that a file does not tell, ITU-T H.273
 HDR: dict[int, Transfer] = {16: "pq", 18: "hlg"}  # transfer characteristics, ITU-T H.273
 # An untagged film of at least this size is in BT.709, a smaller one in BT.601: so guesses the player mpv, and VLC alike.
 HD_WIDTH, SD_HEIGHT = 1280, 576
+ASKEW = 0.01  # share by which a display matrix may miss the axes; more is a turn by no right angle
 SQUARE = 0.005  # pixels whose sides differ by less are square: 854 x 480 is 16:9 only so
 
 
@@ -29,7 +30,7 @@ def describe(file: Path) -> tuple[float, int]:
 
 
 def decode(file: Path) -> Iterator[Shown]:
-    """Yield the frames in order of presentation: sRGB, upright as a phone's rotation tag says, with square pixels.
+    """Yield the frames in order of presentation: sRGB, turned and flipped as the display matrix says, with square pixels.
 
     Whole frames, deinterlaced where they are made of fields. Frames that cannot be decoded without ones that are missing are left
     out, as are those that an edit list hides. Raises F4xError for a file that is damaged or has no frame to show.
@@ -80,7 +81,28 @@ def glimpses(file: Path, count: int) -> Iterator[np.ndarray]:
 
 def _upright(frame, stream) -> np.ndarray:
     pixels = _squared(_rgb(frame, stream), stream.sample_aspect_ratio)
-    return np.ascontiguousarray(np.rot90(pixels, round(frame.rotation / 90)))
+    return np.ascontiguousarray(_displayed(pixels, frame, stream.container.name))
+
+
+def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
+    """`pixels` (H,W,3) turned by right angles and flipped as the film's display matrix says; F4xError for any other matrix."""
+    from av.sidedata.sidedata import Type
+
+    data = frame.side_data.get(Type.DISPLAYMATRIX)
+    if data is None:
+        return pixels
+    # Rows are where the stored x and y axes, right and down, go to: ISO/IEC 14496-12, 6.2.2. Their length is the pixels' shape.
+    axes = np.frombuffer(bytes(data), np.int32).reshape(3, 3)[:2, :2].astype(np.float64)
+    swapped = abs(axes[0, 0]) < abs(axes[0, 1])
+    right, down = (axes[1, 0], axes[0, 1]) if swapped else (axes[0, 0], axes[1, 1])
+    aside = axes.diagonal() if swapped else axes[::-1].diagonal()
+    if right * down == 0 or np.abs(aside).max() > ASKEW * min(abs(right), abs(down)):
+        raise F4xError(
+            f"{file} is to be shown turned by no right angle or askew (display matrix"
+            f" {' '.join(f'{each / 65536:.3g}' for each in axes.ravel())}); export it upright"
+        )
+    pixels = pixels.swapaxes(0, 1) if swapped else pixels
+    return pixels[:: 1 if down > 0 else -1, :: 1 if right > 0 else -1]
 
 
 def _breaks_off(container, stream, end: float) -> bool:

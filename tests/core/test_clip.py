@@ -2,6 +2,8 @@
 
 import json
 import re
+import struct
+from itertools import product
 from types import SimpleNamespace
 
 import av
@@ -187,6 +189,45 @@ def test_phone_rotation_is_applied(tmp_path, degrees, bright):
     assert frame.shape == ((32, 16, 3) if abs(degrees) == 90 else (16, 32, 3))
     corners = {(r, c): int(frame[r, c, 0]) for r in (0, -1) for c in (0, -1)}
     assert max(corners, key=corners.get) == bright
+
+
+def picture_of_quarters(width, height):
+    """Four grey levels, so that every turn and flip looks different."""
+    return np.kron([[40, 90], [150, 220]], np.ones((height // 2, width // 2)))[..., None].repeat(3, -1).astype(np.uint8)
+
+
+def with_matrix(path, right, down):
+    """Write a film whose stored x and y axes are shown along `right` and `down`, by the matrix in the bytes of its track."""
+    write_video(path, [picture_of_quarters(32, 16)] * 2, fps=24)
+    content = bytearray(path.read_bytes())
+    place = content.index(b"tkhd") + 4 + 40
+    assert struct.unpack_from(">9i", content, place) == (1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30)
+    entries = [round(each * (1 << 16)) for each in (*right, 0, *down, 0)]
+    struct.pack_into(">6i", content, place, *entries)
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("signs", list(product((1, -1), repeat=2)))
+def test_every_display_matrix_of_right_angles_and_flips_is_applied(tmp_path, signs, swapped):
+    axes = np.diag(signs)[:, ::-1] if swapped else np.diag(signs)
+    frame = read_clip(with_matrix(tmp_path / "m.mp4", *axes)).frames[0].astype(int)
+    assert frame.shape == ((32, 16, 3) if swapped else (16, 32, 3))
+    # Each stored pixel, counted from the middle, is seen where the matrix takes it.
+    stored = picture_of_quarters(32, 16).astype(int)
+    for x, y in product((-8, 8), (-4, 4)):
+        seen_x, seen_y = np.array([x, y]) @ axes
+        shown = frame[frame.shape[0] // 2 + seen_y, frame.shape[1] // 2 + seen_x]
+        assert np.abs(shown - stored[8 + y, 16 + x]).max() < 12
+
+
+@pytest.mark.parametrize("axes", [((1, 0.5), (0, 1)), ((0.9, 0.4), (-0.4, 0.9)), ((0, 0), (0, 0)), ((1, 0), (0, 0))])
+def test_other_display_matrices_are_refused(tmp_path, axes):
+    with pytest.raises(
+        F4xError, match=r"askew\.mp4 is to be shown turned by no right angle or askew .*; export it upright"
+    ):
+        read_clip(with_matrix(tmp_path / "askew.mp4", *axes))
 
 
 def test_masks_of_a_video(video, tmp_path):
