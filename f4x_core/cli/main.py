@@ -22,7 +22,9 @@ IDLE_THREADS = ("OMP_WAIT_POLICY", "PASSIVE")
 """How torch's threads wait for work, where nobody said otherwise: asleep. By default they spin and take the cores from each other
 and from Blender: beside three busy programs `f4x eval` then takes 35 s in place of 21 on two cores; alone it is the same."""
 AGAIN = {"fit": "; the same command with --resume continues", "batch": "; the same command continues"}
-"""Message after Ctrl-C, by verb."""
+"""Message after Ctrl-C, by verb, where there is something to continue."""
+SAVED = ("priors/*", "checkpoints/*", "**/windows/*/*")
+"""Patterns of what a stopped fit leaves in its folder and goes on from."""
 
 
 def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dict[str, Any]]:
@@ -67,8 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
         sentence = with_code(error, getattr(args, "output", None) or "the output folder")
         return _fail(args, lines, sentence, EXIT_BAD_INPUT, getattr(error, "instead", ""))
     except (KeyboardInterrupt, Cancelled):
-        again = AGAIN.get(args.verb, "")
-        return _fail(args, lines, f"Stopped{again}.", EXIT_INTERRUPTED)
+        return _fail(args, lines, f"Stopped{_again(args)}.", EXIT_INTERRUPTED)
     code, text = result.pop("exit_code", 0), result.pop("text", None)
     if lines is not None:
         lines.tell(result=result, text=text or "")
@@ -77,6 +78,14 @@ def main(arguments: list[str] | None = None) -> int:
     elif text:
         print(text)
     return code
+
+
+def _again(args: argparse.Namespace) -> str:
+    """How a stopped command goes on; empty where it left nothing to go on from."""
+    folder = getattr(args, "output", None)  # None: it was stopped while its arguments were read
+    if args.verb == "fit" and (folder is None or not any(any(folder.glob(pattern)) for pattern in SAVED)):
+        return ""
+    return AGAIN.get(args.verb, "")
 
 
 def _fail(args: argparse.Namespace, lines: LineProgress | None, sentence: str, code: int, instead: str = "") -> int:
