@@ -80,7 +80,7 @@ TROUBLES = (
         "F4X-RESUME",
         "What a stopped fit left cannot be continued: it belongs to another clip, setting or version.",
         "Run the command without --resume, or into a new folder.",
-        ("f4x_core.fit.checkpoint",),
+        ("f4x_core.fit.checkpoint", "f4x_core.batch.resuming", "f4x_core.batch.window"),
     ),
     Trouble(
         "F4X-FIT",

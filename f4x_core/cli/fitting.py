@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from ..batch.graph import LONG
+from ..batch.resuming import AT_ONCE, WINDOW, forget, remember, require_same
 from ..batch.run import INPUT
 from ..batch.window import fit_here
 from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows
@@ -137,8 +138,12 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress: Progress) -> dict[str, Any]:
     """Read the clip, fit it at once or in windows, and distil the features `names`."""
+    made_with = options_of(args, config)
+    if args.resume:
+        require_same(args.output, made_with)
     windows = windows_of(args, progress)
     if windows is not None:
+        remember(args.output, made_with)
         known, shots = windows
         parts = [window for shot in shots for window in shot.windows]
         first = read_clip(args.clip, known.part(0, 1), width_of(args))
@@ -147,6 +152,7 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
         return fit_windows(args, known, shots, config, names, progress)
     clip = clip_of(args, progress)
     clip.require_enough()
+    forget(args.output)
     config = granted(args, ClipSize(len(clip.supervised), clip.width, clip.height), config, progress)
     result = fit_to_folder(clip, args.output, config, progress, args.resume)
     if names:
@@ -223,10 +229,34 @@ def show_config(config: FitConfig) -> dict[str, Any]:
     return {"config": rows, "text": as_lines(config)}
 
 
+def window_length(args: argparse.Namespace) -> int:
+    """Frames of a window, 0 for a clip that is fitted at once."""
+    if args.window is not None:
+        return args.window
+    return LENGTH if reported_frame_count(args.clip, args.frames) > LONG else 0
+
+
+def options_of(args: argparse.Namespace, config: FitConfig) -> dict[str, str]:
+    """The options that decide what the windows of a clip become, by name, as text; of a fit at once only that it is one."""
+    length = window_length(args)
+    if length == 0:  # its checkpoint knows the rest
+        return {WINDOW: AT_ONCE}
+    span = parse_span(args.frames)
+    return {
+        WINDOW: str(length),
+        "--overlap": str(args.overlap),
+        "--frames": f"{span.start or 0}:{'' if span.stop is None else span.stop}:{span.step or 1}",
+        "--width": str(width_of(args)),
+        "--hold-out": str(args.hold_out or 0),
+        "--profile": args.profile,
+        **{f"--set {setting.name}": setting.text for setting in list_settings(config) if setting.settable},
+    }
+
+
 def windows_of(args: argparse.Namespace, progress: Progress) -> tuple[Survey, tuple[Shot, ...]] | None:
     """Return the survey and the shots of a clip that is fitted in windows; None for one that is fitted at once."""
-    length = LENGTH if args.window is None else args.window
-    if length == 0 or (args.window is None and reported_frame_count(args.clip, args.frames) <= LONG):
+    length = window_length(args)
+    if length == 0:
         return None
     plan_windows(0, length, length, args.overlap)  # a wrong pair is refused before the clip is read
     if args.prior:

@@ -20,7 +20,7 @@ from PIL import Image
 from warped_clip import texture
 
 from f4x_core import page
-from f4x_core.cli import main
+from f4x_core.cli import fitting, main
 from f4x_core.cli import main as cli_main
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.clip import write_video
@@ -547,6 +547,56 @@ def test_ctrl_c_in_each_stage_then_resume_gives_the_uninterrupted_scene(tmp_path
     fit(capsys, clip, out, "--resume")
     assert arrays_of(out / "scene.f4x") == arrays_of(whole / "scene.f4x")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.usefixtures("ctrl_c", "bare_page")
+def test_ctrl_c_before_anything_is_saved_promises_nothing(tmp_path, capsys, monkeypatch, fitted):
+    press_at(monkeypatch, "reading clip")
+    assert refuses(capsys, "fit", fitted[0], "-o", tmp_path / "out", *FAST[:-1], code=130) == "Stopped."
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("ctrl_c", "bare_page")
+def test_a_stopped_fit_in_windows_resumes_with_the_same_options_only(tmp_path, capsys, monkeypatch, fitted):
+    """Each other one is named before the clip is surveyed; so is a fit at once, and windows where one was stopped."""
+    clip, out, part = fitted[0], tmp_path / "out", ("--window", 5, "--overlap", 2)
+    asked = ("fit", clip, "-o", out, *FAST[:-1])
+    monkeypatch.setattr(fitting, "fit_long", interrupted)
+    assert refuses(capsys, *asked, *part, code=130) == "Stopped."  # no window has saved anything yet
+    monkeypatch.setattr(fitting, "survey", None)
+    monkeypatch.setattr(fitting, "read_clip", None)
+    for changed, told in {
+        (): "--window 5, not 0 (all at once)",
+        ("--window", 6, "--overlap", 2): "--window 5, not 6",
+        ("--window", 7, "--overlap", 3): "--window 5, not 7",
+        ("--window", 5, "--overlap", 2, "--frames", "0:5"): "--frames 0::1, not 0:5:1",
+        (*part, "--width", 32): "--width 64, not 32",
+        (*part, "--hold-out", 3): "--hold-out 0, not 3",
+        (*part, "--profile", "wild"): "--profile quick, not wild",
+        (*part, "--set", "steps=9"): "--set steps=24, not 9",
+    }.items():
+        sentence = refuses(capsys, *asked, *changed, "--resume")
+        assert f"it was made with {told}; give" in sentence and sentence.endswith("[F4X-RESUME]")
+    assert [path.name for path in out.rglob("*") if path.is_file()] == ["plan.json"]
+    shutil.rmtree(out)
+    (out / "checkpoints").mkdir(parents=True)
+    assert "--window 0 (all at once), not 5" in refuses(capsys, *asked, *part, "--resume")
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.usefixtures("bare_page")
+def test_a_new_fit_at_once_where_windows_were_can_be_resumed(tmp_path, capsys, monkeypatch, fitted):
+    clip, out = fitted[0], tmp_path / "out"
+    asked = ("fit", clip, "-o", out, *FAST[:-1])
+    with monkeypatch.context() as patch:
+        patch.setattr(fitting, "fit_long", interrupted)
+        refuses(capsys, *asked, "--window", 5, "--overlap", 2, code=130)
+        patch.setattr(fitting, "fit_to_folder", interrupted)
+        refuses(capsys, *asked, code=130)
+    fit(capsys, clip, out, "--resume")
 
 
 @pytest.mark.usefixtures("ctrl_c", "bare_page")
