@@ -207,6 +207,17 @@ def _readable(path: Path) -> Iterator[None]:
         raise F4xError(f"{path}: cannot be read ({error.strerror or error}); choose a .f4x file") from error
 
 
+def _refusal(path: Path) -> str:
+    """What a file is that is no zip, and what reads it."""
+    from .foreign import identify  # which reads scenes by this module
+
+    try:
+        identify(path)
+    except F4xError:  # its sentence would offer splats, too
+        return f"{path}: not a Feature4X scene; choose a .f4x file, which `f4x fit` makes of a clip"
+    return f"{path}: splats, not a Feature4X scene, which this needs; `f4x open` shows them, `f4x export` converts them"
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
     """Open the zip and hold its table of contents against the bytes that are there."""
@@ -214,7 +225,7 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
         raise F4xError(f"{path}: a folder without scene.f4x; give the folder of a fit, or a .f4x file")
     with _readable(path), path.open("rb") as file:
         if file.read(2) not in (b"", b"PK"):
-            raise F4xError(f"{path}: not a Feature4X scene; choose a .f4x file, which `f4x fit` makes of a clip")
+            raise F4xError(_refusal(path))
     with _readable(path), zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         names = [info.filename for info in members]

@@ -428,6 +428,24 @@ def test_a_damaged_scene_is_refused_by_every_verb_that_reads_it(tmp_path, capsys
     assert not made.exists()
 
 
+@pytest.mark.parametrize("suffix", ["ply", "splat", "spz"])
+def test_splats_where_a_scene_is_needed_are_told_what_reads_them(tmp_path, capsys, fitted, suffix):
+    """And that does."""
+    splats = tmp_path / f"a.{suffix}"
+    run("export", fitted[1] / "scene.f4x", "-o", splats, "--time", 0)
+    for command in (("info", splats), ("render", splats, "-o", tmp_path / "r")):
+        sentence = refuses(capsys, *command)
+        assert sentence.startswith(f"{splats}: splats, not a Feature4X scene") and sentence.endswith("[F4X-SCENE]")
+        assert "`f4x open` shows them, `f4x export` converts them" in sentence
+    run("open", splats, "--write", tmp_path / "page.html")
+    run("export", splats, "-o", tmp_path / "b.ply", "--time", 0)
+    assert (tmp_path / "page.html").is_file() and (tmp_path / "b.ply").is_file()
+
+
+def run(*arguments):
+    assert main([*map(str, arguments), "--json"]) == 0
+
+
 def test_eval_with_the_wrong_clip_or_joints_is_refused(tmp_path, capsys, fitted):
     clip, out = fitted
     shorter = write_frames(tmp_path / "shorter", filmed(5))
