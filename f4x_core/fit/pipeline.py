@@ -26,6 +26,7 @@ from ..scene import DynamicSet, Scene, StaticSet
 from .believed import believed_degrees, depth_evidence
 from .checkpoint import load_checkpoint
 from .config import FitConfig, resolved
+from .covered import painted
 from .harmonics import GAIN_DB
 from .model import CameraRig, NodeSet, SceneModel
 from .needs import Need, moving_fraction
@@ -205,6 +206,7 @@ def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> Fit
         needs=tuple(need.row() for need in needs),
         next_id=trainer.next_id,
     )
+    scene = replace(scene, static=painted(scene))
     return FitResult(scene, trainer.priors, trainer.history, seconds or {}, _thinned(trainer))
 
 
