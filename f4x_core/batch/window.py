@@ -149,11 +149,12 @@ class WindowRequest:
         near = near_path(scene)
         metrics = evaluate(near, clip, baselines=True, masks=masks, backend=backend, progress=progress)
         images = render_previews(near, metrics, backend)
-        write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
+        found = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
         newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))
         next_node = max(newest + 1, 0 if self.before is None else self.before.next_node)
         known = 0 if self.before is None else self.before.next_id
         window = {"key": self.key, "next_node": next_node, "own": int((scene.static.ids >= known).sum())}
+        window["findings"] = [asdict(finding) for finding in found]
         provenance = {**scene.provenance, "window": window}
         write_scene(replace(scene, metrics=without_frames(metrics), provenance=provenance), folder / SCENE)
         for done in ("priors", "checkpoints"):  # a long clip would fill the disk with them

@@ -7,6 +7,7 @@ scene in `windows/NNN/scene.f4x`.
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +27,7 @@ from ..language.lexicon import plural
 from ..progress import Progress, silent
 from ..scene import Scene, read_scene
 from ..scene.join import join_scenes
+from .closing import close_shot
 from .window import SCENE, WindowBefore, WindowRequest, fit_apart, near_path
 
 LENGTH = 60
@@ -202,7 +204,8 @@ def fit_long(
     """Fit every shot: `folder/scene.f4x`, `metrics.json` and `diagnostics.html`, or those in `folder/shot_N` where the clip is
     cut, with a `folder/diagnostics.html` that leads to them.
 
-    Returns for each shot `scene` (path), `frames`, `picked` (those of the source), `windows`, `metrics`.
+    Returns for each shot `scene` (path), `frames`, `picked` (those of the source), `windows`, `metrics` with what `close_shot`
+    tells, `needs`.
     """
     results = []
     for number, shot in enumerate(shots):
@@ -210,8 +213,9 @@ def fit_long(
         one = _part_progress("shot", number, len(shots), progress)
         scene = fit_shot(shot, read, place, config, one, resume, fit)
         metrics = evaluate_shot(scene, shot, read, config.backend, one)
-        scene, figures = keep_measured(place, scene, metrics)
-        _write_page(place, scene, shot, metrics)
+        local = [(start - shot.start, end - shot.start) for start, end in shot.windows]
+        closing = close_shot(place, scene, local, metrics)
+        scene, figures = keep_measured(place, scene, metrics, **closing)
         results.append(
             {
                 "scene": str(place / "scene.f4x"),
@@ -219,6 +223,7 @@ def fit_long(
                 "picked": scene.provenance["frames"],
                 "windows": len(shot.windows),
                 "metrics": figures,
+                "needs": list(scene.needs),
                 "static": len(scene.static),
                 "dynamic": len(scene.dynamic),
                 "nodes": 0 if scene.scaffold is None else len(scene.scaffold),
@@ -235,37 +240,8 @@ def _write_contents(folder: Path, title: str, results: Sequence[dict[str, Any]])
 
     lines = [
         f'<p><a href="shot_{number}/diagnostics.html">shot {number}</a>: frames {shot["picked"]} of the source,'
-        f" PSNR {shot['metrics'].get('used_psnr', math.nan):.2f} dB</p>"
+        f" PSNR {shot['metrics'].get('used_psnr', math.nan):.2f} dB. {html.escape(shot['metrics']['verdict'])}</p>"
         for number, shot in enumerate(results, 1)
     ]
     with replace_file(folder / "diagnostics.html") as file:
         file.write(page.document(title, [page.section("Shots, each a scene of its own", "".join(lines))]))
-
-
-def _write_page(folder: Path, scene: Scene, shot: Shot, metrics: dict[str, Any]) -> None:
-    """Write `diagnostics.html` of a shot: links to the pages of its windows, and the PSNR of every frame."""
-    from .. import page
-    from ..fit.diagnostics import frame_scores
-
-    windows = [(start - shot.start, end - shot.start) for start, end in shot.windows]
-    rows, links = [], []
-    for number, (start, end) in enumerate(windows):
-        place = f"windows/{number:03d}"
-        part = read_scene(folder / place / "scene.f4x")
-        own = part.provenance["window"].get("own", 0)
-        nodes = 0 if part.scaffold is None else len(part.scaffold)
-        psnr = part.metrics.get("used_psnr", math.nan)
-        counts = [f"{count:,}" for count in (len(part.static) - own, own, len(part.dynamic), nodes)]
-        rows.append([f"{start} to {end - 1}", f"{psnr:.2f}", *counts])
-        links.append(f'<a href="{place}/diagnostics.html">{start} to {end - 1}</a>')
-    head = ["frames", "PSNR (dB)", "background taken over", "background of its own", "moving Gaussians", "nodes"]
-    shared = [(start, end) for (_, end), (start, _) in pairwise(windows)]
-    counted = f"{len(scene.cameras)} frames in {len(windows)} windows · {len(scene.static):,} static and"
-    body = [
-        f'<p class="dim">{counted} {len(scene.dynamic):,} moving Gaussians</p>',
-        page.section("Scores of the whole", page.plots([frame_scores(metrics, shared)])),
-        page.section("Windows, each as fitted", page.table(head, rows, numbers=True)),
-        page.section("Each window's own page", f"<p>{' · '.join(links)}</p>"),
-    ]
-    with replace_file(folder / "diagnostics.html") as file:
-        file.write(page.document(scene.name, body))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from ..batch.closing import closing_lines
 from ..batch.graph import LONG
 from ..batch.resuming import AT_ONCE, WINDOW, forget, remember, require_same
 from ..batch.run import INPUT
@@ -26,7 +27,7 @@ from ..evaluation.evaluate import evaluate, keep_measured
 from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file, sole_writer
-from ..fit.advice import about_cuts, quality
+from ..fit.advice import about_cuts, quality, verdict
 from ..fit.budget import ClipSize, Grant, cost, raster_seconds, within
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
@@ -299,6 +300,7 @@ def fit_windows(
         )
         if "seam_psnr" in figures:
             lines[-1] += f" ({figures['seam_psnr']:.2f} dB where windows meet, {figures['rest_psnr']:.2f} dB elsewhere)"
+        lines += closing_lines(Path(shot["scene"]).parent, shot["needs"], figures)
         if names:
             settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
             path = Path(shot["scene"])
@@ -312,7 +314,8 @@ def fit_windows(
         "scene": str(args.output / "scene.f4x"),
         **_leave_input(read(middle, middle + 1), end - start, args.output),
         "metrics": longest["metrics"],
-        "quality": quality(longest["metrics"]),
+        "quality": longest["metrics"]["quality"],
+        "needs": longest["needs"],
         "shots": fitted_shots,
         "cuts": list(known.cuts),
     }
@@ -340,9 +343,10 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     path = folder / "scene.f4x"
     images = render_previews(scene, metrics, config.backend)
     report = folder / "diagnostics.html"
-    word, verdict = write_diagnostics(report, clip, result, metrics, images)
-    summary: dict[str, Any] = {"scene": str(path), "metrics": figures, "quality": word, "needs": list(scene.needs)}
-    lines = [_summary(path, scene, figures), f"{verdict} Why, and what you can supply: {report}"]
+    found = write_diagnostics(report, clip, result, metrics, images)
+    summary: dict[str, Any] = {"scene": str(path), "metrics": figures, "needs": list(scene.needs)}
+    summary["quality"] = quality(metrics, found)
+    lines = [_summary(path, scene, figures), f"{verdict(metrics, found)} Why, and what you can supply: {report}"]
     for cut in about_cuts(result.priors, clip.picked):
         summary["note"] = f"{cut.what} {cut.advice}"
         lines.append(f"! {summary['note']}")

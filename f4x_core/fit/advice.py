@@ -158,7 +158,7 @@ def about_room(thinned: Sequence[str]) -> list[Finding]:
 
 def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
     """The scene in a word: poor, usable with limits, or good; empty where it was not measured."""
-    score = _unseen_psnr(metrics, metrics.get("used_psnr"))
+    score = fair_score(metrics)
     if score is None:
         return ""
     if score < WATCHABLE_PSNR:
@@ -166,16 +166,21 @@ def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
     return "usable with limits" if any(finding.weight == "problem" for finding in found) else "good"
 
 
-def verdict(metrics: Mapping[str, Any], found: Sequence[Finding]) -> str:
-    """The page's first sentence."""
+def verdict(metrics: Mapping[str, Any], found: Sequence[Finding], subject: str = "The scene") -> str:
+    """The page's first sentence, about `subject`."""
     word, problems = quality(metrics, found), sum(finding.weight == "problem" for finding in found)
     if not word:
-        return "The scene was not measured."
+        return f"{subject} was not measured."
     unseen = _unseen_psnr(metrics)
     score = metrics["used_psnr"] if unseen is None else unseen
     frames = "the frames it was made from" if unseen is None else "frames it never saw"
     counted = {0: "nothing stands out", 1: "one thing holds it back"}.get(problems, f"{problems} things hold it back")
-    return f"The scene is {word}: {score:.1f} dB on {frames}; {counted}."
+    return f"{subject} is {word}: {score:.1f} dB on {frames}; {counted}."
+
+
+def fair_score(metrics: Mapping[str, Any]) -> float | None:
+    """PSNR by which a scene is judged, dB: of held-out frames, of used ones where none was held out; None: not measured."""
+    return _unseen_psnr(metrics, metrics.get("used_psnr"))
 
 
 def _unseen_psnr(metrics: Mapping[str, Any], default: float | None = None) -> float | None:

@@ -22,7 +22,7 @@ from ..scaffold import Scaffold
 from ..scene import Scene
 from ..scene.moments import Moment, draw_moments
 from ..scene.view import render
-from .advice import SHORT_PROFILE, about_room, fair_psnr, findings, quality, track_survival, verdict
+from .advice import SHORT_PROFILE, about_room, fair_psnr, findings, track_survival, verdict
 from .finding import Finding
 from .geometry_findings import ClipGeometry
 from .geometry_section import geometry_section
@@ -96,8 +96,8 @@ def write_diagnostics(
     result: FitResult,
     metrics: Mapping[str, Any],
     images: ScenePreviews,
-) -> tuple[str, str]:
-    """Write the page atomically; returns its verdict: in a word, `advice.quality`, and as the page's first sentence.
+) -> list[Finding]:
+    """Write the page atomically; returns what it says about why the scene is as it is.
 
     Args:
         path: the HTML file.
@@ -114,12 +114,12 @@ def write_diagnostics(
     found = [*about_room(result.thinned), *findings(priors, scaffold, metrics, clip.picked, profile)]
     shown = evenly_spaced(len(priors.frames), SHOWN_FRAMES)
     sections = [
-        ("Why the scene is as it is, and what you can supply", _findings(found)),
+        ("Why the scene is as it is, and what you can supply", finding_boxes(found)),
         ("Geometry", geometry_section(result, ClipGeometry.of(priors, scaffold), images.moments)),
         ("Scores", _scores(metrics) + page.plots([frame_scores(metrics), _quality_curve(result.history)])),
         (
             "What the clip needed",
-            page.table(["", "chosen", "evidence", "saved"], [_need_cells(row) for row in result.scene.needs]),
+            needs_table(result.scene.needs),
         ),
         ("Worst frames: input, render, error", _worst(clip, metrics, images.worst)),
         ("What moves: score and mask", _motion(clip, priors, shown)),
@@ -137,7 +137,7 @@ def write_diagnostics(
     ]
     with replace_file(path) as file:
         file.write(page.document(clip.name, body))
-    return quality(metrics, found), verdict(metrics, found)
+    return found
 
 
 # ---------------------------------------------------------------------------------------------------- words and tables
@@ -153,7 +153,8 @@ def _counts(clip: Clip, result: FitResult) -> str:
     )
 
 
-def _findings(found: Iterable[Finding]) -> str:
+def finding_boxes(found: Iterable[Finding]) -> str:
+    """Findings as boxes (HTML) whose colour tells their weight."""
     return "".join(
         f'<div class="finding {finding.weight}">{html.escape(finding.what)}'
         + (f'<div class="advice">{html.escape(finding.advice)}</div>' if finding.advice else "")
@@ -162,8 +163,10 @@ def _findings(found: Iterable[Finding]) -> str:
     )
 
 
-def _need_cells(row: Mapping[str, str]) -> list[str]:
-    return [row["what"], row["chosen"], row["evidence"], row["saved"]]
+def needs_table(needs: Iterable[Mapping[str, str]]) -> str:
+    """What a scene needed, why, and what that saved (HTML)."""
+    columns = ("what", "chosen", "evidence", "saved")
+    return page.table(["", *columns[1:]], [[row[name] for name in columns] for row in needs])
 
 
 def _scores(metrics: Mapping[str, Any]) -> str:

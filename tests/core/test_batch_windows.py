@@ -1,8 +1,10 @@
 """Long clips in windows: how they are cut, and that windows of a made-up clip go on from each other."""
 
 import dataclasses
+import html
 import json
 import re
+import shutil
 import tempfile
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +19,7 @@ from scipy.ndimage import binary_dilation, uniform_filter1d
 from toy import clip_and_priors
 
 from f4x_core.batch import window, windows
+from f4x_core.batch.closing import FittedWindow, close_shot, closing_lines
 from f4x_core.batch.windows import LENGTH, OVERLAP, plan_shots, plan_windows
 from f4x_core.cli.fitting import fit_windows, windows_of
 from f4x_core.clip import read_clip, write_images
@@ -29,6 +32,7 @@ from f4x_core.fit import pipeline
 from f4x_core.fit.config import profile
 from f4x_core.fit.distil import View, _Views, distil
 from f4x_core.fit.distil_config import DistilConfig
+from f4x_core.fit.finding import Finding
 from f4x_core.fit.previous_window import PreviousWindow
 from f4x_core.geometry import pose, quaternion
 from f4x_core.scene import DynamicSet, Scene, StaticSet, read_scene
@@ -171,6 +175,53 @@ def test_every_window_and_the_whole_have_a_page(shot):
     assert "shared by two windows" in whole
 
 
+def test_the_joined_scene_closes_like_a_single_one(shot):
+    """With the worst window's verdict, why each window is as it is, what it needed, its frames, its angle and its page."""
+    parts = [read_scene(shot.folder / "windows" / f"{number:03d}" / "scene.f4x") for number in range(3)]
+    whole, told = (shot.folder / "diagnostics.html").read_text(), shot.result["metrics"]
+    worst = min(range(3), key=lambda number: parts[number].metrics["used_psnr"])
+    first, end = shot.plan.windows[worst]
+    word = told["quality"]
+    assert word and {row["quality"] for row in told["windows"]} == {word}  # so that the score alone decides
+    assert told["verdict"].startswith(f"The worst of 3 windows, frames {first} to {end - 1}, is {word}: ")
+    assert f"{parts[worst].metrics['used_psnr']:.1f} dB" in told["verdict"] and told["verdict"] in whole
+    lines = closing_lines(shot.folder, shot.result["needs"], told)
+    assert lines[0] == "what the clip needed: windows 3"
+    assert lines[-1] == f"{told['verdict']} Why, and what you can supply: {shot.folder / 'diagnostics.html'}"
+    kept = json.loads((shot.folder / "metrics.json").read_text())
+    assert [row["frames"] for row in kept["windows"]] == ["0 to 7", "5 to 12", "10 to 15"]
+    for part, row, line in zip(parts, kept["windows"], lines[1:-1], strict=True):
+        assert row["needs"] == list(part.needs) and row["believed_degrees"] == part.provenance["believed_degrees"]
+        assert line.startswith(f"The window of frames {row['frames']} is {word}: ")
+        assert line.endswith(str(shot.folder / row["page"])) and (shot.folder / row["page"]).is_file()
+        page = (shot.folder / row["page"]).read_text()
+        assert row["findings"]
+        for sentence in (html.escape(finding["what"]) for finding in row["findings"]):
+            assert sentence in page and sentence in whole
+        for need in part.needs:
+            assert f"{need['what']} {need['chosen']}" in line and html.escape(need["chosen"]) in whole
+        assert f"{row['believed_degrees']:.1f}°" in whole
+    assert whole.count("<details open>") == 1 and "--prior needs --window 0" in whole
+    assert "Views can be believed" in whole.partition("<h2>Geometry</h2>")[2]
+
+
+def test_a_shot_of_one_window_is_told_as_one_scene(shot, tmp_path):
+    (tmp_path / "windows").mkdir()
+    shutil.copytree(shot.folder / "windows" / "000", tmp_path / "windows" / "000")
+    scene = read_scene(tmp_path / "windows" / "000" / "scene.f4x")
+    assert close_shot(tmp_path, scene, [(0, 8)], {"frames": []})["verdict"].startswith("The scene is ")
+
+
+def test_the_worst_window_is_the_one_with_the_worst_word_then_score():
+    def part(psnr, *weights):
+        found = tuple(Finding(weight, "") for weight in weights)
+        return FittedWindow("", "", {"used_psnr": psnr}, found, (), None, (0, 0, 0, 0))
+
+    parts = [part(29.0, "note"), part(31.0, "problem"), part(30.0, "problem", "good"), part(28.0)]
+    assert sorted(parts, key=lambda part: part.rank) == [parts[2], parts[1], parts[3], parts[0]]
+    assert part(20.0).rank < parts[2].rank
+
+
 def test_later_worlds_are_the_first_one(shot):
     """The camera slides 0.02 a frame in the first window's unit and goes on so, whatever the unit of later priors."""
     centers = read_scene(shot.folder / "scene.f4x").cameras.centers
@@ -218,7 +269,12 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
 
     monkeypatch.setattr(windows, "fit_shot", fit_shot)
     monkeypatch.setattr(windows, "evaluate_shot", lambda _, plan, *more: {"frames": [], "used_psnr": 20.0 + plan.start})
-    monkeypatch.setattr(windows, "_write_page", lambda folder, *_: (folder / "diagnostics.html").touch())
+
+    def close(folder, *_):
+        (folder / "diagnostics.html").touch()
+        return {"quality": "poor", "verdict": f"{folder.name} is poor.", "windows": []}
+
+    monkeypatch.setattr(windows, "close_shot", close)
     write_images(tmp_path / "clip" / "images", np.zeros((27, 16, 24, 3), np.uint8))
     args = arguments(tmp_path / "clip", output=tmp_path, resume=False, masks=None, hold_out=None)
     known = Survey(10, 2, 9, (3,))
@@ -230,7 +286,8 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
     assert all((tmp_path / link).is_file() for link in links)
     assert json.loads((tmp_path / "metrics.json").read_text())["used_psnr"] == 23
     assert result["note"].startswith("2 shots;") and result["note"].endswith("the longest, --frames 16:27:2")
-    assert result["text"].endswith(result["note"])
+    assert result["text"].endswith(result["note"]) and result["quality"] == "poor"
+    assert "shot_1 is poor. Why" in result["text"] and "shot_2 is poor." in (tmp_path / "diagnostics.html").read_text()
     assert (result["frames"], *Image.open(tmp_path / "input.jpg").size) == (6, 24, 16)
 
 

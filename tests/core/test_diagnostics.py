@@ -1,5 +1,6 @@
 """The diagnostics page and its words, on a made-up fit."""
 
+import html
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -11,7 +12,7 @@ import toy
 from random_scene import random_scene
 
 from f4x_core.errors import F4xError
-from f4x_core.fit.advice import findings, scaffold_coverage, track_survival, verdict
+from f4x_core.fit.advice import findings, quality, scaffold_coverage, track_survival, verdict
 from f4x_core.fit.diagnostics import ScenePreviews, render_previews, worst_frames, write_diagnostics
 from f4x_core.fit.needs import Need
 from f4x_core.fit.pipeline import FitResult
@@ -99,9 +100,10 @@ def test_page_is_whole_and_self_contained(tmp_path: Path, moving: bool):
     assert frames == [7, 6]
     page = tmp_path / "diagnostics.html"
     worst = {frame: clip.frames[frame] / 255 for frame in frames}
-    word, verdict = write_diagnostics(page, clip, result, metrics, ScenePreviews(worst, [made_up_moment(clip)]))
-    text = page.read_text()
-    assert verdict.startswith(f"The scene is {word}: ") and f">{verdict}<" in text
+    found = write_diagnostics(page, clip, result, metrics, ScenePreviews(worst, [made_up_moment(clip)]))
+    text, told = page.read_text(), verdict(metrics, found)
+    assert told.startswith(f"The scene is {quality(metrics, found)}: ") and f">{told}<" in text
+    assert found and all(html.escape(finding.what) in text for finding in found)
     checker = Checker()
     checker.feed(text)
     assert checker.open == []
@@ -122,9 +124,9 @@ def test_page_survives_missing_priors(tmp_path: Path):
     for name in ("depth", "depth_confidence", "motion", "mask", "tracks", "tracks_visible", "tracks_motion"):
         setattr(result.priors, name, None)
     bare = replace(result, scene=replace(result.scene, scaffold=None), history=[])
-    word, verdict = write_diagnostics(tmp_path / "page.html", clip, bare, {}, ScenePreviews({}))
-    assert (word, verdict) == ("", "The scene was not measured.")
-    assert verdict in (tmp_path / "page.html").read_text()
+    found = write_diagnostics(tmp_path / "page.html", clip, bare, {}, ScenePreviews({}))
+    assert (quality({}, found), verdict({}, found)) == ("", "The scene was not measured.")
+    assert "The scene was not measured." in (tmp_path / "page.html").read_text()
 
 
 def test_pictures_are_the_worst_frames_and_moments_of_used_ones():
