@@ -26,7 +26,7 @@ ORDER = ("poor", "usable with limits", "good", "")
 
 @dataclass(frozen=True)
 class FittedWindow:
-    """What is told of one window."""
+    """What the page and the terminal have of one window."""
 
     frames: str
     """Its first and last frame, counted from the first of the shot, in words."""
@@ -72,10 +72,10 @@ class FittedWindow:
 
     def row(self) -> dict[str, Any]:
         """What `metrics.json` has of it."""
-        told = {"frames": self.frames, "quality": self.quality, "page": f"{self.place}/{PAGE}"}
-        told["verdict"] = verdict(self.metrics, self.findings, f"The window of frames {self.frames}")
+        row = {"frames": self.frames, "quality": self.quality, "page": f"{self.place}/{PAGE}"}
+        row["verdict"] = verdict(self.metrics, self.findings, f"The window of frames {self.frames}")
         findings = [asdict(finding) for finding in self.findings]
-        return {**told, "believed_degrees": self.believed, "needs": list(self.needs), "findings": findings}
+        return {**row, "believed_degrees": self.believed, "needs": list(self.needs), "findings": findings}
 
 
 def close_shot(
@@ -89,11 +89,11 @@ def close_shot(
     parts = [FittedWindow.read(folder, number, *window) for number, window in enumerate(windows)]
     worst = min(parts, key=lambda part: part.rank)
     subject = f"The worst of {len(parts)} windows, frames {worst.frames}," if len(parts) > 1 else "The scene"
-    told = verdict(worst.metrics, worst.findings, subject)
+    summary = verdict(worst.metrics, worst.findings, subject)
     shared = [(start, end) for (_, end), (start, _) in pairwise(windows)]
     with replace_file(folder / PAGE) as file:
-        file.write(page.document(scene.name, _sections(scene, parts, worst, told, metrics, shared)))
-    return {"quality": worst.quality, "verdict": told, "windows": [part.row() for part in parts]}
+        file.write(page.document(scene.name, _sections(scene, parts, worst, summary, metrics, shared)))
+    return {"quality": worst.quality, "verdict": summary, "windows": [part.row() for part in parts]}
 
 
 def closing_lines(folder: Path, needs: Sequence[Mapping[str, str]], closing: Mapping[str, Any]) -> list[str]:
@@ -112,11 +112,11 @@ def _sections(
     scene: Scene,
     parts: Sequence[FittedWindow],
     worst: FittedWindow,
-    told: str,
+    summary: str,
     metrics: Mapping[str, Any],
     shared: Sequence[tuple[int, int]],
 ) -> list[str]:
-    """The body of the page, verdict `told` first; `shared` (first frame, end) are frames of two windows."""
+    """The body of the page, verdict `summary` first; `shared` (first frame, end) are frames of two windows."""
     from ..fit.diagnostics import finding_boxes, frame_scores, needs_table  # draws: only where a page is made
 
     counted = f"{len(scene.cameras)} frames in {len(parts)} windows · {len(scene.static):,} static and"
@@ -134,7 +134,7 @@ def _sections(
     head = ["frames", "PSNR (dB)", "background taken over", "background of its own", "moving Gaussians", "nodes"]
     links = " · ".join(f'<a href="{part.place}/{PAGE}">{part.frames}</a>' for part in parts)
     return [
-        f'<p class="verdict">{html.escape(told)}</p>',
+        f'<p class="verdict">{html.escape(summary)}</p>',
         f'<p class="dim">{counted} {len(scene.dynamic):,} moving Gaussians</p>',
         page.section(
             "Why the scene is as it is, and what you can supply", f'{why}<p class="dim">{html.escape(READING)}</p>'

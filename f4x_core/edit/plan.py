@@ -114,11 +114,11 @@ def propose(
         except F4xError as error:
             if why:
                 continue
-            told = " ".join([*notes, str(error)])
+            reason = " ".join([*notes, str(error)])
             if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
-                raise Refusal(told, language.nearest(sentence, _there(scene))) from error
+                raise Refusal(reason, language.nearest(sentence, _there(scene))) from error
             if notes:
-                raise F4xError(told) from error
+                raise F4xError(reason) from error
             raise
         if all(settled != other.operations for other in found):
             found.append(Candidate(settled, why, sentence))
