@@ -7,6 +7,7 @@ carry over. They were measured on one clip at three sizes and two numbers of Gau
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from dataclasses import dataclass, replace
@@ -163,12 +164,19 @@ def within(grant: Grant, size: ClipSize, config: FitConfig, unit: float) -> FitC
     if factor < MIN_FRACTION:
         needed = cost(size, _scaled(config, MIN_FRACTION), unit)
         has = f", which has {there:.1f} GB" if there < float("inf") else ""
+        grants = (("--minutes", grant.minutes, needed.minutes), ("--memory", memory, needed.memory))
+        short = [name for name, granted, least in grants if granted is not None and granted < least] or ["of both"]
         raise F4xError(
-            f"A fit of {size} pixels with the profile {config.name} takes at least {needed.minutes:.1f} minutes and"
-            f" {needed.memory:.1f} GB on this machine{has}; grant more, or give fewer --frames, a smaller --width or"
-            " another --profile."
+            f"A fit of {size} pixels with the profile {config.name} takes at least {_up(needed.minutes)} minutes and"
+            f" {_up(needed.memory)} GB on this machine{has}; grant more ({' and '.join(short)}), or give fewer --frames, a"
+            " smaller --width or another --profile."
         )
     return _scaled(config, factor)
+
+
+def _up(number: float) -> str:
+    """A number to one decimal, rounded up: what is said to be enough is."""
+    return f"{math.ceil(10 * number) / 10:.1f}"
 
 
 def _fixed(size: ClipSize, config: FitConfig) -> float:

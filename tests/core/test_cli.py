@@ -140,7 +140,7 @@ def test_a_fit_tells_its_cost_and_keeps_what_it_was_granted(toy_fit, tmp_path, c
         assert main([*fit, "--minutes", wrong]) == 2
         assert "give a number above 0" in capsys.readouterr().err
     assert main([*fit, "--memory", "0.1"]) == 2
-    assert "grant more, or give fewer --frames" in capsys.readouterr().err
+    assert "grant more (--memory), or give fewer --frames" in capsys.readouterr().err
 
 
 def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 import time
 
 import numpy as np
@@ -81,10 +82,17 @@ def test_no_grant_changes_nothing():
     assert within(Grant(), SIZE, config, UNIT) is config
 
 
-@pytest.mark.parametrize("grant", [Grant(minutes=0.1), Grant(memory=0.3)])
-def test_too_little_is_refused_with_what_is_needed(grant):
-    with pytest.raises(F4xError, match=r"takes at least .* minutes and .* GB .*; grant more"):
+@pytest.mark.parametrize(
+    ("grant", "short"),
+    [(Grant(minutes=0.1), "--minutes"), (Grant(memory=0.3), "--memory"), (Grant(0.1, 0.3), "--minutes and --memory")],
+)
+def test_too_little_is_refused_with_what_is_needed(grant, short):
+    with pytest.raises(F4xError, match=r"takes at least .* minutes and .* GB .*; grant more") as refused:
         within(grant, SIZE, profile("quick"), UNIT)
+    assert f"grant more ({short})" in str(refused.value)
+    minutes, memory = re.search(r"at least ([\d.]+) minutes and ([\d.]+) GB", str(refused.value)).groups()
+    enough = Grant(grant.minutes and float(minutes), grant.memory and float(memory))
+    assert within(enough, SIZE, profile("quick"), UNIT)  # what is said to be enough is
 
 
 def written_out(frames: int = 20, **changes):
