@@ -98,13 +98,14 @@ def close_shot(
 
 def closing_lines(folder: Path, needs: Sequence[Mapping[str, str]], closing: Mapping[str, Any]) -> list[str]:
     """What the terminal says at the end, by what `close_shot` returned and the joined scene's `needs`."""
-    lines = [f"what the clip needed: {_in_words(needs)}"]
+    lines = [f"what the clip needed: {needs_in_words(needs)}"]
     for row in closing["windows"]:
-        lines.append(f"{row['verdict']} It needed {_in_words(row['needs'])}: {folder / row['page']}")
+        lines.append(f"{row['verdict']} It needed {needs_in_words(row['needs'])}: {folder / row['page']}")
     return [*lines, f"{closing['verdict']} Why, and what you can supply: {folder / PAGE}"]
 
 
-def _in_words(needs: Sequence[Mapping[str, str]]) -> str:
+def needs_in_words(needs: Sequence[Mapping[str, str]]) -> str:
+    """What was chosen for everything that a scene needed, in a line."""
     return "; ".join(f"{row['what']} {row['chosen']}" for row in needs)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from ..batch.closing import closing_lines
+from ..batch.closing import closing_lines, needs_in_words
 from ..batch.graph import LONG
 from ..batch.resuming import AT_ONCE, WINDOW, forget, remember, require_same
 from ..batch.run import INPUT
@@ -368,5 +368,5 @@ def _summary(path: Path, scene: Scene, figures: dict[str, Any]) -> str:
         }
         shown = [f"{title} {figures[name]:.2f} dB" for name, title in also.items() if name in figures]
         lines[-1] += f" ({', '.join(shown)})"
-    lines.append("what the clip needed: " + "; ".join(f"{row['what']} {row['chosen']}" for row in scene.needs))
+    lines.append(f"what the clip needed: {needs_in_words(scene.needs)}")
     return "\n".join(lines)

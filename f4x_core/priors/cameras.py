@@ -123,7 +123,7 @@ def provide(
     if first is None and settings.kind in (None, "moving") and mask_in_doubt(priors):
         solution, kind = _solve_everything(job, solution, kind)
     if kind != "static" and first is None:
-        _tell_what_the_lens_bends(job, solution.bundle, kind)
+        _measure_bend(job, solution.bundle, kind)
     for line in job.warnings:
         priors.warn(line)
     if kind != "static" and solution is not first:
@@ -151,7 +151,7 @@ def provide(
     progress("cameras", 4, 4, f"{kind}, focal length {statistics['focal_over_width']:.2f} of the width")
 
 
-def _tell_what_the_lens_bends(job: _CameraProblem, bundle: Bundle, kind: str) -> None:
+def _measure_bend(job: _CameraProblem, bundle: Bundle, kind: str) -> None:
     """Measure the bend of straight lines in the pictures, and warn where it spoils the cameras of all frames, `bundle`."""
     bend = measure(bundle, job.tracks, job.visible, job.static, replace(job.lens, refine_centers=kind == "moving"))
     if bend is None:
