@@ -28,8 +28,8 @@ from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file, sole_writer
 from ..fit.advice import about_cuts, quality, verdict
-from ..fit.budget import ClipSize, Grant, cost, raster_seconds, within
-from ..fit.config import FitConfig, profile
+from ..fit.budget import ClipSize, Grant, cost, max_gaussians, raster_seconds, within
+from ..fit.config import SETTINGS, FitConfig, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import fit_clip
 from ..fit.settings import as_lines, list_settings, set_fields
@@ -148,8 +148,8 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
         known, shots = windows
         parts = [window for shot in shots for window in shot.windows]
         first = read_clip(args.clip, known.part(0, 1), width_of(args))
-        size = ClipSize(max(end - start for start, end in parts), first.width, first.height)
-        config = granted(args, size, config, progress, len(parts))
+        size = ClipSize(max(end - start for start, end in parts), first.width, first.height, len(parts))
+        config = granted(args, size, config, progress)
         return fit_windows(args, known, shots, config, names, progress)
     clip = clip_of(args, progress)
     clip.require_enough()
@@ -164,12 +164,10 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
     return result
 
 
-def granted(
-    args: argparse.Namespace, size: ClipSize, config: FitConfig, progress: Progress, parts: int = 1
-) -> FitConfig:
+def granted(args: argparse.Namespace, size: ClipSize, config: FitConfig, progress: Progress) -> FitConfig:
     """The configuration within what `--minutes` and `--memory` allow; prints what the fit of a clip of `size` costs.
 
-    `parts`: windows of that size, one after the other. An interrupted fit goes on with the Gaussians it was granted.
+    An interrupted fit goes on with the Gaussians it was granted.
     """
     for name in ("minutes", "memory"):
         value = getattr(args, name)
@@ -179,13 +177,16 @@ def granted(
     if args.resume and path.is_file():
         allowed = set_fields(config, json.loads(path.read_text()))
     else:
-        grant = Grant(None if args.minutes is None else args.minutes / parts, args.memory)
-        allowed = within(grant, size, config, unit)
+        allowed = within(Grant(args.minutes, args.memory), size, config, unit)
         if allowed is not config:
             _keep_grant(path, allowed)
-    own = cost(size, allowed, unit)
-    progress("cost", 1, 1, f"{dataclasses.replace(own, minutes=parts * own.minutes)}")
-    larger = _larger(args, size, allowed, unit, parts)
+    room = (
+        ""
+        if allowed.counts_from == SETTINGS
+        else f"; room for {max_gaussians(allowed):,} Gaussians by {allowed.counts_from}"
+    )
+    progress("cost", 1, 1, f"{cost(size, allowed, unit)}{room}")
+    larger = _larger(args, size, allowed, unit)
     if larger:
         progress("larger pictures", 1, 1, larger)
     return allowed
@@ -193,13 +194,13 @@ def granted(
 
 def _keep_grant(path: Path, config: FitConfig) -> None:
     """Write how many Gaussians were granted, as `set_fields` reads it."""
-    counts = [setting for setting in list_settings(config) if setting.name.endswith("max_count")]
+    counts = [setting for setting in list_settings(config) if setting.name.endswith(("max_count", "counts_from"))]
     path.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(path) as file:
         file.write(json.dumps([f"{setting.name}={setting.text}" for setting in counts]).encode())
 
 
-def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, unit: float, parts: int) -> str:
+def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, unit: float) -> str:
     """What larger pictures of the same clip would cost and show; empty where there are none."""
     start = parse_span(args.frames).start or 0
     first = read_clip(args.clip, f"{start}:{start + 1}").frames[0]
@@ -212,7 +213,7 @@ def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, unit: f
         missed = np.mean((enlarge_color(small, width, height).astype(np.float64) - first) ** 2)
         detail = f"the detail of the clip's {width} pixels"
         kept = f"{detail} to {10 * np.log10(255**2 / missed):.0f} dB" if missed else f"all {detail}"
-        minutes = parts * cost(ClipSize(size.frames, small_width, small_height), config, unit).minutes
+        minutes = cost(dataclasses.replace(size, width=small_width, height=small_height), config, unit).minutes
         words.append(f"--width {wanted} keeps {kept}, {minutes:.1f} minutes")
     return "; ".join(words)
 

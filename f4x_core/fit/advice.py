@@ -13,7 +13,7 @@ from ..priors import Priors
 from ..scaffold import Scaffold
 from .finding import Finding
 from .geometry_findings import ClipGeometry, about_geometry
-from .needs import MUCH_MOTION, moving_fraction
+from .needs import MUCH_MOTION, Shortage, moving_fraction
 
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
 # reprojection error in pixels above which cameras are wrong and not only rough.
@@ -142,17 +142,17 @@ def findings(
     return sorted(found, key=lambda finding: order.index(finding.weight))
 
 
-def about_room(thinned: Sequence[str]) -> list[Finding]:
-    """What the settings left no room for: `thinned`, "static" or "dynamic" (`pipeline.FitResult`)."""
-    if not thinned:
-        return []
-    limits = " and ".join(f"density_{name}.max_count" for name in thinned)
+def about_room(shortages: Sequence[Shortage]) -> list[Finding]:
+    """What there was no room for."""
     return [
         Finding(
-            "problem",
-            f"There was no room for all that is {' or '.join(thinned)}, so the whole clip is covered more thinly.",
-            f"Grant more with --minutes or --memory, or raise --set {limits}.",
+            "problem" if shortage.room.short else "note",
+            f"There was {shortage}." + (" The whole clip is covered more thinly." if shortage.room.short else ""),
+            f"Raise --set {shortage.limited_by}, or let more --minutes and --memory decide."
+            if shortage.limited_by.endswith(".max_count")
+            else f"Grant more than {shortage.limited_by}.",
         )
+        for shortage in shortages
     ]
 
 

@@ -46,8 +46,11 @@ class ClipSize:
     """What of a clip decides the cost of its fit."""
 
     frames: int
+    """Of one window, where there are several."""
     width: int
     height: int
+    windows: int = 1
+    """Parts of that size that are fitted one after the other."""
 
     @property
     def pixels(self) -> int:
@@ -57,10 +60,11 @@ class ClipSize:
     def shrunk(self, longer_side: int) -> ClipSize:
         """The size of the pictures that priors are made from."""
         factor = min(1.0, longer_side / max(self.width, self.height))
-        return ClipSize(self.frames, round(factor * self.width), round(factor * self.height))
+        return replace(self, width=round(factor * self.width), height=round(factor * self.height))
 
     def __str__(self) -> str:
-        return f"{self.frames} frames of {self.width}x{self.height}"
+        windows = f"{self.windows} windows of " if self.windows > 1 else ""
+        return f"{windows}{self.frames} frames of {self.width}x{self.height}"
 
 
 @dataclass(frozen=True)
@@ -140,38 +144,67 @@ def cost(size: ClipSize, config: FitConfig, unit: float) -> Cost:
     """What the fit of a clip takes at most; `unit` is `raster_seconds` of the machine."""
     count = expected_gaussians(size, config)
     seconds = unit * (_fixed(size, config) + config.steps * STEP_PER_GAUSSIAN * count)
-    return Cost(seconds / 60, _memory(size, config, count) / GIGABYTE, GAUSSIAN_FILE * count / MEGABYTE)
+    return Cost(
+        size.windows * seconds / 60,
+        _memory(size, config, count) / GIGABYTE,
+        size.windows * GAUSSIAN_FILE * count / MEGABYTE,
+    )
 
 
 def within(grant: Grant, size: ClipSize, config: FitConfig, unit: float) -> FitConfig:
     """The configuration with as many Gaussians as the grant has room for, or the profile's own where nothing is granted.
 
     Raises:
-        F4xError: a grant that has no room for a tenth of the profile's Gaussians; the sentence has what is needed.
+        F4xError: a grant that has no room for what a tenth of the profile's Gaussians, or all that such a clip can ask for,
+            needs; the sentence has what is needed.
     """
-    room = float("inf")
-    if grant.minutes is not None:
-        left = 60 * grant.minutes / unit - _fixed(size, config)
-        room = min(room, left / (config.steps * STEP_PER_GAUSSIAN))
-    there = machine_memory()
-    memory = MEMORY_FRACTION * there if grant.memory is None else min(grant.memory, there)
-    if GIGABYTE * memory < _memory(size, config, 0):
-        room = 0
-    room = min(room, (GIGABYTE * memory - BASE_MEMORY - _training_memory(size)) / GAUSSIAN_MEMORY)
-    if grant == Grant() and room >= expected_gaussians(size, config):
+    limits = [_minutes_limit(grant.minutes, size, config, unit)] if grant.minutes is not None else []
+    limits.append(_memory_limit(grant.memory, size, config))
+    tightest = min(limits, key=lambda limit: limit.room)
+    if grant == Grant() and tightest.room >= expected_gaussians(size, config):
         return config
-    factor = room / max_gaussians(config)
-    if factor < MIN_FRACTION:
-        needed = cost(size, _scaled(config, MIN_FRACTION), unit)
+    least = _scaled(config, MIN_FRACTION)
+    short = [limit.option for limit in limits if limit.room < expected_gaussians(size, least)]
+    if short:
+        needed, there = cost(size, least, unit), machine_memory()
         has = f", which has {there:.1f} GB" if there < float("inf") else ""
-        grants = (("--minutes", grant.minutes, needed.minutes), ("--memory", memory, needed.memory))
-        short = [name for name, granted, least in grants if granted is not None and granted < least] or ["of both"]
         raise F4xError(
             f"A fit of {size} pixels with the profile {config.name} takes at least {_up(needed.minutes)} minutes and"
             f" {_up(needed.memory)} GB on this machine{has}; grant more ({' and '.join(short)}), or give fewer --frames, a"
             " smaller --width or another --profile."
         )
-    return _scaled(config, factor)
+    return replace(_scaled(config, tightest.room / max_gaussians(config)), counts_from=tightest.words)
+
+
+@dataclass(frozen=True)
+class _Limit:
+    """How many Gaussians one thing that was granted has room for."""
+
+    option: str
+    """Of the command line."""
+    words: str
+    """What was granted."""
+    room: float
+
+
+def _minutes_limit(minutes: float, size: ClipSize, config: FitConfig, unit: float) -> _Limit:
+    """Room in so many minutes for all windows."""
+    left = 60 * minutes / (size.windows * unit) - _fixed(size, config)
+    return _Limit("--minutes", f"--minutes {minutes:g}", left / (config.steps * STEP_PER_GAUSSIAN))
+
+
+def _memory_limit(granted: float | None, size: ClipSize, config: FitConfig) -> _Limit:
+    """Room in so many gigabytes, or in `MEMORY_FRACTION` of the machine's."""
+    there = machine_memory()
+    memory = MEMORY_FRACTION * there if granted is None else min(granted, there)
+    room = (GIGABYTE * memory - BASE_MEMORY - _training_memory(size)) / GAUSSIAN_MEMORY
+    if GIGABYTE * memory < _memory(size, config, 0):  # not even the priors have room
+        room = -math.inf
+    if granted is None:
+        words = f"half of this machine's {there:.1f} GB of memory"
+    else:
+        words = f"--memory {granted:g}" if granted <= there else f"this machine's {there:.1f} GB of memory"
+    return _Limit("--memory", words, room)
 
 
 def _up(number: float) -> str:

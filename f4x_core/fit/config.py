@@ -207,6 +207,8 @@ class LossConfig:
     """Squared second differences of the corrections to the camera path, per pixel of image motion."""
 
 
+SETTINGS = "settings"
+"""`FitConfig.counts_from` where nobody granted memory or minutes."""
 FIRST_FRACTION = 0.8
 """Fraction of a set's largest number of Gaussians that it may begin with: the rest is for what turns out to be wrong."""
 
@@ -217,6 +219,8 @@ class FitConfig:
 
     name: str = "wild"
     """Name of the profile."""
+    counts_from: str = SETTINGS
+    """What the largest numbers of Gaussians come from: the settings, or what they were scaled to, for example --memory 2."""
     steps: int = 3600
     """Steps of the joint photometric stage."""
     coarse: float = 0.1
@@ -291,6 +295,11 @@ class FitConfig:
         """Start of the set `kind`, `static` or `dynamic`, within the number of Gaussians that the set may grow to."""
         own, limit = getattr(self, f"spawn_{kind}"), getattr(self, f"density_{kind}").max_count
         return replace(own, max_count=max(1, min(own.max_count, int(FIRST_FRACTION * limit))))
+
+    def first_limit_of(self, kind: str) -> str:
+        """Name of the setting that the number of `start_of` comes from."""
+        own, limit = getattr(self, f"spawn_{kind}"), getattr(self, f"density_{kind}").max_count
+        return f"{'spawn' if own.max_count <= int(FIRST_FRACTION * limit) else 'density'}_{kind}.max_count"
 
     @property
     def priors_in_threads(self) -> PriorsConfig:

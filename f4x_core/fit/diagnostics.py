@@ -111,7 +111,7 @@ def write_diagnostics(
     """
     priors, scaffold = result.priors, result.scene.scaffold
     profile = str(result.scene.provenance.get("config", {}).get("name", SHORT_PROFILE))
-    found = [*about_room(result.thinned), *findings(priors, scaffold, metrics, clip.picked, profile)]
+    found = [*about_room(result.shortages), *findings(priors, scaffold, metrics, clip.picked, profile)]
     shown = evenly_spaced(len(priors.frames), SHOWN_FRAMES)
     sections = [
         ("Why the scene is as it is, and what you can supply", finding_boxes(found)),

@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ..gaussians.spawn import Room
 from ..priors import Priors
 
 MUCH_MOTION = 0.5
@@ -26,6 +27,28 @@ class Need:
     def row(self) -> dict[str, str]:
         """The row as plain values, for the scene file."""
         return asdict(self)
+
+
+@dataclass(frozen=True)
+class Shortage:
+    """A set of Gaussians of which the clip asked for more than was allowed."""
+
+    kind: str
+    """`static` or `dynamic`."""
+    room: Room
+    """At the start."""
+    lacking: int
+    """Gaussians that the last round of growth wanted beyond what was allowed."""
+    limited_by: str
+    """What allowed no more: a setting, or what was granted."""
+
+    def __str__(self) -> str:
+        if self.room.short:
+            return (
+                f"no room for all that is {self.kind}: {self.room.asked:,} Gaussians asked for at the start,"
+                f" {self.room.allowed:,} allowed by {self.limited_by}"
+            )
+        return f"no room for {self.lacking:,} more Gaussians at the last growth of what is {self.kind}, by {self.limited_by}"
 
 
 def moving_fraction(priors: Priors) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,21 +26,17 @@ from ..scaffold import Scaffold
 from ..scene import DynamicSet, Scene, StaticSet
 from .believed import believed_degrees, depth_evidence
 from .checkpoint import load_checkpoint
-from .config import FitConfig, resolved
+from .config import SETTINGS, FitConfig, resolved
 from .covered import painted
 from .harmonics import GAIN_DB
 from .model import CameraRig, NodeSet, SceneModel
-from .needs import Need, moving_fraction
+from .needs import Need, Shortage, moving_fraction
 from .spawning import Explained, Spawner
 from .start import start_scaffold
 from .trainer import Trainer
 
-NOT_DECIDING = ("checkpoint_every", "measure_every")
+NOT_DECIDING = ("checkpoint_every", "counts_from", "measure_every")
 """Settings that do not change what a fit finds."""
-
-
-NEARLY_FULL = 0.85
-"""Of the Gaussians that there is room for at the start: what does not fit is spawned with a spacing that leaves about a tenth."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +50,8 @@ class FitResult:
     """Quality curve of the training."""
     seconds: dict[str, float]
     """Wall time per stage of this call."""
-    thinned: tuple[str, ...] = ()
-    """Of "static" and "dynamic", what the settings had no room for, so that it was spawned more sparsely."""
+    shortages: tuple[Shortage, ...] = ()
+    """The sets of which less was allowed than the clip asked for."""
 
 
 def fit_clip(
@@ -173,7 +170,9 @@ def start_fit(
         dynamic = spawner.dynamic(bare, next_id)
         next_id += len(dynamic)
     model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.kernels, frozen)
-    return Trainer(model, clip, priors, config, next_id, needs)
+    trainer = Trainer(model, clip, priors, config, next_id, needs)
+    trainer.rooms = spawner.rooms
+    return trainer
 
 
 def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tuple[Scaffold | None, list[Need], Priors]:
@@ -207,7 +206,7 @@ def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> Fit
         next_id=trainer.next_id,
     )
     scene = replace(scene, static=painted(scene))
-    return FitResult(scene, trainer.priors, trainer.history, seconds or {}, _thinned(trainer))
+    return FitResult(scene, trainer.priors, trainer.history, seconds or {}, tuple(_shortages(trainer)))
 
 
 def _picture_need(clip: Clip) -> list[Need]:
@@ -264,11 +263,14 @@ def _colour_need(trainer: Trainer) -> Need:
     )
 
 
-def _thinned(trainer: Trainer) -> tuple[str, ...]:
-    """Which of the sets came close to what there is room for at the start."""
-    return tuple(
-        name for name, count in trainer.spawned.items() if count > NEARLY_FULL * trainer.config.start_of(name).max_count
-    )
+def _shortages(trainer: Trainer) -> Iterator[Shortage]:
+    """The sets of which less was allowed than the clip asked for."""
+    config = trainer.config
+    for name, room in trainer.rooms.items():
+        lacking = trainer.controls[name].lacking
+        if room.short or lacking:
+            setting = config.first_limit_of(name) if room.short else f"density_{name}.max_count"
+            yield Shortage(name, room, lacking, setting if config.counts_from == SETTINGS else config.counts_from)
 
 
 def _gaussian_need(trainer: Trainer) -> Need:
@@ -276,15 +278,13 @@ def _gaussian_need(trainer: Trainer) -> Need:
     static, dynamic = len(model.static), len(model) - len(model.static)
     cap = sum(control.limit for control in trainer.controls.values())
     curve = [point["psnr"] for point in trainer.history[-2:]]
-    thinned = _thinned(trainer)
-    bound = (
-        f" (no room for all that is {' or '.join(thinned)}: the whole clip is covered more thinly)" if thinned else ""
-    )
+    asked = " and ".join(f"{room.asked:,} {name}" for name, room in trainer.rooms.items())
+    short = [str(shortage) for shortage in _shortages(trainer)]
     gain = f", last {config.measure_every} steps brought {curve[1] - curve[0]:+.2f} dB" if len(curve) == 2 else ""
     return Need(
         "Gaussians",
-        f"{static:,} static, {dynamic:,} dynamic",
-        f"uncovered cells at the start{bound}, then screen-space gradients{gain}",
+        "; ".join([f"{static:,} static, {dynamic:,} dynamic", *short]),
+        f"uncovered cells at the start asked for {asked}, then screen-space gradients{gain}",
         f"{max(cap - static - dynamic, 0):,} of at most {cap:,}",
     )
 

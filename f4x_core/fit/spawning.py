@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from torch import Tensor
 from ..clip import Clip
 from ..gaussians import DynamicGaussians, SpawnConfig, Spawned, StaticGaussians, spawn_dynamic, spawn_static
 from ..gaussians.parameters import WHOLE
-from ..gaussians.spawn import coarse_to_fine, cover, spawn_that_fits
+from ..gaussians.spawn import Room, coarse_to_fine, cover, spawn_that_fits
 from ..geometry.arrays import evenly_spaced
 from ..priors import Priors
 from ..progress import Progress
@@ -60,7 +60,7 @@ def first_lifetimes(times: np.ndarray, reference: np.ndarray, carried: np.ndarra
     return torch.from_numpy(np.log(np.maximum(np.stack(sides, 1), SHORTEST)).astype(np.float32)).requires_grad_(True)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Spawner:
     """Spawns the first Gaussians of a fit: as dense as the clip asks for, or thinner where the budget is too small."""
 
@@ -69,6 +69,8 @@ class Spawner:
     config: FitConfig
     degree: int
     progress: Progress
+    rooms: dict[str, Room] = field(default_factory=dict, init=False)
+    """What each set that was spawned asked for, and what it was allowed."""
 
     def static(self, moving: bool, explained: Explained | None, first_id: int) -> StaticGaussians:
         """Spawn static Gaussians from frames all over the clip, outside the mask of moving objects where there is one."""
@@ -87,9 +89,10 @@ class Spawner:
                 parts = [Spawned.joined(parts), self._cover(frame, valid, Spawned.joined(parts).means, spawn, rng)]
             return Spawned.joined(parts)
 
-        spawned, spawn = spawn_that_fits(cover_all, self.config.start_of("static"))
+        start = spawn_that_fits(cover_all, self.config.start_of("static"))
+        self.rooms["static"] = start.room
         self.progress("spawn", len(chosen), len(chosen), "static")
-        return spawn_static(spawned, self.degree, spawn, first_id)
+        return spawn_static(start.made, self.degree, start.config, first_id)
 
     def dynamic(self, model: SceneModel, first_id: int) -> DynamicGaussians:
         """Spawn dynamic Gaussians: each visited frame fills what the Gaussians of earlier ones, moved there, leave open.
@@ -122,7 +125,8 @@ class Spawner:
             assert dynamic is not None
             return dynamic
 
-        dynamic, _ = spawn_that_fits(cover_all, self.config.start_of("dynamic"))
+        start = spawn_that_fits(cover_all, self.config.start_of("dynamic"))
+        self.rooms["dynamic"], dynamic = start.room, start.made
         if self.config.rates.lifetimes:
             carried = np.stack([self._seen_at(model, dynamic, frame) for frame in range(len(model.times))])
             first = first_lifetimes(model.times, dynamic.labels["reference"].numpy(), carried)

@@ -18,6 +18,7 @@ from ..clip import Clip
 from ..errors import Cancelled
 from ..gaussians import DensityControl, SetOptimiser
 from ..gaussians.optimiser import native_step
+from ..gaussians.spawn import Room
 from ..geometry.arrays import evenly_spaced
 from ..geometry.spherical_harmonics import degree_of
 from ..priors import Priors
@@ -80,8 +81,8 @@ class Trainer:
         self.band_gains: list[float] = []
         """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
-        self.spawned = {name: len(gaussians) for name, gaussians in model.sets()}
-        """Gaussians of each set at the start."""
+        self.rooms: dict[str, Room] = {}
+        """By set: what the clip asked for at the start, and what was allowed."""
         self._start_optimisers()
 
     def _start_optimisers(self) -> None:
@@ -335,6 +336,7 @@ class Trainer:
                 "gradient_sum": control.gradient_sum,
                 "seen": control.seen,
                 "limit": control.limit,
+                "lacking": control.lacking,
             }
         if model.nodes is not None and model.dynamic is not None:
             state["use_dw"] = model.dynamic.use_dw
@@ -369,6 +371,6 @@ class Trainer:
             optimiser.adam.load_state_dict(saved["adam"])
             self.controls[name].gradient_sum = saved["gradient_sum"].clone()
             self.controls[name].seen = saved["seen"].clone()
-            self.controls[name].limit = int(saved["limit"])
+            self.controls[name].limit, self.controls[name].lacking = int(saved["limit"]), int(saved["lacking"])
         self.generator.set_state(state["generator"])
         self.history, self.band_gains = json.loads(state["history"]), list(state["band_gains"])

@@ -52,6 +52,8 @@ class DensityControl:
         self._caps: tuple[Tensor, Tensor] | None = None
         self.limit = min(config.max_count, round(config.max_growth * len(optimiser.gaussians)))
         """The set never grows beyond this."""
+        self.lacking = 0
+        """Gaussians that the last round of growth wanted and `config.max_count` had no room for."""
         self.clear()
 
     def clear(self) -> None:
@@ -91,11 +93,12 @@ class DensityControl:
     def _densify(self, next_id: int, generator: torch.Generator) -> int:
         gaussians, config = self.optimiser.gaussians, self.config
         mean = self.gradient_sum / self.seen.clamp_min(1)
-        room = min(int(config.growth * len(gaussians)), self.limit - len(gaussians))
-        wanted = int((mean >= config.gradient).sum())
-        if min(room, wanted) <= 0:
+        wanted = min(int(config.growth * len(gaussians)), int((mean >= config.gradient).sum()))
+        added = min(wanted, max(self.limit - len(gaussians), 0))
+        self.lacking = wanted - added if self.limit == config.max_count else 0
+        if added == 0:
             return next_id
-        chosen = mean.topk(min(room, wanted)).indices.sort().values
+        chosen = mean.topk(added).indices.sort().values
         reach = gaussians.labels["reach"][chosen]
         split = gaussians.scales.detach()[chosen].amax(1) > config.split_scale * reach
         cloned, parents = chosen[~split], chosen[split]

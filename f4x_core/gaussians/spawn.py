@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Sized
 from dataclasses import dataclass, fields, replace
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 import torch
@@ -74,17 +74,44 @@ class Spawned:
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
 
-def spawn_that_fits(spawn: Callable[[SpawnConfig], Made], config: SpawnConfig) -> tuple[Made, SpawnConfig]:
+@dataclass(frozen=True)
+class Room:
+    """How many Gaussians a clip asks for at the start of a set, and how many are allowed there."""
+
+    asked: int
+    """With the spacing that the settings name."""
+    allowed: int
+    """`SpawnConfig.max_count`."""
+
+    @property
+    def short(self) -> bool:
+        """Whether less is allowed than is asked for, so that the whole clip is covered more thinly."""
+        return self.asked > self.allowed
+
+
+@dataclass(frozen=True)
+class FittingStart(Generic[Made]):
+    """The first Gaussians of a set, as dense as there is room for."""
+
+    made: Made
+    config: SpawnConfig
+    """The settings that made them: those asked for, or with a larger spacing."""
+    room: Room
+
+
+def spawn_that_fits(spawn: Callable[[SpawnConfig], Made], config: SpawnConfig) -> FittingStart[Made]:
     """Run `spawn` with `config`, or with a larger spacing where it would exceed `config.max_count`.
 
-    Returns it with the config that made it. `spawn(config)` makes something whose length is its number of Gaussians.
+    `spawn(config)` makes something whose length is its number of Gaussians.
     """
+    made = spawn(config)
+    room = Room(len(made), config.max_count)
     for _ in range(FITTING_ROUNDS):
-        made = spawn(config)
         if len(made) <= config.max_count:
-            return made, config
+            break
         config = replace(config, spacing=config.spacing * FITTING_MARGIN * float(np.sqrt(len(made) / config.max_count)))
-    return spawn(config), config
+        made = spawn(config)
+    return FittingStart(made, config, room)
 
 
 def coarse_to_fine(count: int) -> Iterator[int]:

@@ -6,6 +6,8 @@ import pytest
 from toy import clip_and_priors
 
 from f4x_core.fit.advice import about_room, contradiction, findings
+from f4x_core.fit.needs import Shortage
+from f4x_core.gaussians.spawn import Room
 from f4x_core.priors import PriorsConfig, build_priors
 
 
@@ -76,9 +78,17 @@ def test_building_priors_looks_for_cuts_and_counts_clip_frames(tmp_path):
     assert built.statistics["changes"]["cuts"] == [5]
 
 
-def test_what_there_was_no_room_for_is_told_with_the_setting_that_held_it_back():
+def test_what_there_was_no_room_for_is_named_with_what_held_it_back():
     assert about_room(()) == []
-    (told,) = about_room(("static", "dynamic"))
-    assert told.weight == "problem" and "no room for all that is static or dynamic" in told.what
-    assert "--memory" in told.advice and "density_static.max_count and density_dynamic.max_count" in told.advice
-    assert "static" not in about_room(("dynamic",))[0].advice
+    start = Shortage("static", Room(84_210, 100), 0, "spawn_static.max_count")
+    growth = Shortage("dynamic", Room(900, 1000), 35, "--memory 2")
+    first, second = about_room((start, growth))
+    assert first.weight == "problem" and first.advice.startswith("Raise --set spawn_static.max_count")
+    assert first.what == (
+        "There was no room for all that is static: 84,210 Gaussians asked for at the start, 100 allowed by"
+        " spawn_static.max_count. The whole clip is covered more thinly."
+    )
+    assert second.weight == "note" and second.advice == "Grant more than --memory 2."
+    assert (
+        second.what == "There was no room for 35 more Gaussians at the last growth of what is dynamic, by --memory 2."
+    )

@@ -131,6 +131,7 @@ def test_a_fit_tells_its_cost_and_keeps_what_it_was_granted(toy_fit, tmp_path, c
     assert main([*fit, "--minutes", "20", "--memory", "1.5"]) == 0
     told = capsys.readouterr().err
     assert re.search(r"cost \(about [\d.]+ minutes on an idle machine, [\d.]+ GB of memory and a scene of \d+ MB", told)
+    assert re.search(r"room for [\d,]+ Gaussians by --memory 1\.5\)", told)
     first = read_scene(tmp_path / "granted" / "scene.f4x").provenance["config"]["density_static"]["max_count"]
     monkeypatch.setattr(cli_fitting, "raster_seconds", lambda threads: 1e-3)  # now the same grant has room for more
     assert main([*fit, "--minutes", "20", "--memory", "1.5", "--resume"]) == 0

@@ -14,6 +14,7 @@ from f4x_core.fit.believed import believed_degrees, depth_evidence
 from f4x_core.fit.checkpoint import load_checkpoint, save_checkpoint
 from f4x_core.fit.config import PROFILES, NodeConfig, profile, resolved
 from f4x_core.fit.losses import depth_loss, masked_l1, psnr, ssim_map
+from f4x_core.fit.settings import set_fields
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -91,6 +92,26 @@ def test_resume_is_bit_equal(fit, tmp_path, monkeypatch, stop_at):
             assert np.array_equal(array, getattr(getattr(resumed, part), name)), (part, name)
     assert np.array_equal(whole.scaffold.xyz, resumed.scaffold.xyz)
     assert np.array_equal(whole.cameras.world_to_camera, resumed.cameras.world_to_camera)
+
+
+@pytest.mark.parametrize(("setting", "allowed"), [("spawn_static", 100), ("density_static", 80)])
+def test_a_tight_cap_is_named_by_scene_and_result_after_a_resumed_fit_too(fit, tmp_path, setting, allowed):
+    growing = ["density_static.every=10", "density_static.gradient=0", "density_static.max_growth=2"]
+    config = set_fields(small(60), [f"{setting}.max_count=100", *growing])
+
+    def interrupt(stage, done, total, message=""):
+        if stage == "photometric" and done == 55:  # after the last growth
+            raise Stop
+
+    with pytest.raises(KeyboardInterrupt):
+        fit(tmp_path, config, progress=interrupt)
+    result = fit(tmp_path, config, resume=True)
+    (short,) = result.shortages
+    assert (short.kind, short.limited_by, short.room.allowed) == ("static", f"{setting}.max_count", allowed)
+    assert short.room.asked > 150 and (short.lacking > 0) == (setting == "density_static")
+    (row,) = (need for need in result.scene.needs if need["what"] == "Gaussians")
+    assert str(short) in row["chosen"] and f"asked for {short.room.asked} static and" in row["evidence"]
+    assert fit(tmp_path / "roomy", small(20)).shortages == ()
 
 
 def test_checkpoint_of_other_settings_is_refused(fit, tmp_path, monkeypatch):

@@ -95,6 +95,38 @@ def test_too_little_is_refused_with_what_is_needed(grant, short):
     assert within(enough, SIZE, profile("quick"), UNIT)  # what is said to be enough is
 
 
+@pytest.mark.parametrize("size", [ClipSize(6, 64, 40), ClipSize(20, 160, 90), ClipSize(80, 480, 270, windows=5)])
+@pytest.mark.parametrize("grant", [Grant(minutes=0.01), Grant(memory=0.1), Grant(0.01, 0.1)])
+def test_what_is_said_to_be_enough_is_enough_for_small_clips_and_for_windows(size, grant):
+    """A small clip asks for less than a tenth of the profile's Gaussians; minutes are those of all windows."""
+    with pytest.raises(F4xError, match="grant more") as refused:
+        within(grant, size, profile("wild"), UNIT)
+    minutes, memory = map(float, re.search(r"at least ([\d.]+) minutes and ([\d.]+) GB", str(refused.value)).groups())
+    enough = Grant(grant.minutes and minutes, grant.memory and memory)
+    fitting = within(enough, size, profile("wild"), UNIT)
+    found = cost(size, fitting, UNIT)
+    assert found.minutes <= (enough.minutes or 1e9) and found.memory <= (enough.memory or 1e9)
+    assert fitting.counts_from.startswith("--m")
+    if size.windows > 1 and grant.minutes:
+        with pytest.raises(F4xError, match="A fit of 5 windows of 80 frames"):
+            within(Grant(minutes=0.7 * minutes), size, profile("wild"), UNIT)
+
+
+def test_windows_cost_their_number_of_times_the_minutes_and_the_memory_of_one():
+    one, five = (cost(dataclasses.replace(SIZE, windows=windows), profile("quick"), UNIT) for windows in (1, 5))
+    assert (five.minutes, five.memory, five.file) == pytest.approx((5 * one.minutes, one.memory, 5 * one.file))
+
+
+def test_what_the_numbers_come_from_is_kept(monkeypatch):
+    config, size = profile("wild"), ClipSize(80, 1920, 1080)
+    assert within(Grant(), SIZE, config, UNIT).counts_from == "settings"
+    assert within(Grant(memory=5), size, config, UNIT).counts_from == "--memory 5"
+    assert within(Grant(minutes=40, memory=30), size, config, UNIT).counts_from == "--minutes 40"
+    monkeypatch.setattr(budget, "machine_memory", lambda: 9.0)
+    assert within(Grant(), size, config, UNIT).counts_from == "half of this machine's 9.0 GB of memory"
+    assert within(Grant(memory=500), size, config, UNIT).counts_from == "this machine's 9.0 GB of memory"
+
+
 def written_out(frames: int = 20, **changes):
     """A clip of 400 x 300 pixels and a profile with plain numbers, whose priors are made at 200 x 150."""
     config = profile("quick")

@@ -109,7 +109,7 @@ def test_a_step_moves_every_parameter_as_adam_does_along_the_gradient_of_the_los
 
 def test_what_is_frozen_is_drawn_stays_where_it_is_and_has_no_part_in_density_control(stage_of, monkeypatch):
     stage = stage_of()
-    assert len(stage.model) == 8 and stage.spawned == {"static": 3, "dynamic": 5}
+    assert len(stage.model) == 8
     drawn, render = [], stage.model.render
 
     def watched(splats, camera, **more):

@@ -17,7 +17,7 @@ from f4x_core.gaussians import (
     spawn_static,
 )
 from f4x_core.gaussians.parameters import localise, opacity_logit
-from f4x_core.gaussians.spawn import coarse_to_fine, cover, spawn_that_fits
+from f4x_core.gaussians.spawn import Room, coarse_to_fine, cover, spawn_that_fits
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera
 from f4x_core.native.kernels import TORCH, Kernels
@@ -400,13 +400,15 @@ def test_what_has_no_room_is_covered_more_thinly_everywhere():
         return cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, np.random.default_rng(0))
 
     asked = SpawnConfig(spacing=1, max_count=200)
-    thin, given = spawn_that_fits(spawn, asked)
-    assert 100 < len(thin.means) <= 200 and given.spacing > asked.spacing
-    columns = camera.project(thin.means.astype(np.float64))[0][:, 0]
+    start = spawn_that_fits(spawn, asked)
+    assert 100 < len(start.made) <= 200 and start.config.spacing > asked.spacing
+    assert start.room == Room(len(spawn(asked)), 200) and start.room.short
+    columns = camera.project(start.made.means.astype(np.float64))[0][:, 0]
     thirds = np.histogram(columns, 3, (0, 48))[0]
     assert thirds.min() > 0.7 * thirds.max()
     roomy = replace(asked, max_count=2000)
-    assert spawn_that_fits(spawn, roomy)[1] is roomy
+    start = spawn_that_fits(spawn, roomy)
+    assert start.config is roomy and not start.room.short
 
 
 def test_cells_grow_until_what_is_made_fits():
@@ -415,10 +417,11 @@ def test_cells_grow_until_what_is_made_fits():
     def spawn(config):
         return range(round(9000 / config.spacing**2))
 
-    made, given = spawn_that_fits(spawn, SpawnConfig(spacing=1.0, max_count=6000))
-    assert given.spacing == pytest.approx(1.03 * 1.5**0.5) and len(made) == len(spawn(given)) <= 6000
-    made, given = spawn_that_fits(spawn, SpawnConfig(spacing=1.0, max_count=9000))
-    assert given.spacing == 1 and len(made) == 9000
+    start = spawn_that_fits(spawn, SpawnConfig(spacing=1.0, max_count=6000))
+    assert start.config.spacing == pytest.approx(1.03 * 1.5**0.5)
+    assert len(start.made) == len(spawn(start.config)) <= 6000 and start.room == Room(9000, 6000)
+    start = spawn_that_fits(spawn, SpawnConfig(spacing=1.0, max_count=9000))
+    assert start.config.spacing == 1 and len(start.made) == 9000 and not start.room.short
 
 
 def test_near_and_far_move_equally_far_in_the_picture():

@@ -105,6 +105,20 @@ def test_those_with_the_largest_gradients_are_taken_and_no_more_than_the_round_a
     assert made.labels["ids"].tolist() == [*range(10), 1000, 1001, 1002]
 
 
+@pytest.mark.parametrize(
+    ("max_count", "max_growth", "added", "lacking"),
+    [(12, 1.5, 2, 2), (12, 1.2, 2, 2), (13, 1.2, 2, 0), (40, 1.5, 4, 0)],
+)
+def test_what_growth_lacks_is_what_its_largest_number_kept_out(max_count, max_growth, added, lacking):
+    """Ten Gaussians, of which a round may add four; growth beyond what the clip asked for lacks nothing."""
+    made = gaussians(10)
+    config = replace(ALWAYS, growth=0.4, gradient=1e-3, max_count=max_count, max_growth=max_growth)
+    control = control_of(made, config)
+    seen_once(control, np.ones(10))
+    act(control)
+    assert len(made) == 10 + added and control.lacking == lacking
+
+
 def test_who_reaches_the_threshold_is_densified_and_who_is_as_large_as_the_limit_is_cloned():
     """Numbers that float32 holds exactly."""
     made = gaussians(3, scale=1.0)
