@@ -18,6 +18,7 @@ from ..geometry import quaternion
 from ..geometry.spherical_harmonics import degree_of
 from ..geometry.splats import Splats
 from ..native.kernels import torch_threads
+from ..parallel import side_by_side
 from ..priors import Priors, build_priors
 from ..priors.config import config_hash
 from ..progress import Progress, silent
@@ -96,7 +97,8 @@ class ClipFit:
         clock = self._record("priors", clock)
         settings_hash += config_hash({name: entry.get("digest") for name, entry in priors.provenance.items()})
         state = load_checkpoint(checkpoint, settings_hash) if self.resume else None
-        trainer = self.start(priors)
+        with side_by_side(self.config.kernels.threads):
+            trainer = self.start(priors)
         clock = self._record("start", clock)
         if state is not None:
             trainer.restore(state)

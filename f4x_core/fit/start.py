@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..parallel import in_threads
 from ..priors import Priors
 from ..progress import Progress
 from ..scaffold import Scaffold
@@ -97,20 +98,23 @@ def carried_depth(priors: Priors, before: Scaffold, after: Scaffold) -> np.ndarr
     assert priors.depth is not None
     assert priors.mask is not None
     assert priors.cameras is not None
-    depth = priors.depth.copy()
-    for frame, mask in enumerate(priors.mask):
-        camera = priors.cameras[frame]
+    masks, cameras, depth = priors.mask, priors.cameras, priors.depth.copy()
+
+    def carry(frame: int) -> None:
+        camera = cameras[frame]
         z = [(one.xyz[frame] @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3]) for one in (before, after)]
         known = before.certain[frame] & (z[0] > 0) & (z[1] > 0)
-        y, x = np.nonzero(mask)
+        y, x = np.nonzero(masks[frame])
         if not known.any() or not len(y):
-            continue
+            return
         pixels, _ = camera.project(after.xyz[frame, known])
         count = min(DEPTH_NODES, int(known.sum()))
         distance, near = cKDTree(pixels).query(np.column_stack([x + 0.5, y + 0.5]), count)
         weight = 1 / (distance.reshape(len(y), count) ** 2 + 1)
         change = np.log(z[1][known] / z[0][known])[near].reshape(len(y), count)
         depth[frame, y, x] *= np.exp((weight * change).sum(1) / weight.sum(1)).astype(np.float32)
+
+    in_threads(carry, range(len(masks)))
     return depth
 
 

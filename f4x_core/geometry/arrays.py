@@ -48,6 +48,22 @@ def evenly_spaced(length: int, count: int, ends: bool = True) -> np.ndarray:
     return np.unique(positions if ends else positions[1:-1])
 
 
+def rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """Spearman's correlation, -1..1, of `a (N,)` and `b (N,)`; NaN where either has a NaN or one value alone.
+
+    That of scipy.stats, which takes half a second to import.
+    """
+
+    def ranks(values: np.ndarray) -> np.ndarray:
+        _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+        return (np.cumsum(count) - (count - 1) / 2)[place]  # equal values share their mean rank
+
+    if np.isnan(a).any() or np.isnan(b).any():
+        return float("nan")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return float(np.corrcoef(ranks(a), ranks(b))[0, 1])
+
+
 def cross(a: Array, b: Array) -> Array:
     """Cross product over the last axis, `(..., 3)` with broadcasting (the two libraries disagree on theirs)."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]

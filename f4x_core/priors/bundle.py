@@ -40,6 +40,8 @@ within 0.3 % of the cost."""
 ZOOM_PRIOR, ZOOM_CHANGE = 0.01, 0.005
 """What is believed of a lens that zooms, as a fraction of the squared error like `FOCAL_PRIOR`: second differences over the frames
 of the logarithm of its focal length are about `ZOOM_CHANGE`; a zoom by 1.5 that starts and stops within half a second has 0.006."""
+UPPER = np.triu_indices(3)
+"""Rows and columns of the six different entries of a symmetric matrix."""
 BEHIND_PX = 1000.0
 """A point behind a camera that saw it costs as much as a miss by this many pixels."""
 
@@ -198,12 +200,14 @@ def triangulate(
     """
     directions, centers = rays(bundle, observations), bundle.center[observations.frame]
     sums = _incidence(observations.point, count)
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # (O, 3, 3)
-    weight, points = observations.weight, np.zeros((count, 3))
+    across = np.eye(3)[UPPER] - directions[:, UPPER[0]] * directions[:, UPPER[1]]  # (O, 6) of I - d d^T
+    right = centers - directions * np.einsum("oi,oi->o", directions, centers)[:, None]
+    terms = np.concatenate([across, right], 1)  # one sparse product adds up both sides
+    weight, points, normal = observations.weight, np.zeros((count, 3)), np.empty((count, 3, 3))
     for _ in range(rounds):
-        weighted = across * weight[:, None, None]
-        normal = (sums @ weighted.reshape(-1, 9)).reshape(-1, 3, 3)
-        right = sums @ np.einsum("oij,oj->oi", weighted, centers)
+        summed = sums @ (terms * weight[:, None])
+        normal[:, UPPER[0], UPPER[1]] = normal[:, UPPER[1], UPPER[0]] = summed[:, :6]
+        right = summed[:, 6:]
         scale = np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-300
         points = np.linalg.solve(normal / scale + 1e-12 * np.eye(3), right[..., None] / scale)[..., 0]
         distance = np.linalg.norm(points[observations.point] - centers, axis=1)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..geometry.arrays import rank_correlation
 from ..parallel import in_threads
 from .bundle import Bundle, BundleConfig, Observations, adjust, sighting_costs, total_cost, triangulate
 
@@ -270,14 +271,7 @@ def _rating_evidence(
 def _agreement(a: Bundle, b: Bundle) -> float:
     """Rank correlation of the distances of two solutions' points from their middle cameras."""
     distances = [np.linalg.norm(one.points - one.center[len(one.center) // 2], axis=1) for one in (a, b)]
-    return _rank_correlation(*distances)
-
-
-def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """Spearman's, -1..1."""
-    from scipy.stats import spearmanr  # half a second, and rooms that only read decisions need none of it
-
-    return float(spearmanr(a, b)[0])
+    return rank_correlation(*distances)
 
 
 def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
@@ -287,7 +281,7 @@ def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
     for frame in range(len(bundle.center)):
         seen = (observations.frame == frame) & (z > 0)
         if seen.sum() >= MIN_SAMPLES:
-            found.append(_rank_correlation(observations.uv[seen, 1], 1 / z[seen]))
+            found.append(rank_correlation(observations.uv[seen, 1], 1 / z[seen]))
     order = float(np.mean(found)) if found else np.nan
     return order * (1 + LOWER_CLEAR * order**2)
 
@@ -394,7 +388,7 @@ def _agrees_with_prior(dense: _TrackDepths, cues: DepthCues) -> float:
         prior = cues.depth[frame, row, column]
         good = prior > 0
         if good.sum() >= MIN_SAMPLES:
-            found.append(_rank_correlation(dense.inverse[frame, known][good], 1 / prior[good]))
+            found.append(rank_correlation(dense.inverse[frame, known][good], 1 / prior[good]))
     return float(np.mean(found)) if found else np.nan
 
 

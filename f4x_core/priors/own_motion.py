@@ -12,9 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import spearmanr
 
-from ..geometry.arrays import evenly_spaced
+from ..geometry.arrays import evenly_spaced, rank_correlation
 from .bundle import Bundle, BundleConfig, Observations, resect, total_cost, triangulate
 from .mirror import MIN_SAMPLES, adjust_coarse_to_fine, mirrored
 from .sfm import sightings, solve_rotations
@@ -154,7 +153,7 @@ def _bulge(bundle: Bundle, observations: Observations, from_outline: np.ndarray)
     for frame in range(len(bundle.center)):
         here = (observations.frame == frame) & (z > 0)
         if here.sum() >= MIN_SAMPLES and np.ptp(distance[here]) > 0:
-            found.append(spearmanr(1 / z[here], distance[here])[0])
+            found.append(rank_correlation(1 / z[here], distance[here]))
     return float(np.mean(found)) if found else 0.0
 
 

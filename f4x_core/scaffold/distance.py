@@ -33,11 +33,36 @@ def distance_to(
     kth: int = 1,
 ) -> np.ndarray:
     """Return `(A, B)` float32 distances from curves `xyz (F, A, 3)` to `other (F, B, 3)`, as `curve_distance`."""
+    if certain is None or other_certain is None:
+        certain = other_certain = None
+    if kth == 1:
+        return _largest(xyz, other, certain, other_certain)
     curves, others = (np.ascontiguousarray(c.transpose(1, 0, 2), np.float32) for c in (xyz, other))
     result = np.empty((len(curves), len(others)), np.float32)
     for i, curve in enumerate(curves):
         common = None if certain is None or other_certain is None else certain[:, i] & other_certain.T  # (B, F)
         result[i] = _reduced(curve[None], others, common, kth)
+    return result
+
+
+def _largest(
+    xyz: np.ndarray, other: np.ndarray, certain: np.ndarray | None, other_certain: np.ndarray | None
+) -> np.ndarray:
+    """`distance_to` for the largest distance: in a third of the time, with an array for each coordinate and frames first."""
+    result = np.empty((xyz.shape[1], other.shape[1]), np.float32)
+    curves = np.ascontiguousarray(xyz.transpose(2, 0, 1), np.float32)  # (3, F, A)
+    for start in range(0, other.shape[1], CHUNK):
+        block = slice(start, start + CHUNK)
+        others = np.ascontiguousarray(other[:, block].transpose(2, 0, 1), np.float32)  # (3, F, b)
+        for i in range(xyz.shape[1]):
+            frames = slice(None) if certain is None else np.flatnonzero(certain[:, i])
+            pairs = zip(curves[:, :, i], others, strict=True)
+            squared = sum((many[frames] - one[frames, None]) ** 2 for one, many in pairs)
+            if other_certain is not None:
+                squared *= other_certain[frames, block]
+            result[i, block] = np.sqrt(squared.max(axis=0, initial=0))
+            if other_certain is not None:
+                result[i, block][~other_certain[frames, block].any(axis=0)] = np.inf
     return result
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry.camera import CameraPath
+from ..parallel import in_threads
 
 
 @dataclass(frozen=True)
@@ -75,12 +76,15 @@ def lift_tracks(
     frames, number = tracks.shape[:2]
     xyz = np.zeros((frames, number, 3), np.float64)
     certain = np.zeros((frames, number), bool)
-    for f, time in enumerate(times):
+
+    def lift(f: int) -> None:
         z = nearest_valid_depth(tracks[f], depth[f], valid[f], config.search_px)
         seen = visible[f] & np.isfinite(z)
-        xyz[f, seen] = cameras.at(time).unproject(tracks[f, seen].astype(np.float64), z[seen])
+        xyz[f, seen] = cameras.at(times[f]).unproject(tracks[f, seen].astype(np.float64), z[seen])
         seen[seen] = ~_outliers(xyz[f, seen], config)
         certain[f] = seen
+
+    in_threads(lift, range(frames))
     shaking = _shaking(fill_gaps(xyz, certain, times), times, config.shaking) & certain
     certain &= ~(shaking.any(axis=0) if config.drop_shaking_curves else shaking)
     min_certain = max(min(config.min_samples, frames), int(np.ceil(config.min_fraction * frames)))

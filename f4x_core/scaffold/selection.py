@@ -8,6 +8,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry import pose, quaternion
 from ..geometry.camera import CameraPath
+from ..parallel import in_threads
 from .deformation import deform, pairs_of
 from .distance import curve_distance, distance_to
 from .graph import GraphConfig, attach_nodes, build_graph
@@ -98,7 +99,7 @@ def automatic_unit(xyz: np.ndarray, factor: float, neighbours: int = 4, frames: 
     if count < 2:
         return factor * 1e-2  # a lone track: one hundredth of the scene depth, so that radii are not zero
     sampled = np.unique(np.linspace(0, len(xyz) - 1, frames).astype(int))
-    squared = [np.median(cKDTree(xyz[f]).query(xyz[f], count)[0][:, 1:] ** 2) for f in sampled]
+    squared = in_threads(lambda f: np.median(cKDTree(xyz[f]).query(xyz[f], count)[0][:, 1:] ** 2), sampled)
     return factor * float(np.sqrt(np.median(squared)))
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
-from f4x_core.geometry.arrays import evenly_spaced
+from f4x_core.geometry.arrays import evenly_spaced, rank_correlation
 
 
 @pytest.mark.parametrize(
@@ -33,3 +34,13 @@ def test_without_ends_short_lengths_keep_what_there_is():
     wanted = {(9, 3): [2, 4, 6], (3, 3): [0, 1, 2], (1, 2): [0], (0, 2): []}
     for arguments, indices in wanted.items():
         assert evenly_spaced(*arguments, ends=False).tolist() == indices
+
+
+@pytest.mark.parametrize("levels", [3, 1000])
+def test_rank_correlation_is_spearmans_with_equal_values_too(levels):
+    rng = np.random.default_rng(levels)
+    a = rng.integers(0, levels, 200) / 7
+    b = np.exp(a) + rng.integers(0, 4 * levels, 200)
+    assert rank_correlation(a, b) == pytest.approx(spearmanr(a, b)[0], abs=1e-12)
+    assert rank_correlation(a, -(a**3)) == pytest.approx(-1)
+    assert np.isnan(rank_correlation(np.where(a > a.min(), a, np.nan), b)) and np.isnan(rank_correlation(a, 0 * b))

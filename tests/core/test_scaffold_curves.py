@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from f4x_core.errors import F4xError
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import CameraPath
+from f4x_core.scaffold import distance
 from f4x_core.scaffold.distance import curve_distance, distance_to
 from f4x_core.scaffold.graph import DISTANCE_CAP, GraphConfig, attach_nodes, build_graph, multilevel_edges
 from f4x_core.scaffold.lifting import (
@@ -217,7 +218,8 @@ def brute_distance(xyz, certain, kth):
 
 @pytest.mark.parametrize("kth", [1, 3])
 @pytest.mark.parametrize("masked", [False, True])
-def test_curve_distance_equals_brute_force(kth, masked):
+def test_curve_distance_equals_brute_force(kth, masked, monkeypatch):
+    monkeypatch.setattr(distance, "CHUNK", 3)  # of `distance_to`: several blocks
     rng = np.random.default_rng(0)
     xyz = rng.normal(size=(10, 12, 3)).astype(np.float32)
     xyz[:, 5] = xyz[:, 2]  # duplicates
