@@ -6,11 +6,12 @@ Between the phrases there may be words that add nothing; every other word has to
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any
 
 from ..language.amounts import (
+    BEFORE_VERBS,
     LEAST_PERCENTS,
     Amount,
     amount,
@@ -22,7 +23,9 @@ from ..language.amounts import (
     fraction_of,
     multiple,
     number,
+    number_at,
     percent,
+    softly,
     steps,
     stops,
 )
@@ -35,6 +38,7 @@ from ..language.grammar import (
     Rule,
     constant,
     either,
+    generated,
     here,
     keyword,
     listed,
@@ -49,6 +53,7 @@ from ..language.lexicon import PICTURE, every_form, singular, word_set
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form, asked_form
 from . import making, qualities
+from .graded import BRIGHTNESS, LENGTH, OPACITY, QUALITIES, SATURATION, SIZE, SPEED, Quality
 from .making import Value
 from .phrases import (
     brought_to,
@@ -309,18 +314,17 @@ _quality = either(
     + qualities.scene_look
     + ~qualities.effect
     >> making.styled,
-    ~literal("a|the|more|really|very|rather|quite|nice and|pretty|in a|feel|look|looking|feeling")
+    ~literal("a|the|nice and|pretty|in a|feel|look|looking|feeling")
     + qualities.simply
     + ~literal("tone|tones|mood|look|light|color|colors|filter|grade|overlay|cast|wash"),
 )
 _LIGHT = any_form("become", "apply", "leave")
 """Verbs that only carry what a noun or a value says: "stick a glow on it", "trim the contrast to 80 %"."""
-_BEFORE_VERBS = word_set("and , . ; ! then please to")
 _some_verb = Rule(
     lambda reading, at: (
         {at + 1: ()}
         if is_strange(reading.word(at), {words[-1] for words in reading.known} | COMMAND_VERBS)
-        and (at == 0 or reading.word(at - 1) in _BEFORE_VERBS)
+        and reading.word(at - 1) in BEFORE_VERBS
         and any(
             word in ("to", "into") or (word == "in" and (value == "the" or colour.at(reading, i)))
             for i, (word, value) in enumerate(pairwise(reading.words[at + 2 :]), at + 3)
@@ -365,6 +369,10 @@ def _command(example: str, make: Any, needed: str, use: Use = USUAL) -> Callable
     return add
 
 
+_nobody = Rule(lambda reading, at: {}, frozenset())
+"""Whom a command is for that names nobody."""
+
+
 def _is_last(reading: Reading, at: int) -> bool:
     return not any(token.is_word for token in reading.tokens[at:])
 
@@ -387,7 +395,7 @@ _command("and keep it so", REMARK, "nothing", WHOLE)(
 )
 _command("make the dog red at second 1 and back to normal at second 2", ENDED, "ended when", WHOLE)(
     verb=literal(every_form("go|come|turn|change|switch|return|revert|get|become|make|set|let|be|put|bring|fade")),
-    who=Rule(lambda reading, at: {}, frozenset()),
+    who=_nobody,
     spoken_of=literal("it|he|she|they|him|her|them|that"),
     ended=literal("back|stop|off again|no longer")
     + here(lambda reading, at: not {*reading.words[: at - 1]}.isdisjoint(IMPERATIVES))
@@ -469,11 +477,8 @@ _command("the colors should pop", as_given, "values")(
     verb=_becoming,
     values=listed(
         either(
-            qualities.warmth_value,
-            qualities.saturation_value,
-            comparison("stronger|bolder", "weaker|fainter", "strong|bold", "weak|faint") >> making.saturated,
-            qualities.contrast_value,
-            qualities.brightness_value,
+            qualities.compared,
+            comparison(SATURATION.changed, "stronger|bolder", "weaker|fainter", "strong|bold", "weak|faint"),
             qualities.pop,
             qualities.simply,
         ),
@@ -492,7 +497,7 @@ _command("tint the dog orange", making.faintly, "verb rgb")(
 _command("tint the windows dark", as_given, "verb values")(
     verb=literal(any_form("tint")),
     values=either(
-        _toward + (qualities.brightness_value | qualities.simply),
+        _toward + (BRIGHTNESS.value | qualities.simply),
         ~literal("in|with|to") + (qualities.any_look >> making.styled) + ~qualities.effect,
     )
     >> _alone,
@@ -550,18 +555,7 @@ _command("the dog is gold from second 1 on", as_given, "values state when")(
 _command("a bigger dog", as_given, "values", NAMED)(
     who=known_noun,
     verb=literal(any_form("become") + "|" + every_form("have|get|want|show|need|see|like|prefer")),
-    values=~literal("a|an|some")
-    + unless(literal("the"))
-    + either(
-        qualities.size_value,
-        qualities.pace_value,
-        qualities.brightness_value,
-        qualities.saturation_value,
-        qualities.warmth_value,
-        qualities.contrast_value,
-        qualities.sized,
-    )
-    >> _alone,
+    values=~literal("a|an|some") + unless(literal("the")) + (qualities.compared | qualities.sized) >> _alone,
 )
 
 _MERELY = word_set("make makes making made get gets got be have has let put set keep")
@@ -584,24 +578,12 @@ _event_noun = ~Rule(
 _event = literal("the|that|this") + ~literal("run up to the") + _event_noun >> _the_clip
 """What happens at a time that the sentence tells: "the landing"."""
 # More and less of a quality
-
-
-def _transparent(by: float) -> Value:
-    """So many times as transparent, where what is solid is one."""
-    return making.opacity(max(2 - by, 0.0))
-
-
-_QUALITIES = {
-    "size|scale|dimensions": making.scaled,
-    "speed|pace|tempo|playback speed|playback rate|velocity": making.retimed,
-    "brightness|gamma|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain": making.brightened,
-    "contrast": making.contrasted,
-    "saturation|sat|color saturation|color intensity|vibrance|vividness|colorfulness|chroma|color|colors": making.saturated,
-    "opacity|visibility|alpha": making.opacity,
-    "transparency|translucency": _transparent,
-    "warmth|color temperature|temperature": lambda by: making.warmed(Amount("fraction", abs(by - 1)), by > 1),
-    "blur|blurriness|softness": lambda by: making.blurred(Amount("large" if by > 1.5 else "small")) if by > 1 else None,
-}
+_nouns = table(
+    {quality.noun: (quality, True) for quality in QUALITIES}
+    | {quality.lack: (quality, False) for quality in QUALITIES},
+    reserve=False,
+)
+"""A quality, and whether the noun is of it or of what it lacks."""
 _BROUGHT = word_set("bring give get put want have bringing giving getting putting")
 _color_brought_back = here(
     lambda reading, at: (
@@ -646,14 +628,8 @@ _to_value = (
 """What a quality comes to."""
 
 
-def _made(value: Value | None) -> Value:
-    if value is None:
-        raise Mismatch
-    return value
-
-
 def _changed(
-    quality: Any,
+    quality: tuple[Quality, bool],
     way: bool | None = None,
     how: Amount | None = None,
     to: float | None = None,
@@ -663,10 +639,11 @@ def _changed(
     level: float | None = None,
     off: float | None = None,
 ) -> Value:
+    changed, of_it = quality[0].changed, quality[1]
     if off is not None:  # "take 20 % off the speed"
         if (way, how, to, too, times, particle, level) != (None,) * 7:
             raise Mismatch
-        return _made(quality(1 - off))
+        return changed(Amount("fraction", off), not of_it)
     if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
         if (how, to, too, times) != (None, None, None, None):
             raise Mismatch
@@ -681,21 +658,19 @@ def _changed(
     if times is not None:
         if (way, too, to) != (None, None, None):
             raise Mismatch
-        return _made(quality(times))
-    if to is not None and quality in (making.opacity, _transparent) and to > making.SHOWN:
-        to /= 100
+        return changed(Amount("as", times), of_it)
     if to is not None:
-        if (
-            (way is not None and how is not None)
-            or to > making.SHOWN
-            or (way and to < 1 and quality not in (making.opacity, _transparent))
-        ):
+        if quality[0] is OPACITY:
+            to = to / 100 if to > making.SHOWN else to
+        elif way and to < 1:
             raise Mismatch
-        return making.opacity(1 - to) if quality is _transparent else _made(quality(to))
+        if (way is not None and how is not None) or to > making.SHOWN:
+            raise Mismatch
+        return changed(Amount("as", to if of_it else 1 - to), True)
     upward = way if way is not None else too
     if upward is None:
         raise Mismatch
-    return _made(quality(factor(how, upward)))
+    return changed(how, upward is of_it)
 
 
 def _percents(x: float) -> float:
@@ -756,7 +731,7 @@ _command("increase the contrast of the dog", _changed, "quality", WHOLE)(
     + ~literal("the|a|'s|some|of|in|to|with [the|its|his|her|their]")
     + ~literal("the")
     + ~literal("overall|whole|entire|general")
-    + table(_QUALITIES, reserve=False)
+    + _nouns
     + ~literal("level|value|slider|amount|setting"),
     way=_way,
     level=percent
@@ -771,25 +746,17 @@ _command("increase the contrast of the dog", _changed, "quality", WHOLE)(
 )
 
 
-def _muted(by: float) -> Value:
-    """Less saturated, where `making.saturated` without an amount means gray."""
-    return making.saturated(by)
+def _grayed(how: Amount | None, upward: bool) -> Value:
+    """As less saturated, where that without an amount means gray."""
+    return making.GRAYED if how is None else SATURATION.changed(how, upward)
 
 
-_SIDES: dict[str, tuple[Any, bool | None]] = {
-    "brighten": (making.brightened, True),
-    "darken": (making.brightened, False),
-    "enlarge": (making.scaled, True),
-    "shrink": (making.scaled, False),
-    "quicken": (making.retimed, True),
-    "slow": (making.retimed, False),
-    "pace": (making.retimed, None),
-    "saturate": (making.saturated, True),
-    "desaturate": (making.saturated, False),
-    "mute": (_muted, False),
-    "warm": (making.warmed, True),
-    "cool": (making.warmed, False),
-    "scale": (making.scaled, None),
+_SIDES: dict[str, tuple[making.Graded, bool | None]] = {
+    **{quality.up: (quality.changed, True) for quality in QUALITIES if quality.up},
+    **{quality.down: (quality.changed, False) for quality in QUALITIES if quality.down},
+    "desaturate": (_grayed, False),
+    "pace": (SPEED.changed, None),
+    "scale": (SIZE.changed, None),
 }
 """Sense of a verb -> what it makes more or less."""
 _until = (
@@ -799,25 +766,21 @@ _until = (
 )
 
 
-def _more(verb: Any, how: Amount | None = None, to: float | None = None, fully: bool = False) -> Value:
-    make, upward = verb
-    if make is making.warmed:
-        if to is not None or fully:
-            raise Mismatch
-        return making.warmed(how, upward)
-    if fully:
-        if make is not making.saturated or upward:
-            raise Mismatch
-        return making.GRAYED
-    if to is not None:
-        return make(to)
-    if make is making.saturated and not upward and how is None:
-        return making.GRAYED
-    if upward is None:
+def _more(
+    verb: tuple[making.Graded, bool | None], how: Amount | None = None, to: float | None = None, fully: bool = False
+) -> Value:
+    changed, upward = verb
+    if fully and changed is not _grayed:
+        raise Mismatch
+    if upward is None and to is None:
         if how is None or how.kind not in ("times", "fraction"):
             raise Mismatch
-        return make(how.value)
-    return make(factor(how, upward))
+        to = how.value
+    if to is not None:
+        if changed is making.warmed:
+            raise Mismatch
+        return changed(Amount("as", to), True)
+    return changed(None if fully else how, bool(upward))
 
 
 _command("darken the sky", _more, "verb")(
@@ -1110,7 +1073,7 @@ _copy_noun = literal(
     "version|versions"
 ) + ~literal("of")
 _changed_copy = BESIDE_IT["changed"] + unless(literal("to|bit|further|more")) | ~literal("a|another|one") + either(
-    qualities.size_value, qualities.sized, qualities.colour_value, qualities.brightness_value
+    qualities.compared, qualities.sized, qualities.colour_value
 ) + unless(unless(literal("copy|clone|duplicate|one|twin")))
 _copy_place = {**BESIDE_IT, "changed": _changed_copy}
 _command("copy the dog to the left", making.copied, "copy")(
@@ -1195,7 +1158,7 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
     trail=~literal("a|an|some|the|that|which|who")
     + ~literal("fading|ghostly|faint|transparent|soft|see through")
     + (
-        here(lambda reading, at: at == 0 or reading.word(at - 1) in _BEFORE_VERBS) + literal("ghost")
+        here(lambda reading, at: reading.word(at - 1) in BEFORE_VERBS) + literal("ghost")
         | literal("delayed|lagging|late|trailing|following|time shifted")
         + here(lambda reading, at: _copy_noun.at(reading, at))
         | literal(
@@ -1290,7 +1253,7 @@ _command("play the dog at 2x", making.retimed, "verb by", TIMED)(
     | literal("at|to") + percent + unless(literal("transparent|visible|opacity|opaque|of")),
 )
 _command("2x, first half", making.retimed, "by when", TIMED)(
-    who=Rule(lambda reading, at: {}, frozenset()),
+    who=_nobody,
     by=~literal("at|play at|run at") + _x_times,
 )
 _command("slow motion at 40 %", making.retimed, "lead by", WHOLE)(
@@ -1301,24 +1264,30 @@ _command("slow motion, please", as_given, "values", WHOLE)(
     verb=literal(any_form("run")),
     values=either(_pace_of, qualities.pace, qualities.backward) >> _alone,
 )
-_command("the clip should be twice as long", as_given, "values", TIMED)(
+_in_time = ~literal("last|take|be|run") + (as_long | LENGTH.value) >> _alone
+_command("the clip should be twice as long", as_given, "who values", NAMED)(
     who=literal("the (whole|entire)|this|my|our|a")
     + literal("clip|video|scene|movie|film|shot|footage|sequence|animation|thing")
     >> _the_clip
-    | _whom + ~literal("'s") + ~literal("motion|movement|action"),
+    | _motion,
+    verb=_set | literal(any_form("last")),
+    values=_in_time,
+)
+_command("make the first second 50 % longer", as_given, "values when", TIMED)(
+    who=_nobody,
+    verb=_set | literal(any_form("last")),
+    values=_in_time,
+)
+_command("make the dog take twice as long", as_given, "values", TIMED)(
+    who=_whom + ~literal("'s") + ~literal("motion|movement|action"),
     verb=literal(any_form("last")),
     values=as_long >> _alone,
 )
-_LENGTHS = word_set("longer shorter briefer")
-_LASTS = word_set("lasts last takes take")
+_LASTS = word_set("lasts last takes take into")
 _length: dict[str, Rule] = {
     "verb": _set,
-    "quality": ~literal("the|a|its")
-    + either(
-        table({"length|duration|running time|runtime|run time": making.stretched}, reserve=False),
-        here(lambda reading, at: reading.word(at) in _LENGTHS) >> (lambda: making.stretched),
-    ),
-    "way": _way | table({"longer": True, "shorter|briefer": False}, reserve=False),
+    "quality": ~literal("the|a|its") + literal(LENGTH.noun) >> (lambda: (LENGTH, True)),
+    "way": _way | table({LENGTH.more: True, LENGTH.less: False}, reserve=False),
     "how": amount,
     "to": _to_value,
     "times": _times_as_much,
@@ -1327,9 +1296,22 @@ _command("halve the length of the clip", _changed, "quality who", NAMED)(
     who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s") >> _the_clip, **_length
 )
 _command("double the length of the first second", _changed, "quality when", TIMED)(
-    who=Rule(lambda reading, at: {}, frozenset()),
+    who=_nobody,
     of=literal("of") + here(lambda reading, at: span.at(reading, at)),
     **_length,
+)
+
+
+def _in_the_same_unit(reading: Reading, at: int) -> Iterator[tuple[int, TimeExpression]]:
+    """A number of frames where those were spoken of, else of seconds: "make the first 20 frames last 40"."""
+    frames = {"frame", "frames"} & {*reading.words[:at]}
+    if frames or {"second", "seconds", "it", "they", "this"} & {*reading.words[:at]}:
+        for end, x in number_at(reading, at):
+            yield end, TimeExpression(frames=x) if frames else TimeExpression(seconds=x)
+
+
+_command("play the first second over two seconds", making.lasting, "verb to when", TIMED)(
+    who=_nobody, verb=literal(any_form("run")), to=literal("over|in|within|across|for") + duration
 )
 _command("the movement of the dog should take three seconds", making.lasting, "verb to", WHOLE)(
     who=~literal("the") + _whom + ~literal("'s") + ~literal("motion|movement|action"),
@@ -1340,10 +1322,9 @@ _command("the movement of the dog should take three seconds", making.lasting, "v
     + ~literal("to|into|over|for|out to|down to|up to|exactly|just")
     + (
         duration
-        | here(lambda reading, at: reading.word(at - 1) in _LASTS and reading.word(at - 2) in ("it", "they", "this"))
-        + number
-        + unless(literal("x|times|%|frames|frame"))
-        >> (lambda x: TimeExpression(seconds=x))
+        | here(lambda reading, at: reading.word(at - 1) in _LASTS)
+        + generated(_in_the_same_unit)
+        + unless(literal("x|times|%|percent|frame|frames"))
     )
     + ~literal("long|in total|instead"),
     motion=literal("the motion of|the movement of|the duration of|the length of|the action of|the time of"),
@@ -1395,8 +1376,7 @@ _command("blur the background", making.blurred, "verb")(
         any_form("blur")
         + "|anonymous|illegible|unreadable|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"
     ),
-    how=~literal(",") + qualities.softly
-    | ~literal("by") + number + literal("unit|units") >> (lambda x: Amount("to", x)),
+    how=~literal(",") + softly | ~literal("by") + number + literal("unit|units") >> (lambda x: Amount("to", x)),
 )
 _command("add a soft blue glow around the dog", _haloed, "light")(
     verb=_doing,
@@ -1411,7 +1391,7 @@ _command("add a soft blue glow around the dog", _haloed, "light")(
 )
 _command("make the dog glow", making.glowing, "verb")(
     verb=literal(any_form("glow") + "|aglow|luminous|radiant") + ~literal("on|effect|in the dark"),
-    how=qualities.softly | ~literal("by|at") + percent >> (lambda x: Amount("fraction", x)),
+    how=softly | ~literal("by|at") + percent >> (lambda x: Amount("fraction", x)),
     rgb=_a + ~_slight + qualities.shade_of + colour + ~literal("light|color|tone|shade|hue"),
 )
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from ..language.amounts import PLACES, Amount, Distance, Steps, Vector, displacement, factor
+from ..language.amounts import PLACES, STEPS, Amount, Distance, Steps, Vector, displacement, factor
 from ..language.colour_names import Colour
 from ..language.colours import GRAY
-from ..language.grammar import Mismatch, Refusal
+from ..language.grammar import Final, Mismatch, Refusal
 from ..language.times import TimeExpression
 from .operations import (
     Blur,
@@ -38,6 +38,10 @@ Value = Callable[[SelectKind, When, SentenceContext], Operation]
 """What "red" or "twice as big" does to somebody at some time."""
 Making = Callable[[float], Value]
 """A value from a factor."""
+Graded = Callable[[Amount | None, bool], Value]
+"""A value from how much, and whether more or less; Mismatch where there is no such amount of it."""
+OPACITY_STEPS = {None: (2.0, 0.5), "small": (1.25, 0.8), "large": (5.0, 0.2)}
+"""As `amounts.STEPS`."""
 
 BLACK_AND_WHITE = (0.5, 0.5, 0.5)
 """As `hue`: no colour is left, light and dark stay."""
@@ -95,7 +99,7 @@ def faintly(rgb: Colour) -> Value:
 
 def brightened(by: float) -> Value:
     """So many times as bright."""
-    return recoloured((by, by, by), "multiply")
+    return recoloured((round(by, PLACES),) * 3, "multiply")
 
 
 def added(times: float, more: tuple[Colour, int]) -> Value:
@@ -103,6 +107,40 @@ def added(times: float, more: tuple[Colour, int]) -> Value:
     rgb, sign = more
     red, green, blue = (round(times * sign * MORE_COLOUR * (c - 0.5), PLACES) for c in rgb)
     return recoloured((red, green, blue), "add")
+
+
+def refused(reason: str) -> Value:
+    """Nothing, for a reason: the words are understood, and what they ask for cannot be."""
+
+    def value(*_: Any) -> Operation:
+        raise Final(reason)
+
+    return value
+
+
+def graded(make: Making, steps: Mapping[str | None, tuple[float, float]] = STEPS, gone: bool = True) -> Graded:
+    """What `make` makes of a factor, where that has a meaning; `gone`: there can be nothing left of it."""
+
+    def changed(how: Amount | None, upward: bool) -> Value:
+        by = factor(how, upward, steps)
+        if how is not None and how.kind == "times" and upward and by < 1:
+            return refused(f"{by:g} times as much is less, not more; say for example 'twice as much'.")
+        if by < 0 or not (by or gone):
+            return refused("Nothing would be left of it; say for example 'by 50 %'.")
+        return make(by)
+
+    return changed
+
+
+def only_more(make: Callable[[Amount | None], Value]) -> Graded:
+    """What nothing has by itself, so that there is no less of it."""
+
+    def changed(how: Amount | None, upward: bool) -> Value:
+        if not upward:
+            raise Mismatch
+        return make(how)
+
+    return changed
 
 
 def contrasted(by: float) -> Value:
@@ -116,32 +154,39 @@ def saturated(by: float) -> Value:
 
 
 def warmed(how: Amount | None, warmer: bool) -> Value:
-    """Warmer or cooler by an amount; Mismatch for one that is no degree or share."""
-    kind, value = (None, 0.0) if how is None else (how.kind, how.value)
-    if kind not in (None, "small", "large", "fraction"):
-        raise Mismatch
-    warmth = value if kind == "fraction" else {None: WARMER, "small": WARMER / 2, "large": 2 * WARMER}[kind]
-    return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.coming)
+    """Warmer or cooler, by a part of all the warmth that there can be; twice as warm is by one part more."""
+    sign = 1 if warmer else -1
+    if how is None or how.kind in ("small", "large"):
+        warmth = sign * _strong(WARMER, how)
+    else:
+        warmth = sign * (how.value if how.kind == "fraction" else how.value - 1)
+    if abs(warmth) > 1 or (how is not None and how.kind == "times" and how.value < 1):
+        return refused("Nothing gets warmer or cooler by more than 100 %; say for example '30 % warmer'.")
+    return lambda who, when, _: Grade(who, warmth=round(warmth, PLACES), **when.coming)
 
 
-def _strong(usual: float, how: Amount | None, kind: str) -> float:
-    """The usual strength, a bit of it or much, or the amount itself where it is of the `kind`; Mismatch for others."""
-    if how is not None and how.kind == kind:
-        return how.value
-    if how is not None and how.kind not in ("small", "large"):
+def _strong(usual: float, how: Amount | None) -> float:
+    """The usual strength, a bit of it, much or so many times as much; Mismatch for other amounts."""
+    times = {None: 1.0, "small": 0.5, "large": 2.0, "times": how and how.value, "as": how and how.value}
+    by = times.get(how and how.kind)
+    if by is None or (by < 1 and how is not None and how.kind != "small"):
         raise Mismatch
-    return usual * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
+    return usual * by
 
 
 def blurred(how: Amount | None = None) -> Value:
     """A blur, a bit of one or much, or one `to` a radius in world units; Mismatch for other amounts."""
-    radius = _strong(BLUR, how, "to")
+    if how is not None and how.kind == "fraction":
+        return refused("A blur has no percents; say 'a bit', 'much', or how wide it is, as in 'by 0.03 units'.")
+    radius = how.value if how is not None and how.kind == "to" else _strong(BLUR, how)
     return lambda who, when, _: Blur(who, radius, **when.effect)
 
 
 def glowing(how: Amount | None = None, rgb: Colour | None = None) -> Value:
     """A glow, in its own colours or in `rgb`, a bit, much or a fraction; Mismatch for other amounts."""
-    strength = _strong(GLOW, how, "fraction")
+    strength = how.value if how is not None and how.kind == "fraction" else _strong(GLOW, how)
+    if strength > 1:
+        return refused("A glow of 100 % is the strongest; say for example 'make the dog glow by 80 %'.")
     return lambda who, when, _: Glow(who, strength, rgb, **when.effect)
 
 
@@ -388,7 +433,7 @@ def by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operati
     """A bit of an operation or much of it, or that much `back`: "a touch less"; Mismatch where there is no such thing."""
 
     def again(x: float) -> float:
-        return x if x == 1 else factor(how, (x > 1) != back)
+        return x if x == 1 else round(factor(how, (x > 1) != back), PLACES)
 
     if how is not None and how.kind not in ("small", "large"):  # of factors alone
         plain = isinstance(one, Retime | Grade) or (isinstance(one, Recolour) and one.mode == "multiply")

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from ..language.amounts import (
-    Amount,
-    amount,
-    comparison,
     degree,
     factor,
     fraction,
@@ -13,6 +10,7 @@ from ..language.amounts import (
     multiple,
     number,
     percent,
+    softly,
 )
 from ..language.colour_names import COLOURS
 from ..language.colours import colour, colourish, more_colour
@@ -34,6 +32,7 @@ from ..language.grammar import (
 )
 from ..language.lexicon import FUNCTION_WORDS, singular, word_set
 from . import making
+from .graded import BLUR, BRIGHTNESS, CONTRAST, GLOW, OPACITY, QUALITIES, SATURATION, SPEED, WARMTH
 from .phrases import known_thing
 from .styles import STYLES
 
@@ -106,34 +105,8 @@ without_colour = ~literal("a|an|the") + optional(_share, 1.0) + keyword(
 ) + ~literal("look|filter|effect|video|clip|film|movie|version|picture|image|grade|treatment|footage") >> (
     lambda share: making.hued(making.BLACK_AND_WHITE, share)
 )
-_BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
-_SIZE = ("bigger|larger|huger", "smaller|tinier", "big|large|huge|tall|high|wide", "small|tiny|little|short")
-_SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speedy", "slow|slowly")
-brightness_value = (
-    either(comparison(*_BRIGHTNESS), fraction_of("brightness|light|luminance") | fraction_of("as bright"))
-    >> making.brightened
-)
-contrast_value = (
-    comparison("punchier|crisper", "flatter", "contrasty|contrastful|punchy|contrasted", "flat") >> making.contrasted
-)
-saturation_value = (
-    comparison(
-        "more saturated|richer|livelier|more intense",
-        "duller|less saturated|paler",
-        "saturated|vivid|colorful|vibrant|intense|rich|lively|colored",
-        "desaturated|muted|dull|washed out|pale|faded",
-    )
-    >> making.saturated
-)
-_warmer = table(
-    {
-        "warmer|more warm|cozier|cosier|less cool|less cold": True,
-        "cooler|colder|chillier|more cool|more cold|less warm": False,
-    }
-)
-warmth_value = either(
-    optional(amount) + _warmer >> making.warmed, _warmer + amount >> (lambda warmer, how: making.warmed(how, warmer))
-)
+compared = either(*(quality.value for quality in QUALITIES if quality.bare is None))
+"""Brighter, twice as big, half the contrast."""
 pop = keyword(
     "pop|pop more|pop out|stand out|stand out more|come alive|(more|really) vivid|(very) saturated|(very) colorful|vibrant"
 ) + unless(known_thing) >> (lambda: making.saturated(factor(None, True)))
@@ -148,51 +121,25 @@ sized = either(
     )
     >> making.scaled
 )
-softly = either(
-    degree,
-    table(
-        {
-            "softly|faintly|gently|weakly": Amount("small"),
-            "heavily|strongly|intensely|brightly|very|really|badly|(even|some|a lot|much) more|stronger|harder": Amount(
-                "large"
-            ),
-        }
-    ),
+_glow_value = either(
+    optional(softly) + keyword("glow|" + GLOW.much) + ~keyword("in") + optional(colour) >> making.glowing, GLOW.value
 )
-_blurry = ~keyword("all") + keyword(
-    "blurry|blurred|softer|soft focus|less sharp|blurrier|fuzzy|hazy|out of focus|unsharp|more blurry|more blurred"
-)
-blur_value = ~keyword("go") + either(optional(softly) + _blurry >> making.blurred, _blurry + softly >> making.blurred)
-_glow_value = (
-    optional(softly)
-    + keyword("glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow")
-    + ~keyword("in")
-    + optional(colour)
-    >> making.glowing
-)
-size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale|height|width|length")) >> making.scaled
 slow_motion = keyword("(on|in|at|a|into|in a) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]")
 _paced = either(
     fraction_of("speed|pace|tempo|rate|velocity"),
     keyword("(a) speed of") + (multiple | percent | number),
     ~keyword("a") + multiple,
 )
-pace_value = (
-    either(
-        comparison(*_SPEED),
-        ~keyword("with") + slow_motion >> (lambda: 0.5),
-        ~keyword("at|to|with") + fraction_of("speed|pace|tempo|rate"),
-    )
-    >> making.retimed
+pace = either(
+    SPEED.value,
+    ~keyword("with") + slow_motion >> (lambda: making.retimed(0.5)),
+    ~keyword("at|to|with") + fraction_of("speed|pace|tempo|rate") >> making.retimed,
+    keyword("at|in|to") + _paced >> making.retimed,
 )
-pace = either(pace_value, keyword("at|in|to") + _paced >> making.retimed)
 backward = keyword(
     "backward ([in|through] time)|back in time|in reverse|reversed|in the opposite direction|back to front|from the end to "
     "the start|in reverse order|(the) other way around|from back to front|from end to start"
 ) >> (lambda: making.reversed)
-_see_through = keyword("transparent|see through|translucent|transparency|sheer")
-_solid = literal("opaque|solid|visible")
-_share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
 
 
 def as_fraction(x: float) -> float:
@@ -202,33 +149,19 @@ def as_fraction(x: float) -> float:
     return x if x <= 1 else x / 100
 
 
-_transparency = either(
-    percent + _see_through >> (lambda x: 1 - x),
-    table(
-        {
-            "half|semi|partly|partially|somewhat": 0.5,
-            "a (little) bit|a little|slightly": 0.8,
-            "very|mostly|almost|nearly": 0.2,
-            "completely|fully|totally|entirely|100 %": 0.0,
-        }
-    )
-    + _see_through,
-    fraction + _see_through >> (lambda x: 1 - x),
-    _see_through >> (lambda: 0.5),
+_as_opaque = either(
+    table({"semi|partly|partially": 0.5, "mostly|almost|nearly": 0.2, "completely|fully|totally|entirely": 0.0})
+    + keyword(OPACITY.little),
     keyword("[barely|hardly|scarcely|just about|only just|faintly] [visible|seen|there|to be seen]") >> (lambda: 0.2),
-    _article + percent + keyword("opaque|visible|opacity"),
-    fraction + keyword("opaque|visible|opacity"),
+    _article + (percent | fraction) + keyword("opaque|visible|opacity"),
     keyword("(an|a) opacity (of)") + (percent | number >> as_fraction),
+    (percent | fraction) + keyword(OPACITY.lack) >> (lambda x: 1 - x),
     keyword("(a) transparency (of)") + (percent | number >> as_fraction) >> (lambda x: 1 - x),
     keyword(
         "(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|(completely|fully) solid again|"
         "reappear"
     )
     >> (lambda: making.SHOWN),
-    (multiple | percent) + keyword("as") + _solid + ~keyword("as (it is|before|now)"),
-    optional(amount) + (keyword("more") + _see_through | keyword("less") + _solid) >> (lambda how: 1 - _share_of(how)),
-    optional(amount) + (keyword("less") + _see_through | keyword("more") + _solid)
-    >> (lambda how: 1 + 2 * _share_of(how)),
     keyword("(very) faint|[almost|nearly|next to|all but|close to] [invisible|transparent|gone|vanished]")
     >> (lambda: 0.2),
     keyword(
@@ -236,7 +169,7 @@ _transparency = either(
     )
     >> (lambda: 0.0),
 )
-opacity_value = ~keyword("at|to|with") + _transparency >> making.opacity
+opacity_value = ~keyword("at|to|with") + (_as_opaque >> making.opacity | OPACITY.value)
 upside_down = keyword("upside down|head over heels") | literal(
     "[on|onto] (to) (the|its|his|her|their) [head|roof|back]|belly up"
 )
@@ -381,16 +314,11 @@ made = either(
     colour_value,
     without_colour,
     more_colour_value,
-    brightness_value,
-    contrast_value,
-    saturation_value,
-    warmth_value,
+    compared,
     pop,
     sized,
-    blur_value,
+    ~keyword("go|all") + BLUR.value,
     _glow_value,
-    size_value,
-    pace_value,
     opacity_value,
     upside_down >> (lambda: making.turned(making.UPSIDE_DOWN)),
     on_its_side >> (lambda: making.tilted(90.0)),
@@ -401,53 +329,36 @@ made = either(
 )
 
 BACK, FORTH = (((None, way, None),) for way in ((0, 0, 1), (0, 0, -1)))
-_MORE, _LESS = factor(None, True), factor(None, False)
-_TOO = {
-    "bright|light|shiny|glaring|overexposed": (making.brightened(_LESS), making.brightened(_MORE)),
-    "dark|dim|black|gloomy|underexposed|shadowy": (making.brightened(_MORE), making.brightened(_LESS)),
-    "big|large|tall|huge|wide|long": (making.scaled(_LESS), making.scaled(_MORE)),
-    "small|tiny|little|short": (making.scaled(_MORE), making.scaled(_LESS)),
-    "fast|quick|quickly|hectic|rapid": (making.retimed(_LESS), making.retimed(_MORE)),
-    "slow|slowly|sluggish": (making.retimed(_MORE), making.retimed(_LESS)),
-    "colorful|saturated|vivid|garish|gaudy|strong|intense": (making.saturated(_LESS), making.saturated(_MORE)),
-    "pale|dull|washed out|muted|faded|desaturated": (making.saturated(_MORE), making.saturated(_LESS)),
-    "flat": (making.contrasted(_MORE), making.contrasted(_LESS)),
-    "contrasty|harsh|hard": (making.contrasted(_LESS), making.contrasted(_MORE)),
-    "warm|yellow|orange": (making.warmed(None, False), making.warmed(None, True)),
-    "cold|cool|blue|bluish": (making.warmed(None, True), making.warmed(None, False)),
-    "transparent|see through|faint": (making.opacity(2.0), making.opacity(0.5)),
-    "sharp|crisp": (making.blurred(), making.blurred()),
-    "much contrast|contrast": (making.contrasted(_LESS), making.contrasted(_MORE)),
-    "little contrast": (making.contrasted(_MORE), making.contrasted(_LESS)),
-    "much color|much saturation": (making.saturated(_LESS), making.saturated(_MORE)),
-    "little color|little saturation": (making.saturated(_MORE), making.saturated(_LESS)),
-    "much light|much brightness": (making.brightened(_LESS), making.brightened(_MORE)),
-    "[far|much] left|far to the left|left": (making.moved(making.RIGHT), making.moved(making.LEFT)),
-    "[far|much] right|far to the right|right": (making.moved(making.LEFT), making.moved(making.RIGHT)),
-    "high|high up|far up": (making.moved(making.DOWN), making.moved(making.UP)),
-    "low|far down": (making.moved(making.UP), making.moved(making.DOWN)),
-    "close|near|close to the camera": (making.moved(BACK), making.moved(FORTH)),
-    "far away|far back|far off|distant": (making.moved(FORTH), making.moved(BACK)),
-    "little light|little brightness": (making.brightened(_MORE), making.brightened(_LESS)),
+_PLACES = {
+    "[far|much] left|far to the left|left": (making.RIGHT, making.LEFT),
+    "[far|much] right|far to the right|right": (making.LEFT, making.RIGHT),
+    "high|high up|far up": (making.DOWN, making.UP),
+    "low|far down": (making.UP, making.DOWN),
+    "close|near|close to the camera": (BACK, FORTH),
+    "far away|far back|far off|distant": (FORTH, BACK),
+}
+"""Where something is -> the ways that it goes where that is too much of it, and where it is not enough."""
+_TOO = {words: tuple(map(making.moved, ways)) for words, ways in _PLACES.items()} | {
+    words: (quality.helps(upward), quality.helps(not upward))
+    for quality in QUALITIES
+    for words, _, upward in quality.complaints()
 }
 """Quality -> what is done where there is too much of it, and where there is not enough."""
 _degree = ~literal(
     "far|way|much|a bit|a little|a little bit|rather|really|still|just|slightly|quite|somewhat|a tad|a touch"
 )
-_too = table({words: too for words, (too, _) in _TOO.items()}, reserve=False)
+_too = table({words: too for words, (too, _) in _TOO.items() if too}, reserve=False)
 too_much = either(
     _degree + keyword("too") + _degree + _too,
     _degree + keyword("too") + _degree + colour >> (lambda rgb: making.added(1.0, (rgb, -1))),
-    table(
-        {
-            "underexposed|murky|gloomy|dim": making.brightened(_MORE),
-            "overexposed|blown out|glaring": making.brightened(_LESS),
-            "washed out|faded|lifeless|bland|dull|drab": making.saturated(_MORE),
-            "oversaturated|garish|gaudy": making.saturated(_LESS),
-        },
+    ~(_degree + keyword("too"))
+    + table(
+        {words: q.helps(upward) for q in QUALITIES for _, words, upward in q.complaints() if q.helps(upward)},
         reserve=False,
     ),
-    keyword("not") + table({words: more for words, (_, more) in _TOO.items()}, reserve=False) + keyword("enough"),
+    keyword("not")
+    + table({words: more for words, (_, more) in _TOO.items() if more}, reserve=False)
+    + keyword("enough"),
 )
 """What is done about too much or too little of a quality: a value."""
 rather = literal("a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite") + _too
@@ -463,17 +374,11 @@ cast = (
     + literal("cast|tint|tinge|color cast|hue")
 ) >> (lambda rgb: making.added(1.0, (rgb, -1)))
 """What is done about "it has a yellow cast"."""
-simply = table(
-    {
-        "bright|light|well lit": making.brightened(_MORE),
-        "dark|dim|black as night|pitch dark": making.brightened(_LESS),
-        "colorful|vivid|saturated|vibrant": making.saturated(_MORE),
-        "pale|dull|muted|faded": making.saturated(_LESS),
-        "warm|cozy|cosy": making.warmed(None, True),
-        "cold|cool|icy cold|chilly": making.warmed(None, False),
-        "slow|slowly|slow moving": making.retimed(_LESS),
-        "fast|quick|quickly|rapid": making.retimed(_MORE),
-    },
+simply = optional(degree) + ~literal("more|really|very|rather|quite") + table(
+    {words: (quality, upward) for quality in (BRIGHTNESS, CONTRAST, SATURATION, WARMTH, SPEED)
+     for words, upward in ((quality.much, True), (quality.little, False))}
+    | {"well lit": (BRIGHTNESS, True), "black as night|pitch dark": (BRIGHTNESS, False),
+       "icy cold": (WARMTH, False), "slow moving": (SPEED, False), "rapid": (SPEED, True)},
     reserve=False,
-)
+) >> (lambda how, said: said[0].changed(how, said[1]))  # fmt: skip
 """A quality without "more" or "less": "the sand should be dark"."""

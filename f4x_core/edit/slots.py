@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..language.amounts import Distance, distance, fraction, fraction_of, multiple, number, percent, signed, steps
-from ..language.grammar import Mismatch, Rule, either, here, keyword, table, unless
+from ..language.amounts import Amount, Distance, amount, distance, fraction_of, multiple, number, signed, steps
+from ..language.grammar import Mismatch, Rule, either, here, keyword, table
 from ..language.lexicon import PICTURE, every_form
 from ..language.times import TimeExpression, duration
-from . import making, qualities
+from . import qualities
+from .graded import LENGTH
 from .making import Value
 from .phrases import beside_itself, name, place, thing
 
@@ -81,22 +82,20 @@ def as_given(values: Given) -> Given:
 
 _SHORTENING = frozenset(every_form("shorten|compress|condense|squeeze|squash|squish|cram|abridge|cut|speed").split("|"))
 """Verbs of `last` that make it take less time."""
+_STRETCHING = frozenset(every_form("stretch|stretch out|extend|expand|lengthen|prolong|elongate|protract").split("|"))
 _shortened = here(lambda reading, at: not _SHORTENING.isdisjoint(reading.words))
-_by_factor = keyword("by a factor of") + number | keyword("by") + unless(fraction) + (multiple | number)
-_by_share = keyword("by") + (fraction | percent)
+_stretched = here(lambda reading, at: reading.word(at) == "by" or not _STRETCHING.isdisjoint(reading.words))
+_by_amount = amount | keyword("by") + number >> (lambda x: Amount("times", x))
 as_long = either(
-    ~keyword("so (that) [it|they] [takes|take|lasts|last|runs|is|are]") + multiple + keyword("as long")
-    >> making.stretched,
-    multiple + keyword("longer") >> making.stretched,
+    ~keyword("so (that) [it|they] [takes|take|lasts|last|runs|is|are]") + multiple + keyword("as long") >> LENGTH.times,
     ~keyword("to|by")
     + ~keyword("a factor of")
-    + (fraction_of("length|duration") | multiple + keyword("the time|its time|as much time"))
-    >> making.stretched,
-    _shortened + _by_factor >> (lambda x: making.stretched(x and 1 / x)),
-    _by_factor >> making.stretched,
-    _shortened + _by_share >> (lambda x: making.stretched(1 - x)),
-    _by_share >> (lambda x: making.stretched(1 + x)),
+    + (fraction_of(LENGTH.noun) | multiple + keyword("the time|its time|as much time"))
+    >> LENGTH.times,
+    _shortened + _by_amount >> (lambda how: LENGTH.changed(how, False)),
+    _stretched + _by_amount >> (lambda how: LENGTH.changed(how, True)),
 )
+"""How long a thing takes for what it does."""
 OUT = keyword(
     f"out|away|off|[off|out of|away from] [the|this|my|our] (whole|entire) [{PICTURE}]|out of [there|here|sight]|from "
     f"[sight|view]|from [the|this|my|our] (whole|entire) [{PICTURE}]"
@@ -205,9 +204,8 @@ _another_size = (
     ~keyword(",")
     + ~keyword("but|and|only|that is|at")
     + either(
-        qualities.size_value,
+        qualities.compared,
         qualities.sized,
-        qualities.brightness_value,
         qualities.opacity_value,
         ~keyword("in") + qualities.colour_value,
     )

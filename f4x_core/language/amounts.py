@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Literal, NamedTuple
 
 from .grammar import (
     NOTHING,
@@ -22,7 +22,7 @@ from .grammar import (
     table,
     unless,
 )
-from .lexicon import FRACTIONS, ONES, PICTURE, TENS
+from .lexicon import FRACTIONS, ONES, PICTURE, TENS, word_set
 
 PLACES = 3
 """Decimals that numbers worked out from words keep."""
@@ -96,17 +96,17 @@ multiple = either(
 
 LEAST_PERCENTS = 5
 """Numbers from this on are percents: "contrast 20", "scale 1.5"."""
-SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
-"""Factors up and down: a bit, much, and without a degree."""
+STEPS: Mapping[str | None, tuple[float, float]] = {None: (1.5, 0.67), "small": (1.2, 0.83), "large": (2.0, 0.5)}
+"""Degree -> factors up and down."""
 
 
 class Amount(NamedTuple):
-    """An amount: a little, much, times, a fraction more or less, or to a fraction."""
+    """An amount of a change."""
 
     kind: str
-    """`small`, `large`, `times`, `fraction`, `to`."""
+    """`small`, `large`; `times` more, a `fraction` more; `as`: so many times as much; `to` a value in its own unit."""
     value: float = 1.0
-    """Of the last three."""
+    """Of the last four."""
 
 
 _not_much = ~keyword(",") + literal(
@@ -127,6 +127,15 @@ degree = (_not_much | literal("[just|only] a hint|a [hint|notch|shade|trifle|whi
         ),
     }
 )
+softly = degree | table(
+    {
+        "softly|faintly|gently|weakly": Amount("small"),
+        "heavily|strongly|intensely|brightly|very|really|badly|(even|some|a lot|much) more|stronger|harder": Amount(
+            "large"
+        ),
+    }
+)
+"""How much of something there is: "very blurry"."""
 stops = (keyword("half a") >> (lambda: 0.5) | keyword("a|one") >> (lambda: 1.0) | number | fraction) + ~keyword(
     "of a|a"
 ) + keyword("stop|stops|f stop|f stops|ev") >> (lambda x: Amount("times", 2.0**x))
@@ -140,7 +149,7 @@ _counting = literal(
     "frame|frames|f|second|seconds|s|degrees|degree|x|times|units|unit|width|widths|stop|stops|%|percent|to|-|th"
 )
 _notches = number + literal("shade|shades|notch|notches|step|steps|click|clicks|tick|ticks|tone|tones") >> (
-    lambda x: Amount("times", round(SMALL_STEP[0] ** x, PLACES))
+    lambda x: Amount("times", round(STEPS["small"][0] ** x, PLACES))
 )
 
 
@@ -163,18 +172,17 @@ amount = either(
 )
 
 
-def factor(how: Amount | None, upward: bool) -> float:
+def factor(how: Amount | None, upward: bool, steps: Mapping[str | None, tuple[float, float]] = STEPS) -> float:
     """The factor of something that gets more (`upward`) or less by an amount; Mismatch where it would be none."""
-    if how is None or how.kind in ("small", "large"):
-        up, down = STEP if how is None else SMALL_STEP if how.kind == "small" else LARGE_STEP
-        return up if upward else down
-    if how.kind == "to":
-        return how.value
+    if how is None or how.kind in steps:
+        return steps[how and how.kind][not upward]
     if how.kind == "fraction":
-        return round(1 + how.value if upward else 1 - how.value, PLACES)
+        return 1 + how.value if upward else 1 - how.value
+    if upward or (how.kind == "times" and 0 < how.value < 1):  # "half smaller" is "half as big"
+        return how.value
     if how.value <= 0:
         raise Mismatch
-    return round(how.value if upward or how.value < 1 else 1 / how.value, PLACES)
+    return 1 / how.value
 
 
 _IS = "is|are|was|were|does|do|did|has|looks"
@@ -187,8 +195,10 @@ THAN_OTHERS = literal(
 """With what is compared that adds nothing: what there is."""
 
 
-def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -> Rule:
-    """A factor from "bigger", "a bit smaller", "three times bigger", "twice as big", "20 % smaller", "less big"."""
+def comparison(
+    changed: Callable[[Amount | None, bool], Any], comparatives: str, lesser: str, positives: str, opposites: str
+) -> Rule:
+    """What is `changed` by how much and whether more: "a bit bigger", "smaller by a third", "twice as big", "less big"."""
     compared = table({comparatives: True, lesser: False})
     plain = table({positives: True, opposites: False})
     not_so = literal("not (quite|really|nearly) [so|as|that|too|overly|quite so] (very|much)") + plain
@@ -199,23 +209,16 @@ def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -
     so = ~keyword("just|about") + keyword("as|so") + plain + ~as_now
     more = more + ~THAN_OTHERS
     return either(
-        optional(amount) + more >> factor,
+        optional(amount) + more >> changed,
         ~literal("a (little|wee|tiny) bit|a little|slightly|somewhat|if possible|please") + not_so
-        >> (lambda upward: factor(None, not upward)),
+        >> (lambda upward: changed(None, not upward)),
         more + ~literal(",|-|(|:") + (amount | ~keyword("by") + _hedge + percents + unless(_counting)) + ~literal(")")
-        >> (lambda upward, how: factor(how, upward)),
-        _hedge + multiple + so >> (lambda x, upward: factor(Amount("times", x), True) if upward else _inverse(x)),
-        percent + so >> (lambda x, upward: x if upward else _inverse(x)),
+        >> (lambda upward, how: changed(how, upward)),
+        _hedge + (multiple | percent) + so >> (lambda x, upward: changed(Amount("as", x), upward)),
         fraction + (so + keyword("again") | keyword("again") + so)
-        >> (lambda x, upward: 1 + x if upward else _inverse(1 + x)),
-        so + keyword("again") >> (lambda upward: 2.0 if upward else 0.5),
+        >> (lambda x, upward: changed(Amount("as", 1 + x), upward)),
+        so + keyword("again") >> (lambda upward: changed(Amount("as", 2.0), upward)),
     )
-
-
-def _inverse(x: float) -> float:
-    if x <= 0:
-        raise Mismatch
-    return round(1 / x, PLACES)
 
 
 ITS = (
@@ -224,13 +227,23 @@ ITS = (
 )
 
 
+BEFORE_VERBS = word_set("and , . ; ! then please to") | {""}
+"""Words behind which a verb stands that a command begins with; nothing: it is the first."""
+_is_more = here(
+    lambda reading, at: (
+        reading.word(at - 1) in ("add", "adds", "adding")
+        or (reading.word(at) in ("double", "triple", "quadruple") and reading.word(at - 1) in BEFORE_VERBS)
+    )
+)
+"""Behind a verb, or a verb itself: "add 20 % brightness", "double the brightness"."""
+
+
 def fraction_of(quality: str) -> Rule:
     """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
-    noun = ~keyword("of") + ~keyword(ITS) + keyword(quality)
-    decimal = number + keyword("of") + ~keyword(ITS) + keyword(quality)
+    noun = ~keyword("of") + ~keyword(ITS) + literal(quality)
+    decimal = number + keyword("of") + ~keyword(ITS) + literal(quality)
     share = either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0}))
-    added = here(lambda reading, at: reading.word(at - 1) in ("add", "adds", "adding"))  # "add 20 % brightness"
-    return decimal | unless(added) + share + noun
+    return decimal | unless(_is_more) + share + noun
 
 
 # Which way -----------------------------------------------------------------------------------------------------------

@@ -230,6 +230,7 @@ VOCABULARY.update(
         "animate teleport apply bathe colorize drench dye recolor repaint respray spray exposure contrast warmth "
         "saturation visibility vividness moved shifted pushed pulled placed dragged slid turned flipped faded painted "
         "made set put taken kept shown brought fewer wants wanted needs extra additional identical vibrance endlessly "
+        "brightness luminance size sizes dimensions scale height width length speed pace tempo rate velocity "
         "repeatedly halve double triple treble quadruple radiate sheen halo aura"
     )
 )

@@ -1,0 +1,214 @@
+"""Every quality, direction and amount in one sentence: it comes to that much of that, or is refused; never to anything else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from f4x_core.edit.language import parse
+from f4x_core.edit.making import BLUR, GLOW
+from f4x_core.edit.operations import Blur, Glow, Grade, Opacity, Operation, Recolour, Retime, Transform
+from f4x_core.edit.request import Request
+from f4x_core.errors import F4xError
+
+LABELS = ("dog", "cat", "car", "tree")
+
+
+@dataclass(frozen=True)
+class Said:
+    """An amount as it is said."""
+
+    words: str
+    more: float | str
+    """Factor of so much more, or a degree."""
+    less: float | str
+    """And of so much less; none is left of 0."""
+
+
+DEGREES = (Said("a bit", "small", "small"), Said("slightly", "small", "small"), Said("much", "large", "large"))
+USUAL = Said("", "usual", "usual")
+SHARES = (Said("20 %", 1.2, 0.8), Said("half", 1.5, 0.5), Said("a third", 4 / 3, 2 / 3), Said("150 %", 2.5, -0.5))
+MULTIPLES = (Said("twice", 2.0, 0.5), Said("three times", 3.0, 1 / 3))
+BEHIND = (
+    *(Said(f"by {one.words}", one.more, one.less) for one in SHARES),
+    Said("by a factor of 2", 2.0, 0.5),
+    Said("by a lot", "large", "large"),
+    Said("a bit", "small", "small"),
+    USUAL,
+)
+
+
+@dataclass(frozen=True)
+class Words:
+    """Words of a quality, separated by `/`."""
+
+    more: str
+    less: str
+    much: str
+    little: str = ""
+    increase: str = ""
+    decrease: str = ""
+    noun: str = ""
+    lack: str = ""
+
+
+QUALITIES = {
+    "brightness": Words(
+        "brighter/lighter/less dark", "darker/dimmer/less bright", "bright", "dark", "brighten", "darken", "brightness"
+    ),
+    "contrast": Words("punchier/more contrasty", "flatter/less contrasty", "contrasty", "flat", noun="contrast"),
+    "saturation": Words(
+        "more saturated/more colorful/richer/less pale", "less saturated/less vivid/duller/paler", "colorful", "pale",
+        "saturate", noun="saturation",
+    ),
+    "warmth": Words("warmer/less cool", "cooler/colder/less warm", "warm", "cool", "warm up", "cool down", "warmth"),
+    "size": Words("bigger/larger/less small", "smaller/less big", "big", "small", "enlarge", "shrink", "size"),
+    "speed": Words("faster/quicker/less slow", "slower/less fast", "fast", "slow", "speed up", "slow down", "speed"),
+    "opacity": Words(
+        "more opaque/more solid/less transparent/less see-through", "more transparent/less opaque/more translucent",
+        "opaque", "transparent", noun="opacity", lack="transparency",
+    ),
+    "blur": Words("blurrier/more blurry/less sharp", "less blurry/sharper", "blurry", noun="blur"),
+    "glow": Words("more glowing/more radiant", "less glowing", "radiant", noun="glow"),
+}  # fmt: skip
+LENGTH = Words("longer", "shorter", "long", "", "stretch/lengthen/extend", "shorten/compress", "length")
+"""Of a stretch of time."""
+ALONE = ("blur", "glow")
+"""What nothing has by itself, so that there is no less of it."""
+
+
+def measured(operation: Operation, quality: str) -> float | None:
+    """The factor by which an operation changes a quality; None where it changes anything else."""
+    if isinstance(operation, Recolour):
+        return operation.rgb[0] if quality == "brightness" and operation.mode == "multiply" else None
+    if isinstance(operation, Grade):
+        graded = {"contrast": operation.contrast, "saturation": operation.saturation, "warmth": 1 + operation.warmth}
+        return graded.pop(quality) if quality in graded and graded | {quality: 1} else None
+    if isinstance(operation, Opacity):
+        return operation.factor if quality == "opacity" else None
+    expected = {
+        "size": (Transform, "scale", 1.0),
+        "speed": (Retime, "speed", 1.0),
+        "length": (Retime, "speed", -1.0),
+        "blur": (Blur, "radius", 1 / BLUR),
+        "glow": (Glow, "strength", 1 / GLOW),
+    }
+    kind, field, unit = expected.get(quality, (type(None), "", 1.0))
+    if not isinstance(operation, kind):
+        return None
+    return 1 / getattr(operation, field) if unit < 0 else getattr(operation, field) * unit
+
+
+def means(quality: str, upward: bool, amount: float | str) -> bool:
+    """Whether there is such a change at all; of others a sentence is refused."""
+    if quality in ALONE and not upward:
+        return False
+    if isinstance(amount, str):
+        return True
+    if quality == "warmth":
+        return abs(amount - 1) <= 1
+    if quality == "blur":
+        return amount in (2, 3)
+    if quality == "glow":
+        return amount <= 2
+    return amount > 0
+
+
+def fits(quality: str, upward: bool, amount: float | str, by: float) -> bool:
+    """Whether a factor is what an amount means."""
+    if (by > 1) is not upward and quality not in ALONE:
+        return False
+    away = by if upward else 2 - by if quality == "warmth" else 1 / max(by, 1e-9)
+    if amount == "small":
+        return 0.4 < away < 1.3
+    if amount == "large":
+        return away >= 1.9
+    if amount == "usual":
+        return 0.9 < away < 2.1
+    assert isinstance(amount, float)
+    if quality == "glow" and amount not in (2.0, 3.0):
+        return abs(by * GLOW - (amount - 1)) < 0.01  # "30 % glowing" is that strong
+    return abs(by - amount) < 0.01
+
+
+def sentences(quality: str, words: Words) -> Iterator[tuple[str, bool, float | str]]:
+    """(sentence, whether more of it, how much)."""
+
+    def much(said: Said, upward: bool) -> float | str:
+        if quality == "warmth" and isinstance(said.more, float):  # it has no zero: so much cooler is so much less warm
+            return said.more if upward else 2 - said.more
+        return said.more if upward else said.less
+
+    for upward, comparatives in ((True, words.more), (False, words.less)):
+        for at, word in enumerate(comparatives.split("/")):
+            for said in (*DEGREES, USUAL, *SHARES, *MULTIPLES)[:: 1 + (at > 1)]:
+                yield f"make the dog {said.words} {word}", upward, much(said, upward)
+            for said in BEHIND[:: 1 + (at > 1)]:
+                shape = ("make the dog {} {}", "the dog {} {}", "the dog should be {} {}")[at % 3]
+                yield shape.format(word, said.words), upward, much(said, upward)
+        for verb in filter(None, (words.increase if upward else words.decrease).split("/")):
+            for said in BEHIND:
+                yield f"{verb} the dog {said.words}", upward, much(said, upward)
+        for verb, noun in zip(("increase", "reduce")[:: 1 if upward else -1], (words.noun, words.lack), strict=True):
+            for said in BEHIND if noun else ():
+                yield f"{verb} the {noun} of the dog {said.words}", upward, much(said, upward)
+    for times, factor in (("twice", 2.0), ("three times", 3.0), ("half", 0.5)):
+        yield f"make the dog {times} as {words.much}", factor > 1, factor
+        if words.little:
+            yield (
+                f"make the dog {times} as {words.little}",
+                factor < 1,
+                2 - factor if quality == "warmth" else 1 / factor,
+            )
+
+
+def stretches() -> Iterator[tuple[str, bool, float | str]]:
+    """As `sentences`, of the first half second."""
+    for upward in (True, False):
+        (word,) = (LENGTH.more if upward else LENGTH.less,)
+        for said in (*DEGREES, USUAL, *SHARES, *MULTIPLES):
+            yield f"make the first half second {said.words} {word}", upward, said.more if upward else said.less
+        for said in BEHIND:
+            yield f"make the first half second {word} {said.words}", upward, said.more if upward else said.less
+        for verb in (LENGTH.increase if upward else LENGTH.decrease).split("/"):
+            for said in BEHIND[:-1]:
+                yield f"{verb} the first half second {said.words}", upward, said.more if upward else said.less
+    yield "make the first half second twice as long", True, 2.0
+    yield "make the first half second half as long", False, 0.5
+    yield "halve the length of the first half second", False, 0.5
+    yield "double the length of the first half second", True, 2.0
+    yield "make the first half second last one second", True, 2.0
+    yield "play the first second over two seconds", True, 2.0
+    yield "make the first 20 frames last 10", False, 0.5
+
+
+def failing(quality: str, said: Iterator[tuple[str, bool, float | str]]) -> tuple[list[str], list[str]]:
+    """Sentences that come to something else, and those that are refused and mean something."""
+    wrong, unread = [], []
+    for sentence, upward, amount in said:
+        try:
+            made = parse(Request(sentence, LABELS, fps=24.0, frames=96))
+        except F4xError as refusal:
+            assert len(str(refusal)) > 20
+            if means(quality, upward, amount):
+                unread.append(f"{sentence}: {refusal}")
+            continue
+        by = measured(made[0], quality) if len(made) == 1 else None
+        if by is None or not means(quality, upward, amount) or not fits(quality, upward, amount, by):
+            wrong.append(f"{sentence}: {made}")
+    return wrong, unread
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_so_much_more_or_less_of_a_quality(quality):
+    wrong, unread = failing(quality, sentences(quality, QUALITIES[quality]))
+    assert not wrong, "\n".join(wrong)
+    assert not unread, "\n".join(unread)
+
+
+def test_so_much_longer_or_shorter_a_stretch_of_time():
+    wrong, unread = failing("length", stretches())
+    assert not wrong, "\n".join(wrong)
+    assert not unread, "\n".join(unread)
