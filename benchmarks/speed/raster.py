@@ -102,6 +102,9 @@ def benchmark(
     skipped: dict[str, str] = {}
     names = []
     for name in backends or [name for name in CPU_BACKENDS if name != "reference"]:
+        if name not in CPU_BACKENDS:
+            skipped[name] = "these are the processor's times"
+            continue
         try:
             names.append(choose_backend(name))
         except F4xError as error:

@@ -28,7 +28,7 @@ from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file, sole_writer
 from ..fit.advice import about_cuts, quality, verdict
-from ..fit.budget import ClipSize, Grant, cost, max_gaussians, raster_seconds, within
+from ..fit.budget import ClipSize, Grant, MachineSpeed, cost, max_gaussians, within
 from ..fit.config import SETTINGS, FitConfig, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import fit_clip
@@ -173,11 +173,11 @@ def granted(args: argparse.Namespace, size: ClipSize, config: FitConfig, progres
         value = getattr(args, name)
         if value is not None and not (np.isfinite(value) and value > 0):
             raise F4xError(f"--{name} {value:g}: give a number above 0.")
-    path, unit = args.output / GRANT, raster_seconds(config.kernels.threads)
+    path, speed = args.output / GRANT, MachineSpeed.measured(config.kernels.threads)
     if args.resume and path.is_file():
         allowed = set_fields(config, json.loads(path.read_text()))
     else:
-        allowed = within(Grant(args.minutes, args.memory), size, config, unit)
+        allowed = within(Grant(args.minutes, args.memory), size, config, speed)
         if allowed is not config:
             _keep_grant(path, allowed)
     room = (
@@ -185,8 +185,8 @@ def granted(args: argparse.Namespace, size: ClipSize, config: FitConfig, progres
         if allowed.counts_from == SETTINGS
         else f"; room for {max_gaussians(allowed):,} Gaussians by {allowed.counts_from}"
     )
-    progress("cost", 1, 1, f"{cost(size, allowed, unit)}{room}")
-    larger = _larger(args, size, allowed, unit)
+    progress("cost", 1, 1, f"{cost(size, allowed, speed)}{room}")
+    larger = _larger(args, size, allowed, speed)
     if larger:
         progress("larger pictures", 1, 1, larger)
     return allowed
@@ -200,7 +200,7 @@ def _keep_grant(path: Path, config: FitConfig) -> None:
         file.write(json.dumps([f"{setting.name}={setting.text}" for setting in counts]).encode())
 
 
-def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, unit: float) -> str:
+def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> str:
     """What larger pictures of the same clip would cost and show; empty where there are none."""
     start = parse_span(args.frames).start or 0
     first = read_clip(args.clip, f"{start}:{start + 1}").frames[0]
@@ -213,7 +213,7 @@ def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, unit: f
         missed = np.mean((enlarge_color(small, width, height).astype(np.float64) - first) ** 2)
         detail = f"the detail of the clip's {width} pixels"
         kept = f"{detail} to {10 * np.log10(255**2 / missed):.0f} dB" if missed else f"all {detail}"
-        minutes = cost(dataclasses.replace(size, width=small_width, height=small_height), config, unit).minutes
+        minutes = cost(dataclasses.replace(size, width=small_width, height=small_height), config, speed).minutes
         words.append(f"--width {wanted} keeps {kept}, {minutes:.1f} minutes")
     return "; ".join(words)
 

@@ -1,8 +1,9 @@
 """What a fit costs, estimated before it starts, and how many Gaussians the time and memory that a person grants have room for.
 
 The model is linear: a step costs something by itself, something for every pixel and something for every Gaussian. Its constants
-are processor time over that of one small raster step (`raster_seconds`), which is timed on the machine at hand, so that they
-carry over. They were measured on one clip at three sizes and two numbers of Gaussians; estimates are good to about a third.
+are in raster steps (`MachineSpeed`), one of which is timed on the machine at hand, so that they carry over. They were measured
+on one clip at three sizes and two numbers of Gaussians with two threads; what more threads share was measured with 2, 4, 8 and
+16 on a 16-core machine. Estimates are good to about a third.
 """
 
 from __future__ import annotations
@@ -17,11 +18,14 @@ from ..native.kernels import torch_threads
 from .config import FitConfig
 
 STEP, STEP_PER_PIXEL, STEP_PER_GAUSSIAN = 1.0, 2.65e-5, 1.58e-5
-"""Cost of a training step, of one of its pixels and of one Gaussian, in raster steps (`raster_seconds`)."""
+"""Cost of a training step, of one of its pixels and of one Gaussian, in raster steps of two threads. Threads share the pixels: a
+step of 95,000 Gaussians took 70, 52, 42 and 34 ms with 2, 4, 8 and 16 of them, 30 of which one of them worked alone."""
 REST_PER_PIXEL = 3.8e-4
-"""Cost of scaffold, first Gaussians and the measurements at the end, per pixel of all frames."""
-PRIORS, PRIORS_PER_PIXEL = 150.0, 5.9e-4
-"""Cost of the priors, and of one of the pixels of all frames that they are made from."""
+"""Cost of scaffold, first Gaussians and the measurements at the end, per pixel of all frames, most of it one thread's."""
+PRIORS, PRIORS_PER_PIXEL, PRIORS_SHARED = 150.0, 5.9e-4, 0.4
+"""Cost of the priors, and of one of the pixels of all frames that they are made from; the fraction of these that threads share."""
+MEASURED_THREADS = 2
+"""Threads with which the costs were measured."""
 COARSE_PIXELS = 0.25
 """Pixels of a step at half size, over those of a whole one."""
 GIGABYTE, MEGABYTE = 1e9, 1e6
@@ -93,13 +97,41 @@ class Cost:
         return f"about {self.minutes:.1f} minutes on an idle machine, {room}"
 
 
-def raster_seconds(threads: int) -> float:
-    """Seconds that this machine takes to draw 20,000 Gaussians in 320 x 180 pixels with gradients, the best of five.
+@dataclass(frozen=True)
+class Work:
+    """Raster steps of two threads."""
 
-    Processor time shared by the threads, so that other work on the machine changes nothing: it is what an idle one takes.
-    """
-    with torch_threads(1):  # as in a fit, where the compiled library has the threads
-        return min(_raster_step(threads) for _ in range(5)) / threads
+    alone: float
+    """What one thread does while the others wait: more of them change nothing."""
+    shared: float
+    """What all threads do."""
+
+    def __add__(self, other: Work) -> Work:
+        """Both."""
+        return Work(self.alone + other.alone, self.shared + other.shared)
+
+
+@dataclass(frozen=True)
+class MachineSpeed:
+    """How fast this machine is."""
+
+    raster_seconds: float
+    """Processor time of drawing 20,000 Gaussians in 320 x 180 pixels with gradients: the unit of all costs."""
+    threads: int
+    """Of a fit."""
+
+    @classmethod
+    def measured(cls, threads: int) -> MachineSpeed:
+        """The best of five raster steps.
+
+        Processor time, so that other work on the machine changes nothing: it is what an idle one takes.
+        """
+        with torch_threads(1):  # as in a fit, where the compiled library has the threads
+            return cls(min(_raster_step(threads) for _ in range(5)), threads)
+
+    def seconds(self, work: Work) -> float:
+        """Wall time on an idle machine."""
+        return self.raster_seconds * (work.alone / MEASURED_THREADS + work.shared / self.threads)
 
 
 def _raster_step(threads: int) -> float:
@@ -140,10 +172,10 @@ def machine_memory() -> float:
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIGABYTE
 
 
-def cost(size: ClipSize, config: FitConfig, unit: float) -> Cost:
-    """What the fit of a clip takes at most; `unit` is `raster_seconds` of the machine."""
+def cost(size: ClipSize, config: FitConfig, speed: MachineSpeed) -> Cost:
+    """What the fit of a clip takes at most."""
     count = expected_gaussians(size, config)
-    seconds = unit * (_fixed(size, config) + config.steps * STEP_PER_GAUSSIAN * count)
+    seconds = speed.seconds(_fixed(size, config)) + count * speed.seconds(_per_gaussian(config))
     return Cost(
         size.windows * seconds / 60,
         _memory(size, config, count) / GIGABYTE,
@@ -151,14 +183,14 @@ def cost(size: ClipSize, config: FitConfig, unit: float) -> Cost:
     )
 
 
-def within(grant: Grant, size: ClipSize, config: FitConfig, unit: float) -> FitConfig:
+def within(grant: Grant, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> FitConfig:
     """The configuration with as many Gaussians as the grant has room for, or the profile's own where nothing is granted.
 
     Raises:
         F4xError: a grant that has no room for what a tenth of the profile's Gaussians, or all that such a clip can ask for,
             needs; the sentence has what is needed.
     """
-    limits = [_minutes_limit(grant.minutes, size, config, unit)] if grant.minutes is not None else []
+    limits = [_minutes_limit(grant.minutes, size, config, speed)] if grant.minutes is not None else []
     limits.append(_memory_limit(grant.memory, size, config))
     tightest = min(limits, key=lambda limit: limit.room)
     if grant == Grant() and tightest.room >= expected_gaussians(size, config):
@@ -166,7 +198,7 @@ def within(grant: Grant, size: ClipSize, config: FitConfig, unit: float) -> FitC
     least = _scaled(config, MIN_FRACTION)
     short = [limit.option for limit in limits if limit.room < expected_gaussians(size, least)]
     if short:
-        needed, there = cost(size, least, unit), machine_memory()
+        needed, there = cost(size, least, speed), machine_memory()
         has = f", which has {there:.1f} GB" if there < float("inf") else ""
         raise F4xError(
             f"A fit of {size} pixels with the profile {config.name} takes at least {_up(needed.minutes)} minutes and"
@@ -187,10 +219,10 @@ class _Limit:
     room: float
 
 
-def _minutes_limit(minutes: float, size: ClipSize, config: FitConfig, unit: float) -> _Limit:
+def _minutes_limit(minutes: float, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> _Limit:
     """Room in so many minutes for all windows."""
-    left = 60 * minutes / (size.windows * unit) - _fixed(size, config)
-    return _Limit("--minutes", f"--minutes {minutes:g}", left / (config.steps * STEP_PER_GAUSSIAN))
+    left = 60 * minutes / size.windows - speed.seconds(_fixed(size, config))
+    return _Limit("--minutes", f"--minutes {minutes:g}", left / speed.seconds(_per_gaussian(config)))
 
 
 def _memory_limit(granted: float | None, size: ClipSize, config: FitConfig) -> _Limit:
@@ -212,12 +244,19 @@ def _up(number: float) -> str:
     return f"{math.ceil(10 * number) / 10:.1f}"
 
 
-def _fixed(size: ClipSize, config: FitConfig) -> float:
-    """Cost of everything but the Gaussians, in raster steps."""
+def _fixed(size: ClipSize, config: FitConfig) -> Work:
+    """Cost of everything but the Gaussians."""
     small = size.shrunk(config.priors.longer_side)
-    before = PRIORS + PRIORS_PER_PIXEL * small.frames * small.pixels + REST_PER_PIXEL * size.frames * size.pixels
+    per_pixel = PRIORS_PER_PIXEL * small.frames * small.pixels
+    priors = Work(PRIORS + (1 - PRIORS_SHARED) * per_pixel, PRIORS_SHARED * per_pixel)
     pixels = size.pixels * (1 - config.coarse * (1 - COARSE_PIXELS))
-    return before + config.steps * (STEP + STEP_PER_PIXEL * pixels)
+    steps = Work(config.steps * STEP, config.steps * STEP_PER_PIXEL * pixels)
+    return priors + steps + Work(REST_PER_PIXEL * size.frames * size.pixels, 0)
+
+
+def _per_gaussian(config: FitConfig) -> Work:
+    """Cost of one Gaussian."""
+    return Work(config.steps * STEP_PER_GAUSSIAN, 0)
 
 
 def _memory(size: ClipSize, config: FitConfig, count: float) -> float:

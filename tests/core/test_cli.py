@@ -22,7 +22,7 @@ from f4x_core.cli import doctor, main, terminal
 from f4x_core.cli import fitting as cli_fitting
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.fit import pipeline
-from f4x_core.fit.budget import ClipSize
+from f4x_core.fit.budget import ClipSize, MachineSpeed
 from f4x_core.fit.config import profile
 from f4x_core.scene import read_scene, write_scene
 
@@ -133,7 +133,9 @@ def test_a_fit_tells_its_cost_and_keeps_what_it_was_granted(toy_fit, tmp_path, c
     assert re.search(r"cost \(about [\d.]+ minutes on an idle machine, [\d.]+ GB of memory and a scene of \d+ MB", told)
     assert re.search(r"room for [\d,]+ Gaussians by --memory 1\.5\)", told)
     first = read_scene(tmp_path / "granted" / "scene.f4x").provenance["config"]["density_static"]["max_count"]
-    monkeypatch.setattr(cli_fitting, "raster_seconds", lambda threads: 1e-3)  # now the same grant has room for more
+    monkeypatch.setattr(
+        MachineSpeed, "measured", lambda threads: MachineSpeed(2e-3, 2)
+    )  # now the same grant has room for more
     assert main([*fit, "--minutes", "20", "--memory", "1.5", "--resume"]) == 0
     again = read_scene(tmp_path / "granted" / "scene.f4x").provenance["config"]["density_static"]["max_count"]
     assert again == first != profile("quick").density_static.max_count
@@ -148,7 +150,7 @@ def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
     folder = write_frames(tmp_path / "clip", rng.integers(0, 255, (2, 54, 960, 3), np.uint8))
     told = {}
-    monkeypatch.setattr(cli_fitting, "raster_seconds", lambda threads: 0.01)
+    monkeypatch.setattr(MachineSpeed, "measured", lambda threads: MachineSpeed(0.02, 2))
     args = SimpleNamespace(clip=folder, frames=None, output=tmp_path, resume=False, minutes=None, memory=None)
     size = ClipSize(2, 480, 27)
     config = cli_fitting.granted(args, size, profile("quick"), lambda stage, *rest: told.setdefault(stage, rest[-1]))

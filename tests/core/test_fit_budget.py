@@ -12,11 +12,11 @@ import torch
 from f4x_core import raster
 from f4x_core.errors import F4xError
 from f4x_core.fit import budget
-from f4x_core.fit.budget import ClipSize, Grant, cost, machine_memory, max_gaussians, raster_seconds, within
+from f4x_core.fit.budget import ClipSize, Grant, MachineSpeed, cost, machine_memory, max_gaussians, within
 from f4x_core.fit.config import profile
 from f4x_core.gaussians import DensityConfig, SpawnConfig
 
-SIZE, UNIT = ClipSize(80, 480, 270), 0.006
+SIZE, SPEED, SLOW = ClipSize(80, 480, 270), MachineSpeed(0.012, 2), MachineSpeed(0.02, 2)
 
 
 @pytest.fixture(autouse=True)
@@ -26,31 +26,31 @@ def machine(monkeypatch):
 
 
 def test_larger_pictures_more_steps_and_more_frames_cost_more():
-    usual = cost(SIZE, profile("quick"), UNIT)
+    usual = cost(SIZE, profile("quick"), SPEED)
     for size, config in (
         (ClipSize(160, 480, 270), profile("quick")),
         (ClipSize(80, 854, 480), profile("quick")),
         (SIZE, profile("wild")),
     ):
-        more = cost(size, config, UNIT)
+        more = cost(size, config, SPEED)
         assert more.minutes > usual.minutes
         assert more.memory >= usual.memory
-    slower = cost(SIZE, profile("quick"), 2 * UNIT)
+    slower = cost(SIZE, profile("quick"), MachineSpeed(0.024, 2))
     assert slower.minutes == pytest.approx(2 * usual.minutes)
     assert (slower.memory, slower.file) == (usual.memory, usual.file)
 
 
 def test_priors_of_large_clips_cost_what_those_of_small_ones_do():
     config = dataclasses.replace(profile("quick"), steps=1)
-    large, small = cost(ClipSize(80, 1920, 1080), config, UNIT), cost(SIZE, config, UNIT)
+    large, small = cost(ClipSize(80, 1920, 1080), config, SPEED), cost(SIZE, config, SPEED)
     assert large.minutes < 8 * small.minutes  # sixteen times the pixels
 
 
 @pytest.mark.parametrize("grant", [Grant(minutes=4), Grant(memory=1.9), Grant(4, 1.9)])
 def test_what_is_granted_is_kept_and_used(grant):
     config, size = profile("quick"), ClipSize(80, 854, 480)
-    fitting = within(grant, size, config, UNIT)
-    found = cost(size, fitting, UNIT)
+    fitting = within(grant, size, config, SPEED)
+    found = cost(size, fitting, SPEED)
     assert found.minutes <= (grant.minutes or 1e9) * 1.001
     assert found.memory <= (grant.memory or 1e9) * 1.001
     used = max(found.minutes / (grant.minutes or 1e9), found.memory / (grant.memory or 1e9))
@@ -62,24 +62,24 @@ def test_what_is_granted_is_kept_and_used(grant):
 
 def test_more_than_the_profile_takes_is_used_too():
     config = profile("quick")
-    assert max_gaussians(within(Grant(minutes=60), SIZE, config, UNIT)) > 2 * max_gaussians(config)
+    assert max_gaussians(within(Grant(minutes=60), SIZE, config, SPEED)) > 2 * max_gaussians(config)
 
 
 def test_a_small_machine_takes_fewer_gaussians_or_refuses(monkeypatch):
     config, size = profile("wild"), ClipSize(80, 1920, 1080)
     monkeypatch.setattr(budget, "machine_memory", lambda: 9.0)
-    fitting = within(Grant(), size, config, UNIT)
+    fitting = within(Grant(), size, config, SPEED)
     assert max_gaussians(fitting) < max_gaussians(config)
-    assert cost(size, fitting, UNIT).memory <= 4.501
+    assert cost(size, fitting, SPEED).memory <= 4.501
     monkeypatch.setattr(budget, "machine_memory", lambda: 2.0)
     for grant in (Grant(), Grant(memory=500)):
         with pytest.raises(F4xError, match=r"on this machine, which has 2\.0 GB; grant more"):
-            within(grant, size, config, UNIT)
+            within(grant, size, config, SPEED)
 
 
 def test_no_grant_changes_nothing():
     config = profile("wild")
-    assert within(Grant(), SIZE, config, UNIT) is config
+    assert within(Grant(), SIZE, config, SPEED) is config
 
 
 @pytest.mark.parametrize(
@@ -88,11 +88,11 @@ def test_no_grant_changes_nothing():
 )
 def test_too_little_is_refused_with_what_is_needed(grant, short):
     with pytest.raises(F4xError, match=r"takes at least .* minutes and .* GB .*; grant more") as refused:
-        within(grant, SIZE, profile("quick"), UNIT)
+        within(grant, SIZE, profile("quick"), SPEED)
     assert f"grant more ({short})" in str(refused.value)
     minutes, memory = re.search(r"at least ([\d.]+) minutes and ([\d.]+) GB", str(refused.value)).groups()
     enough = Grant(grant.minutes and float(minutes), grant.memory and float(memory))
-    assert within(enough, SIZE, profile("quick"), UNIT)  # what is said to be enough is
+    assert within(enough, SIZE, profile("quick"), SPEED)  # what is said to be enough is
 
 
 @pytest.mark.parametrize("size", [ClipSize(6, 64, 40), ClipSize(20, 160, 90), ClipSize(80, 480, 270, windows=5)])
@@ -100,31 +100,40 @@ def test_too_little_is_refused_with_what_is_needed(grant, short):
 def test_what_is_said_to_be_enough_is_enough_for_small_clips_and_for_windows(size, grant):
     """A small clip asks for less than a tenth of the profile's Gaussians; minutes are those of all windows."""
     with pytest.raises(F4xError, match="grant more") as refused:
-        within(grant, size, profile("wild"), UNIT)
+        within(grant, size, profile("wild"), SPEED)
     minutes, memory = map(float, re.search(r"at least ([\d.]+) minutes and ([\d.]+) GB", str(refused.value)).groups())
     enough = Grant(grant.minutes and minutes, grant.memory and memory)
-    fitting = within(enough, size, profile("wild"), UNIT)
-    found = cost(size, fitting, UNIT)
+    fitting = within(enough, size, profile("wild"), SPEED)
+    found = cost(size, fitting, SPEED)
     assert found.minutes <= (enough.minutes or 1e9) and found.memory <= (enough.memory or 1e9)
     assert fitting.counts_from.startswith("--m")
     if size.windows > 1 and grant.minutes:
         with pytest.raises(F4xError, match="A fit of 5 windows of 80 frames"):
-            within(Grant(minutes=0.7 * minutes), size, profile("wild"), UNIT)
+            within(Grant(minutes=0.7 * minutes), size, profile("wild"), SPEED)
 
 
 def test_windows_cost_their_number_of_times_the_minutes_and_the_memory_of_one():
-    one, five = (cost(dataclasses.replace(SIZE, windows=windows), profile("quick"), UNIT) for windows in (1, 5))
+    one, five = (cost(dataclasses.replace(SIZE, windows=windows), profile("quick"), SPEED) for windows in (1, 5))
     assert (five.minutes, five.memory, five.file) == pytest.approx((5 * one.minutes, one.memory, 5 * one.file))
 
 
 def test_what_the_numbers_come_from_is_kept(monkeypatch):
     config, size = profile("wild"), ClipSize(80, 1920, 1080)
-    assert within(Grant(), SIZE, config, UNIT).counts_from == "settings"
-    assert within(Grant(memory=5), size, config, UNIT).counts_from == "--memory 5"
-    assert within(Grant(minutes=40, memory=30), size, config, UNIT).counts_from == "--minutes 40"
+    assert within(Grant(), SIZE, config, SPEED).counts_from == "settings"
+    assert within(Grant(memory=5), size, config, SPEED).counts_from == "--memory 5"
+    assert within(Grant(minutes=40, memory=30), size, config, SPEED).counts_from == "--minutes 40"
     monkeypatch.setattr(budget, "machine_memory", lambda: 9.0)
-    assert within(Grant(), size, config, UNIT).counts_from == "half of this machine's 9.0 GB of memory"
-    assert within(Grant(memory=500), size, config, UNIT).counts_from == "this machine's 9.0 GB of memory"
+    assert within(Grant(), size, config, SPEED).counts_from == "half of this machine's 9.0 GB of memory"
+    assert within(Grant(memory=500), size, config, SPEED).counts_from == "this machine's 9.0 GB of memory"
+
+
+def test_more_threads_share_pixels_but_not_what_one_thread_does_alone():
+    size, config = written_out()
+    one, two, many = (cost(size, config, MachineSpeed(0.02, threads)).minutes for threads in (1, 2, 1000))
+    shared = 0.4 * 5.9e-4 * 20 * 30_000 + 100 * 2.65e-5 * 120_000 * (0.2 / 4 + 0.8)
+    assert two - many == pytest.approx(0.01 * shared / 60, rel=0.01) and one - two == pytest.approx(0.01 * shared / 60)
+    few = max_gaussians(within(Grant(minutes=two), size, config, MachineSpeed(0.02, 2)))
+    assert max_gaussians(within(Grant(minutes=two), size, config, MachineSpeed(0.02, 16))) > few
 
 
 def written_out(frames: int = 20, **changes):
@@ -151,22 +160,22 @@ TRAINING = 0.55e9 + 20 * 20 * 120_000 + 250 * 120_000
 def test_a_cost_is_the_sum_of_what_steps_pixels_and_gaussians_cost():
     size, config = written_out()
     count = 1.5 * 6 * 120_000 / 2**2  # what the clip can ask for, not what there is room for
-    found = cost(size, config, 0.01)
+    found = cost(size, config, SLOW)
     assert found.minutes == pytest.approx(0.01 * (FIXED + 100 * 1.58e-5 * count) / 60)
     assert found.memory == pytest.approx((TRAINING + 1900 * count) / 1e9)
     assert found.file == pytest.approx(78 * count / 1e6)
     roomless = dataclasses.replace(config, density_static=DensityConfig(max_count=100_000, max_growth=1.5))
-    assert cost(size, roomless, 0.01).file == pytest.approx(78 * 140_000 / 1e6)
+    assert cost(size, roomless, SLOW).file == pytest.approx(78 * 140_000 / 1e6)
     assert max_gaussians(roomless) == 140_000
 
 
 def test_many_frames_take_most_memory_while_priors_are_made():
     size, config = written_out(frames=2000)
     config = dataclasses.replace(config, priors=dataclasses.replace(config.priors, longer_side=400))
-    assert cost(size, config, 0.01).memory == pytest.approx((0.55e9 + 85 * 2000 * 120_000) / 1e9)
+    assert cost(size, config, SLOW).memory == pytest.approx((0.55e9 + 85 * 2000 * 120_000) / 1e9)
     with pytest.raises(F4xError, match="grant more"):  # enough to train it
-        within(Grant(memory=20), size, config, 1e-6)
-    assert max_gaussians(within(Grant(memory=20.96), size, config, 1e-6)) > max_gaussians(config)
+        within(Grant(memory=20), size, config, MachineSpeed(2e-6, 2))
+    assert max_gaussians(within(Grant(memory=20.96), size, config, MachineSpeed(2e-6, 2))) > max_gaussians(config)
 
 
 def test_priors_are_made_from_pictures_no_larger_than_the_clip():
@@ -180,13 +189,13 @@ def test_room_is_what_the_grant_leaves_beside_everything_else():
     size, config = written_out()
     minutes, memory = 0.01 * (FIXED + 100 * 1.58e-5 * 170_000) / 60, (TRAINING + 1900 * 170_000) / 1e9
     for grant in (Grant(minutes=minutes), Grant(memory=memory), Grant(2 * minutes, memory), Grant(minutes, 2 * memory)):
-        fitting = within(grant, size, config, 0.01)
+        fitting = within(grant, size, config, SLOW)
         rooms = [getattr(fitting, name).max_count for name in ("density_static", "density_dynamic")]
         assert rooms == pytest.approx([150_000, 20_000], abs=1)
         rooms = [getattr(fitting, name).max_count for name in ("spawn_static", "spawn_dynamic")]
         assert rooms == pytest.approx([2_500, 350], abs=1)
     tiny = dataclasses.replace(config, spawn_dynamic=SpawnConfig(max_count=1))
-    assert within(Grant(memory=memory), size, tiny, 0.01).spawn_dynamic.max_count == 1, "room for one at least"
+    assert within(Grant(memory=memory), size, tiny, SLOW).spawn_dynamic.max_count == 1, "room for one at least"
 
 
 @pytest.mark.parametrize(("room", "refused"), [(33_900, True), (34_100, False)])
@@ -195,9 +204,9 @@ def test_a_grant_with_room_for_less_than_a_tenth_is_refused(room, refused):
     grant = Grant(memory=(TRAINING + 1900 * room) / 1e9)
     if refused:
         with pytest.raises(F4xError, match="grant more"):
-            within(grant, size, config, 0.01)
+            within(grant, size, config, SLOW)
     else:
-        assert max_gaussians(within(grant, size, config, 0.01)) == pytest.approx(room, abs=2)
+        assert max_gaussians(within(grant, size, config, SLOW)) == pytest.approx(room, abs=2)
 
 
 @pytest.mark.parametrize(("room", "thinner"), [(269_000, True), (271_000, False)])
@@ -205,7 +214,7 @@ def test_half_of_the_machine_is_taken_and_a_profile_that_fits_into_it_stays(monk
     """The clip asks for 270,000 Gaussians, the profile has room for 340,000."""
     size, config = written_out()
     monkeypatch.setattr(budget, "machine_memory", lambda: 2 * (TRAINING + 1900 * room) / 1e9)
-    fitting = within(Grant(), size, config, 0.01)
+    fitting = within(Grant(), size, config, SLOW)
     assert (max_gaussians(fitting) == pytest.approx(room, abs=2)) == thinner
     assert (fitting is config) != thinner
 
@@ -219,7 +228,7 @@ def test_the_machine_is_asked_for_its_memory(monkeypatch):
 
 
 def test_the_machine_is_timed():
-    assert 0 < raster_seconds(1) < 60
+    assert 0 < MachineSpeed.measured(1).raster_seconds < 60
 
 
 def test_the_best_of_five_raster_steps_counts_and_its_threads_share_it(monkeypatch):
@@ -234,7 +243,7 @@ def test_the_best_of_five_raster_steps_counts_and_its_threads_share_it(monkeypat
     torch.set_num_threads(2)
     try:
         monkeypatch.setattr(budget, "_raster_step", step)
-        assert raster_seconds(4) == 0.5
+        assert MachineSpeed.measured(4) == MachineSpeed(2.0, 4)
         assert torch_threads == [1] * 5 and torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
