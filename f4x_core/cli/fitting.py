@@ -214,7 +214,8 @@ def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, speed: 
         detail = f"the detail of the clip's {width} pixels"
         kept = f"{detail} to {10 * np.log10(255**2 / missed):.0f} dB" if missed else f"all {detail}"
         minutes = cost(dataclasses.replace(size, width=small_width, height=small_height), config, speed).minutes
-        words.append(f"--width {wanted} keeps {kept}, {minutes:.1f} minutes")
+        which = "this size" if wanted == size.width else f"--width {wanted}"
+        words.append(f"{which} keeps {kept}, {minutes:.1f} minutes")
     return "; ".join(words)
 
 

@@ -80,10 +80,15 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Sta
     priors = replace(priors, depth=carried_depth(priors, lifted_scaffold, scaffold))
     progress("scaffold", 2, 2, f"{len(scaffold)} nodes")
     evidence = ", ".join(f"{row.nodes}: {row.residual:.2f}" for row in selection.table)
+    wanted = f"wanted {tolerance:g}"
+    if not selection.met:
+        wanted += (
+            f", which none reaches: the fewest within {selected.slack:.0%} of the best, or at the tracks' own noise"
+        )
     need = Need(
         "motion nodes",
         str(len(scaffold)),
-        f"90 % of {len(lifted)} tracks held out follow within so many pixels, by nodes: {evidence}; wanted {tolerance:g}",
+        f"90 % of {len(lifted)} tracks held out follow within so many pixels, by nodes: {evidence}; {wanted}",
         f"{max(settings.max_nodes - len(scaffold), 0)} nodes of at most {settings.max_nodes}",
     )
     return Start(scaffold, [need], priors)

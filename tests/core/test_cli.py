@@ -156,7 +156,7 @@ def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):
     config = cli_fitting.granted(args, size, profile("quick"), lambda stage, *rest: told.setdefault(stage, rest[-1]))
     assert config is not None and not (tmp_path / "grant.json").exists()
     assert re.fullmatch(
-        r"--width 480 keeps the detail of the clip's 960 pixels to 1\d dB, [\d.]+ minutes;"
+        r"this size keeps the detail of the clip's 960 pixels to 1\d dB, [\d.]+ minutes;"
         r" --width 854 keeps the detail of the clip's 960 pixels to \d+ dB, [\d.]+ minutes",
         told["larger pictures"],
     )
