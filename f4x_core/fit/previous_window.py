@@ -28,6 +28,7 @@ from ..raster.blend_weights import blend_weight_sums
 from ..scaffold import Scaffold
 from ..scaffold.joining import continue_nodes
 from ..scene import Scene, StaticSet
+from ..scene.join import followed_by
 from ..scene.view import render, seen_from
 from .pipeline import ClipFit, FitResult, start_fit
 from .spawning import MASK_MARGIN, Explained, spawn_frames
@@ -74,8 +75,7 @@ class FrozenBackground:
 
     def with_own(self, static: StaticSet) -> StaticSet:
         """The window's whole background: the Gaussians that stayed, then its own."""
-        parts = self.world.arrays(), static.arrays()
-        return StaticSet(**{name: np.concatenate([part[name] for part in parts]) for name in parts[1]})
+        return followed_by(self.world, static)
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,6 +282,7 @@ class WindowFit(ClipFit):
     """The fit of a window that goes on from the one before."""
 
     previous: PreviousWindow = field(kw_only=True)
+    whole: bool = False
 
     def settings_hash(self) -> str:
         """Depends on the window before, too."""

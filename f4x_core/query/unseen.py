@@ -8,7 +8,7 @@ import numpy as np
 
 from ..geometry.arrays import evenly_spaced
 from ..geometry.splats import Splats
-from ..scene import Scene
+from ..scene import MADE_UP, Scene
 from ..scene.stage import Cloud, fitted_config
 from .blend_weights import seen_sums
 
@@ -26,11 +26,14 @@ _UNSEEN: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 def unseen_gaussians(scene: Scene) -> np.ndarray:
     """(N,) bool over `scene.posed`: to no frame of the clip, before any edit, their light comes through (`LEAST`).
 
-    Copies are what their originals are. Cached for the lifetime of the scene before its edits.
+    What a fit made up is among them, though edges of what moves let some of it through. Copies are what their originals are.
+    Cached for the lifetime of the scene before its edits.
     """
     base = scene.base
     if base not in _UNSEEN:
-        _UNSEEN[base] = ~_seen(base)
+        unseen = ~_seen(base)
+        unseen[: len(base.static)] |= base.extra.get(MADE_UP, False)
+        _UNSEEN[base] = unseen
     return _UNSEEN[base][scene.origin]
 
 

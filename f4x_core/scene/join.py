@@ -219,6 +219,11 @@ def _concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Ga
     return type(parts[0])(**arrays, span=None if (span == ALWAYS).all() else span)
 
 
+def followed_by(static: StaticSet, more: StaticSet) -> StaticSet:
+    """Both sets as one; what has no span is always there."""
+    return _concatenated([static, more], [_within(part, np.array(ALWAYS)) for part in (static, more)])
+
+
 def _within(part: StaticSet, span: np.ndarray) -> np.ndarray:
     """(N,4) spans of what is there in its own and in a window's `span (4,)`: it comes with the later and goes with the earlier."""
     if part.span is None:

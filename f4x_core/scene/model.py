@@ -56,6 +56,8 @@ CAMERA_ARRAYS = {
 """Array name -> dtype in the file and axes; a letter is one length throughout its group."""
 KEYS = {"means": "xyz", "quats": "rotation", "scales": "scale", "opacities": "opacity"}
 """What the file calls arrays of Gaussians that have another name here."""
+MADE_UP = "static/made_up"
+"""Member of `Scene.extra`, (Ns,) bool: no frame of the clip shows a static Gaussian, its colours are those around it."""
 SPAN = "span"
 """The one array that a set may lack: then all its Gaussians are always present."""
 

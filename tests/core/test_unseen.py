@@ -14,7 +14,7 @@ from f4x_core.edit.stack import EditStack, with_stack
 from f4x_core.geometry.arrays import evenly_spaced
 from f4x_core.query.blend_weights import seen_sums
 from f4x_core.query.unseen import COLUMNS, LEAST, VIEWS, unseen_gaussians
-from f4x_core.scene import StaticSet
+from f4x_core.scene import MADE_UP, StaticSet
 from f4x_core.scene.stage import Cloud, Surface, draw, fitted_config
 
 
@@ -49,6 +49,13 @@ def test_the_hidden_wall_alone_is_unseen(scene):
     within = ((pixels > 4) & (pixels < (WIDTH - 4, HEIGHT - 4))).all(1)
     assert not unseen[:first][within[:first]].any() and unseen[first:last][within[first:]].all()
     assert not unseen[last:].any()
+
+
+def test_what_was_made_up_is_unseen_though_light_of_it_comes_through(scene):
+    guessed = np.arange(len(scene.static)) % 5 == 0
+    unseen, before = unseen_gaussians(replace(scene, extra={MADE_UP: guessed})), unseen_gaussians(scene)
+    np.testing.assert_array_equal(unseen[: len(guessed)], before[: len(guessed)] | guessed)
+    np.testing.assert_array_equal(unseen[len(guessed) :], before[len(guessed) :])
 
 
 def test_it_is_what_numpy_alone_finds_view_by_view(scene):
