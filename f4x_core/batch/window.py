@@ -163,7 +163,7 @@ class WindowRequest:
     def _fitted(self, progress: Progress) -> FitResult:
         """The fit; what it held of the window before is gone when it ends."""
         if self.before is None:
-            return ClipFit(self.clip, self.folder, self.config, progress, self.resume).run()
+            return ClipFit(self.clip, self.folder, self.config, progress, self.resume, whole=False).run()
         previous = self.before.read()
         return WindowFit(self.clip, self.folder, self.config, progress, self.resume, previous=previous).run()
 

@@ -23,6 +23,7 @@ from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, keep_measured, summary
 from ..files import replace_file
 from ..fit.config import FitConfig
+from ..fit.covered import completed
 from ..language.lexicon import plural
 from ..progress import Progress, silent
 from ..scene import Scene, read_scene
@@ -140,7 +141,7 @@ def fit_shot(
         "evidence": f"{shot.end - shot.start} frames, at most {max(b - a for a, b in shot.windows)} at a time",
         "saved": "memory that grows with the clip",
     }
-    return replace(joined, provenance=provenance, needs=(need,))
+    return completed(replace(joined, provenance=provenance, needs=(need,)))
 
 
 def _part_progress(what: str, number: int, count: int, progress: Progress) -> Progress:

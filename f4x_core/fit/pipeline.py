@@ -28,7 +28,7 @@ from ..scene import DynamicSet, Scene, StaticSet
 from .believed import believed_degrees, depth_evidence
 from .checkpoint import load_checkpoint
 from .config import SETTINGS, FitConfig, resolved
-from .covered import painted
+from .covered import completed
 from .harmonics import GAIN_DB
 from .model import CameraRig, NodeSet, SceneModel
 from .needs import Need, Shortage, moving_fraction
@@ -79,6 +79,8 @@ class ClipFit:
     resume: bool = False
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time of the stages that are done."""
+    whole: bool = True
+    """It is no window of a longer clip: what no frame of it shows is made up (`completed`)."""
 
     def run(self) -> FitResult:
         """All stages, one after the other."""
@@ -105,8 +107,9 @@ class ClipFit:
         trainer.run(checkpoint, settings_hash, self.progress)
         self._record("photometric", clock)
         result = self.finish(trainer)
-        known = {**result.scene.provenance, "believed_degrees": _believed(priors)}
-        return replace(result, priors=priors, scene=replace(result.scene, provenance=known))
+        scene = completed(result.scene) if self.whole else result.scene
+        known = {**scene.provenance, "believed_degrees": _believed(priors)}
+        return replace(result, priors=priors, scene=replace(scene, provenance=known))
 
     def _record(self, stage: str, since: float) -> float:
         """Note the seconds of a stage; returns the time now."""
@@ -207,7 +210,6 @@ def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> Fit
         needs=tuple(need.row() for need in needs),
         next_id=trainer.next_id,
     )
-    scene = replace(scene, static=painted(scene))
     return FitResult(scene, trainer.priors, trainer.history, seconds or {}, tuple(_shortages(trainer)))
 
 

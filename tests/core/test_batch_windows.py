@@ -145,6 +145,7 @@ def shot(tmp_path_factory):
         return part(clip, priors, start, end, *worlds[start])[1]
 
     patch.setattr(pipeline, "build_priors", build)
+    patch.setattr(pipeline, "completed", None)  # no window is: a later one may see what it hides
     plan = windows.Shot(((0, 8), (5, 13), (10, 16)))
     results = windows.fit_long([plan], read, folder, config, fit=window.fit_here)
     yield SimpleNamespace(folder=folder, clip=clip, read=read, config=config, plan=plan, result=results[0])
@@ -186,7 +187,7 @@ def test_the_joined_scene_closes_like_a_single_one(shot):
     assert told["verdict"].startswith(f"The worst of 3 windows, frames {first} to {end - 1}, is {word}: ")
     assert f"{parts[worst].metrics['used_psnr']:.1f} dB" in told["verdict"] and told["verdict"] in whole
     lines = closing_lines(shot.folder, shot.result["needs"], told)
-    assert lines[0] == "what the clip needed: windows 3"
+    assert lines[0].startswith("what the clip needed: windows 3; hidden background ")
     assert lines[-1] == f"{told['verdict']} Why, and what you can supply: {shot.folder / 'diagnostics.html'}"
     kept = json.loads((shot.folder / "metrics.json").read_text())
     assert [row["frames"] for row in kept["windows"]] == ["0 to 7", "5 to 12", "10 to 15"]
@@ -249,6 +250,13 @@ def test_the_mover_goes_on(shot):
     path = np.stack([place(t) for t in range(16)])
     assert np.allclose(np.diff(path[:, 0]), 0.03, atol=0.02), "0.03 a frame, without a jump where windows meet"
     assert np.abs(path[:, 2] - 0.9).max() < 0.1
+
+
+def test_what_no_window_shows_is_made_up_in_the_whole_alone(shot, monkeypatch):
+    given = []
+    monkeypatch.setattr(windows, "completed", lambda scene: given.append(scene) or scene)
+    whole = windows.fit_shot(shot.plan, shot.read, shot.folder, shot.config, resume=True, fit=None)
+    assert given == [whole] and whole.needs[-1]["what"] == "windows"
 
 
 def test_finished_windows_are_kept(shot):

@@ -51,6 +51,19 @@ def test_moving_toy_gets_few_nodes_and_a_good_picture(fit, tmp_path):
     assert len(np.unique(ids)) == len(ids) and ids.max() < scene.next_id
 
 
+def test_what_a_whole_clip_hides_is_made_up_after_its_fit(fit, tmp_path, monkeypatch):
+    given = []
+
+    def completed(scene):
+        given.append(scene)
+        return dataclasses.replace(scene, name="completed")
+
+    monkeypatch.setattr(pipeline, "completed", completed)
+    result = fit(tmp_path, small(20))
+    assert result.scene.name == "completed" and len(given) == 1 and "believed_degrees" in result.scene.provenance
+    np.testing.assert_array_equal(result.scene.static.means, given[0].static.means)
+
+
 def test_small_pictures_are_followed_to_less_than_a_pixel():
     scaffold = profile("quick").scaffold
     assert scaffold.tolerance_at(480) == scaffold.tolerance_at(1920) == scaffold.tolerance
