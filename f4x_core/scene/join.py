@@ -34,6 +34,8 @@ ALWAYS = (-np.inf, -np.inf, np.inf, np.inf)
 """The span of what never comes or goes."""
 COMPARED_PER_WINDOW = 4
 """Frames of a window in which it is looked whether they would show what later windows made."""
+HIDDEN = 0.1
+"""Fraction of its light that may come through what moves before a Gaussian that an earlier frame does not show."""
 
 
 def spans_of(windows: Sequence[tuple[int, int]], times: np.ndarray) -> np.ndarray:
@@ -262,14 +264,14 @@ def _with_new_ground(scene: Scene, compared: Sequence[float], backend: str, prog
     early = since > -np.inf
     span[early, :2] = -np.inf
     open_ground = replace(scene, static=replace(scene.static, span=span))
+    still = replace(open_ground, dynamic=DynamicSet.empty(), scaffold=None)
     shown = np.zeros(len(span), bool)
     for done, time in enumerate(compared):
         progress("join", done, len(compared), "what earlier frames would show")
         later = early & (since > time) & ~shown
         if later.any():
-            shown[later] = (
-                _weights(open_ground, time, backend)[: len(span)][later] > 0
-            )  # thousands of little ones add up
+            weight, alone = (_weights(one, time, backend)[: len(span)] for one in (open_ground, still))
+            shown |= later & (weight > HIDDEN * alone)  # of any weight: thousands of little ones add up
     kept = scene.static.span.copy()
     kept[early & ~shown, :2] = -np.inf
     return replace(scene, static=replace(scene.static, span=None if (kept == ALWAYS).all() else kept))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from labelled_scene import labelled_scene
 
 from f4x_core.edit.apply import with_operations
 from f4x_core.edit.bake import bake
@@ -13,11 +14,12 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.geometry.interpolation import presence
+from f4x_core.progress import silent
 from f4x_core.query.not_deleted import not_deleted
 from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.joining import continue_nodes, join_scaffolds
 from f4x_core.scene import DynamicSet, Scene, StaticSet, read_scene, write_scene
-from f4x_core.scene.join import join_scenes, spans_of
+from f4x_core.scene.join import ALWAYS, _weights, _with_new_ground, join_scenes, spans_of
 from f4x_core.scene.model import faded
 
 WIDTH, HEIGHT = 32, 20
@@ -219,6 +221,19 @@ def test_background_comes_goes_or_was_always_there(joined):
     assert spans[1] == [-inf, -inf, 7, 8], "amid the four frames that both share"
     assert spans[10] == [7, 8, inf, inf]
     assert spans[11] == [-inf, -inf, inf, inf], "no earlier frame shows it"
+
+
+def test_what_movers_hid_before_was_there_from_the_beginning():
+    """Of a wall that came at frame 3 no earlier frame shows what the square stood before, though its edges let some through."""
+    scene = labelled_scene(features=False)
+    x, y = scene.static.means[:, 0], scene.static.means[:, 1]
+    hidden, open_ = (x > -0.26) & (x < -0.14) & (abs(y) < 0.12), (x > 0.1) & (x < 0.3) & (abs(y) < 0.12)
+    span = np.tile(np.float32(ALWAYS), (len(x), 1))
+    span[hidden | open_, :2] = 3
+    came = replace(scene, static=replace(scene.static, span=span))
+    assert (_weights(scene, 0.0, "auto")[: len(x)][hidden] > 0).any()
+    found = _with_new_ground(came, [0.0, 2.0], "auto", silent).static.span
+    assert np.isneginf(found[hidden, :2]).all() and (found[open_, :2] == 3).all()
 
 
 def test_file_of_what_comes_and_goes(joined, tmp_path):
