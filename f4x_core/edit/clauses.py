@@ -55,8 +55,8 @@ class Clause(NamedTuple):
 Clauses = tuple[Clause, ...]
 
 
-_then = either(span, keyword("only|just") + span, span + ~keyword(",") + keyword("only|alone"))
-_when = ~keyword(",") + ~keyword("but") + _then
+_then = either(span, keyword("only|just") + span, span + keyword("(,) [only|alone]"))
+_when = ~keyword("(,) (but)") + _then
 _slowly = ~keyword(",") + table(
     {
         "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|more "
@@ -70,12 +70,12 @@ _slowly = ~keyword(",") + table(
 )
 """That it comes little by little, and whether at both ends."""
 _afterthought = either(
-    ~keyword(",|-|(") + ~keyword("but|though|if|and|or") + keyword("only|just|merely|barely|(even) if only") + degree,
+    ~keyword(",|-|(") + keyword("(but|though|if|and|or) [only|just|merely|barely|(even) if only]") + degree,
     keyword(",|(|-|but") + ~keyword("maybe|perhaps|say") + degree,
     keyword(",|(|-|but|and")
-    + ~keyword("but")
     + keyword(
-        "go easy (on it)|take it easy|gently (please)|do not overdo it|not overdone|with restraint|keep it subtle|subtle|subtly"
+        "(but) [go easy (on it)|take it easy|gently (please)|do not overdo it|not overdone|with restraint|keep it "
+        "subtle|subtle|subtly]"
     )
     >> (lambda: Amount("small")),
     keyword(",|(|-")

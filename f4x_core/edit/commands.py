@@ -15,6 +15,7 @@ from ..language.amounts import (
     LEAST_PERCENTS,
     Amount,
     amount,
+    any_word,
     comparison,
     degree,
     distance,
@@ -47,6 +48,7 @@ from ..language.grammar import (
     silent,
     table,
     unless,
+    word_if,
 )
 from ..language.idle import is_strange
 from ..language.lexicon import PICTURE, every_form, singular, word_set
@@ -143,15 +145,12 @@ ADDS_NOTHING = either(
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
     + here(lambda reading, at: not reading.word(at).isalpha()),
     literal("too") + unless(_goes_on),
-    literal(f"[the|this] [{PICTURE}] [should|must|may|shall|has to]")
-    + here(lambda reading, at: reading.word(at) in ("show", "contain", "have", "display", "keep", "only", "just")),
-    literal("done (up)") + here(lambda reading, at: reading.word(at) == "in"),
-    literal("[would be|is|are|will be] [better off|happier]|[starts|start|begins|begin] (out|off) (as)"),
     literal("(over|right) after [him|her|them]"),
-    literal("while|as|when")
-    + literal("he|she|it|they")
-    + Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
-    + here(lambda reading, at: span.at(reading, at)),  # "while she spins from second 1 to 2" says what is seen then
+    literal("[while|as|when] [he|she|it|they] (is|are|was|were)")
+    + any_word
+    + here(
+        lambda reading, at: span.at(reading, at + (reading.word(at) == ","))
+    ),  # "while she spins from second 1 to 2" says what is seen then
     literal(
         "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its) [base|bottom|feet|ground|floor]|(,) (with) (the|its) [color "
         "space|mode|pivot] [=|:] [base|bottom]"
@@ -177,7 +176,7 @@ _toward = ~literal(
     "picture|postcard] (,) (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|"
     "classic|nice|some|for|but|but in|be of|from"
 )
-_a = ~literal("with|in|of|to|into") + ~literal("a|an|some|the|that|this")
+_a = ~literal("(with|in|of|to|into) (a|an|some|the|that|this)")
 _slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|touch of|bit of|dash of|little bit of")
 _hue = qualities.shade_of + (colour | colourish)
 _noun_of_colour = either(
@@ -192,23 +191,18 @@ _noun_of_colour = either(
         "varnish|dye job|respray|lick of paint|look|appearance"
     )
     >> making.assigned,
-    ~literal("with|in|to|of|as") + ~literal("the|a") + literal("color") + ~literal(":|=|of|to") + colour
-    >> making.assigned,
-    ~literal("with|in") + literal("some") + colour >> making.assigned,
+    literal("(with|in|to|of|as) (the|a) color (:|=|of|to)") + colour >> making.assigned,
     ~literal("as")
     + colour
-    + literal("as")
-    + ~literal("a|an|the")
+    + literal("as (a|an|the)")
     + unless(literal(f"soon|{any_form(*VERBS)}") | silent(familiar))
-    + Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
+    + any_word
     >> making.assigned,
     colour + literal("fur|coat|skin|feathers|plumage|hide|wool|paintwork|body|bodywork|exterior|surface")
     >> making.assigned,
 )
 _instead_of = ~(
-    ~literal(",")
-    + literal("instead of|rather than|and not|not")
-    + ~literal("in")
+    literal("(,) [instead of|rather than|and not|not] (in)")
     + silent(
         colour | colourish | literal("this|that|smaller|bigger|darker|brighter|lighter|slower|faster|warmer|cooler")
     )
@@ -224,73 +218,21 @@ _looked = either(
 )
 
 
-_more_opacity = (
-    either(
-        ~literal("like|about|roughly|only|just|say")
-        + ~literal("a|an")
-        + percent
-        + literal("[visible|opacity|opaque|alpha|visibility]"),
-        literal("see through|transparent|translucent")
-        + ~literal(",|like|about|say|so")
-        + percent
-        + literal("visible|opacity|opaque"),
-        literal("opacity|alpha|visibility")
-        + ~literal("of|to|at|=|is|down to")
-        + (percent | fraction | number >> qualities.as_fraction),
-        percent + literal("transparency|see through|transparent|translucency") >> (lambda x: 1 - x),
-        literal("transparency|translucency") + ~literal("of|to|at|=|is") + (percent | fraction) >> (lambda x: 1 - x),
-    )
-    >> making.opacity
-)
 _rate = (
     ~literal(",|(|-")
     + ~literal("at|with|in|to|of|down to|like|say|about|around|roughly|maybe")
     + (fraction | percent)
-    + ~literal("of")
-    + ~literal("the|its|their|his|her")
-    + ~literal("original|normal|usual|real|full")
+    + ~literal("(of) (the|its|their|his|her) (original|normal|usual|real|full)")
     + ~literal("speed|pace|tempo|rate|)")
 )
 """How fast slow motion is."""
 _pace_of = either(
-    ~literal("at|with|in|to")
-    + (
-        fraction
-        | table(
-            {"three quarter": 0.75, "quarter": 0.25, "two third": 2 / 3, "one third": 1 / 3, "half": 0.5}, reserve=False
-        )
-    )
-    + literal("speed|the speed|pace|tempo|of [the|its] speed")
-    >> making.retimed,
-    ~literal("at|with|in|to") + (percent | multiple) + literal("speed|pace|tempo") >> making.retimed,
     qualities.slow_motion + _rate >> making.retimed,
-    multiple + table({"slower": -1, "faster": 1}) >> (lambda x, way: making.retimed(x if way > 0 or x < 1 else 1 / x)),
     literal("in") + multiple + literal("(of) the time|its time|as much time") >> making.stretched,
     literal("(in|at) double time") >> (lambda: making.retimed(2.0)),
     literal("(in|at|a) [super|ultra|extreme|very|really] [slow motion|slow mo|slowmo|slo mo]")
     >> (lambda: making.retimed(0.25)),
     literal("(in) [fast forward|fast motion]|time lapse|timelapse") >> (lambda: making.retimed(2.0)),
-)
-_size_of = (
-    either(
-        ~literal("at|to|in")
-        + ~literal("a")
-        + (multiple | percent)
-        + ~literal("of")
-        + ~literal("its|the|their|his|her|original|normal")
-        + ~literal("original|normal|current")
-        + literal("size|scale|as big|as large|as tall")
-        + ~literal("[it|he|she|they] [is|are|was|were] (now|at the moment|before)"),
-        ~literal("at|to|in")
-        + literal("a")
-        + (fraction | percent)
-        + literal("of [its|the|their|his|her] (original|normal|current) [size|height]"),
-        literal("to the size of") + multiple,
-        ~literal("at|to")
-        + (percent | multiple)
-        + literal("of what it [is|was] (now|before)|of [it|itself]|as it [is|was] (now)"),
-    )
-    >> making.scaled
 )
 _quality = either(
     qualities.transformed,
@@ -302,14 +244,15 @@ _quality = either(
     ),
     _noun_of_colour,
     _looked,
-    _more_opacity,
     _pace_of,
-    _size_of,
+    ~literal("at|to")
+    + (percent | multiple)
+    + literal("of what it [is|was] (now|before)|of [it|itself]|as it [is|was] (now)")
+    >> making.scaled,
     qualities.pace,
     _toward + qualities.backward,
     qualities.liveliness,
-    ~literal("in|into|to|with")
-    + ~literal("the|a|an|some|that|this")
+    ~literal("(in|into|to|with) (the|a|an|some|that|this)")
     + qualities.described
     + qualities.scene_look
     + ~qualities.effect
@@ -320,16 +263,14 @@ _quality = either(
 )
 _LIGHT = any_form("become", "apply", "leave")
 """Verbs that only carry what a noun or a value says: "stick a glow on it", "trim the contrast to 80 %"."""
-_some_verb = Rule(
+_some_verb = word_if(
     lambda reading, at: (
-        {at + 1: ()}
-        if is_strange(reading.word(at), {words[-1] for words in reading.known} | COMMAND_VERBS)
+        is_strange(reading.word(at), {words[-1] for words in reading.known} | COMMAND_VERBS)
         and reading.word(at - 1) in BEFORE_VERBS
         and any(
             word in ("to", "into") or (word == "in" and (value == "the" or colour.at(reading, i)))
             for i, (word, value) in enumerate(pairwise(reading.words[at + 2 :]), at + 3)
         )
-        else {}
     )
 )
 """A verb that nobody knows, where something comes "to" a value: "lerp the color to yellow"."""
@@ -353,7 +294,7 @@ _not_seen_alone = here(lambda reading, at: _SEEN_ALONE.isdisjoint(reading.words)
 """Of "only the dog should be visible" the rest is not to be seen."""
 _whom = (
     unless(literal("over the [clip|video|film|scene|shot]|across the board"))
-    + ~(_not_seen_alone + ~literal("but") + literal("only|just|only for|just for|only with"))
+    + ~(_not_seen_alone + literal("(but) [only|just|only for|just for|only with]"))
     + _about
     + thing
     + ~literal("only|alone")
@@ -396,11 +337,9 @@ _command("and keep it so", REMARK, "nothing", WHOLE)(
 _command("make the dog red at second 1 and back to normal at second 2", ENDED, "ended when", WHOLE)(
     verb=literal(every_form("go|come|turn|change|switch|return|revert|get|become|make|set|let|be|put|bring|fade")),
     who=_nobody,
-    spoken_of=literal("it|he|she|they|him|her|them|that"),
     ended=literal("back|stop|off again|no longer")
     + here(lambda reading, at: not {*reading.words[: at - 1]}.isdisjoint(IMPERATIVES))
-    | ~literal("back")
-    + ~literal("to")
+    | ~literal("(back) (to)")
     + literal(
         "normal (again)|[the|its|his|her|their] (original|usual|normal|old|former|own) [color|self|state|look|size|speed|original|"
         "normal]|[as|how|what|the way] [it|he|she|they] [was|were|is] (before)|as before|before"
@@ -410,10 +349,9 @@ _command("make the dog red at second 1 and back to normal at second 2", ENDED, "
 _command("match the dog to the cat", making.matched, "verb source")(
     who=whose("color|colors|coloring|look") | thing,
     verb=literal(any_form("match")),
-    source=literal("to|with|and|from")
-    + ~literal("the [color|colors|coloring|look] of|that of|those of")
+    source=literal("[to|with|and|from] (the [color|colors|coloring|look] of|that of|those of)")
     + known_thing
-    + ~(literal("'s|'") + ~literal("color|colors|coloring")),
+    + ~(literal("['s|'] (color|colors|coloring)")),
     wise=literal("(in) [color|colors]|color wise|in terms of color"),
 )
 _command("copy the color of the cat to the dog", as_given, "verb values")(
@@ -434,8 +372,7 @@ _command("push the color of the car toward orange", making.faintly, "verb rgb", 
     + ~literal("side|end"),
 )
 _complaining: dict[str, Rule] = {
-    "fix": ~literal(",|.|;")
-    + ~literal("so")
+    "fix": ~literal("(,|.|;) (so)")
     + literal(
         "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push|pump|boost|raise|lift|ramp] "
         "(it|that|this|them|him|her) (down|up|back)"
@@ -444,12 +381,11 @@ _complaining: dict[str, Rule] = {
     "extent": ~literal("is|are|was|looks|look|seems|seem|feels|appears")
     + degree
     + here(lambda reading, at: reading.word(at) == "too"),
-    "opinion": literal("to me|for me|if you ask me|in my [opinion|eyes]"),
     "who": either(
         literal("it|this|that|its")
         >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
         ~literal("the|all the") + colors,
-        ~literal("the") + literal("white balance|color temperature|exposure|overall look|overall color|grade|lighting")
+        literal("(the) [white balance|color temperature|exposure|overall look|overall color|grade|lighting]")
         >> _the_clip,
         thing,
     ),
@@ -458,8 +394,9 @@ _complaining: dict[str, Rule] = {
 _command("the wall has a yellow cast", REMARK, "complaint")(
     **_complaining,
     complaint=qualities.cast,
-    mended=~literal(",|.|;")
-    + literal("[neutralize|remove|balance] [it|that|this]|get rid of [it|that]|make [it|this|that] (more) neutral"),
+    mended=literal(
+        "(,|.|;) [[neutralize|remove|balance] [it|that|this]|get rid of [it|that]|make [it|this|that] (more) neutral]"
+    ),
 )
 _command("make the dog red", as_given, "values")(
     who=either(
@@ -469,7 +406,7 @@ _command("make the dog red", as_given, "values")(
     ),
     verb=_becoming,
     more=literal("still|even|even more|a step|one more time"),
-    rest=literal("instead of|rather than|not") + ~literal("a|an|the|that") + silent(colour) + literal("one|ones"),
+    rest=literal("[instead of|rather than|not] (a|an|the|that)") + silent(colour) + literal("one|ones"),
     values=listed(_quality + ~_named_again + _instead_of, _joined | _led),
 )
 _command("the colors should pop", as_given, "values")(
@@ -528,15 +465,10 @@ _only = literal("only|just|nothing but|solely|nothing except|nothing else but|no
 _command("only the dog keeps its color", always(making.rest_grayed), "only keeps", NAMED)(
     verb=literal(any_form("keep", "show") + "|let"),
     only=_only,
-    keeps=literal("stays|stay|keeps|keep|remains|remain") + ~literal("its|their|his|her") + silent(colour)
-    | literal(
+    keeps=literal(
         "[keeps|keep|retains|stays|stay|remains|remain|has|have] (its|their|his|her) [color|colors|colored|in color]"
     )
     | _in_color,
-    rest=~_joined
-    + silent(everything_else)
-    + ~literal("goes|go|turns|becomes|is|should be|should go|gets|turn|become|stays|in")
-    + silent(qualities.without_colour | colour),
 )
 _command("remove the color of the house", always(making.GRAYED), "verb colors", WHOLE)(
     who=(_about | literal("out of")) + thing + ~literal("'s"),
@@ -546,7 +478,7 @@ _command("remove the color of the house", always(making.GRAYED), "verb colors", 
             "bleach|leach|wring|squeeze|draw"
         )
     ),
-    colors=~literal("all|all of|any") + ~literal("the|its|their") + literal("color|colors|saturation|coloring"),
+    colors=literal("(all|all of|any) (the|its|their) [color|colors|saturation|coloring]"),
     out=literal("out|away|off|of it|from it"),
 )
 _command("the dog is gold from second 1 on", as_given, "values state when")(
@@ -564,18 +496,14 @@ _EVENTS = word_set(
     "landing jump leap kick fall crash throw catch dive trick stunt takeoff impact moment part bit section segment stretch "
     "portion passage action collision splash somersault backflip approach arrival exit entrance climax peak lap hit"
 )
-_event_noun = ~Rule(
-    lambda reading, at: {at + 1: ()} if is_strange(reading.word(at), {w[-1] for w in reading.known}) else {}
-) + Rule(
+_event_noun = ~word_if(lambda reading, at: is_strange(reading.word(at), {w[-1] for w in reading.known})) + word_if(
     lambda reading, at: (
-        {at + 1: ()}
-        if reading.word(at) in _EVENTS
+        reading.word(at) in _EVENTS
         and reading.word(at + 1) not in ("of", "'s")
         and any(span.at(reading, i) for i in range(len(reading.tokens)))
-        else {}
     )
 )
-_event = literal("the|that|this") + ~literal("run up to the") + _event_noun >> _the_clip
+_event = literal("[the|that|this] (run up to the)") + _event_noun >> _the_clip
 """What happens at a time that the sentence tells: "the landing"."""
 # More and less of a quality
 _nouns = table(
@@ -620,8 +548,7 @@ _too = ~literal("far|way|much|a bit|a little|rather|really|still|just") + table(
 )
 _to_value = (
     unless(here(lambda reading, at: any(end > at for i in range(max(at - 5, 0), at) for end in span.at(reading, i))))
-    + literal("to|at|=|:|be|of|is")
-    + ~literal("about|around|exactly|only")
+    + literal("[to|at|=|:|be|of|is] (about|around|exactly|only)")
     + either(percent, multiple, number)
     + ~literal("of [its|the|their] (original|current|normal|present) (value|size|speed|brightness|level)")
 )
@@ -722,27 +649,28 @@ _command(
         reserve=False,
     ),
     how=amount,
-    more=literal("a bit|more|down|up|out"),
 )
-_command("increase the contrast of the dog", _changed, "quality", WHOLE)(
-    who=_whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
-    verb=_set,
-    quality=~literal("punch|oomph|bite|kick|pop|boost")
-    + ~literal("the|a|'s|some|of|in|to|with [the|its|his|her|their]")
-    + ~literal("the")
-    + ~literal("overall|whole|entire|general")
-    + _nouns
-    + ~literal("level|value|slider|amount|setting"),
-    way=_way,
-    level=percent
+_by_how_much: dict[str, Rule] = {
+    "verb": _set,
+    "way": _way,
+    "level": percent
     | here(lambda reading, at: reading.word(at - 1) != "to") + number + unless(literal("x|times|stop|stops"))
     >> _percents,
-    how=amount | literal("by") + number >> _by_number | literal("way") >> (lambda: Amount("large")),
-    off=(percent | fraction) + literal("off|off of|away from"),
-    to=_to_value,
-    particle=table({"up": True, "down": False}, reserve=False),
-    times=_times_as_much,
-    too=~literal("is|are|has|have|looks") + _too,
+    "how": amount | literal("by") + number >> _by_number | literal("way") >> (lambda: Amount("large")),
+    "off": (percent | fraction) + literal("off|off of|away from"),
+    "to": _to_value,
+    "particle": table({"up": True, "down": False}, reserve=False),
+    "times": _times_as_much,
+    "too": ~literal("is|are|has|have|looks") + _too,
+}
+"""How much more or less of a quality there is to be, or to what it comes."""
+_command("increase the contrast of the dog", _changed, "quality", WHOLE)(
+    who=_whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
+    quality=~literal("(punch|oomph|bite|kick|pop|boost) (the|a|'s|some|of|in|to|with [the|its|his|her|their])")
+    + ~literal("(the) (overall|whole|entire|general)")
+    + _nouns
+    + ~literal("level|value|slider|amount|setting"),
+    **_by_how_much,
 )
 
 
@@ -766,12 +694,8 @@ _until = (
 )
 
 
-def _more(
-    verb: tuple[making.Graded, bool | None], how: Amount | None = None, to: float | None = None, fully: bool = False
-) -> Value:
+def _more(verb: tuple[making.Graded, bool | None], how: Amount | None = None, to: float | None = None) -> Value:
     changed, upward = verb
-    if fully and changed is not _grayed:
-        raise Mismatch
     if upward is None and to is None:
         if how is None or how.kind not in ("times", "fraction"):
             raise Mismatch
@@ -779,16 +703,16 @@ def _more(
     if to is not None:
         if changed is making.warmed:
             raise Mismatch
+        if upward is not None and (to > 1) is not upward and to != 1:
+            return making.refused(f"To {to:.0%} is {'less' if upward else 'more'}, not {'more' if upward else 'less'}.")
         return changed(Amount("as", to), True)
-    return changed(None if fully else how, bool(upward))
+    return changed(how, bool(upward))
 
 
 _command("darken the sky", _more, "verb")(
-    who=_whom
-    | literal("things|time|the time|the action|the pace|the playback|all of it") >> (lambda: lambda context: All())
-    | _event,
+    who=_whom | _event,
     verb=either(*(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items())),
-    how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | degree,
+    how=amount | literal("by") + number >> (lambda x: Amount("times", x)),
     to=either(
         ~literal("to|down to|up to|at|by|until")
         + fraction_of("size|sizes|dimensions|scale|height|width|length|speed|pace|tempo|brightness"),
@@ -804,7 +728,6 @@ _command("darken the sky", _more, "verb")(
         "(right|way) [up|down]|off|in size|in tempo|more|even more|further|([keeping|with]) ([from|about|around|at|on]) [its|"
         "the|their|his|her] [base|bottom|feet|foot|ground] ([planted|fixed|on the ground|in place|where it is|where they are])"
     ),
-    fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
 
 _command("the dog is too dark", REMARK, "complaint")(
@@ -832,7 +755,6 @@ _command("show everything but the dog", always(making.opacity(0.0)), "verb", NAM
     who=everything_but, verb=literal(every_form("show|keep|leave|display|see"))
 )
 _command("without the dog", always(making.deleted), "without", NAMED)(
-    verb=literal(every_form("make|show|play|have|see|want|need|like")),
     without=keyword(
         "(the|this) (same) [scene|picture|video|clip|image|shot] ([would be|is|looks|would look] (so|much|a lot|way) [better|"
         "nicer|best|good|cleaner]) (but) without|without|minus|no more|[i|we] no longer [want|need] (to see)|there should be "
@@ -845,14 +767,10 @@ _command("without the dog", always(making.deleted), "without", NAMED)(
         "[here|there|the picture|the shot|the scene|the frame|the video|the clip|this shot]"
     )
     | literal("should not be there|is not to be there|there [should|must|shall|may] not be|is no longer there"),
-    out=literal(
-        "in [the|this] [scene|picture|video|clip|image|shot]|any more|anymore|there|any longer|in [it|here|there]"
-    ),
 )
-_rest_gone = (
-    silent(everything_else)
-    + ~literal("should|must|has to|can|is to|may")
-    + literal("go|be gone|gone|away|disappear|vanish|out|removed|be removed|be deleted|deleted|hidden|be hidden|goes")
+_rest_gone = silent(everything_else) + literal(
+    "(should|must|has to|can|is to|may) [go|be gone|gone|away|disappear|vanish|out|removed|be removed|be deleted|"
+    "deleted|hidden|be hidden|goes]"
 )
 _command("cut out the dog and drop the rest", always(making.extracted), "verb rest", NAMED)(
     verb=literal(
@@ -861,7 +779,6 @@ _command("cut out the dog and drop the rest", always(making.extracted), "verb re
             "remain"
         )
     ),
-    out=literal("out"),
     rest=~(_joined | literal(".|;|then|, then|and then|but"))
     + (literal(asked_form("delete", "hide")) + silent(everything_else) | _rest_gone),
 )
@@ -887,7 +804,6 @@ _command("hide the car from second 1 on", always(making.opacity(0.0)), "verb", N
         + "|away|go away|goes away|off|invisible|hidden|out of sight|do not show|not (to) (be) [visible|shown|seen]|"
         "[nobody|no one|none] (should|must|can|may|shall) [see|sees|notice|notices]"
     ),
-    switch=literal(every_form("switch|turn|toggle|flip|shut|keep|stay|remain|leave")),
     fully=literal(
         "from [view|sight]|into thin air|completely|entirely|fully|totally|for good|permanently|any more|anymore|any longer"
     ),
@@ -910,9 +826,7 @@ _command("keep only the dog", always(making.extracted), "only", NAMED)(
         "[on|onto|over|against] (a|an) (plain|empty|blank|black|white|transparent|clean) "
         "[background|black|nothing|alpha]|with alpha"
     ),
-    rest=~_joined + literal(any_form("delete", "hide")) + silent(everything_else)
-    | _rest_gone
-    | literal("from") + (silent(everything_else) | literal(f"the [background|surroundings|{PICTURE}]")),
+    rest=_rest_gone | literal("from") + (silent(everything_else) | literal(f"the [background|surroundings|{PICTURE}]")),
 )
 
 # Showing again
@@ -974,9 +888,7 @@ _command("turn the dog around", _turned, "verb around")(
     )
     >> (lambda: True),
 )
-_command("tip the dog over", lambda: making.tilted(90.0), "verb")(
-    verb=literal(any_form("topple")), over=literal("over")
-)
+_command("tip the dog over", lambda: making.tilted(90.0), "verb")(verb=literal(any_form("topple")))
 _command("turn the dog to the left", _turned, "verb sense")(
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     sense=_sense,
@@ -984,10 +896,8 @@ _command("turn the dog to the left", _turned, "verb sense")(
 )
 _command("tilt the dog a little", _turned, "verb how")(who=_whom, verb=_TURNING, how=degree)
 _command("a quarter turn to the right for the dog", making.rotated, "angle")(
-    verb=literal(every_form("make|do|give|turn|perform|take")),
     angle=~literal("a|one|by") + FULL_TURN,
     sense=SENSE,
-    around=literal("around|on the spot|in place|around its axis"),
 )
 # Places
 _STATED_AT = word_set("sits stands hangs lies lives rests is stays")
@@ -1069,9 +979,9 @@ _times = either(
     table({"once": 1.0, "twice": 2.0, "two times": 2.0, "thrice": 3.0}),
 )
 _copy_noun = literal(
-    "copy|copies|clone|clones|duplicate|duplicates|replica|replicas|double|twin|doubles|twins|duplication|instances|"
-    "version|versions"
-) + ~literal("of")
+    "[copy|copies|clone|clones|duplicate|duplicates|replica|replicas|double|twin|doubles|twins|duplication|instances|"
+    "version|versions] (of)"
+)
 _changed_copy = BESIDE_IT["changed"] + unless(literal("to|bit|further|more")) | ~literal("a|another|one") + either(
     qualities.compared, qualities.sized, qualities.colour_value
 ) + unless(unless(literal("copy|clone|duplicate|one|twin")))
@@ -1101,7 +1011,7 @@ _command("one dog more", making.copied, "times extra", NAMED)(
     who=known_noun,
     verb=literal(any_form("add") + "|there is|there are|be there"),
     times=number,
-    extra=literal("more|extra|additional|again|further") + ~literal("of the same (kind|sort)|like it|like that"),
+    extra=literal("[more|extra|additional|again|further] (of the same (kind|sort)|like it|like that)"),
     **_copy_place,
 )
 _command("add another dog", making.copied, "times", NAMED)(
@@ -1117,10 +1027,8 @@ _command("add another dog", making.copied, "times", NAMED)(
 
 _command("three dogs instead of one", lambda times, only: making.copied(times=times - 1), "times only", NAMED)(
     who=known_noun,
-    verb=literal(any_form("add", "become") + "|there should be|there are|let there be"),
     times=number,
-    only=~literal(",")
-    + literal("instead of (just|only) (a) (single) one|instead of one|rather than one|not one|out of one")
+    only=literal("(,) [instead of (just|only) (a) (single) one|instead of one|rather than one|not one|out of one]")
     >> (lambda: True),
 )
 _command("I want the dog twice", lambda times, verb=None: making.copied(times=times - 1), "verb times", NAMED)(
@@ -1152,11 +1060,10 @@ def _trail(times: float | None = None, shift: TimeExpression = TRAIL_LAG, single
 
 
 _command("let a copy follow the dog half a second behind", _trail, "trail", NAMED)(
-    who=unless(literal("a|an|the|another|one") + literal("ghost|echo|copy|clone|duplicate|twin|trail"))
+    who=unless(literal("[a|an|the|another|one] [ghost|echo|copy|clone|duplicate|twin|trail]"))
     + ~literal("of|behind|after|for|on|to")
     + thing,
-    trail=~literal("a|an|some|the|that|which|who")
-    + ~literal("fading|ghostly|faint|transparent|soft|see through")
+    trail=~literal("(a|an|some|the|that|which|who) (fading|ghostly|faint|transparent|soft|see through)")
     + (
         here(lambda reading, at: reading.word(at - 1) in BEFORE_VERBS) + literal("ghost")
         | literal("delayed|lagging|late|trailing|following|time shifted")
@@ -1168,10 +1075,12 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
             + "|echo effect"
         )
     ),
-    copies=~literal("by|of|some|few|a few|several|ghost|ghostly|faint|with")
-    + literal("copies|clones|ghosts|echoes|duplicates|of it|of itself|of him|of her|ghostly copies"),
+    copies=literal(
+        "(by|of|some|few|a few|several|ghost|ghostly|faint|with) [copies|clones|ghosts|echoes|duplicates|of it|of "
+        "itself|of him|of her|ghostly copies]"
+    ),
     single=either(
-        ~literal("a|one|another|the|an identical|a second") + literal("copy|clone|ghost|duplicate|second one|twin"),
+        literal("(a|one|another|the|an identical|a second) [copy|clone|ghost|duplicate|second one|twin]"),
         literal("a second|another|an identical|one more|an extra|the same")
         + unless(literal("copy|ghost|clone|one"))
         + ~(silent(familiar) + unless(literal("that|which|who"))),
@@ -1196,7 +1105,7 @@ _motion = _event | whose(
     "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall|kick|leap|hop"
 )
 _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
-    event=literal("(right) [at|on|in|during]") + ~literal("the|its|his|her") + _event_noun + ~literal(",|-"),
+    event=literal("(right) [at|on|in|during] (the|its|his|her)") + _event_noun + ~literal(",|-"),
     who=_about + thing
     | literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement") >> _the_clip,
     lead=literal(every_form("bring|come|hang|stand|stay|sit|remain|float|hover")),
@@ -1223,7 +1132,6 @@ _command("only the dog keeps moving", always(making.rest_frozen), "only moves", 
         "[keep|keeps|keeping|continue|continues|go|goes|carry|carries] (on) [moving|going|to move|running]|[moves|move|go] on|to "
         "move|moves"
     ),
-    rest=~_joined + silent(everything_else) + literal(any_form("freeze")),
 )
 _command("play the dog in reverse", always(making.reversed), "verb", WHOLE)(
     who=_playing,
@@ -1240,7 +1148,6 @@ _command("repeat the dog from second 1 to 2", always(making.looped), "again", WH
         + "|on (a) loop|in a loop|on repeat|over and over (again)|again and again|endlessly|forever|in an endless loop|"
         "as a loop|a loop|repeatedly|looping"
     ),
-    motion=literal("motion of|the motion of|the movement of|the part|part|of|the bit"),
 )
 _x_times = number + literal("x") | literal("x") + number
 _command("make the dog 2x", making.scaled, "verb by")(
@@ -1266,8 +1173,9 @@ _command("slow motion, please", as_given, "values", WHOLE)(
 )
 _in_time = ~literal("last|take|be|run") + (as_long | LENGTH.value) >> _alone
 _command("the clip should be twice as long", as_given, "who values", NAMED)(
-    who=literal("the (whole|entire)|this|my|our|a")
-    + literal("clip|video|scene|movie|film|shot|footage|sequence|animation|thing")
+    who=literal(
+        "[the (whole|entire)|this|my|our|a] [clip|video|scene|movie|film|shot|footage|sequence|animation|thing]"
+    )
     >> _the_clip
     | _motion,
     verb=_set | literal(any_form("last")),
@@ -1279,26 +1187,22 @@ _command("make the first second 50 % longer", as_given, "values when", TIMED)(
     values=_in_time,
 )
 _command("make the dog take twice as long", as_given, "values", TIMED)(
-    who=_whom + ~literal("'s") + ~literal("motion|movement|action"),
+    who=_whom + ~literal("('s) (motion|movement|action)"),
     verb=literal(any_form("last")),
     values=as_long >> _alone,
 )
 _LASTS = word_set("lasts last takes take into")
-_length: dict[str, Rule] = {
-    "verb": _set,
-    "quality": ~literal("the|a|its") + literal(LENGTH.noun) >> (lambda: (LENGTH, True)),
-    "way": _way | table({LENGTH.more: True, LENGTH.less: False}, reserve=False),
-    "how": amount,
-    "to": _to_value,
-    "times": _times_as_much,
-}
+_length = ~literal("the|a|its") + literal(LENGTH.noun) >> (lambda: (LENGTH, True))
 _command("halve the length of the clip", _changed, "quality who", NAMED)(
-    who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s") >> _the_clip, **_length
+    who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s") >> _the_clip,
+    quality=_length,
+    **_by_how_much,
 )
 _command("double the length of the first second", _changed, "quality when", TIMED)(
     who=_nobody,
     of=literal("of") + here(lambda reading, at: span.at(reading, at)),
-    **_length,
+    quality=_length,
+    **_by_how_much,
 )
 
 
@@ -1314,12 +1218,12 @@ _command("play the first second over two seconds", making.lasting, "verb to when
     who=_nobody, verb=literal(any_form("run")), to=literal("over|in|within|across|for") + duration
 )
 _command("the movement of the dog should take three seconds", making.lasting, "verb to", WHOLE)(
-    who=~literal("the") + _whom + ~literal("'s") + ~literal("motion|movement|action"),
+    who=_event | ~literal("the") + _whom + ~literal("('s) (motion|movement|action)"),
     verb=literal(any_form("last")),
-    to=~literal("so (that)")
-    + ~literal("it|they|this")
-    + ~literal("lasts|last|takes|take|runs|run|is|goes on|fills|fill")
-    + ~literal("to|into|over|for|out to|down to|up to|exactly|just")
+    to=~literal("(so (that)) (it|they|this)")
+    + ~literal(
+        "(lasts|last|takes|take|runs|run|is|goes on|fills|fill) (to|into|over|for|out to|down to|up to|exactly|just)"
+    )
     + (
         duration
         | here(lambda reading, at: reading.word(at - 1) in _LASTS)
@@ -1367,8 +1271,7 @@ def _haloed(light: tuple[Amount | None, Any], rgb: Any = None) -> Value:
 _command("put a slight blur on the dog", making.blurred, "how")(
     verb=_doing,
     how=_bit_of
-    + literal("(gaussian|lens|soft|depth|background|motion) [blur|blurring|defocus|bokeh|haze]")
-    + ~literal("effect|filter|on|to"),
+    + literal("(gaussian|lens|soft|depth|background|motion) [blur|blurring|defocus|bokeh|haze] (effect|filter|on|to)"),
 )
 _command("blur the background", making.blurred, "verb")(
     who=_whom | whose("edge|edges|outline|border|borders"),
@@ -1384,8 +1287,7 @@ _command("add a soft blue glow around the dog", _haloed, "light")(
     + _bit_of
     + qualities.shade_of
     + optional(colour)
-    + literal("(neon|light) [glow|shimmer|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance] (of light)")
-    + ~literal("effect")
+    + literal("(neon|light) [glow|shimmer|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance] (of light) (effect)")
     >> (lambda how, rgb: (how, rgb)),
     rgb=~literal("in|in a|with") + colour + ~literal("light|color"),
 )
@@ -1424,7 +1326,7 @@ _command("fade the background", lambda by=0.5: making.faded(by), "verb")(
     by=literal("to") + (percent | fraction | number >> _below_one) + ~literal("opacity|visibility")
     | literal("by") + percent >> (lambda x: 1 - x),
 )
-_fading = ~literal("a|some") + ~literal("slow|gentle|soft|quick|smooth|nice|long|short|gradual")
+_fading = ~literal("(a|some) (slow|gentle|soft|quick|smooth|nice|long|short|gradual)")
 _command("fade out the dog", making.faded, "verb", TIMED)(
     verb=_fading + literal(any_form("vanish")),
     inward=unless(silent(span))  # "faded out in the last second"
@@ -1456,7 +1358,7 @@ _command("fade in the dog from second 1 to 2", always(making.appearing), "verb",
 
 _command("fade to black at the end", making.fading_to, "verb rgb", WHOLE)(
     verb=literal(every_form("fade|dissolve|dip|go|fade out|fade slowly")),
-    rgb=literal("to|into|out to|down to") + ~literal("a|solid|pure|full|total|complete") + colour,
+    rgb=literal("[to|into|out to|down to] (a|solid|pure|full|total|complete)") + colour,
 )
 
 # What refers to what was said before

@@ -186,7 +186,6 @@ GLOW = Quality(
     much="glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow",
     little="",
     noun="glow|halo",
-    bare=True,
 )
 LENGTH = Quality(
     making.graded(making.stretched, gone=False),

@@ -36,6 +36,7 @@ from ..language.grammar import (
     silent,
     tokenise,
     unless,
+    word_if,
 )
 from ..language.idle import EMPTY, UNKNOWN
 from ..language.lexicon import (
@@ -961,7 +962,7 @@ _IMPOSSIBLE = {
     for words, reason in (row.split(": ", 1) for row in _NO_OPERATION.replace("\n    ", " ").strip().splitlines())
     for word in words.split()
 }
-_either = either(keyword("either"), silent(familiar) + keyword("or") + ~keyword("the|a|an") + silent(familiar))
+_either = either(keyword("either"), silent(familiar) + keyword("or (the|a|an)") + silent(familiar))
 _last = here(lambda reading, at: at >= len(reading.tokens) or not reading.tokens[at].is_word)
 _SHOWN_ONLY_THEN = "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'."
 _ONLY_WHEN = keyword(
@@ -971,9 +972,7 @@ _ONLY_WHEN = keyword(
 _LENGTH = silent(number | keyword("half a")) + literal(
     "m|cm|mm|ft|meter|meters|centimeter|centimeters|inch|inches|foot|feet|yard|yards"
 )
-_named_like_a_thing = Rule(
-    lambda reading, at: {at + 1: ()} if reading.word(at) in COLOURS.keys() - PURE_COLOURS else {}
-)
+_named_like_a_thing = word_if(lambda reading, at: reading.word(at) in COLOURS.keys() - PURE_COLOURS)
 _DOUBTFUL = (
     (
         _LENGTH,
@@ -981,30 +980,24 @@ _DOUBTFUL = (
         "to the left' or 'half its width up'.",
     ),
     (
-        keyword("[put|take|bring|get|turn] [that|this|it|them|him|her] back") + ~keyword("again|please") + _last,
+        keyword("[put|take|bring|get|turn] [that|this|it|them|him|her] back (again|please)") + _last,
         "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
     ),
     (
-        keyword("add|insert|create|draw|put")
-        + ~keyword("a|an|some")
+        keyword("[add|insert|create|draw|put] (a|an|some)")
         + literal("ice|fire|lava|night|sunset|autumn|grass|ocean|chocolate|marble|ghost")
         + unless(effect)
-        | keyword("add|insert|create|draw")
-        + ~keyword("a|an|some")
+        | keyword("[add|insert|create|draw] (a|an|some)")
         + _named_like_a_thing
         + unless(effect | qualities.colored_noun),
         "Nothing new can be made; say for example 'make the dog look like ice', or 'a sunset look for everything'.",
     ),
     (
-        keyword("[and|then|and then] (move|go|moves|goes|bring) (it|him|her|them) back") + ~keyword("again") + _last,
+        keyword("[and|then|and then] (move|go|moves|goes|bring) (it|him|her|them) back (again)") + _last,
         "'Back' may mean away from the camera or to where it was; say for example 'then move it to the right'.",
     ),
     (
-        literal("put|place|stick|hang|add")
-        + literal("a|an|some")
-        + ~silent(colour)
-        + silent(familiar)
-        + literal("on|onto"),
+        literal("[put|place|stick|hang|add] [a|an|some]") + ~silent(colour) + silent(familiar) + literal("on|onto"),
         "Nothing new can be made; say for example 'copy the hat and put the copy above the dog'.",
     ),
     (
@@ -1021,14 +1014,13 @@ _DOUBTFUL = (
         "That may mean to remove or to do something else; say 'remove the ball' if it should be gone, or 'move the ball down'.",
     ),
     (
-        literal("add|adds|adding|insert|create|spawn|place")
-        + literal("a|an|some|another")
+        literal("[add|adds|adding|insert|create|spawn|place] [a|an|some|another]")
         + literal("bigger|larger|smaller|taller|brighter|darker|lighter|big|large|small|tiny|huge|little")
         + silent(familiar),
         "Nothing new can be made; say for example 'copy the dog and make the copy bigger'.",
     ),
     (
-        literal("grow|plant|build|raise up") + literal("a|an|some") + silent(familiar),
+        literal("[grow|plant|build|raise up] [a|an|some]") + silent(familiar),
         "Nothing new can be made; say for example 'copy the tree', or 'make the tree bigger'.",
     ),
     (
@@ -1041,9 +1033,7 @@ _DOUBTFUL = (
         "That may mean to rise, to go away or to be gone; say 'raise the bird', 'move the bird away' or 'remove the bird'.",
     ),
     (
-        keyword("clear|empty|clean|strip")
-        + ~keyword("out|up")
-        + ~keyword("the|my|this|that")
+        keyword("[clear|empty|clean|strip] (out|up) (the|my|this|that)")
         + literal(
             "room|bedroom|street|road|table|desk|floor|stage|yard|garden|beach|field|house|scene|place|set|shelf|track"
         ),
@@ -1064,7 +1054,7 @@ _DOUBTFUL = (
         keyword("[mute|silence|unmute]")
         + silent(
             ~keyword("all")
-            + unless(~literal("the|its|all|all the") + literal("color|colors|tone|tones|saturation"))
+            + unless(literal("(the|its|all|all the) [color|colors|tone|tones|saturation]"))
             + known_thing
         ),
         "A scene has no sound; say for example 'desaturate the car' if its colors are meant.",
@@ -1073,8 +1063,7 @@ _DOUBTFUL = (
         literal(every_form("spin|rotate|revolve|twirl|whirl|pirouette"))
         + ~literal("around|round")
         + ~silent(known_thing)
-        + ~literal("to|in|into")
-        + literal("the [other|opposite|reverse] [way|direction] (around|round)"),
+        + literal("(to|in|into) the [other|opposite|reverse] [way|direction] (around|round)"),
         "That may mean to play it backward or to turn it around; say 'play the dog in reverse' or 'turn the dog around'.",
     ),
     (
@@ -1093,23 +1082,18 @@ _DOUBTFUL = (
     ),
 )
 """Phrases that can be meant in two ways, or that nobody can measure, and what is asked instead of doing anything."""
-_strange_word = Rule(
+_strange_word = word_if(
     lambda reading, at: (
-        {at + 1: ()}
-        if reading.word(at).isalpha()
+        reading.word(at).isalpha()
         and not {reading.word(at), singular(reading.word(at))} & (VOCABULARY | FUNCTION_WORDS | COLOURS.keys())
-        else {}
     )
 )
 _a_new = either(
-    keyword("add|insert|create|draw|write") + ~keyword("a|an|some"),
-    keyword("put|place|stick|hang|give it|give me") + keyword("a|an|some"),
+    keyword("[add|insert|create|draw|write] (a|an|some)"),
+    keyword("[put|place|stick|hang|give it|give me] [a|an|some]"),
 )
 _replacing = (
-    keyword("replace|substitute|swap out|exchange|trade")
-    + silent(thing)
-    + keyword("with|by|for")
-    + ~keyword("a|an|some|the")
+    keyword("replace|substitute|swap out|exchange|trade") + silent(thing) + keyword("[with|by|for] (a|an|some|the)")
 )
 _NEW_THING = either(
     (_a_new | _replacing) + (_strange_word + ~_strange_word | silent(familiar)),

@@ -502,9 +502,10 @@ WHERE: dict[str, Where] = {
     "below|under|underneath|beneath": "below",
 }
 """Words -> how a thing stands to another."""
-_stands = ~keyword("that|which|who") + ~keyword(
-    "is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|sitting|lying|walking|running|"
-    "hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|are standing|comes right|right|directly"
+_stands = ~keyword(
+    "(that|which|who) (is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|"
+    "sitting|lying|walking|running|hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|"
+    "are standing|comes right|right|directly)"
 )
 _neighbour = later(lambda: _one_thing)
 """To whom something stands; by name, because it may itself be told by where it stands."""
@@ -565,7 +566,7 @@ _all_that = keyword(
 _moving = either(
     _all_that + keyword("moves|move|is moving|are moving|is in motion|does move"),
     ~_article + keyword("moving") + _objects,
-    keyword("the|all the") + ~keyword("whole|entire") + keyword("foreground"),
+    keyword("[the|all the] (whole|entire) foreground"),
     keyword(
         "the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|walks|walk|running|walking|moving|moves|move]"
     ),
@@ -579,19 +580,18 @@ _static = either(
     ~_article
     + keyword("static|still|standing|stationary|motionless|unmoving|fixed")
     + either(_objects, keyword("background|scene")),
-    ~keyword("[everything|all|anything|what is|whatever is|all that is|everything that is] (back) in")
-    + ~keyword("the|its|all the")
-    + ~keyword("whole|entire")
-    + keyword("background|backdrop|surroundings|scenery"),
+    ~keyword(
+        "([everything|all|anything|what is|whatever is|all that is|everything that is] (back) in) (the|its|all the)"
+    )
+    + keyword("(whole|entire) [background|backdrop|surroundings|scenery]"),
 ) >> _always(Not(Moving()))
 _moving_noun = either(
     ~_article + keyword("moving") + _noun,
     (~_article + _noun | _everybody)
-    + keyword("that|which|who")
-    + keyword("is moving|are moving|moves|move|is in motion|are in motion"),
+    + keyword("[that|which|who] [is moving|are moving|moves|move|is in motion|are in motion]"),
 ) >> (lambda noun: lambda context: And((noun(context), Moving())))
-_still_noun = ~_article + _noun + keyword("that|which|who") + keyword(
-    "[is|are] not moving|[does|do] not move|[is|are] standing still|[stands|stand] still|never [moves|move]"
+_still_noun = ~_article + _noun + keyword(
+    "[that|which|who] [[is|are] not moving|[does|do] not move|[is|are] standing still|[stands|stand] still|never [moves|move]]"
 ) >> (lambda noun: lambda context: And((noun(context), Not(Moving()))))
 _WHICH = {
     "left|leftmost|left most|left hand|far left": "left",
@@ -627,12 +627,12 @@ _which, _where = (
     table(_WHICH),
     ~keyword("(that|which|who) [is|are|stands|sits] (standing|sitting)|standing|sitting") + table(_WHERE),
 )
-_seen_in = optional(keyword("of|as of|seen in|seen at") + keyword("frame") + number)
+_seen_in = optional(keyword("[of|as of|seen in|seen at] frame") + number)
 _kind = either(
     _moving,
     _moving_noun,
     _noun,
-    keyword("one|ones") + keyword("of (the|these|those|my|all the)") + _noun,
+    keyword("[one|ones] of (the|these|those|my|all the)") + _noun,
     keyword("of (the|these|those|my|all the)") + ~_several + generated(_plural_at),
     keyword("one|ones") >> (lambda: SentenceContext.one),
 )
@@ -666,19 +666,12 @@ _instance: Rule = either(
 several_placed = generated(_plural_at) + _where
 """Several of a kind that are told by a place, by which only one is found: "the people in the background"."""
 _place = (
-    ~sign("(")
-    + ~keyword("pixel|position|point|x")
-    + ~keyword("=|:")
-    + number
-    + ~keyword(",|y|and")
-    + ~keyword("=|:")
-    + number
-    + ~sign(")")
+    ~sign("(") + ~keyword("(pixel|position|point|x) (=|:)") + number + ~keyword("(,|y|and) (=|:)") + number + ~sign(")")
 )
-_seen_then = keyword("in|at|of|on") + keyword("frame") + number
+_seen_then = keyword("[in|at|of|on] frame") + number
 _point = keyword(
-    "(the|that|this) [thing|object|item|spot|point|part]|(the) pixel|what is|whatever is|what you see|the one"
-) + keyword("at|on|under") + _place + optional(_seen_then) + unless(_seen_then) >> (
+    "[(the|that|this) [thing|object|item|spot|point|part]|(the) pixel|what is|whatever is|what you see|the one] [at|on|under]"
+) + _place + optional(_seen_then) + unless(_seen_then) >> (
     lambda x, y, seen: lambda context: Point(context.present if seen is None else _frame(seen, context), x, y)
 )
 _SIDE_OF = {
@@ -736,7 +729,7 @@ def _the_copy(context: SentenceContext) -> SelectKind:
     return next(iter(context.earlier))
 
 
-_new_one = keyword("the|that|this") + keyword("new|copied|cloned|duplicated") + silent(familiar) >> (lambda: _the_copy)
+_new_one = keyword("[the|that|this] [new|copied|cloned|duplicated]") + silent(familiar) >> (lambda: _the_copy)
 _original = keyword("the original (one)") >> (lambda: _the_original)
 
 
@@ -747,11 +740,7 @@ def _the_original(context: SentenceContext) -> SelectKind:
 
 _current = either(
     keyword("(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected"),
-    ~keyword("the|my|our|this|these|those|all")
-    + ~keyword("the")
-    + ~keyword("currently")
-    + keyword("selected")
-    + _objects,
+    keyword("(the|my|our|this|these|those|all) (the) (currently) selected") + _objects,
 ) >> (lambda *_: lambda context: Current() if context.selected else context.it("the selection"))
 _everything = silent(
     either(
@@ -905,14 +894,8 @@ def _both(label: str, context: SentenceContext) -> SelectKind:
     return context.last
 
 
-_with_its = Rule(
-    lambda reading, at: (
-        {at + 1: ()}
-        if reading.word(at) in ("with", "including")
-        and reading.word(at + 1) in ("its", "his", "her", "their")
-        and reading.word(at + 2) in _CAST
-        else {}
-    )
+_with_its = literal("with|including") + here(
+    lambda reading, at: reading.word(at) in ("its", "his", "her", "their") and reading.word(at + 1) in _CAST
 )
 _and_also = _with_its | keyword(
     "and|or|,|, and|, or|and also|plus|+|as well as|along with|together with|and then|and all"
@@ -952,12 +935,8 @@ _SEPARATORS = frozenset({",", "and", "or", "plus", "+"})
 _SIDEWAYS = word_set("left right up down back forward away closer")
 _ENDS = _SEPARATORS | {"", ".", ";", "!", "please"}
 _single = either(_definite, _bare_stranger + _in_scene)
-two_of_them_behind = (
-    ~keyword("of")
-    + ~keyword("the|these|those|my|our|your")
-    + generated(
-        lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
-    )
+two_of_them_behind = ~keyword("(of) (the|these|those|my|our|your)") + generated(
+    lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
 )
 """A known noun in the plural, behind "both"."""
 two_of_them = ~keyword("the two|these two|those two|my two|two|the|my|both") + two_of_them_behind >> (
@@ -1056,9 +1035,7 @@ colors = keyword("the colors|colors|all colors|all the colors") >> _always(All()
 _new = keyword("a|an|some")
 there_already = unless(_new) + thing
 """As `thing`, of what is there: "put a hat on the dog" asks for a new one."""
-THE_FIRST = keyword("the first|the original|the real|the old|the other") + ~keyword("one") | keyword(
-    "it|him|her|this one|itself"
-)
+THE_FIRST = keyword("[the first|the original|the real|the old|the other] (one)") | keyword("it|him|her|this one|itself")
 """That which is copied."""
 
 
@@ -1071,7 +1048,7 @@ class Place(NamedTuple):
     """The thing."""
 
 
-_own_feet = literal("its|his|her|their") + literal("feet|foot|legs|paws|hooves|wheels")
+_own_feet = literal("[its|his|her|their] [feet|foot|legs|paws|hooves|wheels]")
 place = either(
     table(WHERE, reserve=False) + unless(_own_feet) + _neighbour + unless(keyword("left|right")) >> Place,
     keyword("on|to|at") + _neighbour + keyword("'s|'") + table({f"{side} (side)": side for side in ("left", "right")})

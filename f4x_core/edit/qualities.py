@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..language.amounts import (
+    amount,
     degree,
     factor,
     fraction,
@@ -12,13 +13,9 @@ from ..language.amounts import (
     percent,
     softly,
 )
-from ..language.colour_names import COLOURS
 from ..language.colours import colour, colourish, more_colour
 from ..language.grammar import (
-    NAMES_TOO,
-    VOCABULARY,
     Mismatch,
-    Rule,
     constant,
     either,
     generated,
@@ -29,8 +26,10 @@ from ..language.grammar import (
     silent,
     table,
     unless,
+    word_if,
 )
-from ..language.lexicon import FUNCTION_WORDS, singular, word_set
+from ..language.idle import is_strange
+from ..language.lexicon import FUNCTION_WORDS, word_set
 from . import making
 from .graded import BLUR, BRIGHTNESS, CONTRAST, GLOW, OPACITY, QUALITIES, SATURATION, SPEED, WARMTH
 from .phrases import known_thing
@@ -57,22 +56,12 @@ shade_of = ~keyword(
     "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire engine|blood|cherry|ice|icy|baby|"
     "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|crimson|cute"
 )
-_named_shade = Rule(
+_named_shade = word_if(
     lambda reading, at: (
-        {at + 1: ()}
-        if reading.word(at - 1) in _BEFORE_SHADES
-        and reading.word(at).isalpha()
-        and not {reading.word(at), singular(reading.word(at))}
-        & (
-            VOCABULARY
-            | NAMES_TOO
-            | FUNCTION_WORDS
-            | COLOURS.keys()
-            | {word for words in reading.known for word in words}
-        )
+        reading.word(at - 1) in _BEFORE_SHADES
+        and is_strange(reading.word(at), {word for words in reading.known for word in words})
         and colour.at(reading, at + 1)
         and not colour.at(reading, at)
-        else {}
     )
 )
 """A word that says which shade of a colour: "in a nice chestnut brown"."""
@@ -84,8 +73,7 @@ colored_noun = literal("color|paint|tint|tinge|touch|shade|hue|tone|glow|light|h
 _flat = keyword("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
 colour_value = either(
     _article + _flat + ~_flat + colour + colored >> making.recoloured,
-    keyword("a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of")
-    + ~keyword("more")
+    keyword("[a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of] (more)")
     + (colour | colourish)
     >> making.faintly,
     ~keyword("a|an|some") + colourish + colored >> making.faintly,
@@ -121,13 +109,16 @@ sized = either(
     )
     >> making.scaled
 )
+_glowing, _how_strong = keyword(GLOW.much), softly | amount
+_in_a_colour = ~keyword("in") + optional(colour)
 _glow_value = either(
-    optional(softly) + keyword("glow|" + GLOW.much) + ~keyword("in") + optional(colour) >> making.glowing, GLOW.value
+    optional(_how_strong) + _glowing + _in_a_colour >> making.glowing,
+    _glowing + _how_strong + _in_a_colour >> making.glowing,
+    GLOW.value,
 )
 slow_motion = keyword("(on|in|at|a|into|in a) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]")
 _paced = either(
     fraction_of("speed|pace|tempo|rate|velocity"),
-    keyword("(a) speed of") + (multiple | percent | number),
     ~keyword("a") + multiple,
 )
 pace = either(
@@ -149,25 +140,31 @@ def as_fraction(x: float) -> float:
     return x if x <= 1 else x / 100
 
 
+_share_of_all = percent | fraction | number >> as_fraction
 _as_opaque = either(
+    table(
+        {
+            "[barely|hardly|scarcely|just about|only just|faintly] [visible|seen|there|to be seen]|(very) faint|"
+            "[almost|nearly|next to|all but|close to] [invisible|transparent|gone|vanished]": 0.2,
+            "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|"
+            "disappeared": 0.0,
+            "(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|(completely|fully) solid again|"
+            "reappear": making.SHOWN,
+        }
+    ),
     table({"semi|partly|partially": 0.5, "mostly|almost|nearly": 0.2, "completely|fully|totally|entirely": 0.0})
     + keyword(OPACITY.little),
-    keyword("[barely|hardly|scarcely|just about|only just|faintly] [visible|seen|there|to be seen]") >> (lambda: 0.2),
-    _article + (percent | fraction) + keyword("opaque|visible|opacity"),
-    keyword("(an|a) opacity (of)") + (percent | number >> as_fraction),
+    ~literal("like|about|roughly|only|just|say")
+    + _article
+    + (percent | fraction)
+    + keyword("opaque|visible|" + OPACITY.noun),
+    literal("see through|transparent|translucent")
+    + ~literal(",|like|about|say|so")
+    + percent
+    + keyword("visible|opacity|opaque"),
+    ~keyword("an|a") + keyword(OPACITY.noun) + ~literal("of|to|at|=|is|down to") + _share_of_all,
     (percent | fraction) + keyword(OPACITY.lack) >> (lambda x: 1 - x),
-    keyword("(a) transparency (of)") + (percent | number >> as_fraction) >> (lambda x: 1 - x),
-    keyword(
-        "(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|(completely|fully) solid again|"
-        "reappear"
-    )
-    >> (lambda: making.SHOWN),
-    keyword("(very) faint|[almost|nearly|next to|all but|close to] [invisible|transparent|gone|vanished]")
-    >> (lambda: 0.2),
-    keyword(
-        "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|disappeared"
-    )
-    >> (lambda: 0.0),
+    ~keyword("a") + keyword(OPACITY.lack) + ~literal("of|to|at|=|is") + _share_of_all >> (lambda x: 1 - x),
 )
 opacity_value = ~keyword("at|to|with") + (_as_opaque >> making.opacity | OPACITY.value)
 upside_down = keyword("upside down|head over heels") | literal(
@@ -232,28 +229,20 @@ described = ~silent(
 )
 """Adjectives before the name of a look, which says it all: "old photo sepia"."""
 transformed = (
-    literal("into|to")
-    + ~literal("a|an|pure|solid|real|some")
-    + ~literal("molten|liquid|solid|pure|shiny|glittering|glowing|polished|burning")
+    literal(
+        "[into|to] (a|an|pure|solid|real|some) (molten|liquid|solid|pure|shiny|glittering|glowing|polished|burning)"
+    )
     + _of_matter
     + ~literal("statue|block|sculpture|figure|figurine|bar")
     >> making.styled
 )
 """What a thing turns to: matter, not a colour that is named like it."""
-liveliness = (
-    literal(
-        "[a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|oomph|zing|life|pep|pizzazz"
-    )
-    | literal(
-        "some (more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|(a) (little) pop of color|more color|some color"
-    )
+liveliness = literal(
+    "[some|a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|oomph|zing|life|pep|"
+    "pizzazz|(a) (little) pop of color|more color|some color"
 ) >> (lambda: making.saturated(factor(None, True)))
-hint = (
-    ~literal(",")
-    + ~literal("but|only|just")
-    + literal(
-        "(just|only) a [hint|touch|bit|little|tad|shade|trace] (of it)|[slightly|subtly|faintly|softly|gently] (so)"
-    )
+hint = ~literal("(,) (but|only|just)") + literal(
+    "(just|only) a [hint|touch|bit|little|tad|shade|trace] (of it)|[slightly|subtly|faintly|softly|gently] (so)"
 )
 _strongly = optional(_small | _share, 1.0)
 _seem = ~keyword("look|looking|looks|looked|appear|seem|feel")
@@ -271,22 +260,19 @@ a_look = either(
     + ~keyword("a|an|pure|solid|real")
     + (look_name | _look_adjective),
     constant(1.0)
-    + keyword("(made|built|carved|cast) (out) of|in the style of|into|in")
-    + ~keyword("a|an|pure|solid")
+    + keyword("[(made|built|carved|cast) (out) of|in the style of|into|in] (a|an|pure|solid)")
     + look_name
     + ~effect,
-    constant(1.0) + keyword("in|into|with") + ~keyword("a|an|the|some") + any_look + effect,
+    constant(1.0) + keyword("[in|into|with] (a|an|the|some)") + any_look + effect,
     _seem + _strongly + _look_adjective,
 ) >> (lambda strength, look: making.styled(look, strength))
 bare_look = ~literal(
     "(take|taking|takes) place at|(happen|happens|happening|set|shot|filmed|recorded) [at|during|in]|at|during|in the "
     "(middle of the)|by"
 ) + (table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled)
-given_look = literal("the|a") + literal("texture|look|appearance|finish|surface|feel|sheen") + literal("of") + ~literal(
-    "a|an|pure|solid|real"
-) + (any_look >> making.styled) | (
-    _article + (any_look | literal("frozen") >> (lambda: "ice")) + ~keyword("like|colored") + effect >> making.styled
-)
+given_look = literal("[the|a] [texture|look|appearance|finish|surface|feel|sheen] of (a|an|pure|solid|real)") + (
+    any_look >> making.styled
+) | (_article + (any_look | literal("frozen") >> (lambda: "ice")) + ~keyword("like|colored") + effect >> making.styled)
 source = (
     unless(_new_thing)
     + ~keyword("that of|those of|the colors of|the color of")
@@ -298,16 +284,13 @@ same_as = (
     + (silent(colour) | ~keyword("color|colors|coloring|look|tone|tones|shade|hue|tint"))
     + keyword("as|like|to")
     + source
-    | keyword("(a|the) similar color") + keyword("as|like|to") + source
+    | keyword("(a|the) similar color [as|like|to]") + source
 ) >> making.matched
 colour_of = (
-    _article
-    + keyword("color scheme|color palette|color|colors|coloring|palette|look|appearance")
-    + keyword("of|from")
-    + source
+    _article + keyword("[color scheme|color palette|color|colors|coloring|palette|look|appearance] [of|from]") + source
     >> making.matched
 )
-_possessed = known_thing + keyword("'s|'") + keyword("color|colors|coloring|look|appearance") >> making.matched
+_possessed = known_thing + keyword("['s|'] [color|colors|coloring|look|appearance]") >> making.matched
 same_colour = same_as | colour_of | _possessed
 alike = _seem + keyword("like|similar to|the same as") + source >> making.matched
 made = either(
@@ -366,9 +349,7 @@ rather = literal("a (little) bit|a little|rather|kind of|somewhat|slightly|a tad
 _WISHES = word_set("should to could must may can let make would")
 cast = (
     here(lambda reading, at: reading.word(at - 1) not in _WISHES)
-    + literal("has|have")
-    + ~literal("got")
-    + ~literal("a|an|some|this|that|such a|too much of a")
+    + literal("[has|have] (got) (a|an|some|this|that|such a|too much of a)")
     + ~literal("slight|strong|ugly|nasty|weird|strange|heavy|faint|bad|terrible")
     + (colour | colourish)
     + literal("cast|tint|tinge|color cast|hue")

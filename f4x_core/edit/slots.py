@@ -88,8 +88,7 @@ _stretched = here(lambda reading, at: reading.word(at) == "by" or not _STRETCHIN
 _by_amount = amount | keyword("by") + number >> (lambda x: Amount("times", x))
 as_long = either(
     ~keyword("so (that) [it|they] [takes|take|lasts|last|runs|is|are]") + multiple + keyword("as long") >> LENGTH.times,
-    ~keyword("to|by")
-    + ~keyword("a factor of")
+    ~keyword("(to|by) (a factor of)")
     + (fraction_of(LENGTH.noun) | multiple + keyword("the time|its time|as much time"))
     >> LENGTH.times,
     _shortened + _by_amount >> (lambda how: LENGTH.changed(how, False)),
@@ -137,11 +136,8 @@ ANGLE = either(
     _by + ~keyword("a|one") + (FULL_TURN | _so_often),
 )
 # Copies
-_lagging = (
-    ~keyword(",")
-    + ~keyword("but|that is|which is|that|which|by")
-    + ~keyword("delayed|lagging|trailing|starting|running|runs|run|comes|come|plays|play|moves|move|starts|start")
-    + ~keyword("by")
+_lagging = ~keyword("(,) (but|that is|which is|that|which|by)") + ~keyword(
+    "(delayed|lagging|trailing|starting|running|runs|run|comes|come|plays|play|moves|move|starts|start) (by)"
 )
 _following = keyword(
     "(that) [follow|trail|chase|follows|trails|chases|lags|runs|walks|moves|following|trailing|lagging|chasing|tailing|"
@@ -152,12 +148,10 @@ _following = keyword(
 TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 """Copies of a trail, and the time from one to the next."""
 SHIFT = either(
-    ~keyword(",") + ~keyword("each (one)") + keyword("[a bit|a little|slightly] [late|later|behind|delayed]")
-    >> (lambda: TRAIL_LAG),
+    keyword("(,) (each (one)) [a bit|a little|slightly] [late|later|behind|delayed]") >> (lambda: TRAIL_LAG),
     ~keyword(",")
     + _following
-    + ~keyword("by|with|at|on the same path")
-    + ~keyword("a delay of|a distance of")
+    + ~keyword("(by|with|at|on the same path) (a delay of|a distance of)")
     + duration
     + ~keyword("later|behind|after (it)|behind it|of delay|delay|afterward|on its path|along (its|the same) path"),
     _lagging
@@ -181,15 +175,13 @@ SHIFT = either(
     keyword("with (a)")
     + duration
     + keyword("delay|lag|between [them|each|the copies|each of them]|in between|apart|of delay|of lag"),
-    ~keyword(",")
-    + ~keyword("and|then")
+    ~keyword("(,) (and|then)")
     + keyword("[offset|delay|shift|slip|push|lag|start] [it|the copy|that|them|him|her] (back|late|later)")
     + ~keyword("by|with")
     + duration
     + ~keyword("later|late|in time"),
     ~keyword(",") + _following + ~keyword("on the same path") >> (lambda: TRAIL_LAG),
-    ~keyword(",")
-    + ~keyword("each")
+    ~keyword("(,) (each)")
     + duration
     + keyword("apart (each)|between [them|each|each of them|each one]|in between|from each other|from one another"),
     _lagging + duration + keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
@@ -198,17 +190,13 @@ SHIFT = either(
 _in_a_row = keyword(
     "in a row|in a line|side by side|next to each other|one after another|one after the other|beside each other"
 )
-_called_so = ~keyword(",") + keyword("called|named|by the name of") + name
+_called_so = keyword("(,) [called|named|by the name of]") + name
 _apart = distance + keyword("apart") | ~keyword("by") + number + keyword("apart") >> Distance
-_another_size = (
-    ~keyword(",")
-    + ~keyword("but|and|only|that is|at")
-    + either(
-        qualities.compared,
-        qualities.sized,
-        qualities.opacity_value,
-        ~keyword("in") + qualities.colour_value,
-    )
+_another_size = ~keyword("(,) (but|and|only|that is|at)") + either(
+    qualities.compared,
+    qualities.sized,
+    qualities.opacity_value,
+    ~keyword("in") + qualities.colour_value,
 )
 BESIDE_IT: dict[str, Any] = {
     "changed": _another_size,

@@ -21,6 +21,7 @@ from .grammar import (
     optional,
     table,
     unless,
+    word_if,
 )
 from .lexicon import FRACTIONS, ONES, PICTURE, TENS, word_set
 
@@ -136,11 +137,11 @@ softly = degree | table(
     }
 )
 """How much of something there is: "very blurry"."""
-stops = (keyword("half a") >> (lambda: 0.5) | keyword("a|one") >> (lambda: 1.0) | number | fraction) + ~keyword(
-    "of a|a"
-) + keyword("stop|stops|f stop|f stops|ev") >> (lambda x: Amount("times", 2.0**x))
+stops = (keyword("half a") >> (lambda: 0.5) | keyword("a|one") >> (lambda: 1.0) | number | fraction) + keyword(
+    "(of a|a) [stop|stops|f stop|f stops|ev]"
+) >> (lambda x: Amount("times", 2.0**x))
 """How light is counted in cameras: each doubles it."""
-_by_factor = keyword("by") + ~keyword("a") + keyword("factor") + ~keyword("of")
+_by_factor = keyword("by (a) factor (of)")
 _hedge = ~keyword(",") + ~literal(
     "(only|just) [about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly|almost|close to|just "
     "about|at least|at most|easily|a good|only|just|no more than]"
@@ -206,7 +207,7 @@ def comparison(
         f"as (it|they|he|she|that|this) ({_IS}) (right) [{_NOW}]|as (it|they|he|she|that|this) [{_IS}]|as the original"
     )
     more = either(compared, keyword("more") + plain, keyword("less") + plain >> (lambda upward: not upward))
-    so = ~keyword("just|about") + keyword("as|so") + plain + ~as_now
+    so = keyword("(just|about) [as|so]") + plain + ~as_now
     more = more + ~THAN_OTHERS
     return either(
         optional(amount) + more >> changed,
@@ -240,7 +241,7 @@ _is_more = here(
 
 def fraction_of(quality: str) -> Rule:
     """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
-    noun = ~keyword("of") + ~keyword(ITS) + literal(quality)
+    noun = ~keyword("of") + ~keyword(ITS) + literal(quality) + ~literal(f"[it|he|she|they] [{_IS}] (right) ({_NOW})")
     decimal = number + keyword("of") + ~keyword(ITS) + literal(quality)
     share = either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0}))
     return decimal | unless(_is_more) + share + noun
@@ -302,7 +303,7 @@ Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...
 _body = keyword(
     "size|sizes|width|widths|height|heights|length|lengths|body [width|widths|length|lengths|height|heights|size|sizes]"
 )
-_any_word = Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
+any_word = word_if(lambda reading, at: reading.word(at).isalpha())
 _by = ~keyword("(with) (an|a) [offset|distance|gap|spacing] of|at a distance of|offset by|by|for") + ~literal(
     "about|around|roughly|approximately|some|like|say|maybe|nearly|almost|exactly"
 )
@@ -313,9 +314,8 @@ distance = either(
     _by + (percent + ~keyword("of") + keyword(ITS) + _body) >> Distance,
     _by
     + (number | keyword("a|one") >> (lambda: 1.0))
-    + _any_word
-    + ~keyword("'s")
-    + keyword("width|widths|height|heights|length|lengths")
+    + any_word
+    + keyword("('s) [width|widths|height|heights|length|lengths]")
     >> Distance,
     _by
     + number

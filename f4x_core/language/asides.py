@@ -63,10 +63,10 @@ _NICE = (
     "gorgeous|ace|stunning|decent|interesting"
 )
 COMMENTS = either(
-    ~literal("that|it|this|which|and that")
-    + literal("would|might|could|will|should")
-    + ~literal("really|surely|definitely|also|probably|certainly")
-    + literal("be|look|seem|feel|do|work|sell|read|come across|show|go|suit|fit")
+    literal("(that|it|this|which|and that) [would|might|could|will|should]")
+    + literal(
+        "(really|surely|definitely|also|probably|certainly) [be|look|seem|feel|do|work|sell|read|come across|show|go|suit|fit]"
+    )
     + ~literal("so much|much|way|a lot|even|just|really|very|far|pretty")
     + literal(_NICE + "|the trick")
     + ~literal("to [see|have]|if|there|here"),

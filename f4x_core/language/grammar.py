@@ -320,7 +320,12 @@ def literal(spec: str) -> Rule:
 
 def sign(text: str) -> Rule:
     """A sign that would be a bracket in `keyword`."""
-    return Rule(lambda reading, at: {at + 1: ()} if reading.word(at) == text else {})
+    return word_if(lambda reading, at: reading.word(at) == text)
+
+
+def word_if(condition: Callable[[Reading, int], Any]) -> Rule:
+    """A word of which a condition holds."""
+    return Rule(lambda reading, at: {at + 1: ()} if condition(reading, at) else {})
 
 
 def split(spec: str, at: str) -> list[str]:

@@ -83,7 +83,14 @@ def _times(x: float, unit: TimeExpression) -> TimeExpression:
 _and_a_half = _unit + keyword("and a half") >> (lambda unit: _times(1.5, unit))
 duration = either(
     number + _unit >> _times,
-    table({"half (a)|half of a": 0.5, "(a) quarter (of) (a)": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0})
+    table(
+        {
+            "half (a)|half of a": 0.5,
+            "(a) quarter (of) (a)": 0.25,
+            "[a|one] (full|whole)|an": 1.0,
+            "a couple of|a couple": 2.0,
+        }
+    )
     + _unit
     >> _times,
     ~keyword("a|one") + _and_a_half,
@@ -121,7 +128,7 @@ _part_way = either(
 )
 """Moments that are told by how much of the clip is over."""
 _counted = ~keyword("the") + _unit + ~keyword("number|no|#") + number >> (lambda unit, x: _times(x, unit))
-_frame_number = keyword("frame|f|fr") + ~keyword("number|no|#") + number >> (lambda x: TimeExpression(frames=x))
+_frame_number = keyword("[frame|f|fr] (number|no|#)") + number >> (lambda x: TimeExpression(frames=x))
 _inside = f"in|into (the) [{PICTURE}]|into it|in the [{PICTURE}]"
 _at_t = literal("t (=)|time =") + number + ~keyword("s|sec") >> (lambda x: TimeExpression(seconds=x))
 _measured = _at_t | (
@@ -140,9 +147,9 @@ _nth = either(
         }
     ),
 )
-_numbered = ~keyword("the") + number + either(
-    keyword("th|st|nd|rd"), keyword("th|st|nd|rd|the") + keyword("frame")
-) >> (lambda x: TimeExpression(frames=x))
+_numbered = ~keyword("the") + number + either(keyword("th|st|nd|rd"), keyword("[th|st|nd|rd|the] frame")) >> (
+    lambda x: TimeExpression(frames=x)
+)
 _hedge = ~literal(
     "like|say|maybe|somewhere around|about|around|roughly|approximately|circa|exactly|precisely|right|just|shortly|some"
 )
@@ -152,9 +159,7 @@ _after_start = duration + keyword(f"(after|into|from) (the) (very) [beginning|st
 _before_end = duration + keyword(f"before (the) end (of the [{PICTURE}])|from the end (of the [{PICTURE}])") >> (
     lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
 )
-_second_over = keyword("the") + _nth + keyword("second") + ~keyword("is over|has passed") >> (
-    lambda n: TimeExpression(seconds=n)
-)
+_second_over = keyword("the") + _nth + keyword("second (is over|has passed)") >> (lambda n: TimeExpression(seconds=n))
 """What is after the second second is after two seconds."""
 _edge_of_second = keyword("the") + table({"(very) end": 0.0, "(very) [start|beginning]": -1.0}) + keyword("of the") + (
     _nth + keyword("second")
@@ -199,8 +204,7 @@ _pair_between = either(
         | (percent | fraction) + _to + (percent | fraction)
         >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b)))
     ),
-    ~keyword("in|for|during")
-    + keyword("the [second|seconds|part|time] [between|from]")
+    keyword("(in|for|during) the [second|seconds|part|time] [between|from]")
     + number
     + _to
     + number
@@ -253,8 +257,7 @@ _comes = ~keyword("[is|has been] reached|comes|starts|begins|arrives|is there")
 _bare = either(_after_start, duration + keyword(_inside), _part_way, _before_end, _frame_number)
 """Moments that need no word before them: "two seconds in"."""
 _has_passed = (
-    keyword("once|after|when|as soon as")
-    + ~keyword("the first")
+    keyword("[once|after|when|as soon as] (the first)")
     + _length
     + keyword("[has|have] [passed|gone by|elapsed|gone]|[is|are] [over|up|through|done|gone]|[passes|elapses]")
 )
@@ -269,18 +272,17 @@ _half_over = keyword("after|past|once|when|as soon as") + either(
 _share_has_passed = keyword("once|after|when|as soon as|until") + fraction + ~keyword("of") + keyword(
     f"(the|this|my) [{PICTURE}] [is|has] [over|passed|gone|done|through|played|gone by|run]"
 ) >> (lambda x: TimeExpression(clip=x))
-_wait_over = ~keyword(",|.") + keyword("(and) (only) then|before|and")
+_wait_over = keyword("(,|.) [(and) (only) then|before|and]")
 _since_then = either(
     _share_has_passed,
     _half_over + _onward,
     _since + _hedge + (moment | _middle_point) + _comes + _onward,
     keyword("from") + percent + keyword("on|onward") >> (lambda x: TimeExpression(clip=x)),
-    keyword("with|when|once")
-    + ~keyword("there [is|are]")
+    keyword("[with|when|once] (there [is|are])")
     + duration
     + keyword("([is|are]) [left|remaining|to go]|[remains|remain]")
     >> (lambda length: TimeExpression(clip=1.0).plus(length, -1.0)),
-    keyword("wait") + ~keyword("for") + duration + _wait_over >> START.plus,
+    keyword("wait (for)") + duration + _wait_over >> START.plus,
     keyword("wait until") + moment + _wait_over,
     keyword("(right) after|past|once|when") + ~keyword(_reaches) + _second_over + _onward,
     _since + keyword("the (very) [first|opening]") + _length + _onward >> START.plus,
@@ -343,8 +345,7 @@ span = either(
     _begin + _comma + _for >> _lasting,
     _begin
     + _comma
-    + ~keyword("and")
-    + keyword("(right|all the way) [until|up to|up until]|[no|not] later than|ending [at|with|on|in]")
+    + keyword("(and) [(right|all the way) [until|up to|up until]|[no|not] later than|ending [at|with|on|in]]")
     + _hedge
     + (moment | _middle_point)
     >> Span,
@@ -361,8 +362,7 @@ span = either(
     + keyword("[is|are] [over|up|done|through]|[has|have] [passed|ended|gone by]")
     >> (lambda length: Span(START, length)),
     keyword(f"{_TO_THE_END}|before the [{PICTURE}] [ends|is over|stops|finishes]") >> (lambda: Span(START, END)),
-    ~keyword("for|over|in|during|within") + keyword("the next") + _length
-    >> (lambda length: Span(NOW, NOW.plus(length))),
+    keyword("(for|over|in|during|within) the next") + _length >> (lambda length: Span(NOW, NOW.plus(length))),
     keyword("for the [rest|remainder]") + ~_of_it >> (lambda: Span(NOW, None, "from")),
     keyword("by")
     + (
@@ -372,8 +372,7 @@ span = either(
         | keyword(f"the (very) end (of the [{PICTURE}])") >> (lambda: END)
     )
     >> (lambda end: Span(START, end, "by")),
-    keyword("before|until") + keyword("the") + _nth + keyword("second")
-    >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
+    keyword("[before|until] the") + _nth + keyword("second") >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
     ~keyword("only|just") + _just_then + keyword("only|alone") >> _only_then,
     keyword("only|just") + _just_then >> _only_then,
     _leading,
@@ -394,7 +393,7 @@ span = either(
         f"progresses|plays|runs|advances|unfolds]|over the (whole|entire|full) [{PICTURE}]"
     )
     >> (lambda: Span(START, None)),
-    keyword("from|since") + keyword("the") + _nth + keyword("second") + _onward
+    keyword("[from|since] the") + _nth + keyword("second") + _onward
     >> (lambda n: Span(TimeExpression(seconds=n - 1), None, "from")),
     keyword("in|within") + duration >> (lambda length: Span(NOW, NOW.plus(length), "in")),
     _since_then >> (lambda start: Span(start, None, "from")),

@@ -609,7 +609,8 @@ def _gaps(reading: Reading, at: int) -> dict[int, int]:
     word = reading.word(at)
     if word in EMPTY and at + 1 < len(reading.tokens):  # at its end it asks: "what does it look like"
         ends.setdefault(at + 1, _EMPTY)
-    asks = at == 0 and word in ("who", "what") and CUES["manner"].at(reading, 1)  # "who drives the car"
+    verb = 2 if reading.word(1) in ("is", "are", "was", "were") else 1
+    asks = at == 0 and word in ("who", "what") and CUES["manner"].at(reading, verb)  # "who is driving the car"
     if word in BINDING and not asks and not (word in PREPOSITIONS and _name.at(reading, at + 1)):
         ends.setdefault(at + 1, _LOOSELY)
     return ends | dict.fromkeys(CUES["inside"].at(reading, at), 1)

@@ -151,6 +151,8 @@ def sentences(quality: str, words: Words) -> Iterator[tuple[str, bool, float | s
         for verb in filter(None, (words.increase if upward else words.decrease).split("/")):
             for said in BEHIND:
                 yield f"{verb} the dog {said.words}", upward, much(said, upward)
+            for percents, factor in (("50 %", 0.5), ("150 %", 1.5)) if quality != "warmth" else ():
+                yield f"{verb} the dog to {percents}", upward, factor if (factor > 1) is upward else 0.0
         for verb, noun in zip(("increase", "reduce")[:: 1 if upward else -1], (words.noun, words.lack), strict=True):
             for said in BEHIND if noun else ():
                 yield f"{verb} the {noun} of the dog {said.words}", upward, much(said, upward)

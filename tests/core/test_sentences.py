@@ -60,7 +60,6 @@ REFUSED = (
     "where the chair is I want the table and the other way round",
     "move the bike from the left side to the right side of the tree",
     "make it half transparent while the car passes, seconds 1 to 2",
-    "stretch the jump from 1 s to 2 s so it takes 2 seconds",
     "start with the boat invisible and let it fade in over one second",
     "give me the gap between the two cars in car lengths at 2 s",
     "Please to make the boat more little, the half of now",
