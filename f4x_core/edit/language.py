@@ -60,6 +60,7 @@ from .clauses import OF_ALL, Clause, Clauses, Search, arguments
 from .commands import COMMANDS
 from .corrections import corrected, remarked, without_remarks
 from .description import in_words
+from .graded import QUALITIES
 from .making import BESIDE, COPY_DISTANCE, SHOWN, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
 from .misgivings import misgiving
 from .operations import (
@@ -78,7 +79,7 @@ from .operations import (
     Style,
     Transform,
 )
-from .phrases import SentenceContext, When, familiar, known_thing, several_placed, thing, together, whose
+from .phrases import SentenceContext, When, familiar, known_noun, known_thing, several_placed, thing, together, whose
 from .qualities import any_look, effect
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
@@ -973,7 +974,21 @@ _LENGTH = silent(number | keyword("half a")) + literal(
     "m|cm|mm|ft|meter|meters|centimeter|centimeters|inch|inches|foot|feet|yard|yards"
 )
 _named_like_a_thing = word_if(lambda reading, at: reading.word(at) in COLOURS.keys() - PURE_COLOURS)
+_plain = literal("|".join(f"{one.much}|{one.little}" for one in QUALITIES))
+_than_another = (
+    (
+        literal("as") + _plain + literal("as")
+        | (literal("[more|less]") + _plain | literal("|".join(f"{one.more}|{one.less}" for one in QUALITIES)))
+        + literal("than")
+    )
+    + ~literal("the|a|an|my|that|this")
+    + silent(known_noun)
+)
 _DOUBTFUL = (
+    (
+        _than_another,
+        "Things are not measured against one another; say how much it is to be, for example 'twice as big' or '20 % brighter'.",
+    ),
     (
         _LENGTH,
         "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example 'two widths "

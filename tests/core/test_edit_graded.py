@@ -214,3 +214,12 @@ def test_so_much_longer_or_shorter_a_stretch_of_time():
     wrong, unread = failing("length", stretches())
     assert not wrong, "\n".join(wrong)
     assert not unread, "\n".join(unread)
+
+
+@pytest.mark.parametrize("quality", [quality for quality in QUALITIES if QUALITIES[quality].little])
+def test_things_are_not_measured_against_one_another(quality):
+    words = QUALITIES[quality]
+    more = words.more.partition("/")[0]
+    for compared in (f"as {words.much} as", f"twice as {words.much} as", f"{more} than", f"more {words.little} than"):
+        with pytest.raises(F4xError, match="not measured against one another"):
+            parse(Request(f"make the dog {compared} the cat", LABELS, fps=24.0, frames=96))
