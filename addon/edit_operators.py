@@ -34,8 +34,8 @@ from ..f4x_core.edit.operations import (
     Vector,
 )
 from ..f4x_core.edit.phrases import refuse_as_name
+from ..f4x_core.edit.plan_lines import plan_lines
 from ..f4x_core.edit.styles import STYLES
-from ..f4x_core.edit.telling import told
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
 from ..f4x_core.language.lexicon import plural
@@ -380,7 +380,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
             row = state.readings.add()
             row.name = candidate.why or "as said"
             row.operations = json.dumps([operation.to_json() for operation in candidate.operations])
-            row.description = "\n".join(told(scene, candidate.operations, edit_context.frame))
+            row.description = "\n".join(plan_lines(scene, candidate.operations, edit_context.frame))
         state.answer = " ".join(proposal.notes)
         state.reading_index = proposal.best
         state.preview = True

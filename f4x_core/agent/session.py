@@ -22,11 +22,11 @@ from ..edit.description import describe
 from ..edit.naming import by_words, together
 from ..edit.operations import Operation, read_operation
 from ..edit.plan import MAX_CANDIDATES
+from ..edit.plan_lines import sizes
 from ..edit.records import read_record
 from ..edit.resolve import EditorState, Resolver, labels_of, named, resolve, rows_of
 from ..edit.selects import All, Ids, SelectKind
 from ..edit.stack import Edit, EditStack, of, read_stack
-from ..edit.telling import sizes
 from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import trajectory

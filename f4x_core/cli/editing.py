@@ -12,9 +12,9 @@ from ..edit.json_files import read_operations
 from ..edit.judge import candidate_sheet
 from ..edit.operations import Name, TakeBack
 from ..edit.plan import preview, propose
+from ..edit.plan_lines import plan_lines, sizes
 from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
-from ..edit.telling import sizes, told
 from ..errors import F4xError
 from ..files import replace_file
 from ..language.lexicon import plural
@@ -41,7 +41,7 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     elif not args.dry_run:
         write_scene(base_of(scene), args.output)
     chosen = sizes(scene)
-    plan = told(unedited, [edit.operation for edit in new], args.frame)
+    plan = plan_lines(unedited, [edit.operation for edit in new], args.frame)
     lines += [
         f"{number} {line}"
         + (f": {' and '.join(f'{n:,}' for n in chosen[edit.id])} Gaussians" if edit.id in chosen else "")

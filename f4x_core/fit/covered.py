@@ -35,9 +35,9 @@ without the movers looks the same."""
 SEEN = 0.1
 """Least blend weight, in pixels of a view, of a Gaussian of which that view tells."""
 OPAQUE = 0.9
-"""Alpha from which on what moves hides a pixel, and what stands still leaves no hole; the share of what is clear in a pixel that
+"""Alpha from which on what moves hides a pixel, and what stands still leaves no hole; the fraction of what is clear in a pixel that
 is known."""
-SMALLEST = 4
+MIN_HOLE = 4
 """Pixels; less of a view is no hole."""
 NEARER = 0.9
 """What is nearer than this many times the nearest of the movers stands before them, and does not go on behind them."""
@@ -107,7 +107,7 @@ class _Making:
         values = {"lends": lends[:, None].astype(np.float32)}
         drawn = render(_still(self.scene), camera, time, ("rgb", "depth", "alpha"), values=values)
         hole = hidden & (drawn["alpha"] < OPAQUE)
-        hole &= hole.sum() >= SMALLEST
+        hole &= hole.sum() >= MIN_HOLE
         rows, (row, column) = self._covered_in(camera, hidden)
         if not hole.any() and not len(rows):
             return
@@ -134,8 +134,8 @@ class _Making:
             "-",
         )
         static = scene.static.take(np.append(np.ones(self.first, bool), made))
-        told = {MADE_UP: np.append(self.painted, np.ones(made.sum(), bool))}
-        return replace(scene, static=static, needs=(*scene.needs, need.row()), extra={**scene.extra, **told})
+        extra = {MADE_UP: np.append(self.painted, np.ones(made.sum(), bool))}
+        return replace(scene, static=static, needs=(*scene.needs, need.row()), extra={**scene.extra, **extra})
 
     def _hidden(self) -> np.ndarray:
         """(n,) bool: new Gaussians that are in sight in no view, with one another or alone."""

@@ -199,7 +199,7 @@ def _part(progress: Progress, number: int, count: int) -> Progress:
     if progress is silent:
         return silent
 
-    def told(stage: str, done: int, total: int, message: str = "") -> None:
+    def shifted(stage: str, done: int, total: int, message: str = "") -> None:
         progress(stage, number * total + done, count * total, message)
 
-    return told
+    return shifted

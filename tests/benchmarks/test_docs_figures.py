@@ -27,11 +27,11 @@ def test_figures_are_those_of_the_results(page):
 
 
 def test_documents_show_figures_and_their_links_find_a_study():
-    told = "\n".join(page.read_text(encoding="utf-8") for page in DOCUMENTS)
-    assert sum(1 for _ in FIGURE.finditer(told)) >= 9
+    message = "\n".join(page.read_text(encoding="utf-8") for page in DOCUMENTS)
+    assert sum(1 for _ in FIGURE.finditer(message)) >= 9
     names = set(re.findall(r'<a id="([\w-]+)">', PAGE.read_text(encoding="utf-8")))
     assert names == {file.stem for file in RESULTS.glob("*.json")}
-    assert set(LINK.findall(told)) <= names | {"STUDY", "NAME"}
+    assert set(LINK.findall(message)) <= names | {"STUDY", "NAME"}
 
 
 @pytest.fixture

@@ -41,9 +41,9 @@ def test_only_libraries_of_the_present_sources_are_packed(used_tree, tmp_path):
     environment = os.environ | {"PYTHONPATH": str(used_tree)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
     assert done.returncode == 0, done.stdout + done.stderr
-    told = json.loads(done.stdout.splitlines()[-1])
-    assert told["kernels"] == ["linux-x86_64", "windows-x86_64"]
-    with zipfile.ZipFile(told["output"]) as archive:
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert result["kernels"] == ["linux-x86_64", "windows-x86_64"]
+    with zipfile.ZipFile(result["output"]) as archive:
         names = archive.namelist()
     packed = {Path(name).name for name in names if BUILT in name and not name.endswith("/")}
     assert packed == {library_path(target).name for target in ("linux-x86_64", "windows-x86_64")}

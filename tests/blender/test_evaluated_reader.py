@@ -81,7 +81,7 @@ step("shown", lambda: setattr(still, "hide_viewport", False))
 def test_a_second_reading_finds_what_a_fresh_one_does_and_keeps_what_is_the_same(tmp_path):
     write_scene(tiny_scene(), tmp_path / "scene.f4x")
     noted, _ = perform(tmp_path, SCRIPT)
-    assert [name for name, told in noted.items() if not told.get("same")] == []
+    assert [name for name, result in noted.items() if not result.get("same")] == []
     posed = {"means", "quats", "turn"}
     for name in ("frame", "frame again"):
         assert noted[name]["kept"].count("means") == 1 and noted[name]["kept"].count("sh") == 2

@@ -178,12 +178,12 @@ def test_undoing_a_written_edit_takes_the_nodes_back(session):
 
 
 def test_the_stack_grows_by_what_changed(session):
-    folder, _, told = session
+    folder, _, result = session
     assert len(read_stack(folder / "untouched.f4x")) == 0
     counts = [len(read_stack(folder / f"{label}.f4x")) for label in ("grabbed written", "handle written", "undone")]
     assert counts == [1, 2, 3]
     first, second, third = (edit.operation for edit in read_stack(folder / "undone.f4x").edits)
-    assert set(second.nodes) == set(told["members"]) and len(second.times) == CLIP
+    assert set(second.nodes) == set(result["members"]) and len(second.times) == CLIP
     assert third.nodes == (15,) and {edit.sentence for edit in read_stack(folder / "undone.f4x").edits} == {
         "moved in Blender"
     }
@@ -198,13 +198,13 @@ def test_the_grabbed_node_is_where_it_was_put(session):
 
 
 def test_the_graph_follows_the_nodes_and_is_hidden(session):
-    _, found, told = session
-    assert told["graph hidden"] == [True, True]
+    _, found, result = session
+    assert result["graph hidden"] == [True, True]
     np.testing.assert_allclose(found["graph"], tiny_scene().scaffold.xyz[3], atol=1e-5)  # frame 4 is knot 3
 
 
 def test_what_cannot_be_written_is_one_sentence(session):
-    _, _, told = session
-    assert told["copied"] == "{'FINISHED'}"  # a copy carries nothing
-    assert "1 node is missing" in told["missing"] and "Traceback" not in told["missing"] and told["left"] == []
-    assert told["none selected"] is False
+    _, _, result = session
+    assert result["copied"] == "{'FINISHED'}"  # a copy carries nothing
+    assert "1 node is missing" in result["missing"] and "Traceback" not in result["missing"] and result["left"] == []
+    assert result["none selected"] is False

@@ -94,11 +94,11 @@ def test_every_door_explains_itself():
 
 
 def test_query_selects_as_the_core_does(scene, tmp_path):
-    told = run(
+    result = run(
         "query_scene.py", scene, "--text", "square", "--selection", tmp_path / "s.json", "--blend", tmp_path / "s.blend"
     )
     found = select_by_text(read_scene(scene), ["square"])
-    assert 0 < told["chosen"] == told["points"] == found.chosen.sum() < told["gaussians"] == len(found.ids)
+    assert 0 < result["chosen"] == result["points"] == found.chosen.sum() < result["gaussians"] == len(found.ids)
     stored = Selection.from_json(json.loads((tmp_path / "s.json").read_text()))
     assert np.array_equal(stored.chosen_ids, found.chosen_ids)
     assert (tmp_path / "s.blend").stat().st_size > 0
@@ -107,13 +107,15 @@ def test_query_selects_as_the_core_does(scene, tmp_path):
 
 
 def test_edit_is_that_of_the_command_line(scene, tmp_path):
-    told = run("edit_scene.py", scene, "--say", "make the square green", "-o", tmp_path / "green.f4x")
-    assert len(told["edits"]) == 1 and told["gaussians"][0] > 0
+    result = run("edit_scene.py", scene, "--say", "make the square green", "-o", tmp_path / "green.f4x")
+    assert len(result["edits"]) == 1 and result["gaussians"][0] > 0
     done = python("-m", "f4x_core", "edit", scene, "--say", "make the square green", "-o", tmp_path / "core.f4x")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "green.f4x").read_bytes() == (tmp_path / "core.f4x").read_bytes()
     (tmp_path / "ops.json").write_text(json.dumps([{"op": "recolour", "select": {"by": "moving"}, "rgb": [0, 1, 0]}]))
-    told = run("edit_scene.py", tmp_path / "green.f4x", "--ops", tmp_path / "ops.json", "--blend", tmp_path / "g.blend")
+    result = run(
+        "edit_scene.py", tmp_path / "green.f4x", "--ops", tmp_path / "ops.json", "--blend", tmp_path / "g.blend"
+    )
     assert len(open_scene(tmp_path / "green.f4x").edits) == 2 and (tmp_path / "g.blend").exists()
     assert "sqare" in refused("edit_scene.py", scene, "--say", "make the sqare green")
 
@@ -122,8 +124,8 @@ def test_render_is_the_cores_picture(scene, tmp_path):
     red = resolve(read_scene(scene), Recolour(Text(("square",)), (0.0, 1.0, 0.0)), EditorState())
     edited = with_operations(read_scene(scene), red)
     write_scene(edited, tmp_path / "edited.f4x")
-    told = run("render_scene.py", tmp_path / "edited.f4x", "-o", tmp_path / "out", "--frames", "1:5:3", "--exr")
-    assert told["frames"] == [1, 4] and told["files"] == ["00001.exr", "00001.png", "00004.exr", "00004.png"]
+    result = run("render_scene.py", tmp_path / "edited.f4x", "-o", tmp_path / "out", "--frames", "1:5:3", "--exr")
+    assert result["frames"] == [1, 4] and result["files"] == ["00001.exr", "00001.png", "00004.exr", "00004.png"]
     again = open_scene(tmp_path / "edited.f4x")
     expected = render(again, again.cameras[4], 4.0, ("rgb", "depth"))
     picture = cv2.imread(str(tmp_path / "out" / "00004.png"))[..., ::-1]
@@ -140,17 +142,17 @@ def truth(tmp_path_factory) -> tuple[Path, dict]:
     folder = tmp_path_factory.mktemp("truth")
     done = python("-c", SHOT, folder / "shot.blend")
     assert done.returncode == 0, done.stderr
-    told = run(
+    result = run(
         "make_truth.py", folder / "shot.blend", folder / "out", "--camera", "eye", "--samples", "1", "--tracks", "60"
     )
-    return folder / "out", told
+    return folder / "out", result
 
 
 def test_truth_reprojects(truth):
-    folder, told = truth
+    folder, result = truth
     facts = json.loads((folder / "truth.json").read_text())
     cameras = CameraPath.from_json(facts["cameras"])
-    assert told["moving"] == ["mover"] and told["frames"] == len(cameras) == 4
+    assert result["moving"] == ["mover"] and result["frames"] == len(cameras) == 4
     assert (cameras.width, cameras.height) == (80, 48) and np.array_equal(cameras.times, range(4))
     for t, camera in enumerate(cameras):
         passes = read_passes(folder / "truth" / f"{t:05d}.exr")
@@ -164,10 +166,10 @@ def test_truth_reprojects(truth):
 
 
 def test_truth_tracks_follow_the_flow_and_know_when_they_are_hidden(truth):
-    folder, told = truth
+    folder, result = truth
     tracks = np.load(folder / "tracks.npz")
     xy, visible, moving = tracks["tracks"], tracks["visible"], tracks["moving"]
-    assert xy.shape == (4, told["tracks"], 2) and told["tracks"] == 60 and 10 < moving.sum() < 50
+    assert xy.shape == (4, result["tracks"], 2) and result["tracks"] == 60 and 10 < moving.sum() < 50
     assert not visible[:, moving].all() and visible.any(0).all()  # some go behind the post, none is never seen
     travelled = np.abs(xy[-1] - xy[0]).max(1)
     assert travelled[~moving].max() < 1e-3 and travelled[moving].min() > 2

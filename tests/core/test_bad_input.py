@@ -267,9 +267,12 @@ def test_a_camera_solver_that_fails_or_is_absent_is_done_without(tmp_path, capsy
     monkeypatch.setattr(cameras, "MAX_ERROR_PX", 0.0)  # as if all frames at once led nowhere
     monkeypatch.setattr(sfm.subprocess, "run", absent)
     assert main(["priors", str(clip), "-o", str(tmp_path / "out"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert asked and told["camera_kind"] in ("moving", "pan")
-    assert Image.open(tmp_path / "out" / "input.jpg").size == (told["width"], told["height"]) and told["frames"] == 10
+    result = json.loads(capsys.readouterr().out)
+    assert asked and result["camera_kind"] in ("moving", "pan")
+    assert (
+        Image.open(tmp_path / "out" / "input.jpg").size == (result["width"], result["height"])
+        and result["frames"] == 10
+    )
 
     def refused(command, **_):
         raise PermissionError(13, "Permission denied")
@@ -583,7 +586,7 @@ def test_a_stopped_fit_in_windows_resumes_with_the_same_options_only(tmp_path, c
     assert refuses(capsys, *asked, *part, code=130) == "Stopped."  # no window has saved anything yet
     monkeypatch.setattr(fitting, "survey", None)
     monkeypatch.setattr(fitting, "read_clip", None)
-    for changed, told in {
+    for changed, result in {
         (): "--window 5, not 0 (all at once)",
         ("--window", 6, "--overlap", 2): "--window 5, not 6",
         ("--window", 7, "--overlap", 3): "--window 5, not 7",
@@ -594,7 +597,7 @@ def test_a_stopped_fit_in_windows_resumes_with_the_same_options_only(tmp_path, c
         (*part, "--set", "steps=9"): "--set steps=24, not 9",
     }.items():
         sentence = refuses(capsys, *asked, *changed, "--resume")
-        assert f"it was made with {told}; give" in sentence and sentence.endswith("[F4X-RESUME]")
+        assert f"it was made with {result}; give" in sentence and sentence.endswith("[F4X-RESUME]")
     assert [path.name for path in out.rglob("*") if path.is_file()] == ["plan.json"]
     shutil.rmtree(out)
     (out / "checkpoints").mkdir(parents=True)

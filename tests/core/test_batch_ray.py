@@ -196,8 +196,8 @@ def test_ctrl_c_stops_the_work_on_the_nodes_and_the_same_command_goes_on(cluster
     wait_for(lambda: not fits_at_work(), 10)
     process = subprocess.Popen([*command, "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     os.kill(min(wait_for(fits_at_work)), signal.SIGKILL)
-    told, errors = process.communicate(timeout=60)
+    message, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
-    assert json.loads(told)["done"] == 1, "and nothing of what Ray says of the dead worker"
+    assert json.loads(message)["done"] == 1, "and nothing of what Ray says of the dead worker"
     record = json.loads((out / "a" / ".batch" / "fit.json").read_text())
     assert record["attempts"] >= 2 and record["results"][0]["metrics"]["first_step"] > 0

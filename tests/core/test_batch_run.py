@@ -147,19 +147,19 @@ def test_one_bad_clip_never_stops_the_others(tmp_path, stub_cli, capsys):
     )
     out = tmp_path / "out"
     code = main(["batch", pattern, "-o", str(out), "--json", "--jobs", "2"])
-    told = json.loads(capsys.readouterr().out)
-    assert code == 2 == len(told["failed"]) and told["done"] == 2
-    assert told["failed"]["blue"] == {"fit": "the sky is <too> blue"}
-    assert "ended by signal 9" in told["failed"]["big"]["priors"]
+    result = json.loads(capsys.readouterr().out)
+    assert code == 2 == len(result["failed"]) and result["done"] == 2
+    assert result["failed"]["blue"] == {"fit": "the sky is <too> blue"}
+    assert "ended by signal 9" in result["failed"]["big"]["priors"]
     page = (out / "index.html").read_text()
     assert "the sky is &lt;too&gt; blue" in page and "2 of 4 clips are done, 2 failed" in page
     assert 'src="a/render/original/rgb/00000.png"' in page and 'href="blue/logs/fit.log"' in page
-    assert told["notes"] == {"a": {"fit": "2 shots"}}, "which is no failure"
+    assert result["notes"] == {"a": {"fit": "2 shots"}}, "which is no failure"
     main(["batch", pattern, "-o", str(out), "--dry-run", "--json"])
     planned = json.loads(capsys.readouterr().out)
     states = {task["stage"]: task["state"] for task in planned["rows"][2]["tasks"]}
     assert states == {"priors": "kept", "fit": "failed", "render original 1/1": "waiting"}
-    assert planned["rows"][2]["errors"] == told["failed"]["blue"] and planned["seconds_left"] > 0
+    assert planned["rows"][2]["errors"] == result["failed"]["blue"] and planned["seconds_left"] > 0
     write_clips(tmp_path / "clips", blue={}, big={})
     assert main(["batch", pattern, "-o", str(out)]) == 0, "failed rows are tried again"
     assert capsys.readouterr().out.startswith("a, fit: 2 shots\n4 of 4 clips are done"), "told from its record, too"
@@ -183,11 +183,11 @@ def write_renders(folder, count=2):
 def test_a_dry_run_touches_nothing(tmp_path, capsys):
     clip = write_renders(tmp_path / "clips" / "a")
     assert main(["batch", clip, "-o", str(tmp_path / "out"), "--dry-run", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    result = json.loads(capsys.readouterr().out)
     assert (
-        told["to_do"] == told["tasks"] == 3
-        and told["seconds_left"] is None
-        and told["rows"][0]["tasks"][1]["stage"] == "fit"
+        result["to_do"] == result["tasks"] == 3
+        and result["seconds_left"] is None
+        and result["rows"][0]["tasks"][1]["stage"] == "fit"
     )
     assert not (tmp_path / "out").exists()
 
@@ -197,9 +197,9 @@ def test_a_dry_run_names_what_is_missing_or_not_as_it_is_said(tmp_path, capsys):
     table = tmp_path / "list.csv"
     table.write_text("clip,name,frames\na,a,\na,long,0:900\nabsent.mp4,,\n")
     assert main(["batch", str(table), "-o", str(tmp_path / "out"), "--dry-run"]) == 2
-    told = capsys.readouterr().out
-    assert "absent.mp4 is missing" in told and "a is missing" not in told
-    assert "long: " in told and "frames 0:900 reach beyond" in told
+    result = capsys.readouterr().out
+    assert "absent.mp4 is missing" in result and "a is missing" not in result
+    assert "long: " in result and "frames 0:900 reach beyond" in result
 
 
 @pytest.mark.parametrize(
@@ -432,7 +432,7 @@ def test_a_log_gets_a_line_for_every_task_that_ended(tmp_path, stub_cli, capsys,
     slow, *lines = capsys.readouterr().err.splitlines()
     assert slow == "No compiled kernels."
     times, said = zip(*(line.split(" ", 1) for line in lines), strict=True)
-    assert all(time.strptime(told, "%H:%M:%S") for told in times)
+    assert all(time.strptime(result, "%H:%M:%S") for result in times)
     assert said[0] == "reading clips" and said[1].startswith("a, priors: done in ")
     assert said[1].endswith(" s, 1 of 3") and said[2].endswith(" s, 3 of 3: the sky is [too] blue") and len(said) == 3
 
@@ -498,9 +498,9 @@ def test_the_page_shows_what_a_clip_became_and_links_what_is_there(tmp_path):
         names = left.get(task.stage, set())
         for name in (*names, f"logs/{task.slug}.log"):
             store.write(f"a/{name}", b"x")
-        told = {"host": "h", "results": (results.get(task.stage, {}),), "files": dict.fromkeys(names, 1)}
+        result = {"host": "h", "results": (results.get(task.stage, {}),), "files": dict.fromkeys(names, 1)}
         note = "nothing answers" if "query" in task.stage else ""
-        board.finish(task, Outcome("a", task.stage, task.key, "done" if names else "failed", note=note, **told))
+        board.finish(task, Outcome("a", task.stage, task.key, "done" if names else "failed", note=note, **result))
         store.write(
             f"other/.batch/{task.slug}.json", json.dumps(asdict(Outcome("other", task.stage, "", "done"))).encode()
         )
@@ -526,8 +526,8 @@ def test_a_real_clip_end_to_end(tmp_path, capsys):
     (tmp_path / "list.csv").write_text("clip,edits,parts,exports\nclip/images,make everything grey,2,ply\n")
     out = tmp_path / "out"
     code = main(["batch", str(tmp_path / "list.csv"), "-o", str(out), "--set", "profile=quick", "--json"])
-    told = json.loads(capsys.readouterr().out)
-    assert code == 0, told
+    result = json.loads(capsys.readouterr().out)
+    assert code == 0, result
     pictures = sorted((out / "clip" / "render" / "original" / "rgb").iterdir())
     assert [file.name for file in pictures] == [f"{index:05d}.png" for index in range(6)]
     picture = np.asarray(Image.open(pictures[0])).astype(int)

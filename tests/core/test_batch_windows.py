@@ -179,16 +179,16 @@ def test_every_window_and_the_whole_have_a_page(shot):
 def test_the_joined_scene_closes_like_a_single_one(shot):
     """With the worst window's verdict, why each window is as it is, what it needed, its frames, its angle and its page."""
     parts = [read_scene(shot.folder / "windows" / f"{number:03d}" / "scene.f4x") for number in range(3)]
-    whole, told = (shot.folder / "diagnostics.html").read_text(), shot.result["metrics"]
+    whole, answer = (shot.folder / "diagnostics.html").read_text(), shot.result["metrics"]
     worst = min(range(3), key=lambda number: parts[number].metrics["used_psnr"])
     first, end = shot.plan.windows[worst]
-    word = told["quality"]
-    assert word and {row["quality"] for row in told["windows"]} == {word}  # so that the score alone decides
-    assert told["verdict"].startswith(f"The worst of 3 windows, frames {first} to {end - 1}, is {word}: ")
-    assert f"{parts[worst].metrics['used_psnr']:.1f} dB" in told["verdict"] and told["verdict"] in whole
-    lines = closing_lines(shot.folder, shot.result["needs"], told)
+    word = answer["quality"]
+    assert word and {row["quality"] for row in answer["windows"]} == {word}  # so that the score alone decides
+    assert answer["verdict"].startswith(f"The worst of 3 windows, frames {first} to {end - 1}, is {word}: ")
+    assert f"{parts[worst].metrics['used_psnr']:.1f} dB" in answer["verdict"] and answer["verdict"] in whole
+    lines = closing_lines(shot.folder, shot.result["needs"], answer)
     assert lines[0].startswith("what the clip needed: windows 3; hidden background ")
-    assert lines[-1] == f"{told['verdict']} Why, and what you can supply: {shot.folder / 'diagnostics.html'}"
+    assert lines[-1] == f"{answer['verdict']} Why, and what you can supply: {shot.folder / 'diagnostics.html'}"
     kept = json.loads((shot.folder / "metrics.json").read_text())
     assert [row["frames"] for row in kept["windows"]] == ["0 to 7", "5 to 12", "10 to 15"]
     for part, row, line in zip(parts, kept["windows"], lines[1:-1], strict=True):
@@ -286,7 +286,7 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
     write_images(tmp_path / "clip" / "images", np.zeros((27, 16, 24, 3), np.uint8))
     args = arguments(tmp_path / "clip", output=tmp_path, resume=False, masks=None, hold_out=None)
     known = Survey(10, 2, 9, (3,))
-    result = fit_windows(args, known, plan_shots(9, (3,)), shot.config, [], lambda *told: print(*told))
+    result = fit_windows(args, known, plan_shots(9, (3,)), shot.config, [], lambda *answer: print(*answer))
     assert capsys.readouterr().out.splitlines()[1] == "photometric 0 1 shot 2 of 2, window 1 of 2"
     assert "frames 10:15:2 of the source" in (tmp_path / "diagnostics.html").read_text()
     links = re.findall('href="(.*?)"', (tmp_path / "diagnostics.html").read_text())
@@ -389,10 +389,10 @@ def test_to_and_fro_needs_no_more_background(tmp_path, monkeypatch):
         for frame in range(len(rows) if start else 0):
             turn = quaternion.from_rotation_vector(np.array([0.0, drift[frame], 0.0]))
             views[frame] = pose.to_matrix(turn, np.zeros(3)) @ views[frame]
-        told = ("depth", "depth_confidence", "mask", "motion", "tracks", "tracks_visible")
+        answer = ("depth", "depth_confidence", "mask", "motion", "tracks", "tracks_visible")
         flows = {name: getattr(priors, name)[: len(rows) - 1] for name in vars(priors) if name.startswith("flow_")}
         cameras = dataclasses.replace(path, intrinsics=path.intrinsics[rows], world_to_camera=views, times=window.times)
-        cut = {name: getattr(priors, name)[rows] for name in told}
+        cut = {name: getattr(priors, name)[rows] for name in answer}
         return dataclasses.replace(priors, cameras=cameras, frames=np.arange(len(rows)), **cut, **flows)
 
     monkeypatch.setattr(pipeline, "build_priors", build)

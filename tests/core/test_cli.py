@@ -62,9 +62,9 @@ def toy_fit(tmp_path, monkeypatch, capsys):
     measured = cli_fitting.evaluate
 
     def evaluate(*given, **more):
-        told = measured(*given, **more)
-        told["frames"][0]["psnr_moving"] = math.nan  # a frame in which nothing moves
-        return told
+        result = measured(*given, **more)
+        result["frames"][0]["psnr_moving"] = math.nan  # a frame in which nothing moves
+        return result
 
     monkeypatch.setattr(cli_fitting, "evaluate", evaluate)
     out = tmp_path / "out"
@@ -86,9 +86,9 @@ def test_fit_leaves_its_files_and_the_other_verbs_read_them(toy_fit, tmp_path, c
     assert main(["info", str(out / "scene.f4x"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 8
     assert main(["info", str(out / "scene.f4x")]) == 0
-    told = capsys.readouterr()
-    assert told.err == "" and 8 <= len(told.out.splitlines()) <= 12
-    assert "64x40" in told.out and f"{folder}, frames 0:8:1" in told.out and __version__ in told.out
+    result = capsys.readouterr()
+    assert result.err == "" and 8 <= len(result.out.splitlines()) <= 12
+    assert "64x40" in result.out and f"{folder}, frames 0:8:1" in result.out and __version__ in result.out
 
     assert main(["eval", str(out / "scene.f4x"), "--clip", str(folder), "--json", "--refine-camera"]) == 0
     measured = json.loads(capsys.readouterr().out)
@@ -129,9 +129,11 @@ def test_a_fit_tells_its_cost_and_keeps_what_it_was_granted(toy_fit, tmp_path, c
     capsys.readouterr()
     fit = ["fit", str(folder), "-o", str(tmp_path / "granted"), "--profile", "quick"]
     assert main([*fit, "--minutes", "20", "--memory", "1.5"]) == 0
-    told = capsys.readouterr().err
-    assert re.search(r"cost \(about [\d.]+ minutes on an idle machine, [\d.]+ GB of memory and a scene of \d+ MB", told)
-    assert re.search(r"room for [\d,]+ Gaussians by --memory 1\.5\)", told)
+    result = capsys.readouterr().err
+    assert re.search(
+        r"cost \(about [\d.]+ minutes on an idle machine, [\d.]+ GB of memory and a scene of \d+ MB", result
+    )
+    assert re.search(r"room for [\d,]+ Gaussians by --memory 1\.5\)", result)
     first = read_scene(tmp_path / "granted" / "scene.f4x").provenance["config"]["density_static"]["max_count"]
     monkeypatch.setattr(
         MachineSpeed, "measured", lambda threads: MachineSpeed(2e-3, 2)
@@ -149,22 +151,22 @@ def test_a_fit_tells_its_cost_and_keeps_what_it_was_granted(toy_fit, tmp_path, c
 def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
     folder = write_frames(tmp_path / "clip", rng.integers(0, 255, (2, 54, 960, 3), np.uint8))
-    told = {}
+    result = {}
     monkeypatch.setattr(MachineSpeed, "measured", lambda threads: MachineSpeed(0.02, 2))
     args = SimpleNamespace(clip=folder, frames=None, output=tmp_path, resume=False, minutes=None, memory=None)
     size = ClipSize(2, 480, 27)
-    config = cli_fitting.granted(args, size, profile("quick"), lambda stage, *rest: told.setdefault(stage, rest[-1]))
+    config = cli_fitting.granted(args, size, profile("quick"), lambda stage, *rest: result.setdefault(stage, rest[-1]))
     assert config is not None and not (tmp_path / "grant.json").exists()
     assert re.fullmatch(
         r"this size keeps the detail of the clip's 960 pixels to 1\d dB, [\d.]+ minutes;"
         r" --width 854 keeps the detail of the clip's 960 pixels to \d+ dB, [\d.]+ minutes",
-        told["larger pictures"],
+        result["larger pictures"],
     )
 
 
 def test_what_is_not_a_number_is_null_for_other_programs(monkeypatch, capsys):
-    told = {"psnr": math.nan, "rows": [{"error": np.float32("inf"), "share": np.float64(0.5)}], "count": 3}
-    monkeypatch.setattr(sys.modules[main.__module__], "find_verb", lambda _: lambda *_: dict(told))
+    result = {"psnr": math.nan, "rows": [{"error": np.float32("inf"), "share": np.float64(0.5)}], "count": 3}
+    monkeypatch.setattr(sys.modules[main.__module__], "find_verb", lambda _: lambda *_: dict(result))
     plain = {"psnr": None, "rows": [{"error": None, "share": 0.5}], "count": 3}
     assert main(["doctor", "--json"]) == 0
     assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail) == plain
@@ -235,9 +237,9 @@ def test_a_word_of_the_command_line_that_is_misspelt_is_asked_about(capsys):
 def test_the_folder_of_a_fit_is_its_scene(tmp_path, capsys):
     write_scene(labelled_scene(), tmp_path / "scene.f4x")
     assert main(["info", str(tmp_path)]) == 0
-    told = capsys.readouterr().out
-    assert main(["info", str(tmp_path / "scene.f4x")]) == 0 and capsys.readouterr().out == told
-    assert "\nwords:     square, wall" in told
+    result = capsys.readouterr().out
+    assert main(["info", str(tmp_path / "scene.f4x")]) == 0 and capsys.readouterr().out == result
+    assert "\nwords:     square, wall" in result
     assert "there is no such file" in fails(capsys, "info", tmp_path / "nowhere")
 
 
@@ -346,8 +348,8 @@ def test_help_waits_for_no_heavy_package():
         "import sys; from f4x_core.cli.parser import build_parser; build_parser();"
         " print(sorted({'torch', 'scipy', 'cv2', 'transformers'} & sys.modules.keys()))"
     )
-    told = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "[]"
+    result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
 
 
 def test_threads_sleep_while_they_wait_unless_it_is_said_otherwise(monkeypatch):

@@ -387,9 +387,9 @@ def test_a_truncated_film_says_how_far_it_goes(tmp_path):
     path.write_bytes(data[: len(data) // 2])
     with pytest.raises(
         F4xError, match=r"cut\.mov (breaks off|is damaged) after (\d+) frames.*give --frames 0:\2 "
-    ) as told:
+    ) as message:
         read_clip(path)
-    whole = int(str(told.value).split("--frames 0:")[1].split()[0])
+    whole = int(str(message.value).split("--frames 0:")[1].split()[0])
     assert 10 <= whole < 20 and len(read_clip(path, f"0:{whole}")) == whole
     path.write_bytes(data[-len(data) // 2 :])
     with pytest.raises(F4xError, match=r"cut\.mov cannot be read as a video"):

@@ -101,8 +101,8 @@ def test_page_is_whole_and_self_contained(tmp_path: Path, moving: bool):
     page = tmp_path / "diagnostics.html"
     worst = {frame: clip.frames[frame] / 255 for frame in frames}
     found = write_diagnostics(page, clip, result, metrics, ScenePreviews(worst, [made_up_moment(clip)]))
-    text, told = page.read_text(), verdict(metrics, found)
-    assert told.startswith(f"The scene is {quality(metrics, found)}: ") and f">{told}<" in text
+    text, message = page.read_text(), verdict(metrics, found)
+    assert message.startswith(f"The scene is {quality(metrics, found)}: ") and f">{message}<" in text
     assert found and all(html.escape(finding.what) in text for finding in found)
     checker = Checker()
     checker.feed(text)

@@ -415,14 +415,14 @@ def test_names_and_disabled_edits():
 
 
 def test_unknown_names_open_selections_and_taken_ids_are_told():
-    for operation, told in (
+    for operation, message in (
         (Delete(Named("rex")), "edit 1 (delete): no selection before it is named 'rex'"),
         (Delete(Text(("dog",))), "edit 1 (delete): a selection by text is not settled"),
         (Delete(Point(0, 1.0, 1.0)), "by point is not settled"),
         (Transform(SOME, (1, 0, 0), unit="size"), "edit 1 (transform): its distances"),
         (Duplicate(SOME, first_id=20), "edit 1 (duplicate): ids of its copies"),
     ):
-        with pytest.raises(F4xError, match=re.escape(told)):
+        with pytest.raises(F4xError, match=re.escape(message)):
             with_operations(SCENE, operation)
     bomb = [Duplicate(All(), (0.1, 0, 0), count=100)] * 4
     with pytest.raises(F4xError, match="are the most"):

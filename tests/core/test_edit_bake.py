@@ -226,4 +226,4 @@ def test_switched_off_and_undone_edits_are_left_behind():
     stack = of(with_operations(SCENE, Delete(SOME), Recolour(M, (1, 0, 0)), Delete(M))).enable(1, False).undo()
     baked = bake(with_stack(SCENE, stack))
     assert baked.edits == () and "undone" not in baked.extra_fields and len(baked.ids) == 50
-    assert [told["op"] for told in baked.provenance["baked"]] == ["recolour"]
+    assert [result["op"] for result in baked.provenance["baked"]] == ["recolour"]

@@ -68,8 +68,8 @@ def test_a_sentence_becomes_operations_at_the_first_asking(server):
     assert formats(server) == ["json_schema"]
     asked = server.asked[0][2]
     assert asked["response_format"]["json_schema"]["strict"] is True
-    told = json.loads(asked["messages"][-1]["content"])
-    assert told["request"] == REQUEST.sentence and told["labels"] == ["dog", "car", "grass"] and told["fps"] == 10
+    result = json.loads(asked["messages"][-1]["content"])
+    assert result["request"] == REQUEST.sentence and result["labels"] == ["dog", "car", "grass"] and result["fps"] == 10
 
 
 @pytest.mark.parametrize("status", [400, 404, 422, 501])
@@ -104,8 +104,8 @@ def test_a_wrong_answer_is_told_to_the_model_once(server):
     answers = iter([json.dumps({"operations": [{**RED, "red": 300}]}), GOOD])
     server.reply = lambda body: (200, saying(next(answers)), 0)
     assert ask_for_operations(client(server), REQUEST) == PAINTED
-    told = server.asked[1][2]["messages"][-1]["content"]
-    assert "red" in told and "255" in told and formats(server) == ["json_schema"] * 2
+    result = server.asked[1][2]["messages"][-1]["content"]
+    assert "red" in result and "255" in result and formats(server) == ["json_schema"] * 2
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ def test_every_operation_of_the_schema(operation, expected):
 
 
 def test_no_operation_of_a_stack_is_kept_from_the_model():
-    told = json.dumps(schema_of(ChangeList))
+    result = json.dumps(schema_of(ChangeList))
     says = {
         "recolour": "paint",
         "extract": "keep_only",
@@ -238,7 +238,7 @@ def test_no_operation_of_a_stack_is_kept_from_the_model():
     }  # no word's work
     for kind in get_args(Operation):
         tag = says.get(kind.TAG, kind.TAG)
-        assert tag is None or f'"{tag}"' in told, kind
+        assert tag is None or f'"{tag}"' in result, kind
 
 
 def test_operations_without_a_span():

@@ -193,9 +193,9 @@ def test_what_stands_still_does_not_flicker_when_painted(scene):
 
 
 def test_every_fault_of_a_server_is_one_sentence():
-    told = try_faults()
-    assert len(told) == 10
-    for name, sentence in told.items():
+    message = try_faults()
+    assert len(message) == 10
+    for name, sentence in message.items():
         assert sentence.startswith("URL: ") and "\n" not in sentence and len(sentence) < 900, name
 
 

@@ -80,11 +80,11 @@ def test_phrases_by_someone_who_has_not_seen_the_parser():
     wrong, actions = [], {}
     for phrase in UNSEEN["phrases"]:
         try:
-            told = say(phrase["say"], selected=phrase.get("selected", False), labels=UNSEEN["labels"])
+            message = say(phrase["say"], selected=phrase.get("selected", False), labels=UNSEEN["labels"])
         except Refusal:
-            told = ()
-        records = [rounded(operation.to_json()) for operation in told]
-        if "refuse" in phrase and told:
+            message = ()
+        records = [rounded(operation.to_json()) for operation in message]
+        if "refuse" in phrase and message:
             actions[phrase["say"]] = records
         elif records != rounded(phrase.get("ops", [])):
             wrong.append(phrase["say"])
@@ -94,11 +94,11 @@ def test_phrases_by_someone_who_has_not_seen_the_parser():
 
 
 def test_a_refusal_names_the_word_and_offers_commands():
-    with pytest.raises(Refusal, match="'bark'") as told:
+    with pytest.raises(Refusal, match="'bark'") as message:
         say("make the dog bark")
-    assert len(told.value.nearest) == 3
-    assert all(say(example, labels=("dog", "car", "house")) for example in told.value.nearest)
-    assert isinstance(told.value, F4xError)
+    assert len(message.value.nearest) == 3
+    assert all(say(example, labels=("dog", "car", "house")) for example in message.value.nearest)
+    assert isinstance(message.value, F4xError)
     with pytest.raises(Refusal, match="did you mean 'delete'"):
         say("delte the dog")
 
@@ -154,10 +154,10 @@ def test_words_of_an_operation_mean_it(number):
 
 
 def test_words_that_are_no_sentence_are_still_words():
-    told = describe(
+    message = describe(
         Transform(Current(), translate=(1, 2, 3), rotate=(0, 0, 5), pivot=(0, 0, 1), frames=(0, 3), ease="linear")
     )
-    assert told == (
+    assert message == (
         "move the selection by (1, 2, 3) units along the scene's own axes and rotate the selection by (0, 0, 5) degrees"
         " about the scene's own axes from frame 0 to frame 3 evenly"
     )
@@ -189,9 +189,9 @@ def test_of_a_thing_and_its_copy_there_is_a_left_one(left):
     ],
 )
 def test_of_half_a_command_the_other_half_is_asked_for(sentence, missing):
-    with pytest.raises(Refusal) as told:
+    with pytest.raises(Refusal) as message:
         say(sentence)
-    assert missing in told.value.reason
+    assert missing in message.value.reason
 
 
 def test_the_copy_gets_a_name_by_which_it_is_selected():
@@ -312,10 +312,10 @@ def test_long_texts_take_bounded_time(part):
     ],
 )
 def test_the_word_that_is_blamed_is_the_one_at_fault(sentence, word):
-    with pytest.raises(Refusal) as told:
+    with pytest.raises(Refusal) as message:
         say(sentence, selected=True)
-    assert word in told.value.reason
-    assert not any("remove" in example for example in told.value.nearest if "n't" in sentence)
+    assert word in message.value.reason
+    assert not any("remove" in example for example in message.value.nearest if "n't" in sentence)
 
 
 @pytest.mark.parametrize(
@@ -383,8 +383,10 @@ def test_examples_are_about_what_is_there():
         "make the swan glow",
         "make the swan take twice as long",
     )
-    told = [example for sentence in ("make the sky pink", "remove the sky") for example in nearest(sentence, ("swan",))]
-    assert not any(word in " ".join(told).split() for word in ("sky", "dog", "car"))
+    message = [
+        example for sentence in ("make the sky pink", "remove the sky") for example in nearest(sentence, ("swan",))
+    ]
+    assert not any(word in " ".join(message).split() for word in ("sky", "dog", "car"))
     assert nearest("match the water", ("swan", "water"))[0] == "match the water to the swan"
 
 
@@ -413,8 +415,8 @@ def test_a_fade_in_ends_with_all_of_it():
 
 
 def test_the_background_but_not_the_dog_is_told_so():
-    told = "remove the background but not the dog"
-    assert describe(say(told)[0]) == told
+    message = "remove the background but not the dog"
+    assert describe(say(message)[0]) == message
 
 
 @pytest.mark.parametrize(

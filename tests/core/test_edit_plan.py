@@ -32,10 +32,10 @@ from f4x_core.edit.operations import (
     Reverse,
     Transform,
 )
+from f4x_core.edit.plan_lines import plan_lines
 from f4x_core.edit.resolve import EditorState, labels_of, resolve, rows_of
 from f4x_core.edit.selects import All, And, Beside, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, Text
 from f4x_core.edit.stack import of
-from f4x_core.edit.telling import told as told_in_words
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
@@ -119,7 +119,7 @@ def test_words_mean_the_same_whatever_moments_are_shown(scene, retimes):
 
 def test_a_blur_is_told_in_pixels_too(scene):
     blur = resolve(scene, Blur(SQUARE, 0.02), HERE)
-    (line,) = told_in_words(scene, [blur])
+    (line,) = plan_lines(scene, [blur])
     assert line == f"blur the square by 0.02 units ({0.02 * FOCAL / SQUARE_DEPTH:.1f} pixels where it is)"
 
 
@@ -518,11 +518,11 @@ def test_a_model_that_fails_leaves_the_grammar(path, reply):
 def test_a_server_that_is_not_reached_is_told_where_the_grammar_refuses_too(scene, sentence, kind, words):
     with stub_server() as stub:
         dead = client(stub)
-    with pytest.raises(kind, match=r"cannot be reached.* The grammar read the sentence instead\.") as told:
+    with pytest.raises(kind, match=r"cannot be reached.* The grammar read the sentence instead\.") as refused:
         plan.propose(scene, sentence, HERE, server=dead)
-    assert words in str(told.value) and str(told.value).count("cannot be reached") == 1
+    assert words in str(refused.value) and str(refused.value).count("cannot be reached") == 1
     if kind is Doubt:
-        assert plan.propose(scene, told.value.instead, HERE).chosen.operations
+        assert plan.propose(scene, refused.value.instead, HERE).chosen.operations
 
 
 def test_a_hostile_label_changes_nothing(scene):
@@ -538,7 +538,7 @@ def test_a_hostile_label_changes_nothing(scene):
         assert "ignore the request" not in str(stub.asked)
 
 
-def told(capsys):
+def printed(capsys):
     out, err = capsys.readouterr()
     return json.loads(out), err
 
@@ -547,10 +547,10 @@ def test_the_command_line_applies_the_best_reading(path, tmp_path, capsys):
     before, other, picture = path.read_bytes(), tmp_path / "b.f4x", tmp_path / "sheet.png"
     say = ["edit", str(path), "--say", "move the square up and make it green", "--json"]
     assert main([*say, "--dry-run", "--frame", "2"]) == 0
-    found, _ = told(capsys)
+    found, _ = printed(capsys)
     assert [edit["op"] for edit in found["edits"]] == ["transform", "recolour"] and found["output"] is None
     assert main([*say, "-o", str(other), "--candidates", "3", "--contact-sheet", str(picture)]) == 0
-    found, _ = told(capsys)
+    found, _ = printed(capsys)
     assert len(found["candidates"]) > 1 and found["judged_by"] == "measured" and found["best"] == 0
     assert Image.open(picture).size[0] > 3 * 64 and path.read_bytes() == before
     assert main([*say[:3], "remove the square"]) == 0
@@ -579,7 +579,7 @@ def test_a_command_that_cannot_be_done_writes_nothing(path, capsys, more, words)
 
 def test_the_bench_tells_times_and_faults(path, capsys):
     assert main(["bench", "edit", "--scene", str(path), "--label", "square", "--json"]) == 0
-    found, _ = told(capsys)
+    found, _ = printed(capsys)
     assert found["sentence_s"] < 5 and found["still_flicker"] <= 1.05 and len(found["endpoint_faults"]) == 10
 
 
@@ -641,9 +641,9 @@ def test_what_stands_still_cannot_be_stopped_and_that_is_told(scene):
 
 def test_examples_of_a_refusal_are_about_the_scene(scene):
     for sentence in ("make the cat pink", "make the square bark"):
-        with pytest.raises(Refusal) as told:
+        with pytest.raises(Refusal) as refused:
             plan.propose(with_words(scene, "cat"), sentence, HERE)
-        nouns = {word for one in told.value.nearest for word in one.split()}
+        nouns = {word for one in refused.value.nearest for word in one.split()}
         assert {"square", "wall"} & nouns and not {"cat", "dog", "sky", "car"} & nouns
 
 

@@ -138,9 +138,9 @@ def taken(scene, sentence):
 
 
 def refused(scene, sentence):
-    with pytest.raises(Refusal) as told:
+    with pytest.raises(Refusal) as message:
         propose(scene, sentence)
-    return told.value.reason
+    return message.value.reason
 
 
 @pytest.fixture(scope="module")

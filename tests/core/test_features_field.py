@@ -239,9 +239,9 @@ sys.exit(main(["distill", r"{tmp_path / "scene.f4x"}", "--teacher", "precomputed
 """
     command, root = [sys.executable, "-c", program], Path(__file__).resolve().parents[2]
     result = subprocess.run(command, cwd=root, capture_output=True, text=True)
-    *_, told = result.stderr.splitlines()
+    *_, output = result.stderr.splitlines()
     assert result.returncode == 2, result.stderr
-    assert told.startswith("f4x distill: Distilling maps of 3000 x 3000 x 8 does not fit in memory")
+    assert output.startswith("f4x distill: Distilling maps of 3000 x 3000 x 8 does not fit in memory")
 
 
 def test_cancelling_passes_through(scene):

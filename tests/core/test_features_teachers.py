@@ -472,8 +472,8 @@ def test_nothing_is_fetched_unless_asked(offline_hub, tmp_path, capsys):
 def test_a_fit_asks_for_its_teachers_before_it_starts(offline_hub, clip, tmp_path, capsys, names, words):
     write_images(tmp_path / "clip", clip.frames)
     assert main(["fit", str(tmp_path / "clip"), "-o", str(tmp_path / "out"), "--features", names]) == 2
-    told = capsys.readouterr().err
-    assert words in told and told.count("\n") == 1 and not (tmp_path / "out").exists()
+    output = capsys.readouterr().err
+    assert words in output and output.count("\n") == 1 and not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("published", [["model.safetensors", "pytorch_model.bin"], ["pytorch_model.bin"]])

@@ -75,7 +75,7 @@ def test_a_step_moves_every_parameter_as_adam_does_along_the_gradient_of_the_los
     for step in range(1, 5):
         before = {key: value.detach().clone() for key, value in parameters_of(stage).items()}
         state = stage.generator.get_state()
-        told = stage.train_step()
+        result = stage.train_step()
         frame, level, background, offset = looks[-1]
         assert offset.shape == (10, 2) and background.shape == (3,) and level is stage.levels[0]
         twin.step = stage.step - 1
@@ -88,7 +88,7 @@ def test_a_step_moves_every_parameter_as_adam_does_along_the_gradient_of_the_los
                 value.grad = None
         loss = total_loss(twin.losses, twin.step, twin.render(frame, level, background, torch.zeros(10, 2)))
         loss.backward()
-        assert told == stage.loss == pytest.approx(float(loss.detach()), rel=1e-6)
+        assert result == stage.loss == pytest.approx(float(loss.detach()), rel=1e-6)
         rates, after = rates_of(stage), parameters_of(stage)
         for key, value in parameters_of(twin).items():
             gradient = np.zeros(value.shape) if value.grad is None else value.grad.double().numpy()
@@ -146,16 +146,16 @@ def test_pictures_are_clamped_to_what_can_be_shown(stage_of):
 
 @pytest.mark.parametrize(("period", "saved"), [(3, [3, 6, 8]), (4, [4, 8]), (0, [8])])
 def test_checkpoints_are_written_every_so_often_and_at_the_end(stage_of, monkeypatch, tmp_path, period, saved):
-    stage, written, told = stage_of(checkpoint_every=period, measure_every=4), [], []
+    stage, written, result = stage_of(checkpoint_every=period, measure_every=4), [], []
     monkeypatch.setattr(
         trainer, "save_checkpoint", lambda path, state: written.append((path, state["step"], state["config_hash"]))
     )
-    stage.run(tmp_path / "c", "hash", lambda *words: told.append(words))
+    stage.run(tmp_path / "c", "hash", lambda *words: result.append(words))
     assert written == [(tmp_path / "c", step, "hash") for step in saved]
-    assert [words[:3] for words in told] == [("photometric", step, 8) for step in range(1, 9)]
+    assert [words[:3] for words in result] == [("photometric", step, 8) for step in range(1, 9)]
     assert [point["step"] for point in stage.history] == [4, 8]
-    assert told[2][3] == "" and told[7][3].startswith(f"{stage.history[1]['psnr']:.1f} dB, 8 ")
-    assert told[4][3].startswith(f"{stage.history[0]['psnr']:.1f} dB")
+    assert result[2][3] == "" and result[7][3].startswith(f"{stage.history[1]['psnr']:.1f} dB, 8 ")
+    assert result[4][3].startswith(f"{stage.history[0]['psnr']:.1f} dB")
 
 
 @pytest.mark.parametrize("inside", [True, False])

@@ -31,10 +31,10 @@ def test_pieces_of_a_piece_run_one_by_one():
 
 
 def test_progress_is_told_in_the_calling_thread():
-    told = []
+    message = []
     with side_by_side(2):
-        in_threads(lambda item: item, range(3), lambda done: told.append((done, threading.get_ident())))
-    assert told == [(done, threading.get_ident()) for done in range(4)]
+        in_threads(lambda item: item, range(3), lambda done: message.append((done, threading.get_ident())))
+    assert message == [(done, threading.get_ident()) for done in range(4)]
 
 
 def test_an_error_drops_the_pieces_that_are_not_begun():

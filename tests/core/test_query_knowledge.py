@@ -98,8 +98,8 @@ def test_labels_are_called_near_where_they_are():
 
 def test_without_a_vector_only_spelling_is_near(scene):
     assert instead(scene, ["sqaure"]) == (["square"], "nearest labels: square")
-    labels, told = instead(scene, ["zebra"])
-    assert sorted(labels) == ["square", "wall"] and told == f"the scene answers to {', '.join(labels)}"
+    labels, message = instead(scene, ["zebra"])
+    assert sorted(labels) == ["square", "wall"] and message == f"the scene answers to {', '.join(labels)}"
 
 
 def test_other_teachers_are_not_asked_what_they_know():

@@ -128,8 +128,8 @@ def test_order(manner, answer):
 
 def test_who_starts_first():
     late = thing("the cow", [0, 0, 0, 0.4, 0.8])
-    told = "in the order in which they start to move: the dog (frame 0 (0.0 s)), then the cow (frame 2 (0.2 s))."
-    assert say("order", late, DOG, CAT) == told
+    message = "in the order in which they start to move: the dog (frame 0 (0.0 s)), then the cow (frame 2 (0.2 s))."
+    assert say("order", late, DOG, CAT) == message
     assert say("order", CAT) == "none of them moves."
     with pytest.raises(F4xError, match="more than one moment"):
         say("order", DOG, times=TIMES[:1])
@@ -267,13 +267,13 @@ def test_nearest_and_farthest_neighbour():
 )
 def test_between_is_near_the_line_and_not_beyond_its_ends(x, y, there):
     """The line is 2 long: 0.35 of that aside is the limit."""
-    told = say("between", LEFT, RIGHT, everything=[thing("the stone", x, y)])
-    assert told == f"between them: {'the stone' if there else 'nothing that the scene has a word for'}."
+    message = say("between", LEFT, RIGHT, everything=[thing("the stone", x, y)])
+    assert message == f"between them: {'the stone' if there else 'nothing that the scene has a word for'}."
 
 
 def test_between_a_thing_and_the_camera():
-    told = say("between", thing("it", 0, 0, 4.0), everything=[FRONT, thing("the wall", 0, 0, 5.0)])
-    assert told == "between them: the front."
+    message = say("between", thing("it", 0, 0, 4.0), everything=[FRONT, thing("the wall", 0, 0, 5.0)])
+    assert message == "between them: the front."
     comes, stone = thing("it", 0, 0, [4.0, 1.5, 1.5, 1.5, 1.5]), thing("the stone", 0, 0, 2.0)
     assert say("between", comes, everything=[stone]) == "between them: the stone."  # as it is at the first moment
 
@@ -313,8 +313,8 @@ def lights(*colours, opacities=(0.5, 0.5, 0.5, 0.5)):
 def test_a_colour_counts_by_the_surface_that_has_it():
     """Surfaces 1, 2, 4 of opacity .5, .5 and .25: a quarter, a half, a quarter."""
     scene = lights((1, 0, 0), (0, 0, 1), (0, 1, 0), opacities=(0.5, 0.5, 0.25))
-    told = say("colour", thing("it", 0, rows=(0, 1, 2)), scene=scene, polar=True, manner="blue")
-    assert told.startswith("Yes: it is blue (40%)") and "green (40%)" in told and "red (20%)" in told
+    message = say("colour", thing("it", 0, rows=(0, 1, 2)), scene=scene, polar=True, manner="blue")
+    assert message.startswith("Yes: it is blue (40%)") and "green (40%)" in message and "red (20%)" in message
     scene = lights((1, 0, 0), (0, 0, 1), (0, 0, 1), opacities=(0.5, 0.5, 0.5))
     assert say("colour", thing("it", 0, rows=(0, 1, 2)), scene=scene) == "it is blue (86%)."
     assert say("colour", thing("it", 0, rows=(0,)), scene=scene, polar=True, manner="blue") == "No: it is red (100%)."

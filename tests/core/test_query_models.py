@@ -53,12 +53,12 @@ def test_a_language_model_answers_from_features_alone(scene_file, model, capsys,
     question = "a photo of the cat"
     code, out, err = run(capsys, "ask", scene_file, question, "--model", model, "--path", path, "--json")
     assert code == 0, err
-    told = json.loads(out)
+    result = json.loads(out)
     scene, reader = read_scene(scene_file), SmolVlm(model)
     times = scene.cameras.times if path == "original" else np.full(FRAMES, 2.0)
     maps = [head_map(scene, "smolvlm", scene.cameras[t], float(time)) for t, time in enumerate(times)]
-    assert told["answer"] == reader.answer(maps, times / scene.fps, question) != ""
-    assert told["answered_by"] == "smolvlm" and told["evidence"] == {
+    assert result["answer"] == reader.answer(maps, times / scene.fps, question) != ""
+    assert result["answered_by"] == "smolvlm" and result["evidence"] == {
         "frames": FRAMES,
         "head": "smolvlm",
         "grid": [8, 8],
@@ -93,15 +93,15 @@ def test_lseg_maps_become_words(tmp_path, capsys, monkeypatch):
     np.save(tmp_path / "lseg.npy", maps)
     made = ["features", tmp_path / "clip", "--teacher", "lseg", "--model", tmp_path / "lseg.npy", "-o", tmp_path]
     assert run(capsys, *made)[0] == 0
-    told = ["distill", tmp_path / "plain.f4x", "--teacher", "lseg", "-o", tmp_path / "s.f4x"]
-    told += ["--steps", 40, "--width", 8]
-    code, out, err = run(capsys, *told)
+    result = ["distill", tmp_path / "plain.f4x", "--teacher", "lseg", "-o", tmp_path / "s.f4x"]
+    result += ["--steps", 40, "--width", 8]
+    code, out, err = run(capsys, *result)
     assert code == 0, err
     assert "clip-b32: no labels, that text encoder is not here" in out
     asked = ["query", tmp_path / "s.f4x", "--text", "cat", "--not", "sky", "--json"]
     code, _, err = run(capsys, *asked)
     assert code == 2 and "f4x models get clip-b32" in err
-    code, _, err = run(capsys, *told, "--vocabulary", "cat, sky")
+    code, _, err = run(capsys, *result, "--vocabulary", "cat, sky")
     assert code == 2 and "f4x models get clip-b32" in err
     (tmp_path / "models").mkdir()
     (tmp_path / "clip-b32").rename(tmp_path / "models" / "clip-b32")
@@ -110,5 +110,5 @@ def test_lseg_maps_become_words(tmp_path, capsys, monkeypatch):
     found = json.loads(out)
     assert found["chosen"] - found["static"] == len(scene.dynamic)
     assert found["static"] < 0.02 * len(scene.static)  # cells of 4 x 4 pixels reach over the outline
-    code, out, err = run(capsys, *told, "--vocabulary", "cat, sky")
+    code, out, err = run(capsys, *result, "--vocabulary", "cat, sky")
     assert code == 0 and "clip-b32: 86 labels" in out  # with the everyday ones, which have these two

@@ -61,8 +61,8 @@ def test_what_is_selected_is_told_by_the_scenes_words(scene, question):
     assert answer(scene, question, names={SELECTED: selected}).text.startswith("The selection is the square (100%).")
     half = np.arange(len(scene.ids)) >= len(scene.static) - len(scene.dynamic)
     selected = Selection(scene.ids, half.astype(float), np.zeros(len(scene.ids), bool))
-    told = answer(scene, question, names={SELECTED: selected}).text
-    assert "the square (50%)" in told and "the wall (50%)" in told
+    message = answer(scene, question, names={SELECTED: selected}).text
+    assert "the square (50%)" in message and "the wall (50%)" in message
     with_others = answer(scene, "What is it?").text
     assert "wall" in with_others and "selection" not in with_others
 

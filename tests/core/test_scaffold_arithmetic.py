@@ -91,8 +91,8 @@ def test_samples_that_were_filled_in_do_not_slow_a_turn():
     points = np.stack([around, np.concatenate([quaternion.rotate(turn, around[:3]), around[3:]])])
     certain = np.array([[True] * 6, [True] * 3 + [False] * 3])
     neighbours, mask = np.arange(6)[None], np.ones((1, 6), bool)
-    told, untold = (initial_rotations(neighbours, mask, points, which)[1, 0] for which in (certain, None))
-    assert np.linalg.norm(told - turn) < 0.5 * np.linalg.norm(untold - turn)
+    message, untold = (initial_rotations(neighbours, mask, points, which)[1, 0] for which in (certain, None))
+    assert np.linalg.norm(message - turn) < 0.5 * np.linalg.norm(untold - turn)
 
 
 def test_unit_is_the_distance_of_four_neighbours_over_the_whole_clip():

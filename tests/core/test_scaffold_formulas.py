@@ -338,9 +338,9 @@ def test_steps_are_adams_on_the_weighted_sum_of_the_losses(certain, sight, windo
         certain=certain, certain_weight=3.0, window=window, redraw=3, seed=6,
         graph=GraphConfig(neighbours=4, reach=4.0, base_weight=0.6, levels=((2.0, 2, 0.5),)),
     )  # fmt: skip
-    told = []
-    found = optimise_geometry(scaffold, config, lambda *said: told.append(said[1:3]), lines)
-    assert told == [(1, 7), (7, 7)]
+    message = []
+    found = optimise_geometry(scaffold, config, lambda *said: message.append(said[1:3]), lines)
+    assert message == [(1, 7), (7, 7)]
 
     start = torch.as_tensor(scaffold.xyz)
     xyz, quat = start.clone().requires_grad_(), torch.as_tensor(scaffold.quat).clone().requires_grad_()

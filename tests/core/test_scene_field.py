@@ -219,15 +219,15 @@ def test_any_json_in_the_description(tmp_path_factory, where, value):
     write_scene(SCENE, path)
 
     def change(header):
-        told = header["features"]
+        result = header["features"]
         if where == "features":
             header["features"] = value
         elif where == "head":
-            told["heads"][0] = value
+            result["heads"][0] = value
         elif where in ("spec", "pca"):
-            told["heads"][0][where] = value
+            result["heads"][0][where] = value
         else:
-            told[where] = value
+            result[where] = value
 
     rewritten(path, change)
     try:
@@ -260,5 +260,5 @@ print(field.decode("text", scene.latents()).shape, field.head("text").to_rgb(sce
 
 def test_a_stranger_finds_the_description(path):
     with zipfile.ZipFile(path) as archive:
-        told = json.loads(archive.read("scene.json"))["features"]
-    assert told["width"] == WIDTH and [head["spec"]["name"] for head in told["heads"]] == ["text", "visual-2"]
+        result = json.loads(archive.read("scene.json"))["features"]
+    assert result["width"] == WIDTH and [head["spec"]["name"] for head in result["heads"]] == ["text", "visual-2"]

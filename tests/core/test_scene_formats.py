@@ -590,18 +590,18 @@ def test_command_line(tmp_path, capsys):
 
     source, out = tmp_path / "a.f4x", tmp_path / "out"
     assert run(source, "-o", out, "--frames", "1::2")[1]["files"] == 3
-    code, told = run(source, "-o", tmp_path / "a.usda", "--frames", "0:4")
-    assert code == 0 and told["format"] == "usd" and told["frames"] == 4 and told["files"] == 1
+    code, result = run(source, "-o", tmp_path / "a.usda", "--frames", "0:4")
+    assert code == 0 and result["format"] == "usd" and result["frames"] == 4 and result["files"] == 1
     assert run(source, "-o", tmp_path / "p.glb", "--time", 2.5, "--format", "points")[0] == 0
     # and what was written is opened again
     assert run(out, "-o", tmp_path / "b.usda", "--format", "usd-points")[1]["frames"] == 3
     assert run(out / "random_scene_0001.ply", "-o", tmp_path / "c.splat", "--time", 1)[0] == 0
-    code, told = run(source, "-o", out, "--frames", "4:9")
-    assert code == 2 and "has frames 0:6" in told["error"]
-    code, told = run(source, "-o", out, "--frames", "1:3", "--time", 1)
-    assert code == 2 and "not allowed with" in told["error"]
-    code, told = run(source, "-o", tmp_path / "a.obj")
-    assert code == 2 and "no export to .obj" in told["error"]
+    code, result = run(source, "-o", out, "--frames", "4:9")
+    assert code == 2 and "has frames 0:6" in result["error"]
+    code, result = run(source, "-o", out, "--frames", "1:3", "--time", 1)
+    assert code == 2 and "not allowed with" in result["error"]
+    code, result = run(source, "-o", tmp_path / "a.obj")
+    assert code == 2 and "no export to .obj" in result["error"]
 
 
 @pytest.mark.parametrize("name", FORMATS)

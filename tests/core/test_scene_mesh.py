@@ -322,9 +322,9 @@ def scene_file(tmp_path):
 
 def test_the_command_writes_what_is_selected(scene_file, tmp_path, capsys):
     some = ("--resolution", 24, "--faces", 1500, "--select", tmp_path / "selection.json")
-    code, told = f4x(capsys, "mesh", scene_file, "-o", tmp_path / "new" / "a.glb", *some)
-    assert code == 0 and told["parts"] == 1 and told["faces"] <= 1500 and told["nodes"] == 5
-    assert 0 < told["linear_blend_off"]["mean"] < told["linear_blend_off"]["max"] < 1
+    code, result = f4x(capsys, "mesh", scene_file, "-o", tmp_path / "new" / "a.glb", *some)
+    assert code == 0 and result["parts"] == 1 and result["faces"] <= 1500 and result["nodes"] == 5
+    assert 0 < result["linear_blend_off"]["mean"] < result["linear_blend_off"]["max"] < 1
     assert read_glb(tmp_path / "new" / "a.glb")[0]["animations"]
 
 
@@ -337,9 +337,9 @@ def test_words_and_pixels_select(tmp_path, capsys):
     thing = 2**1.5 * HALF
     for prompt, size in ((("--text", "square"), thing), (click, thing), (stroke, thing), ((), None)):
         some = ("--resolution", 24, "--faces", 400, *prompt)
-        code, told = f4x(capsys, "mesh", tmp_path / "scene.f4x", "-o", tmp_path / "a.glb", *some)
-        assert code == 0, told
-        assert told["size"] == pytest.approx(size, rel=0.15) if size else told["size"] > 1
+        code, result = f4x(capsys, "mesh", tmp_path / "scene.f4x", "-o", tmp_path / "a.glb", *some)
+        assert code == 0, result
+        assert result["size"] == pytest.approx(size, rel=0.15) if size else result["size"] > 1
 
 
 def test_edits_that_nodes_do_not_make_are_baked_or_refused(scene_file, tmp_path, capsys):
@@ -380,8 +380,8 @@ def test_bad_input_is_one_sentence(scene_file, tmp_path, capsys, arguments, sent
         (tmp_path / name).write_text(json.dumps(chosen.to_json()))
     arguments = [str(tmp_path / a) if a in ("NOBODY", "ONE") else a for a in arguments]
     arguments = [str(tmp_path / "selection.json") if a == "SELECTION" else a for a in arguments]
-    code, told = f4x(capsys, "mesh", scene_file, "-o", tmp_path / "a.glb", *arguments)
-    assert code == 2 and sentence in told["error"]
+    code, result = f4x(capsys, "mesh", scene_file, "-o", tmp_path / "a.glb", *arguments)
+    assert code == 2 and sentence in result["error"]
     assert not list(tmp_path.glob("*.glb"))
 
 

@@ -219,7 +219,7 @@ def test_bands_make_the_same_picture_bit_for_bit(scene, monkeypatch, walls):
     clouds, camera, region = clouds_of(scene, 0.0), scene.cameras[0], (slice(3, 31), slice(9, WIDTH - 4))
     seen = []
     whole = draw(clouds, walls, camera, passes=PASSES, region=region)
-    banded = draw(clouds, walls, camera, passes=PASSES, region=region, progress=lambda *told: seen.append(told[1]))
+    banded = draw(clouds, walls, camera, passes=PASSES, region=region, progress=lambda *result: seen.append(result[1]))
     assert seen[:2] == [0, 7] and seen[-1] == 28
     for name, picture in banded.items():
         assert (picture == whole[name]).all() and picture.shape[:2] == (28, WIDTH - 13), name

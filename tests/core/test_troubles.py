@@ -67,8 +67,8 @@ def test_the_code_is_that_of_the_first_cause_and_stands_once():
     except F4xError as error:
         outer = error
     assert code_of(outer) == "F4X-EDIT" and with_code(outer).endswith("[F4X-EDIT]")
-    told = F4xError("the worker said so. [F4X-CLIP]")
-    assert with_code(told) == "the worker said so. [F4X-CLIP]"
+    message = F4xError("the worker said so. [F4X-CLIP]")
+    assert with_code(message) == "the worker said so. [F4X-CLIP]"
 
 
 @pytest.mark.parametrize(

@@ -234,7 +234,7 @@ def _write_stage(
             before = quats
             yield replace(posed, quats=quats)
 
-    def told(moments: Iterator[PosedSplats], message: str) -> Iterator[PosedSplats]:
+    def counted(moments: Iterator[PosedSplats], message: str) -> Iterator[PosedSplats]:
         """The moments, each of them reported."""
         for posed in moments:
             progress("export", next(done), total, message)
@@ -262,7 +262,7 @@ def _write_stage(
                 if metadata:  # metadata stand with a declaration, time samples follow alone
                     file.write(f"        {column.declaration}".encode() + metadata + b"\n")
                 file.write(f"        {column.declaration}.timeSamples = {{\n".encode())
-                moments = told(poses(), f"{part.name} {column.declaration.split()[1]}")
+                moments = counted(poses(), f"{part.name} {column.declaration.split()[1]}")
                 for time, text in _samples(times, (part.text(column, posed) for posed in moments)):
                     file.write(f"            {time:.10g}: ".encode() + text + b",\n")
                 file.write(b"        }\n")

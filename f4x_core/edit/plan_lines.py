@@ -20,7 +20,7 @@ SLIGHT = 0.02
 """A part of a way is told from this fraction of its longest part on."""
 
 
-def told(scene: Scene, operations: Sequence[Operation], frame: float = 0.0) -> Iterator[str]:
+def plan_lines(scene: Scene, operations: Sequence[Operation], frame: float = 0.0) -> Iterator[str]:
     """One line for each of the resolved `operations`, as the camera at its first frame, else at `frame`, sees it."""
     scene, fps = edited(scene), scene.fps
     for operation in operations:
