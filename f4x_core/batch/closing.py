@@ -15,6 +15,7 @@ from ..fit.advice import fair_score, quality, verdict
 from ..fit.believed import Believed
 from ..fit.finding import Finding
 from ..fit.geometry_findings import believed_sentence
+from ..language.lexicon import plural
 from ..scene import Scene, read_scene
 from .window import SCENE
 
@@ -120,7 +121,9 @@ def _sections(
     """The body of the page, verdict `summary` first; `shared` (first frame, end) are frames of two windows."""
     from ..fit.diagnostics import finding_boxes, frame_scores, needs_table  # draws: only where a page is made
 
-    counted = f"{len(scene.cameras)} frames in {len(parts)} windows · {len(scene.static):,} static and"
+    counted = (
+        f"{len(scene.cameras)} frames in {len(parts)} {plural('window', len(parts))} · {len(scene.static):,} static and"
+    )
     believed = scene.provenance.get("believed_degrees")
     angles = "" if believed is None else f"<p>{html.escape(believed_sentence(Believed(believed, None)))}</p>"
     why = "".join(

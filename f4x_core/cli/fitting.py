@@ -28,7 +28,7 @@ from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file, sole_writer
 from ..fit.advice import about_cuts, quality, verdict
-from ..fit.budget import ClipSize, Grant, MachineSpeed, cost, max_gaussians, within
+from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, max_gaussians, within
 from ..fit.config import SETTINGS, FitConfig, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import fit_clip
@@ -180,11 +180,9 @@ def granted(args: argparse.Namespace, size: ClipSize, config: FitConfig, progres
         allowed = within(Grant(args.minutes, args.memory), size, config, speed)
         if allowed is not config:
             _keep_grant(path, allowed)
-    room = (
-        ""
-        if allowed.counts_from == SETTINGS
-        else f"; room for {max_gaussians(allowed):,} Gaussians by {allowed.counts_from}"
-    )
+    binds = allowed.counts_from != SETTINGS and max_gaussians(allowed) < asked_gaussians(size, allowed)
+    room = f"; room for {max_gaussians(allowed):,} Gaussians by {allowed.counts_from}" if binds else ""
+    room += "; --features takes minutes more" if args.features else ""
     progress("cost", 1, 1, f"{cost(size, allowed, speed)}{room}")
     larger = _larger(args, size, allowed, speed)
     if larger:
@@ -194,7 +192,11 @@ def granted(args: argparse.Namespace, size: ClipSize, config: FitConfig, progres
 
 def _keep_grant(path: Path, config: FitConfig) -> None:
     """Write how many Gaussians were granted, as `set_fields` reads it."""
-    counts = [setting for setting in list_settings(config) if setting.name.endswith(("max_count", "counts_from"))]
+    counts = [
+        setting
+        for setting in list_settings(config)
+        if setting.name.endswith(("max_count", "counts_from", "own_counts"))
+    ]
     path.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(path) as file:
         file.write(json.dumps([f"{setting.name}={setting.text}" for setting in counts]).encode())

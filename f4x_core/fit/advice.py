@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..language.lexicon import plural
 from ..priors import Priors
 from ..scaffold import Scaffold
 from .finding import Finding
@@ -147,7 +148,8 @@ def about_room(shortages: Sequence[Shortage]) -> list[Finding]:
     return [
         Finding(
             "problem" if shortage.room.short else "note",
-            f"There was {shortage}." + (" The whole clip is covered more thinly." if shortage.room.short else ""),
+            f"There was {shortage}."
+            + (f" All that is {shortage.kind} is covered more thinly." if shortage.room.short else ""),
             f"Raise --set {shortage.limited_by}, or let more --minutes and --memory decide."
             if shortage.limited_by.endswith(".max_count")
             else f"Grant more than {shortage.limited_by}.",
@@ -282,7 +284,8 @@ def _about_single_frames(metrics: Mapping[str, Any]) -> list[Finding]:
         return []
     median = float(np.median([fair_psnr(row) for row in rows]))
     low = {row["frame"]: row["held_out"] for row in rows if fair_psnr(row) < median - FRAME_GAP}
-    ends = [frame for frame in (rows[0]["frame"], rows[-1]["frame"]) if low.pop(frame, False)]
+    ends = [frame for frame in (rows[0]["frame"], rows[-1]["frame"]) if low.get(frame)]  # held out there
+    rest = [frame for frame in low if frame not in ends]
     found = [
         Finding(
             "note",
@@ -291,12 +294,13 @@ def _about_single_frames(metrics: Mapping[str, Any]) -> list[Finding]:
         )
         for frame in ends
     ]
-    if low:
-        named = ", ".join(map(str, list(low)[:NAMED_FRAMES])) + (" …" if len(low) > NAMED_FRAMES else "")
+    if rest:
+        named = f"{plural('frame', len(rest))} {', '.join(map(str, rest[:NAMED_FRAMES]))}"
+        named += " …" if len(rest) > NAMED_FRAMES else ""
         found.append(
             Finding(
                 "note",
-                f"Frames more than {FRAME_GAP:.0f} dB below the median of {median:.1f} dB: {named}.",
+                f"More than {FRAME_GAP:.0f} dB below the median of {median:.1f} dB: {named}.",
                 "Look for blur, flashes or cuts there, and leave such frames out with --frames.",
             )
         )

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 from ..errors import F4xError
 from ..native.kernels import torch_threads
-from .config import FitConfig
+from .config import PROFILES, FitConfig, profile
 
 STEP, STEP_PER_PIXEL, STEP_PER_GAUSSIAN = 1.0, 2.65e-5, 1.58e-5
 """Cost of a training step, of one of its pixels and of one Gaussian, in raster steps of two threads. Threads share the pixels: a
@@ -93,8 +93,8 @@ class Cost:
     """Megabytes of the scene file."""
 
     def __str__(self) -> str:
-        room = f"{self.memory:.1f} GB of memory and a scene of {self.file:.0f} MB at most"
-        return f"about {self.minutes:.1f} minutes on an idle machine, {room}"
+        room = f"{_up(self.memory)} GB of memory and a scene of {math.ceil(self.file)} MB at most"
+        return f"about {_up(self.minutes)} minutes on an idle machine, {room}"
 
 
 @dataclass(frozen=True)
@@ -159,10 +159,14 @@ def max_gaussians(config: FitConfig) -> int:
     return config.density_static.max_count + config.density_dynamic.max_count
 
 
+def asked_gaussians(size: ClipSize, config: FitConfig) -> float:
+    """Gaussians that such a clip can ask for at most."""
+    return config.density_static.max_growth * MAX_VIEWS * size.pixels / config.spawn_static.spacing**2
+
+
 def expected_gaussians(size: ClipSize, config: FitConfig) -> float:
     """Gaussians that a fit may end with: what there is room for, or what a clip can ask for."""
-    asked = MAX_VIEWS * size.pixels / config.spawn_static.spacing**2
-    return min(max_gaussians(config), config.density_static.max_growth * asked)
+    return min(max_gaussians(config), asked_gaussians(size, config))
 
 
 def machine_memory() -> float:
@@ -226,17 +230,18 @@ def _minutes_limit(minutes: float, size: ClipSize, config: FitConfig, speed: Mac
 
 
 def _memory_limit(granted: float | None, size: ClipSize, config: FitConfig) -> _Limit:
-    """Room in so many gigabytes, or in `MEMORY_FRACTION` of the machine's."""
+    """Room in so many gigabytes, or in `MEMORY_FRACTION` of the machine's; none where the priors alone need more."""
     there = machine_memory()
     memory = MEMORY_FRACTION * there if granted is None else min(granted, there)
     room = (GIGABYTE * memory - BASE_MEMORY - _training_memory(size)) / GAUSSIAN_MEMORY
-    if GIGABYTE * memory < _memory(size, config, 0):  # not even the priors have room
+    if GIGABYTE * memory < _memory(size, config, 0):
         room = -math.inf
     if granted is None:
         words = f"half of this machine's {there:.1f} GB of memory"
     else:
         words = f"--memory {granted:g}" if granted <= there else f"this machine's {there:.1f} GB of memory"
-    return _Limit("--memory", words, room)
+    option = "--memory" if granted is not None else "--memory, without which half of the machine's is the limit"
+    return _Limit(option, words, room)
 
 
 def _up(number: float) -> str:
@@ -272,9 +277,13 @@ def _training_memory(size: ClipSize) -> float:
 
 
 def _scaled(config: FitConfig, factor: float) -> FitConfig:
-    """The configuration with room for `factor` times as many Gaussians."""
-    changes = {}
+    """The configuration with room for `factor` times as many Gaussians; what was set by hand never becomes more."""
+    usual = profile(config.name) if config.name in PROFILES else config
+    changes, kept = {}, []
     for name in [f"{kind}_{which}" for kind in ("spawn", "density") for which in SETS]:
         own = getattr(config, name)
-        changes[name] = replace(own, max_count=max(1, int(factor * own.max_count)))
-    return replace(config, **changes)
+        if factor >= 1 and own.max_count != getattr(usual, name).max_count:
+            kept.append(f"{name}.max_count")
+        else:
+            changes[name] = replace(own, max_count=max(1, int(factor * own.max_count)))
+    return replace(config, **changes, own_counts=tuple(kept))

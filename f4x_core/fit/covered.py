@@ -129,7 +129,7 @@ class _Making:
             return replace(scene, static=scene.static.take(slice(self.first)))
         need = Need(
             "hidden background",
-            f"{made.sum():,} Gaussians made up, {self.painted.sum():,} painted like what is around them",
+            f"Gaussians made up: {made.sum():,}, painted like what is around them: {self.painted.sum():,}",
             f"what moves hides it in all of {min(VIEWS, len(scene.cameras))} views: a guess, without detail",
             "-",
         )

@@ -1,11 +1,16 @@
 """Model only what the clip needs: what was chosen, by which evidence, and what it saved."""
 
+from __future__ import annotations
+
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..gaussians.spawn import Room
 from ..priors import Priors
+
+if TYPE_CHECKING:
+    from ..gaussians.spawn import Room
 
 MUCH_MOTION = 0.5
 """Above this moving fraction of all pixels the background is mostly hidden."""
@@ -46,7 +51,7 @@ class Shortage:
         if self.room.short:
             return (
                 f"no room for all that is {self.kind}: {self.room.asked:,} Gaussians asked for at the start,"
-                f" {self.room.allowed:,} allowed by {self.limited_by}"
+                f" {self.room.allowed:,} allowed then by {self.limited_by}"
             )
         return f"no room for {self.lacking:,} more Gaussians at the last growth of what is {self.kind}, by {self.limited_by}"
 

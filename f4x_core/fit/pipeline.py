@@ -36,7 +36,7 @@ from .spawning import Explained, Spawner
 from .start import start_scaffold
 from .trainer import Trainer
 
-NOT_DECIDING = ("checkpoint_every", "counts_from", "measure_every")
+NOT_DECIDING = ("checkpoint_every", "counts_from", "own_counts", "measure_every")
 """Settings that do not change what a fit finds."""
 
 
@@ -274,7 +274,8 @@ def _shortages(trainer: Trainer) -> Iterator[Shortage]:
         lacking = trainer.controls[name].lacking
         if room.short or lacking:
             setting = config.first_limit_of(name) if room.short else f"density_{name}.max_count"
-            yield Shortage(name, room, lacking, setting if config.counts_from == SETTINGS else config.counts_from)
+            by_hand = config.counts_from == SETTINGS or setting in config.own_counts
+            yield Shortage(name, room, lacking, setting if by_hand else config.counts_from)
 
 
 def _gaussian_need(trainer: Trainer) -> Need:

@@ -85,8 +85,8 @@ def test_what_there_was_no_room_for_is_named_with_what_held_it_back():
     first, second = about_room((start, growth))
     assert first.weight == "problem" and first.advice.startswith("Raise --set spawn_static.max_count")
     assert first.what == (
-        "There was no room for all that is static: 84,210 Gaussians asked for at the start, 100 allowed by"
-        " spawn_static.max_count. The whole clip is covered more thinly."
+        "There was no room for all that is static: 84,210 Gaussians asked for at the start, 100 allowed"
+        " then by spawn_static.max_count. All that is static is covered more thinly."
     )
     assert second.weight == "note" and second.advice == "Grant more than --memory 2."
     assert (

@@ -133,7 +133,7 @@ def test_a_fit_tells_its_cost_and_keeps_what_it_was_granted(toy_fit, tmp_path, c
     assert re.search(
         r"cost \(about [\d.]+ minutes on an idle machine, [\d.]+ GB of memory and a scene of \d+ MB", result
     )
-    assert re.search(r"room for [\d,]+ Gaussians by --memory 1\.5\)", result)
+    assert "room for" not in result, "more than the clip can ask for"
     first = read_scene(tmp_path / "granted" / "scene.f4x").provenance["config"]["density_static"]["max_count"]
     monkeypatch.setattr(
         MachineSpeed, "measured", lambda threads: MachineSpeed(2e-3, 2)
@@ -153,7 +153,9 @@ def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):
     folder = write_frames(tmp_path / "clip", rng.integers(0, 255, (2, 54, 960, 3), np.uint8))
     result = {}
     monkeypatch.setattr(MachineSpeed, "measured", lambda threads: MachineSpeed(0.02, 2))
-    args = SimpleNamespace(clip=folder, frames=None, output=tmp_path, resume=False, minutes=None, memory=None)
+    args = SimpleNamespace(
+        clip=folder, frames=None, output=tmp_path, resume=False, minutes=None, memory=None, features=None
+    )
     size = ClipSize(2, 480, 27)
     config = cli_fitting.granted(args, size, profile("quick"), lambda stage, *rest: result.setdefault(stage, rest[-1]))
     assert config is not None and not (tmp_path / "grant.json").exists()

@@ -288,7 +288,7 @@ def test_frames_that_stand_out_are_named():
     rows = [{"frame": i, "held_out": i == 7, "psnr": 30.0 - 10 * (i in (3, 7))} for i in range(8)]
     notes = said(findings(result.priors, result.scene.scaffold, metrics | {"frames": rows}), "note")
     assert "Frame 7 was held out at the clip's end" in notes
-    assert "Frames more than 4 dB below the median of 30.0 dB: 3." in notes
+    assert "More than 4 dB below the median of 30.0 dB: frame 3." in notes
 
 
 def test_a_held_out_frame_is_judged_by_its_registered_camera():

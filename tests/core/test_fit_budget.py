@@ -136,6 +136,16 @@ def test_more_threads_share_pixels_but_not_what_one_thread_does_alone():
     assert max_gaussians(within(Grant(minutes=two), size, config, MachineSpeed(0.02, 16))) > few
 
 
+@pytest.mark.parametrize("grant", [Grant(minutes=30), Grant(memory=5)])
+def test_what_was_set_by_hand_is_made_no_larger_by_a_grant(grant):
+    config = profile("quick")
+    config = dataclasses.replace(config, spawn_static=dataclasses.replace(config.spawn_static, max_count=100))
+    fitting = within(grant, SIZE, config, SPEED)
+    assert fitting.spawn_static.max_count == 100 and fitting.own_counts == ("spawn_static.max_count",)
+    assert fitting.density_static.max_count > config.density_static.max_count
+    assert within(Grant(memory=1.6), ClipSize(80, 854, 480), config, SPEED).own_counts == (), "less is granted"
+
+
 def written_out(frames: int = 20, **changes):
     """A clip of 400 x 300 pixels and a profile with plain numbers, whose priors are made at 200 x 150."""
     config = profile("quick")
@@ -175,7 +185,7 @@ def test_many_frames_take_most_memory_while_priors_are_made():
     assert cost(size, config, SLOW).memory == pytest.approx((0.55e9 + 85 * 2000 * 120_000) / 1e9)
     with pytest.raises(F4xError, match="grant more"):  # enough to train it
         within(Grant(memory=20), size, config, MachineSpeed(2e-6, 2))
-    assert max_gaussians(within(Grant(memory=20.96), size, config, MachineSpeed(2e-6, 2))) > max_gaussians(config)
+    assert within(Grant(memory=20.96), size, config, MachineSpeed(2e-6, 2)).counts_from == "--memory 20.96"
 
 
 def test_priors_are_made_from_pictures_no_larger_than_the_clip():

@@ -122,7 +122,7 @@ def test_what_is_made_up_is_told():
     scene = hollow(3)
     found, again = completed(scene), completed(scene)
     count = len(made(scene, found))
-    assert found.needs[-1]["chosen"].startswith(f"{count} Gaussians made up, ")
+    assert found.needs[-1]["chosen"].startswith(f"Gaussians made up: {count}, ")
     assert "3 views" in found.needs[-1]["evidence"]
     assert made(scene, found).ids.min() >= scene.next_id
     assert found.next_id > found.static.ids.max() and len(np.unique(found.ids)) == len(found.ids)
