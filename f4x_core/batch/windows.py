@@ -62,6 +62,11 @@ class Shot:
         return self.windows[-1][1]
 
 
+def usual_overlap(length: int) -> int:
+    """Frames that windows of `length` share where nobody says it: `OVERLAP`, or fewer where that leaves none of their own."""
+    return min(OVERLAP, (length - 1) // 2)
+
+
 def plan_windows(start: int, end: int, length: int = LENGTH, overlap: int = OVERLAP) -> tuple[Window, ...]:
     """Cut the frames `start` to `end` into the fewest windows of at most `length` frames that share `overlap` with the next.
 

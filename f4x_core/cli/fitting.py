@@ -16,7 +16,7 @@ from ..batch.graph import LONG
 from ..batch.resuming import AT_ONCE, WINDOW, forget, remember, require_same
 from ..batch.run import INPUT
 from ..batch.window import fit_here
-from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows
+from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows, usual_overlap
 from ..clip import Clip, read_clip, usual_width
 from ..clip.images import enlarge_color, even_size, resize_color
 from ..clip.model import MIN_FRAMES
@@ -241,6 +241,11 @@ def window_length(args: argparse.Namespace) -> int:
     return LENGTH if reported_frame_count(args.clip, args.frames) > LONG else 0
 
 
+def overlap_of(args: argparse.Namespace, length: int) -> int:
+    """Frames that windows of `length` share."""
+    return usual_overlap(length) if args.overlap is None else args.overlap
+
+
 def options_of(args: argparse.Namespace, config: FitConfig) -> dict[str, str]:
     """The options that decide what the windows of a clip become, by name, as text; of a fit at once only that it is one."""
     length = window_length(args)
@@ -249,7 +254,7 @@ def options_of(args: argparse.Namespace, config: FitConfig) -> dict[str, str]:
     span = parse_span(args.frames)
     return {
         WINDOW: str(length),
-        "--overlap": str(args.overlap),
+        "--overlap": str(overlap_of(args, length)),
         "--frames": f"{span.start or 0}:{'' if span.stop is None else span.stop}:{span.step or 1}",
         "--width": str(width_of(args)),
         "--hold-out": str(args.hold_out or 0),
@@ -263,11 +268,12 @@ def windows_of(args: argparse.Namespace, progress: Progress) -> tuple[Survey, tu
     length = window_length(args)
     if length == 0:
         return None
-    plan_windows(0, length, length, args.overlap)  # a wrong pair is refused before the clip is read
+    overlap = overlap_of(args, length)
+    plan_windows(0, length, length, overlap)  # a wrong pair is refused before the clip is read
     if args.prior:
         raise F4xError("--prior cannot be cut into windows; fit with --window 0, or leave it out.")
     known = survey(args.clip, args.frames, width_of(args), progress)
-    shots = plan_shots(known.count, known.cuts, length, args.overlap)
+    shots = plan_shots(known.count, known.cuts, length, overlap)
     if not shots:
         raise F4xError(f"{args.clip}: no shot of this clip has {MIN_FRAMES} frames; give --window 0 to fit it as one.")
     return known, shots

@@ -78,7 +78,10 @@ def _fit(verbs: Verbs) -> None:
         help="fit N frames at a time and join them (default: 60 for clips of more than 240 frames; 0: all at once)",
     )
     sub.add_argument(
-        "--overlap", type=int, default=12, metavar="N", help="frames that neighbouring windows share (default: 12)"
+        "--overlap",
+        type=int,
+        metavar="N",
+        help="frames that neighbouring windows share (default: 12, or nearly half of a shorter window)",
     )
     sub.add_argument(
         "--features", metavar="NAME[,NAME]", help="also distil these teachers' features, see `f4x models list`"

@@ -240,7 +240,7 @@ def test_a_clip_in_windows_makes_its_priors_by_itself(tmp_path):
     [
         ({"edits": ("frobnicate the dog",)}, "edits has 'frobnicate the dog': I do not understand 'frobnicate'"),
         ({"features": (), "queries": ()}, "edits has 'make the dog red', which names a thing; add the column features"),
-        ({"window": 20}, "windows of 20 frames cannot share 12"),
+        ({"window": 20, "overlap": 12}, "windows of 20 frames cannot share 12"),
         ({"overlap": 30}, "windows of 60 frames cannot share 30"),
     ],
 )

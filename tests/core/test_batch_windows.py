@@ -20,7 +20,7 @@ from toy import clip_and_priors
 
 from f4x_core.batch import window, windows
 from f4x_core.batch.closing import FittedWindow, close_shot, closing_lines
-from f4x_core.batch.windows import LENGTH, OVERLAP, plan_shots, plan_windows
+from f4x_core.batch.windows import LENGTH, OVERLAP, plan_shots, plan_windows, usual_overlap
 from f4x_core.cli.fitting import fit_windows, windows_of
 from f4x_core.clip import read_clip, write_images
 from f4x_core.clip.stream import ClipStream, Survey, survey
@@ -49,6 +49,13 @@ def test_windows_cover_a_clip_evenly(frames):
     assert max(lengths) <= max(LENGTH, OVERLAP) and max(lengths) - min(lengths) <= 1
     assert all(end - start == OVERLAP for (_, end), (start, _) in pairwise(plan))
     assert len(plan) == max(1, -(-(frames - OVERLAP) // (LENGTH - OVERLAP)))
+
+
+def test_windows_share_twelve_frames_or_as_many_as_short_ones_can_spare():
+    assert [usual_overlap(length) for length in (60, 25, 24, 5)] == [12, 12, 11, 2]
+    assert all(plan_windows(0, 100, length, usual_overlap(length)) for length in range(5, 80))
+    with pytest.raises(F4xError, match="more than twice that"):
+        plan_windows(0, 100, 4, usual_overlap(4))
 
 
 @pytest.mark.parametrize(("length", "overlap"), [(24, 12), (60, 1), (60, 30), (-5, 12)])
