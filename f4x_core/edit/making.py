@@ -125,6 +125,8 @@ def graded(make: Making, steps: Mapping[str | None, tuple[float, float]] = STEPS
         by = factor(how, upward, steps)
         if how is not None and how.kind == "times" and upward and by < 1:
             return refused(f"{by:g} times as much is less, not more; say for example 'twice as much'.")
+        if how is not None and by == 1:
+            return refused("That changes nothing; say for example 'by 20 %'.")
         if by < 0 or not (by or gone):
             return refused("Nothing would be left of it; say for example 'by 50 %'.")
         return make(by)

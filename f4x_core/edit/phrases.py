@@ -202,7 +202,7 @@ class When:
         """Fields of an opacity that comes little by little over a range, over a second "at the end" and, inward, "at the start"."""
         frames, last = self.frames, context.frames - 1
         if (
-            self.kind == "length" and frames is not None and frames[1] is not None
+            self.kind in ("length", "in") and frames is not None and frames[1] is not None
         ):  # the first seconds, or the last ones
             length = frames[1] - frames[0]
             return {"frames": (0.0, length) if inward else (max(last - length, 0.0), None), "ease": "linear"}

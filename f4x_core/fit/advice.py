@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from ..language.lexicon import plural
 from ..priors import Priors
+from ..priors.depth import GUESSED_MOVERS
 from ..scaffold import Scaffold
 from .finding import Finding
 from .geometry_findings import ClipGeometry, about_geometry
@@ -31,6 +32,8 @@ CONTRADICTION, CONTRADICTION_PAIRS = 0.01, 24
 FEW_FRAMES = 12
 # Share of tracks that should live this many frames, and the shortest foreground survival that a scaffold can rest on.
 SURVIVAL_AGE, MIN_SURVIVAL = 10, 0.4
+# Begins what findings say of the depth of what moves.
+MOVING_DEPTH = "The depth of what moves"
 # Depth whose confidence (median over the region) is lower is a guess.
 MIN_CONFIDENCE = 0.25
 # Share of pixels without any depth above which depth counts as missing.
@@ -137,8 +140,9 @@ def findings(
         *_about_motion(priors, scaffold),
         *_about_depth(priors),
         *_about_contradiction(priors),
-        *(Finding("note", warning) for warning in priors.warnings),
     ]
+    known = any(finding.what.startswith(MOVING_DEPTH) for finding in found)
+    found += [Finding("note", warning) for warning in priors.warnings if not (known and warning == GUESSED_MOVERS)]
     order = ("problem", "note", "good")
     return sorted(found, key=lambda finding: order.index(finding.weight))
 

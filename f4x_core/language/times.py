@@ -80,6 +80,7 @@ def _times(x: float, unit: TimeExpression) -> TimeExpression:
     return TimeExpression().plus(unit, x)
 
 
+_of_one = fraction + keyword("of a|of an|of one") + _unit >> _times
 _and_a_half = _unit + keyword("and a half") >> (lambda unit: _times(1.5, unit))
 duration = either(
     number + _unit >> _times,
@@ -94,7 +95,7 @@ duration = either(
     + _unit
     >> _times,
     ~keyword("a|one") + _and_a_half,
-    fraction + keyword("of a|of an|of one") + _unit >> _times,
+    _of_one,
 )
 _edge = table(
     {
@@ -135,7 +136,7 @@ _measured = _at_t | (
     either(number + _unit + ~keyword(f"{_inside}|mark"), keyword("the") + number + _unit + keyword("mark|point"))
     >> _times
 )
-_fraction_moment = table({"half a": 0.5, "one|a": 1.0}) + _unit >> _times
+_fraction_moment = table({"half a": 0.5, "one|a": 1.0}) + _unit >> _times | _of_one
 _nth = either(
     number + keyword("th|st|nd|rd|the"),  # "the" is what "th" is spelt as
     table(

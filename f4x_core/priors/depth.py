@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from ..clip import Clip
     from .folder import Priors
 
+GUESSED_MOVERS = "Depth of moving objects is a plausible guess (ground contact and change of size), not a measurement."
+"""Warning where anything but their own motion decided."""
 STRIDE = 2
 """Depth is measured and solved on every second pixel: flow is no finer."""
 FLOW_NOISE_PX = 0.4
@@ -84,9 +86,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     priors.depth = (depth / unit).astype(np.float32)
     priors.depth_confidence = np.clip(confidence, 0, 1).astype(np.float16)
     if any(mover["decided_by"] != "its own motion" for mover in objects):
-        priors.warn(
-            "Depth of moving objects is a plausible guess (ground contact and change of size), not a measurement."
-        )
+        priors.warn(GUESSED_MOVERS)
     percentiles = np.percentile(priors.depth[:, ::4, ::4], (2, 50, 98))
     priors.statistics["depth"] = statistics | {
         "moving_objects": len(objects),

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 from toy import clip_and_priors
 
@@ -9,6 +10,7 @@ from f4x_core.fit.advice import about_room, contradiction, findings
 from f4x_core.fit.needs import Shortage
 from f4x_core.gaussians.spawn import Room
 from f4x_core.priors import PriorsConfig, build_priors
+from f4x_core.priors.depth import GUESSED_MOVERS
 
 
 def said(priors, picked="") -> str:
@@ -92,3 +94,11 @@ def test_what_there_was_no_room_for_is_named_with_what_held_it_back():
     assert (
         second.what == "There was no room for 35 more Gaussians at the last growth of what is dynamic, by --memory 2."
     )
+
+
+def test_a_guessed_depth_of_movers_is_said_once():
+    _, priors = clip_and_priors()
+    priors.warn(GUESSED_MOVERS)
+    assert ("The depth of what moves" in said(priors)) != (GUESSED_MOVERS in said(priors))
+    priors.depth_confidence = np.zeros_like(priors.depth_confidence)
+    assert "The depth of what moves is a guess" in said(priors) and GUESSED_MOVERS not in said(priors)
