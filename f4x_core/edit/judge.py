@@ -284,6 +284,4 @@ def _mean(values: np.ndarray, where: np.ndarray) -> float:
 
 
 def _small(view: View, columns: int) -> View:
-    camera = view.camera
-    columns = min(columns, camera.width)
-    return View(camera.resized(columns, max(1, round(columns * camera.height / camera.width))), view.time)
+    return View(view.camera.of_width(min(columns, view.camera.width)), view.time)

@@ -361,5 +361,5 @@ simply = optional(degree) + ~literal("more|really|very|rather|quite") + table(
     | {"well lit": (BRIGHTNESS, True), "black as night|pitch dark": (BRIGHTNESS, False),
        "icy cold": (WARMTH, False), "slow moving": (SPEED, False), "rapid": (SPEED, True)},
     reserve=False,
-) >> (lambda how, said: said[0].changed(how, said[1]))  # fmt: skip
+) >> (lambda how, complaint: complaint[0].changed(how, complaint[1]))  # fmt: skip
 """A quality without "more" or "less": "the sand should be dark"."""

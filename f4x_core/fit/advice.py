@@ -13,7 +13,7 @@ from ..language.lexicon import plural
 from ..priors import Priors
 from ..priors.depth import GUESSED_MOVERS
 from ..scaffold import Scaffold
-from .finding import Finding
+from .finding import MOVING_DEPTH, Finding
 from .geometry_findings import ClipGeometry, about_geometry
 from .needs import MUCH_MOTION, Shortage, moving_fraction
 
@@ -32,8 +32,6 @@ CONTRADICTION, CONTRADICTION_PAIRS = 0.01, 24
 FEW_FRAMES = 12
 # Share of tracks that should live this many frames, and the shortest foreground survival that a scaffold can rest on.
 SURVIVAL_AGE, MIN_SURVIVAL = 10, 0.4
-# Begins what findings say of the depth of what moves.
-MOVING_DEPTH = "The depth of what moves"
 # Depth whose confidence (median over the region) is lower is a guess.
 MIN_CONFIDENCE = 0.25
 # Share of pixels without any depth above which depth counts as missing.
@@ -500,14 +498,15 @@ def _about_depth(priors: Priors) -> list[Finding]:
         found.append(
             Finding("problem", f"{unknown:.0%} of the pixels have no depth.", "Give depth with --prior depth=DIR.")
         )
-    regions = {"the background": None if priors.mask is None else ~priors.mask, "what moves": priors.mask}
+    background = "The depth of the background"
+    regions = {background: None if priors.mask is None else ~priors.mask, MOVING_DEPTH: priors.mask}
     for name, region in regions.items():
         values = priors.depth_confidence if region is None else priors.depth_confidence[region]
         if values.size and float(np.median(values)) < MIN_CONFIDENCE:
             found.append(
                 Finding(
-                    "problem" if name == "the background" else "note",
-                    f"The depth of {name} is a guess (median confidence {float(np.median(values)):.2f}).",
+                    "problem" if name == background else "note",
+                    f"{name} is a guess (median confidence {float(np.median(values)):.2f}).",
                     "Give depth with --prior depth=DIR, for example from a depth sensor or a depth network.",
                 )
             )

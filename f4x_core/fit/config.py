@@ -295,13 +295,17 @@ class FitConfig:
 
     def start_of(self, kind: str) -> SpawnConfig:
         """Start of the set `kind`, `static` or `dynamic`, within the number of Gaussians that the set may grow to."""
-        own, limit = getattr(self, f"spawn_{kind}"), getattr(self, f"density_{kind}").max_count
-        return replace(own, max_count=max(1, min(own.max_count, int(FIRST_FRACTION * limit))))
+        own = getattr(self, f"spawn_{kind}")
+        return replace(own, max_count=max(1, min(own.max_count, self._first_of_growth(kind))))
 
     def first_limit_of(self, kind: str) -> str:
         """Name of the setting that the number of `start_of` comes from."""
-        own, limit = getattr(self, f"spawn_{kind}"), getattr(self, f"density_{kind}").max_count
-        return f"{'spawn' if own.max_count <= int(FIRST_FRACTION * limit) else 'density'}_{kind}.max_count"
+        own = getattr(self, f"spawn_{kind}").max_count
+        return f"{'spawn' if own <= self._first_of_growth(kind) else 'density'}_{kind}.max_count"
+
+    def _first_of_growth(self, kind: str) -> int:
+        """Gaussians that a set may begin with by what it may grow to."""
+        return int(FIRST_FRACTION * getattr(self, f"density_{kind}").max_count)
 
     @property
     def priors_in_threads(self) -> PriorsConfig:

@@ -8,6 +8,7 @@ Inverse depth and colours go on into the hidden part of a picture as harmonic fu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,8 +21,9 @@ from ..geometry import quaternion
 from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import Camera
 from ..geometry.spherical_harmonics import dc_from_rgb
+from ..geometry.trajectory import View
 from ..raster.blend_weights import blend_weight_sums
-from ..scene import MADE_UP, DynamicSet, Scene, StaticSet
+from ..scene import MADE_UP, Scene, StaticSet
 from ..scene.join import followed_by
 from ..scene.view import render
 from .needs import Need
@@ -64,9 +66,8 @@ def completed(scene: Scene) -> Scene:
     if not len(scene.dynamic) or not len(scene.static):
         return scene
     making = _Making.of(scene)
-    frames = evenly_spaced(len(scene.cameras), VIEWS)
-    for which in coarse_to_fine(len(frames)):
-        making.look(int(frames[which]))
+    for which in coarse_to_fine(len(making.views)):
+        making.look(making.views[which])
     return making.finish()
 
 
@@ -76,6 +77,8 @@ class _Making:
 
     scene: Scene
     """With what has been made up so far."""
+    views: Sequence[View]
+    """Small ones, evenly over the clip."""
     first: int
     """Static Gaussians that were there before."""
     clear: np.ndarray
@@ -91,13 +94,17 @@ class _Making:
     @classmethod
     def of(cls, scene: Scene) -> _Making:
         """Nothing is made up yet."""
-        shown, seen = _shown(scene)
+        cameras = scene.cameras
+        frames = evenly_spaced(len(cameras), VIEWS)
+        views = [View(cameras[int(frame)].of_width(COLUMNS), float(cameras.times[frame])) for frame in frames]
+        shown, seen = _shown(scene, views)
         covered, clear = seen & (shown < COVERED), ~seen | (shown > CLEAR)
-        return cls(scene, len(shown), clear, covered, np.zeros_like(covered), np.zeros(0), np.random.default_rng(0))
+        rng = np.random.default_rng(0)
+        return cls(scene, views, len(shown), clear, covered, np.zeros_like(covered), np.zeros(0), rng)
 
-    def look(self, frame: int) -> None:
-        """Make up what a clip frame should show if nothing moved."""
-        camera, time = _view(self.scene, frame)
+    def look(self, view: View) -> None:
+        """Make up what a view should show if nothing moved."""
+        camera, time = view
         moving = render(replace(self.scene, static=StaticSet.empty()), camera, time, ("depth", "alpha"))
         hidden = moving["alpha"] > OPAQUE
         if not hidden.any():
@@ -105,7 +112,7 @@ class _Making:
         away = camera.project(self.scene.static.means)[1]
         lends = self.clear & (away > NEARER * np.percentile(moving["depth"][hidden], FIRST))
         values = {"lends": lends[:, None].astype(np.float32)}
-        drawn = render(_still(self.scene), camera, time, ("rgb", "depth", "alpha"), values=values)
+        drawn = render(self.scene.background, camera, time, ("rgb", "depth", "alpha"), values=values)
         hole = hidden & (drawn["alpha"] < OPAQUE)
         hole &= hole.sum() >= MIN_HOLE
         rows, (row, column) = self._covered_in(camera, hidden)
@@ -130,7 +137,7 @@ class _Making:
         need = Need(
             "hidden background",
             f"Gaussians made up: {made.sum():,}, painted like what is around them: {self.painted.sum():,}",
-            f"what moves hides it in all of {min(VIEWS, len(scene.cameras))} views: a guess, without detail",
+            f"what moves hides it in all of {len(self.views)} views: a guess, without detail",
             "-",
         )
         static = scene.static.take(np.append(np.ones(self.first, bool), made))
@@ -144,8 +151,7 @@ class _Making:
             return np.zeros(0, bool)
         opacities = np.append(static.opacities[: self.first], np.full(len(self.light), THIN, np.float32))
         thin = replace(self.scene, static=replace(static, opacities=opacities))
-        views = [_view(thin, int(frame)) for frame in evenly_spaced(len(thin.cameras), VIEWS)]
-        most = np.max([_light(thin, *view)[self.first : len(static)] for view in views], 0)
+        most = np.max([_light(thin, view)[self.first : len(static)] for view in self.views], 0)
         return most <= SHINES * THIN * self.light
 
     def _covered_in(self, camera: Camera, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -200,30 +206,17 @@ def harmonic(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     return flat.reshape(values.shape)
 
 
-def _view(scene: Scene, frame: int) -> tuple[Camera, float]:
-    """Small camera and time of a clip frame."""
-    cameras = scene.cameras
-    rows = max(1, round(COLUMNS * cameras.height / cameras.width))
-    return cameras[frame].resized(COLUMNS, rows), float(cameras.times[frame])
-
-
-def _still(scene: Scene) -> Scene:
-    """The scene without what moves."""
-    return replace(scene, dynamic=DynamicSet.empty(), scaffold=None)
-
-
-def _light(scene: Scene, camera: Camera, time: float) -> np.ndarray:
+def _light(scene: Scene, view: View) -> np.ndarray:
     """(N,) of each Gaussian, static ones first, what reaches a view, in pixels."""
-    layer = np.ones((camera.height, camera.width, 1), np.float32)
-    return blend_weight_sums(scene.posed(time), camera, layer)[:, 0]
+    layer = np.ones((view.camera.height, view.camera.width, 1), np.float32)
+    return blend_weight_sums(scene.posed(view.time), view.camera, layer)[:, 0]
 
 
-def _shown(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+def _shown(scene: Scene, views: Sequence[View]) -> tuple[np.ndarray, np.ndarray]:
     """Of the S static Gaussians: (S,) the greatest fraction of its light that reaches a view, (S,) bool whether any view tells."""
     shown, seen = np.zeros(len(scene.static)), np.zeros(len(scene.static), bool)
-    for frame in evenly_spaced(len(scene.cameras), VIEWS):
-        view = _view(scene, int(frame))
-        alone, reaches = _light(_still(scene), *view), _light(scene, *view)[: len(shown)]
+    for view in views:
+        alone, reaches = _light(scene.background, view), _light(scene, view)[: len(shown)]
         tells = alone > SEEN
         shown[tells] = np.maximum(shown[tells], reaches[tells] / alone[tells])
         seen |= tells

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+MOVING_DEPTH = "The depth of what moves"
+"""Begins every finding about it."""
 Weight = Literal["problem", "note", "good"]
 
 

@@ -11,7 +11,7 @@ from ..priors import Priors
 from ..priors.cameras import static_tracks
 from ..scaffold import Scaffold
 from .believed import Believed, believed_degrees, depth_evidence
-from .finding import Finding, Weight
+from .finding import MOVING_DEPTH, Finding, Weight
 from .needs import MUCH_MOTION, moving_fraction
 from .viewing_angles import GroupView, angular_factor, group_views, parallax_degrees, static_view_degrees
 from .way_round import WayRound
@@ -234,7 +234,7 @@ def _about_movers(priors: Priors) -> list[Finding]:
     return [
         Finding(
             "note",
-            f"The depth of what moves was decided by: {named}."
+            f"{MOVING_DEPTH} was decided by: {named}."
             + (" Surroundings are a guess: no contact with the ground is seen, and little turning." if guessed else ""),
             "Keep feet or wheels in the picture, or give depth with --prior depth=DIR." if guessed else "",
         )

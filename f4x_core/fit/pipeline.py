@@ -175,9 +175,7 @@ def start_fit(
         dynamic = spawner.dynamic(bare, next_id)
         next_id += len(dynamic)
     model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.kernels, frozen)
-    trainer = Trainer(model, clip, priors, config, next_id, needs)
-    trainer.rooms = spawner.rooms
-    return trainer
+    return Trainer(model, clip, priors, config, next_id, needs, spawner.rooms)
 
 
 def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tuple[Scaffold | None, list[Need], Priors]:

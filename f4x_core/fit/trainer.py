@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -54,12 +54,20 @@ class Trainer:
     """
 
     def __init__(
-        self, model: SceneModel, clip: Clip, priors: Priors, config: FitConfig, next_id: int, needs: Sequence[Need] = ()
+        self,
+        model: SceneModel,
+        clip: Clip,
+        priors: Priors,
+        config: FitConfig,
+        next_id: int,
+        needs: Sequence[Need] = (),
+        rooms: Mapping[str, Room] | None = None,
     ):
         """Set up data, losses, optimisers and actions for `config.steps` steps.
 
         Args:
-            next_id: first Gaussian id not yet used. needs: what was decided before the first step.
+            next_id: first Gaussian id not yet used. needs: what was decided before the first step. rooms: by set, what the
+                clip asked for at the start and what was allowed.
         """
         self.model, self.clip, self.priors, self.config, self.next_id = model, clip, priors, config, next_id
         self.needs = list(needs)
@@ -81,8 +89,7 @@ class Trainer:
         self.band_gains: list[float] = []
         """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
-        self.rooms: dict[str, Room] = {}
-        """By set: what the clip asked for at the start, and what was allowed."""
+        self.rooms = dict(rooms or {})
         self._start_optimisers()
 
     def _start_optimisers(self) -> None:

@@ -82,6 +82,10 @@ class Camera:
         intrinsics = _resized_intrinsics(self.intrinsics, width / self.width, height / self.height)
         return Camera(intrinsics, self.world_to_camera, width, height)
 
+    def of_width(self, width: int) -> "Camera":
+        """Return the camera of the same picture resampled to so many columns, and as many rows as keep its shape."""
+        return self.resized(width, max(1, round(width * self.height / self.width)))
+
     def pixel_grid(self) -> np.ndarray:
         """Return the pixel centres `(H, W, 2)` float64, `[row, col] = (col + 0.5, row + 0.5)`."""
         return np.stack(np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5), axis=-1)

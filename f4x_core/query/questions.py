@@ -222,7 +222,7 @@ def look(
     depths: list[np.ndarray] = []
     for done, (camera, time) in enumerate(views):
         progress("looking at the scene", done, len(views))
-        small = camera.resized(COLUMNS, max(1, round(COLUMNS * camera.height / camera.width)))
+        small = camera.of_width(COLUMNS)
         drawn = render(scene, small, time, ("depth",), backend, values={"chosen": chosen.astype(np.float32)})
         masks.append(np.moveaxis(drawn["chosen"], -1, 0) > SEEN)
         depths.append(drawn["depth"])

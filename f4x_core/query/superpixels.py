@@ -135,8 +135,7 @@ def superpixels_of(scene: Scene, frame: int, backend: str = "auto") -> Superpixe
     """The superpixels of what clip `frame` shows of the scene; kept as long as the scene lives."""
     pictures = _PICTURES.get(scene, make=dict)
     if frame not in pictures:
-        camera, time = scene.cameras[frame], float(scene.cameras.times[frame])
-        camera = camera.resized(COLUMNS, max(1, round(COLUMNS * camera.height / camera.width)))
+        camera, time = scene.cameras[frame].of_width(COLUMNS), float(scene.cameras.times[frame])
         values = {"moving": scene.moving[:, None].astype(np.float32)}
         drawn = render(scene, camera, time, ("rgb",), backend, values=values)
         looks = None if field_of_looks(scene) is None else head_map(scene, LOOKS_ALIKE, camera, time, backend)

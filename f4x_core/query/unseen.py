@@ -40,10 +40,10 @@ def unseen_gaussians(scene: Scene) -> np.ndarray:
 def _seen(scene: Scene) -> np.ndarray:
     """(N,) bool."""
     cameras = scene.cameras
-    rows = max(1, round(COLUMNS * cameras.height / cameras.width))
-    nothing, seen = np.zeros((rows, COLUMNS, 0), np.float32), np.zeros(len(scene.ids), bool)
+    seen = np.zeros(len(scene.ids), bool)
     for frame in evenly_spaced(len(cameras), VIEWS):
-        time, camera = float(cameras.times[frame]), cameras[frame].resized(COLUMNS, rows)
+        time, camera = float(cameras.times[frame]), cameras[frame].of_width(COLUMNS)
+        nothing = np.zeros((camera.height, camera.width, 0), np.float32)
         cloud = Cloud.of_scene(scene, time)
         splats = Splats(cloud.means, cloud.quats, cloud.scales, cloud.opacities)
         seen |= seen_sums(splats, camera, nothing, fitted_config([cloud], camera), LEAST, asked=~seen)[1]

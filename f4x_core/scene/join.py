@@ -264,13 +264,12 @@ def _with_new_ground(scene: Scene, compared: Sequence[float], backend: str, prog
     early = since > -np.inf
     span[early, :2] = -np.inf
     open_ground = replace(scene, static=replace(scene.static, span=span))
-    still = replace(open_ground, dynamic=DynamicSet.empty(), scaffold=None)
     shown = np.zeros(len(span), bool)
     for done, time in enumerate(compared):
         progress("join", done, len(compared), "what earlier frames would show")
         later = early & (since > time) & ~shown
         if later.any():
-            weight, alone = (_weights(one, time, backend)[: len(span)] for one in (open_ground, still))
+            weight, alone = (_weights(one, time, backend)[: len(span)] for one in (open_ground, open_ground.background))
             shown |= later & (weight > HIDDEN * alone)  # of any weight: thousands of little ones add up
     kept = scene.static.span.copy()
     kept[early & ~shown, :2] = -np.inf

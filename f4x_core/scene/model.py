@@ -8,7 +8,7 @@ Gaussians, S = (degree+1)^2 SH coefficients, K neighbours, M nodes, F supervised
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -300,6 +300,11 @@ class Scene:
     def gone(self) -> np.ndarray:
         """(N,) bool in the order of `posed`: deleted by edits at all times."""
         return np.zeros(len(self.ids), bool)
+
+    @property
+    def background(self) -> Scene:
+        """The scene without what moves."""
+        return replace(self, dynamic=DynamicSet.empty(), scaffold=None)
 
     @property
     def moving(self) -> np.ndarray:

@@ -17,8 +17,8 @@ LABELS = ("dog", "cat", "car", "tree")
 
 
 @dataclass(frozen=True)
-class Said:
-    """An amount as it is said."""
+class Phrase:
+    """An amount in words, and what it comes to."""
 
     words: str
     more: float | str
@@ -27,15 +27,20 @@ class Said:
     """And of so much less; none is left of 0."""
 
 
-DEGREES = (Said("a bit", "small", "small"), Said("slightly", "small", "small"), Said("much", "large", "large"))
-USUAL = Said("", "usual", "usual")
-SHARES = (Said("20 %", 1.2, 0.8), Said("half", 1.5, 0.5), Said("a third", 4 / 3, 2 / 3), Said("150 %", 2.5, -0.5))
-MULTIPLES = (Said("twice", 2.0, 0.5), Said("three times", 3.0, 1 / 3))
+DEGREES = (Phrase("a bit", "small", "small"), Phrase("slightly", "small", "small"), Phrase("much", "large", "large"))
+USUAL = Phrase("", "usual", "usual")
+SHARES = (
+    Phrase("20 %", 1.2, 0.8),
+    Phrase("half", 1.5, 0.5),
+    Phrase("a third", 4 / 3, 2 / 3),
+    Phrase("150 %", 2.5, -0.5),
+)
+MULTIPLES = (Phrase("twice", 2.0, 0.5), Phrase("three times", 3.0, 1 / 3))
 BEHIND = (
-    *(Said(f"by {one.words}", one.more, one.less) for one in SHARES),
-    Said("by a factor of 2", 2.0, 0.5),
-    Said("by a lot", "large", "large"),
-    Said("a bit", "small", "small"),
+    *(Phrase(f"by {one.words}", one.more, one.less) for one in SHARES),
+    Phrase("by a factor of 2", 2.0, 0.5),
+    Phrase("by a lot", "large", "large"),
+    Phrase("a bit", "small", "small"),
     USUAL,
 )
 
@@ -136,26 +141,28 @@ def fits(quality: str, upward: bool, amount: float | str, by: float) -> bool:
 def sentences(quality: str, words: Words) -> Iterator[tuple[str, bool, float | str]]:
     """(sentence, whether more of it, how much)."""
 
-    def much(said: Said, upward: bool) -> float | str:
-        if quality == "warmth" and isinstance(said.more, float):  # it has no zero: so much cooler is so much less warm
-            return said.more if upward else 2 - said.more
-        return said.more if upward else said.less
+    def much(phrase: Phrase, upward: bool) -> float | str:
+        if quality == "warmth" and isinstance(
+            phrase.more, float
+        ):  # it has no zero: so much cooler is so much less warm
+            return phrase.more if upward else 2 - phrase.more
+        return phrase.more if upward else phrase.less
 
     for upward, comparatives in ((True, words.more), (False, words.less)):
         for at, word in enumerate(comparatives.split("/")):
-            for said in (*DEGREES, USUAL, *SHARES, *MULTIPLES)[:: 1 + (at > 1)]:
-                yield f"make the dog {said.words} {word}", upward, much(said, upward)
-            for said in BEHIND[:: 1 + (at > 1)]:
+            for phrase in (*DEGREES, USUAL, *SHARES, *MULTIPLES)[:: 1 + (at > 1)]:
+                yield f"make the dog {phrase.words} {word}", upward, much(phrase, upward)
+            for phrase in BEHIND[:: 1 + (at > 1)]:
                 shape = ("make the dog {} {}", "the dog {} {}", "the dog should be {} {}")[at % 3]
-                yield shape.format(word, said.words), upward, much(said, upward)
+                yield shape.format(word, phrase.words), upward, much(phrase, upward)
         for verb in filter(None, (words.increase if upward else words.decrease).split("/")):
-            for said in BEHIND:
-                yield f"{verb} the dog {said.words}", upward, much(said, upward)
+            for phrase in BEHIND:
+                yield f"{verb} the dog {phrase.words}", upward, much(phrase, upward)
             for percents, factor in (("50 %", 0.5), ("150 %", 1.5)) if quality != "warmth" else ():
                 yield f"{verb} the dog to {percents}", upward, factor if (factor > 1) is upward else 0.0
         for verb, noun in zip(("increase", "reduce")[:: 1 if upward else -1], (words.noun, words.lack), strict=True):
-            for said in BEHIND if noun else ():
-                yield f"{verb} the {noun} of the dog {said.words}", upward, much(said, upward)
+            for phrase in BEHIND if noun else ():
+                yield f"{verb} the {noun} of the dog {phrase.words}", upward, much(phrase, upward)
     for times, factor in (("twice", 2.0), ("three times", 3.0), ("half", 0.5)):
         yield f"make the dog {times} as {words.much}", factor > 1, factor
         if words.little:
@@ -170,13 +177,13 @@ def stretches() -> Iterator[tuple[str, bool, float | str]]:
     """As `sentences`, of the first half second."""
     for upward in (True, False):
         (word,) = (LENGTH.more if upward else LENGTH.less,)
-        for said in (*DEGREES, USUAL, *SHARES, *MULTIPLES):
-            yield f"make the first half second {said.words} {word}", upward, said.more if upward else said.less
-        for said in BEHIND:
-            yield f"make the first half second {word} {said.words}", upward, said.more if upward else said.less
+        for phrase in (*DEGREES, USUAL, *SHARES, *MULTIPLES):
+            yield f"make the first half second {phrase.words} {word}", upward, phrase.more if upward else phrase.less
+        for phrase in BEHIND:
+            yield f"make the first half second {word} {phrase.words}", upward, phrase.more if upward else phrase.less
         for verb in (LENGTH.increase if upward else LENGTH.decrease).split("/"):
-            for said in BEHIND[:-1]:
-                yield f"{verb} the first half second {said.words}", upward, said.more if upward else said.less
+            for phrase in BEHIND[:-1]:
+                yield f"{verb} the first half second {phrase.words}", upward, phrase.more if upward else phrase.less
     yield "make the first half second twice as long", True, 2.0
     yield "make the first half second half as long", False, 0.5
     yield "halve the length of the first half second", False, 0.5
@@ -186,10 +193,10 @@ def stretches() -> Iterator[tuple[str, bool, float | str]]:
     yield "make the first 20 frames last 10", False, 0.5
 
 
-def failing(quality: str, said: Iterator[tuple[str, bool, float | str]]) -> tuple[list[str], list[str]]:
+def failing(quality: str, sentences: Iterator[tuple[str, bool, float | str]]) -> tuple[list[str], list[str]]:
     """Sentences that come to something else, and those that are refused and mean something."""
     wrong, unread = [], []
-    for sentence, upward, amount in said:
+    for sentence, upward, amount in sentences:
         try:
             made = parse(Request(sentence, LABELS, fps=24.0, frames=96))
         except F4xError as refusal:
