@@ -14,15 +14,13 @@ import numpy as np
 
 from ..features.null import null_vector
 from ..scene import Scene
-from .labels import BACKGROUND, TextQuery
+from .labels import TextQuery
 from .objects import graph_of
 from .score import TEMPERATURE, cosines, logistic
 from .smoothing import Patches, group_of
 
 PRESENT, DOUBT = 0.26, 0.03
 """Evidence at which an object is present with probability 0.5, and the step of evidence that multiplies the odds by e."""
-CANDIDATE = 0.01
-"""Fraction of the blend weights that a word of the vocabulary must win to be looked for when the query is a surface."""
 ROUNDS, SETTLED = 100, 1e-9
 """Maximum rounds of expectation-maximisation, and the change of the fraction below which it has converged."""
 MIN_SPREAD = 0.01
@@ -90,47 +88,25 @@ def prepare(scene: Scene) -> None:
 def word_probabilities(scene: Scene, query: TextQuery) -> np.ndarray | None:
     """(N,) float64 in [0, 1]: probability that a Gaussian belongs to a target; None where the encoder has no null vector.
 
-    The best of several targets counts. Things are looked for by `_thing`. Of surfaces (`labels.BACKGROUND`) teachers of
-    things know little beyond which one it would rather be: they compete with one another alone, for what no thing takes.
+    The best of several targets counts, each weighed against the query's other words.
     """
     null = null_vector(query.head.spec.text_encoder or "")
     if null is None:
         return None
-    space = _Space(group_of(scene), query, null)
-    asked = [label.lower() for label in query.labels]
-    best, free = np.zeros(len(space.features)), None
-    for target, vector in enumerate(query.vectors[: query.targets]):
-        if {asked[target], *asked[query.targets :]} <= set(BACKGROUND):
-            free = _no_thing(space, scene) if free is None else free
-            probability = np.minimum(free, _surface(space, vector))
-        else:
-            probability = _thing(space, vector)
-        best = np.maximum(best, probability)
-    return best[space.patches.index]
+    patches, targets = group_of(scene), query.targets
+    features = patches.features(query.head)
+    odds = cosines(features, query.vectors) / (query.head.spec.temperature or TEMPERATURE)
+    if odds.shape[1] > targets:
+        odds -= np.logaddexp.reduce(odds[:, targets:], axis=1, keepdims=True)
+    seen = evidence(features, query.vectors[:targets], null)
+    each = [_probability(patches, odds[:, one], seen[:, one]) for one in range(targets)]
+    return np.max(each, axis=0)[patches.index]
 
 
-class _Space:
-    """The patches of a scene, decoded for one query."""
-
-    def __init__(self, patches: Patches, query: TextQuery, null: np.ndarray):
-        self.patches, self.null, self.encoder = patches, null, query.head.spec.text_encoder or ""
-        self.features = patches.features(query.head)  # (P,C)
-        self.temperature = query.head.spec.temperature or TEMPERATURE
-        self.rivals = cosines(self.features, query.vectors[query.targets :]) / self.temperature  # (P,R)
-
-    def logits(self, vector: np.ndarray) -> np.ndarray:
-        """(P,) of the label `vector (C,)`."""
-        return cosines(self.features, vector[None])[:, 0] / self.temperature
-
-
-def _thing(space: _Space, vector: np.ndarray) -> np.ndarray:
-    """(P,): probability of the label `vector (C,)` against the query's other words, split by the scene itself."""
-    odds = space.logits(vector)
-    if space.rivals.shape[1]:
-        odds = odds - np.logaddexp.reduce(space.rivals, axis=1)
-    weight = space.patches.weight
-    parts = split(space.patches.smooth(odds), weight)
-    seen = evidence(space.features, vector[None], space.null)[:, 0]
+def _probability(patches: Patches, odds: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(P,): probability of a label by its log-odds and the evidence for it, (P,) each, split by the scene itself."""
+    weight = patches.weight
+    parts = split(patches.smooth(odds), weight)
 
     def there(half: np.ndarray) -> float:
         mass = half * weight
@@ -138,23 +114,6 @@ def _thing(space: _Space, vector: np.ndarray) -> np.ndarray:
 
     low, high = there(1 - parts.high), there(parts.high)
     return np.minimum(low, high) + (high - min(low, high)) * parts.high
-
-
-def _surface(space: _Space, vector: np.ndarray) -> np.ndarray:
-    """(P,): probability of the label `vector (C,)` against the best of the query's other words."""
-    return logistic(space.patches.smooth(space.logits(vector) - space.rivals.max(1)))
-
-
-def _no_thing(space: _Space, scene: Scene) -> np.ndarray:
-    """(P,): probability that none of the vocabulary's things is there."""
-    labels, vectors = scene.require_field().vocabulary(space.encoder)
-    best = evidence(space.features, vectors, space.null).argmax(1)
-    won = np.bincount(best, space.patches.weight, len(labels)) / space.patches.weight.sum()
-    free = np.ones(len(best))
-    for label, vector, fraction in zip(labels, vectors, won, strict=True):
-        if fraction >= CANDIDATE and label.lower() not in BACKGROUND:
-            free = np.minimum(free, 1 - _thing(space, vector))
-    return free
 
 
 def _otsu(values: np.ndarray, weights: np.ndarray) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..features.null import null_vector
+from ..features.unknown import unknown_kind
 from ..language.compounds import head_of, names_another
 from ..language.lexicon import misspelt, spellings
 from ..scene import Scene
@@ -93,6 +94,8 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     scores = label_scores(query, latents) if null is None else evidence(query.head(latents), query.vectors, null)
     counts = np.bincount(scores.argmax(1), minlength=len(labels))
     candidates = [query.labels[i] for i in np.flatnonzero(counts >= MIN_FRACTION * len(latents))]
+    encoder = query.head.spec.text_encoder or ""
+    candidates = [label for label in candidates if unknown_kind(encoder, label) is None]
     asked = {label: find(scene, label) for label in candidates}
     found = {label: selection for label, selection in asked.items() if selection.chosen.any()}
     kept: dict[str, Selection] = {}

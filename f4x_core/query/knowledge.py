@@ -1,37 +1,24 @@
-"""What a teacher does not know, said before it selects; and whose evidence an answer rests on. Needs numpy alone."""
+"""What a teacher does not know is refused before it selects, and what is another label's by its evidence. Needs numpy alone."""
 
 from __future__ import annotations
-
-import re
 
 import numpy as np
 
 from ..errors import F4xError
 from ..features.classes import kinds_of
 from ..features.null import null_vector
+from ..features.unknown import unknown_kind
 from ..language.compounds import names_another
-from ..language.lexicon import PEOPLE, spellings
+from ..language.lexicon import spellings
 from ..scene import Scene
 from .calibration import evidence
 from .cast import is_cast
 from .inventory import instead
-from .labels import BACKGROUND, Encode, ask_for, text_head
+from .labels import Encode, ask_for, text_head
 from .score import cosines
 from .selection import Selection
 from .smoothing import group_of
 
-_SURFACES = (
-    r"street|pavement|sidewalk|tarmac|asphalt|concrete|gravel|ground|soil|dirt|mud|beach|desert|lawn|meadow|fields?|carpet|marble"
-    r"|tiles?|ceiling"
-)
-"""Without those of `labels.BACKGROUND`, which compete with one another for what no thing takes."""
-_DRAWN = (
-    r"(?:cartoon|drawn|painted|animated|low-poly|clip-?art|comic)(?: .+)?"
-    r"|(?:drawing|painting|sketch|cartoon|picture|photo|image)s?(?: of .+)?"
-    r"|(?:logo|icon|emoji|graffiti|mural|doodle|letter|text|writing|word|number|symbol|subtitle)s?"
-)
-UNKNOWN = {"minilm": {"people": PEOPLE, "surfaces": _SURFACES, "drawn things": _DRAWN}}
-"""Text encoder -> kind -> names of what the teacher that speaks through it knows nothing of (docs/features.md)."""
 ALIKE = 0.6
 """Cosine of two words from which either may mean what the other means: a puppy is a dog (0.8), a rider no horse."""
 CLEARLY = 0.05
@@ -39,19 +26,10 @@ CLEARLY = 0.05
 the label sofa has 0.03 more."""
 
 
-def unknown_kind(scene: Scene, label: str) -> str | None:
-    """Kind of things that the scene's teacher of words does not know, and `label` is one of; None where it may know it."""
-    if is_cast(label):  # which needs no teacher
-        return None
-    kinds = UNKNOWN.get(text_head(scene).spec.text_encoder or "", {})
-    name = re.sub(r"^(?:the|a|an) ", "", " ".join(label.lower().split()))
-    return next((kind for kind, names in kinds.items() if re.fullmatch(names, name)), None)
-
-
 def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> None:
     """Raise F4xError where the scene's teacher knows nothing of the kind of thing that `label` names."""
-    kind = unknown_kind(scene, label)
-    if kind is None:
+    kind = None if is_cast(label) else unknown_kind(text_head(scene).spec.text_encoder or "", label)
+    if kind is None:  # what is cast needs no teacher
         return
     _, hint = instead(scene, [label], encode)
     raise F4xError(
@@ -67,8 +45,7 @@ def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encod
     head = text_head(scene)
     encoder = head.spec.text_encoder or ""
     null = null_vector(encoder)
-    surface = not {*spellings(label)}.isdisjoint(BACKGROUND)  # what no thing takes: evidence plays no part
-    if surface or null is None or not found.chosen.any() or encoder not in scene.require_field().vocabularies:
+    if null is None or not found.chosen.any() or encoder not in scene.require_field().vocabularies:
         return
     labels, vectors = scene.require_field().vocabulary(encoder)
     asked = ask_for(scene, [label], [], encode=encode).vectors[:1]
@@ -80,7 +57,8 @@ def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encod
     kinds = np.array([not words.isdisjoint(spellings(one.split()[-1])) and not names_another(one) for one in labels])
     own = max(seen[0], seen[1:][kinds].max(initial=-np.inf))  # a black swan is a swan
     broader = np.array([one in kinds_of(label) for one in labels])  # any swan is a bird, which the teacher knows better
-    others = np.where((cosines(vectors, asked)[:, 0] < ALIKE) & ~kinds & ~broader, seen[1:], -np.inf)
+    known = np.array([unknown_kind(encoder, one) is None for one in labels])
+    others = np.where((cosines(vectors, asked)[:, 0] < ALIKE) & ~kinds & ~broader & known, seen[1:], -np.inf)
     best = int(others.argmax())
     if others[best] > own + CLEARLY:
         raise F4xError(
