@@ -22,6 +22,7 @@ from bpy.app.handlers import persistent
 from ..f4x_core.edit.apply import Appearance
 from ..f4x_core.edit.description import describe
 from ..f4x_core.edit.display import Display, by_score
+from ..f4x_core.edit.uncovered import told_with_where, uncovered
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED, sentence_of
 from .gaussian_attributes import write_appearance, write_places
@@ -30,7 +31,7 @@ from .point_cloud import new_point_cloud, read_attribute, write_attribute
 from .process_exit import end_process
 from .render_settings import ENGINE
 from .scene_object import APART, HIDDEN, SCORE, SELECTED, TIMED, SceneObject, forget
-from .wording import error_line
+from .wording import error_line, panel_words
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
 VISIBLE = "Feature4X visible"
@@ -61,11 +62,12 @@ def redraw(scene_object: SceneObject) -> None:
 
 
 def update_panel(scene_object: SceneObject) -> None:
-    """Update the lists and counts of the sidebar from the pending edits."""
+    """Update the lists and counts of the sidebar from the pending edits, and what is told of the shown ones."""
     # a script may import without registering the extension; lists of a linked scene cannot be changed
     if hasattr(scene_object.root, "f4x") and not scene_object.is_linked:
         _fill_lists(scene_object)
         count(scene_object)
+        scene_object.state.uncovered = panel_words(told_with_where(uncovered(scene_object.shown.scene)))
 
 
 def hide(scene_object: SceneObject, hidden: np.ndarray) -> None:

@@ -99,6 +99,7 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             text = f"Write Back Motion of {moved} {plural('Node', moved)}"
             layout.operator("f4x.write_motion", text=text, icon="EMPTY_AXIS")
         draw_lines(layout, context, scene_object.state.notice, "ERROR")
+        draw_lines(layout, context, scene_object.state.uncovered, "INFO")
 
 
 class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801

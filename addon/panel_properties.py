@@ -162,6 +162,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         name="Opacity", description="Opacity is multiplied by it", default=0.5, min=0.0, max=1.0, subtype="FACTOR"
     )
     notice: StringProperty()  # type: ignore[valid-type]  # what happened to the nodes
+    uncovered: StringProperty()  # type: ignore[valid-type]  # what edits bring to light that no frame saw
     names: CollectionProperty(type=F4X_PG_name)  # type: ignore[valid-type]
     name_index: IntProperty()  # type: ignore[valid-type]
     history: CollectionProperty(type=F4X_PG_edit)  # type: ignore[valid-type]

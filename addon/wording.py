@@ -14,6 +14,7 @@ _PANEL_WORDS = (
     (r"`f4x fit[^`]*`", "Jobs > Fit Video"),
     (r"`f4x ask[^`]*`", "Jobs > Question"),
     (r"`f4x query[^`]*`", "Ask > Query"),
+    (r"`f4x render[^`]*unseen`", "The pass Unseen of Feature4X's renders"),
     (r"`f4x export[^`]*`", "Jobs > Export"),
     (r"`f4x bake` (them|the scene)", r"bake \1 with the command f4x bake"),
     (r"`f4x (\w+)[^`]*`", r"the command f4x \1"),

@@ -27,6 +27,7 @@ from ..edit.records import read_record
 from ..edit.resolve import EditorState, Resolver, labels_of, named, resolve, rows_of
 from ..edit.selects import All, Ids, SelectKind
 from ..edit.stack import Edit, EditStack, of, read_stack
+from ..edit.uncovered import takes_away, uncovered
 from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import trajectory
@@ -398,7 +399,14 @@ class Session:
             }
             for edit in new
         ]
-        return {"index": index, "why": candidate.why or "as said", "scores": dict(candidate.scores), "operations": does}
+        shows = str(uncovered(shown) or "") if takes_away(candidate.operations) else ""
+        return {
+            "index": index,
+            "why": candidate.why or "as said",
+            "scores": dict(candidate.scores),
+            "operations": does,
+            **({"uncovers": shows} if shows else {}),
+        }
 
     def _output(self, name: str) -> Path:
         if self.read_only:

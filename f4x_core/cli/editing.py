@@ -15,6 +15,7 @@ from ..edit.plan import preview, propose
 from ..edit.plan_lines import plan_lines, sizes
 from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
+from ..edit.uncovered import takes_away, told_with_where, uncovered
 from ..errors import F4xError
 from ..files import replace_file
 from ..language.lexicon import plural
@@ -47,6 +48,8 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         + (f": {' and '.join(f'{n:,}' for n in chosen[edit.id])} Gaussians" if edit.id in chosen else "")
         for number, (edit, line) in enumerate(zip(new, plan, strict=True), before + 1)
     ]
+    shows = uncovered(scene) if takes_away(edit.operation for edit in new) else None
+    lines += filter(None, [told_with_where(shows)])
     active = sum(edit.enabled and not isinstance(edit.operation, TakeBack) for edit in of(scene).edits)
     end = f"{written}: {_edits(active)} in effect; `f4x undo` takes back the last"
     return {
@@ -54,6 +57,7 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "output": None if args.dry_run else str(written),
         "edits": [edit.to_json() for edit in new],
         "gaussians": [sum(chosen.get(edit.id, ())) for edit in new],
+        **({} if shows is None else {"uncovered": shows.to_json()}),
         "text": "\n".join([*lines, "nothing was written" if args.dry_run else end]),
     }
 

@@ -7,6 +7,7 @@ import textwrap
 from typing import Any
 
 from ..edit.apply import open_scene
+from ..edit.uncovered import told_with_where, uncovered
 from ..progress import Progress
 from ..query.inventory import labels_of
 from ..scene.runs import run_lengths
@@ -14,7 +15,7 @@ from ..scene.runs import run_lengths
 MARGIN = 11
 """Characters before what is told of a scene."""
 LINE = 110
-"""Characters of a line with the words that a scene knows."""
+"""Characters of a line of what may take several."""
 
 
 def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -26,8 +27,13 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         info["poses"] = {"all": scene.scaffold.certain.size, "kept": len(runs)}
     info["words"] = labels_of(scene)
     lines = [f"{name + ':':<{MARGIN}}{value}" for name, value in summary(info).items()]
-    words, title = ", ".join(info["words"]) or "none", f"{'words:':<{MARGIN}}"
-    lines.append(textwrap.fill(words, LINE, initial_indent=title, subsequent_indent=" " * MARGIN))
+    shows = uncovered(scene)
+    if shows is not None:
+        info["uncovered"] = shows.to_json()
+    long = {"uncovered": told_with_where(shows), "words": ", ".join(info["words"]) or "none"}
+    for title, text in long.items():
+        first = f"{title + ':':<{MARGIN}}"
+        lines += textwrap.wrap(text, LINE, initial_indent=first, subsequent_indent=" " * MARGIN)
     return {**info, "text": "\n".join(lines)}
 
 

@@ -144,8 +144,8 @@ def _render(verbs: Verbs) -> None:
     sub.add_argument(
         "--channels",
         default="rgb",
-        help="comma-separated: rgb,depth,alpha,motion,latent, a head, mask:LABEL; with --exr also"
-        " vector,normal,position,mist,unseen,cryptomatte (default: rgb)",
+        help="comma-separated: rgb,depth,alpha,motion,unseen,latent, a head, mask:LABEL; with --exr also"
+        " vector,normal,position,mist,cryptomatte (default: rgb)",
     )
     sub.add_argument(
         "--degrees", type=float, default=5.0, help="size of orbit and bullet, above 0 and below 90 (default: 5)"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from ..geometry.trajectory import Trajectory
 from ..language.lexicon import plural
 from ..progress import Progress
 from ..query.pixels import coverage_image
+from ..query.unseen import unseen_image
 from ..scene import Scene
 from ..scene.foreign import identify, open_any
 from ..scene.formats import choose_format, export
@@ -32,6 +34,8 @@ from ..scene.visualise import colour_depth, colour_motion, depth_range
 from .encoding import encoder
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
+UNSEEN = "unseen"
+"""The channel of what no frame of the clip saw, and of where nothing is."""
 MASK = "mask:"
 """Prefix of the channel `mask:LABEL`: the fraction of each pixel's blend weight that comes from the Gaussians of a label."""
 # Motion of this fraction of the image width per frame gets the full colour.
@@ -96,14 +100,14 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if args.exr or args.motion_blur or args.aperture:
         return run_shots(args, scene, progress)
     channels = tuple(args.channels.split(","))
-    known = (*CHANNELS, *feature_channels(scene))
     labels = {name: name.removeprefix(MASK) for name in channels if name.startswith(MASK)}
-    unknown = [name for name in channels if name not in known and name not in labels]
-    if unknown:
-        raise F4xError(
-            f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(known)},{MASK}LABEL."
-        )
+    _refuse_unknown(scene, [name for name in channels if name not in labels])
     masks = {name: by_words(scene, [label], encode=encoder(progress))[label] for name, label in labels.items()}
+    mattes: dict[str, Callable[..., np.ndarray]] = {
+        name: partial(coverage_image, scene, mask) for name, mask in masks.items()
+    }
+    if UNSEEN in channels:
+        mattes[UNSEEN] = partial(unseen_image, scene)
     views, chosen, indices = views_of(args, scene)
     folders = {name: Path(args.output) / file_name(name) for name in channels}
     for folder in folders.values():
@@ -115,13 +119,13 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         progress("render", done, len(indices))
         camera, time = views[index]
         plain = [name for name in channels if name in CHANNELS]
-        wanted = plain if len(plain) + len(masks) == len(channels) else [*plain, "latent", "alpha"]
+        wanted = plain if len(plain) + len(mattes) == len(channels) else [*plain, "latent", "alpha"]
         maps = render(scene, camera, time, channels=wanted, backend=args.backend)
         images = {
             name: channel_image(name, maps[name], span, full_motion)
             if name in plain
-            else channel_image(name, coverage_image(scene, masks[name], camera, time, args.backend), span, full_motion)
-            if name in masks
+            else channel_image(name, mattes[name](camera, time, args.backend), span, full_motion)
+            if name in mattes
             else feature_image(scene, name, maps["latent"], maps["alpha"])
             for name in channels
         }
@@ -145,6 +149,19 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         result["note"] = f"nothing in the scene answers to {', '.join(black)}: black pictures"
         text += f"; {result['note']}"
     return {**result, "text": text}
+
+
+def _refuse_unknown(scene: Scene, channels: Sequence[str]) -> None:
+    """F4xError for a channel of which no pictures can be written, and where there is one of that name, how to have it."""
+    from . import shots
+
+    known = (*CHANNELS, UNSEEN, *feature_channels(scene))
+    for name in channels:
+        if name not in known:
+            told = f"there is no channel {name}; choose from {','.join(known)},{MASK}LABEL"
+            if name in (*shots.PASSES, shots.CRYPTOMATTE):
+                told = f"{name} holds numbers that only EXR files can; add --exr"
+            raise F4xError(f"--channels {','.join(channels)}: {told}.")
 
 
 def _frames(indices: np.ndarray) -> str:

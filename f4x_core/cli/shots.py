@@ -58,8 +58,9 @@ def passes_of(channels: Sequence[str], exr: bool) -> list[str]:
     unknown = [name for name in channels if name not in known and not (exr and name.startswith(MASK))]
     if unknown:
         where = "with --exr" if exr else "with --motion-blur or --aperture and without --exr"
+        more = ", or add --exr" if not exr and unknown[0] in (*PASSES, CRYPTOMATTE) else ""
         raise F4xError(
-            f"--channels {','.join(channels)}: {where} there is no channel {unknown[0]}; choose from {','.join(known)}."
+            f"--channels {','.join(channels)}: {where} there is no channel {unknown[0]}; choose from {','.join(known)}{more}."
         )
     return [name for name in channels if name in PASSES and name != "rgb"]
 

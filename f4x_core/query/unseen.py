@@ -7,10 +7,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..geometry.arrays import evenly_spaced
+from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..scene import MADE_UP, Scene
 from ..scene.stage import Cloud, fitted_config
 from .blend_weights import seen_sums
+from .pixels import coverage_by
 
 VIEWS, COLUMNS = 32, 320
 """Frames, evenly over the clip, that are looked at, and the width of their pictures: what is seen is seen for more than a frame,
@@ -35,6 +37,11 @@ def unseen_gaussians(scene: Scene) -> np.ndarray:
         unseen[: len(base.static)] |= base.extra.get(MADE_UP, False)
         _UNSEEN[base] = unseen
     return _UNSEEN[base][scene.origin]
+
+
+def unseen_image(scene: Scene, camera: Camera, time: float, backend: str = "auto") -> np.ndarray:
+    """(H,W) float32 in [0, 1]: the pass `unseen` of `scene.stage.draw`, of one scene without surfaces."""
+    return 1 - coverage_by(scene, ~unseen_gaussians(scene), camera, time, backend)
 
 
 def _seen(scene: Scene) -> np.ndarray:

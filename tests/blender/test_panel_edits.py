@@ -18,11 +18,12 @@ from labelled_scene import labelled_scene
 
 from f4x_core.cli.main import main as f4x
 from f4x_core.edit.apply import edited, open_scene
-from f4x_core.edit.stack import EditStack, of, write_stack
+from f4x_core.edit.stack import EditStack, of, with_stack, write_stack
+from f4x_core.edit.uncovered import uncovered
 from f4x_core.geometry import spherical_harmonics
 from f4x_core.query.neighbourhood import grow_selection
 from f4x_core.query.prompts import FollowConfig, select_by_prompts, select_by_text
-from f4x_core.scene import read_scene, write_scene
+from f4x_core.scene import MADE_UP, read_scene, write_scene
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
@@ -59,7 +60,8 @@ def note(name):
     shown = scene_object().shown.scene
     noted[name] = dict(selected=told.selected, total=told.total, answer=told.answer, stack=json.loads(root()["f4x_edits"]),
                        saved=scene_object().is_saved, history=[[row.name, row.enabled] for row in told.history],
-                       names=[row.name for row in told.names], live=told.live, timed=bool(root().get("f4x_timed")))
+                       names=[row.name for row in told.names], live=told.live, timed=bool(root().get("f4x_timed")),
+                       uncovered=told.uncovered)
     arrays[name + "/ids"] = shown.ids
     arrays[name + "/chosen"] = scene_object().read(".selection")
     visible = {}
@@ -152,7 +154,8 @@ def pixel_of_square(scene):
 def done(tmp_path_factory):
     """The folder, what was noted, and the arrays."""
     folder = tmp_path_factory.mktemp("panel")
-    scene = labelled_scene()
+    plain = labelled_scene()
+    scene = replace(plain, extra={MADE_UP: (np.abs(plain.static.means[:, :2]) <= 0.2).all(1)})
     write_scene(scene, folder / "scene.f4x")
     shutil.copy(folder / "scene.f4x", folder / "before.f4x")
     point, box = pixel_of_square(scene)
@@ -278,6 +281,15 @@ def test_a_sentence_is_previewed_dropped_and_applied(done):
     np.testing.assert_array_equal(arrays["dropped/radiance:base"], arrays["refused/radiance:base"])
     np.testing.assert_array_equal(arrays["applied/radiance:base"], arrays["planned/radiance:base"])
     assert noted["applied"]["stack"][-1]["said"] == "make rex blue from frame 2"
+
+
+def test_the_panel_tells_what_edits_bring_to_light(done, scene):
+    _, noted, _ = done
+    assert noted["recoloured"]["uncovered"] == ""
+    for name in ("moved", "removed"):
+        told = uncovered(with_stack(scene, EditStack.from_json(noted[name]["stack"], name)))
+        assert "it is made up" in str(told)
+        assert noted[name]["uncovered"] == f"{told} The pass Unseen of Feature4X's renders draws where."
 
 
 def test_refusals_are_sentences(done):

@@ -222,6 +222,12 @@ def test_a_client_of_an_older_protocol_is_served_too(session):
     assert talk(server_of(session), work, mode="legacy")["scene"] == "clip.f4x"
 
 
+def test_a_proposal_tells_what_it_brings_to_light(session):
+    gone = call(session, "propose_edit", sentence="hide everything")[0]["candidates"][0]
+    assert gone["uncovers"].endswith("is empty: there is nothing behind what was taken away.")
+    assert "uncovers" not in call(session, "propose_edit", sentence="make everything red")[0]["candidates"][0]
+
+
 def test_read_only_lists_and_does_no_writing(place):
     session = Session(SceneFolder(place), read_only=True)
     before = sha(place / "clip.f4x")
