@@ -13,7 +13,7 @@ from ..errors import F4xError
 from ..language.grammar import Doubt, Refusal, read_as_meant
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
-from ..query.inventory import things_there
+from ..query.inventory import words_there
 from ..query.labels import Encode
 from ..scene import Scene, read_scene
 from . import endpoint, language
@@ -181,7 +181,7 @@ def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:
 
 def _there(scene: Scene) -> tuple[str, ...]:
     """Labels that examples may speak of."""
-    return tuple(things_there(scene)) if labels_of(scene) else ()
+    return tuple(words_there(scene)[0]) if labels_of(scene) else ()
 
 
 def _idle(scene: Scene, operations: tuple[Operation, ...]) -> Iterator[str]:

@@ -140,12 +140,12 @@ leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {
 happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do
     you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell
     me|talk] about
-happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
-    see)|[describe|summarize|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what [changes|has
-    changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it (about)|what is
-    this|what does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick) [summary|description|overview] (of)|any
-    action|the action|what (can|could) you (can) [tell|say] (me) about [the|this] {clips}|anything (interesting)
-    [happening|going on]|anything happens
+happens: ([describe|summarize|sum up|explain|outline]) what [happens|is happening|goes on|is going on|happened|takes place|is
+    taking place|occurs] (here|there|to see)|what [changes|has changed|is changing|is different]|any action|the
+    action|anything (interesting) [happening|going on]|anything happens
+described: [describe|summarize|sum up|explain|outline] (what you see)|what (is) (the|this) {clips} [about|shows|show|showing]|what
+    is it (about)|what is this|what does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick)
+    [summary|description|overview] (of)|what (can|could) you (can) [tell|say] (me) about [the|this] {clips}
 anybody: [anyone|anybody|someone|somebody] (else)
 several: [is|are] there [one|two|three|four]|[are we looking at|do we have|have we got|do i see] [one|two|three|four]
     |several|multiple|many|[just|only|more than] one (or more)|one or more|more than one|more|(just|only) a single
@@ -469,7 +469,8 @@ where: where thing stands? seen? on? | thing near-or-far us?
 polar side: thing seen? side stands? not?
 polar seen thing=person: anybody seen?
 polar seen: thing time | thing seen not? can? | no thing seen | any-of thing
-things: list? contents seen? | happens clip? | list everything seen?
+things: list? contents seen? | described clip? | list everything seen?
+happens: happens clip?
 """
 
 _ASKED_FOR = """
@@ -484,8 +485,8 @@ is; approach: whether {} comes nearer; fast: how fast {} moves; far: how far {} 
 far {} rises; size: how big {} is; compare_size: which of {} is bigger; compare_speed: which of {} is faster; colour: what
 colour {} has; count: how many of {} there are; count_moving: how many things move; nearest: what is nearest; farthest: what
 is farthest; biggest: what is biggest; brightest: what is brightest; most_moving: what moves most; order: in which order
-things stand or move; does: what {} does; things: what there is to see; long: how long the clip is; frames: how many frames it
-has; rate: how many frames a second there are
+things stand or move; does: what {} does; happens: what happens; things: what there is to see; long: how long the clip is;
+frames: how many frames it has; rate: how many frames a second there are
 """
 ASKED_FOR: dict[str, str] = dict(re.findall(r"(\w+): ([^;]+)", " ".join(_ASKED_FOR.split())))
 """Kind of question -> what it asks for, with the place of its things."""

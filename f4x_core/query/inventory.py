@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import F4xError
+from ..features.classes import kinds_of
 from ..features.null import null_vector
 from ..features.unknown import unknown_kind
 from ..language.compounds import head_of, names_another
@@ -27,6 +28,8 @@ MIN_FRACTION = 0.01
 """Minimum fraction of them that a word must win to be searched in the whole scene."""
 SAME = 0.5
 """Two words mean the same thing where their Gaussians overlap by more (intersection over union)."""
+MISTAKES = 0.5
+"""Words that may be there by chance alone, of all that are tried: with more, a word is doubtful."""
 MAX_SUGGESTIONS = 4
 """Labels that are offered in place of one that is not there."""
 NEAR = 2.25
@@ -106,19 +109,54 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     return dict(sorted(kept.items(), key=lambda item: -int(item[1].chosen.sum())))
 
 
+def is_doubtful(scene: Scene, selection: Selection) -> bool:
+    """Whether a word that nobody asked for may have found whom it did by chance, as one of so many that were tried.
+
+    Its probability is that of its best Gaussian. For a word that somebody asks for, it says enough.
+    """
+    return is_calibrated(scene) and (1 - float(selection.scores.max(initial=0))) * len(labels_of(scene)) > MISTAKES
+
+
+def words_there(scene: Scene) -> tuple[list[str], bool]:
+    """(words to offer, whether they are sure): those of `things_there` that are not doubtful, or where all are, all.
+
+    Behind each stands the likeliest word for a kind of it that is accepted: a teacher that knows birds best still knows a swan.
+    """
+    found = things_there(scene)
+    sure = {label: one for label, one in found.items() if not is_doubtful(scene, one)}
+    words = [word for label, one in (sure or found).items() for word in (label, *_narrower(scene, label, one))]
+    return list(dict.fromkeys(words)), bool(sure)
+
+
+def _narrower(scene: Scene, label: str, selection: Selection) -> list[str]:
+    """The word of the vocabulary for a kind of `label` that has most evidence in `selection`, if it selects the same; else none."""
+    null = null_vector(text_head(scene).spec.text_encoder or "")
+    kinds = [word for word in labels_of(scene) if word != label and label in kinds_of(word)]
+    if null is None or not kinds:
+        return []
+    query = ask_for(scene, kinds, [])
+    latents = scene.latents()[selection.chosen]
+    seen = evidence(query.head(latents[:: max(1, len(latents) // LOOKED_AT)]), query.vectors, null).mean(0)
+    word = query.labels[int(seen.argmax())]
+    own = find(scene, word).chosen
+    same = (own & selection.chosen).sum() > SAME * (own | selection.chosen).sum()
+    return [word] if same else []
+
+
 def instead(scene: Scene, words: Sequence[str], encode: Encode | None = None) -> tuple[list[str], str]:
     """(labels, how a sentence about `words` that select nothing names them); no labels and "" where nothing answers to any.
 
-    Up to `MAX_SUGGESTIONS`: those near the words, by `nearest_labels` of what the scene shows, else what it shows at all. A word
-    that has no vector here is near those alone that are spelt like it, there or not.
+    Up to `MAX_SUGGESTIONS`: those near the words, by `nearest_labels` of what the scene surely shows, else what it shows at all. A
+    word that has no vector here is near those alone that are spelt like it, there or not.
     """
-    there = list(things_there(scene))
+    there, sure = words_there(scene)
     try:
         near = nearest_labels(scene, words, there, encode)
     except F4xError:  # a word without a vector
         near = spelt_like(words, labels_of(scene))
     labels = (near or there)[:MAX_SUGGESTIONS]
-    return labels, f"{'nearest labels: ' if near else 'the scene answers to '}{', '.join(labels)}" if labels else ""
+    told = "nearest labels:" if near else "the scene answers to" if sure else "the scene answers, but weakly, to"
+    return labels, f"{told} {', '.join(labels)}" if labels else ""
 
 
 def nearest_labels(

@@ -21,7 +21,7 @@ from ..scene import Scene
 from ..scene.view import render
 from .cast import caster, is_cast, moving_things
 from .chat import ChatServer, image_part
-from .inventory import find, instead, labels_of, things_there
+from .inventory import find, instead, is_doubtful, labels_of, things_there
 from .knowledge import refuse_unknown
 from .labels import Encode
 from .measures import Comparison, Measured, measure, single_ones, times_of
@@ -50,6 +50,8 @@ SIDEWAYS = 0.05
 """Fraction of the picture's width that a thing must cross to go to the left or the right."""
 THING = "something unnamed"
 """What moving things are called that the scene has no word for."""
+PERHAPS = "what may be "
+"""How a thing is called whose word is doubtful (`inventory.is_doubtful`)."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class Sighting:
     note: str = ""
     """What the answer about it leaves open."""
     given: bool = False
-    """Whether the label is a name that somebody gave, which takes no article."""
+    """Whether the label takes no article: a name that somebody gave, a thing without a word or with a doubtful one."""
 
 
 @dataclass(frozen=True)
@@ -288,10 +290,13 @@ def _compared(
         absent = Sighting(missing, 0, float(found[missing].scores.max(initial=0)))
         return _absent(scene, absent, encode, asked.yes(False)), []
 
-    def everything() -> list[Measured]:
-        return measure(scene, _found(scene, replace(asked, things=()), encode, names)[0], times, (*names, THING))
+    def measured(found: Mapping[str, Selection]) -> list[Measured]:
+        return measure(scene, found, times, [label for label in found if _has_no_article(label, names)])
 
-    things = measure(scene, found, times, (*names, THING)) if asked.things else everything()
+    def everything() -> list[Measured]:
+        return measured(_found(scene, replace(asked, things=()), encode, names)[0])
+
+    things = measured(found) if asked.things else everything()
     if asked.kind in OF_ONE and not asked.things:
         things = [one for one in things if one.moves]
         if len(things) != 1:
@@ -299,8 +304,8 @@ def _compared(
     if asked.among and (singles := single_ones(scene, things[0], times)):
         things = [*singles, *things[1:]]
     if asked.but:
-        out = measure(scene, _found(scene, replace(asked, things=asked.but), encode, names)[0], times, (*names, THING))
-        things = [one for one in things if one.name not in {thing.name for thing in out}]
+        out = measured(_found(scene, replace(asked, things=asked.but), encode, names)[0])
+        things = [one for one in things if not any(np.array_equal(one.rows, thing.rows) for thing in out)]
     if not things:
         return f"{asked.yes(False) or 'Nothing'} that the scene has a word for.", []
     sentence = Comparison(scene, asked, things, times).sentence(everything)
@@ -329,12 +334,24 @@ def _found(
         found = {word: names[word] if word in names else find(scene, word, encode) for word in words.values()}
         notes = {word: _note(name, word) for name, word in words.items() if word not in names}
     else:
-        found = things_there(scene)
+        there = things_there(scene)
+        found = {_perhaps(word) if is_doubtful(scene, one) else word: one for word, one in there.items()}
         rest = moving_things(scene) & not_deleted(scene)
         for selection in found.values():
             rest &= ~selection.chosen
         found |= {THING: Selection(scene.ids, rest.astype(float), np.zeros(len(rest), bool))}
     return found, notes
+
+
+def _has_no_article(label: str, names: Collection[str]) -> bool:
+    """Whether `Sighting.given` holds for a label, where somebody gave `names`."""
+    return label in names or label == THING or label.startswith(PERHAPS)
+
+
+def _perhaps(word: str) -> str:
+    """What a thing with a doubtful word is called."""
+    article = "" if word.endswith("s") else "an " if word[0] in "aeiou" else "a "
+    return f"{PERHAPS}{article}{word}"
 
 
 def _look_for(
@@ -368,7 +385,7 @@ def _look_for(
     sightings = look(scene, views, times, found, backend, progress)
     if not asked.things:
         sightings = sorted((s for s in sightings if s.share >= PRESENT), key=lambda s: -s.share)
-    return [replace(s, note=notes.get(s.label, ""), given=s.label in names) for s in sightings]
+    return [replace(s, note=notes.get(s.label, ""), given=_has_no_article(s.label, names)) for s in sightings]
 
 
 def _word_of(scene: Scene, name: str) -> str:
@@ -423,8 +440,8 @@ SEEING = ("seen", "seeing")
 """Kinds that many views are looked at for …"""
 COMPLETE = ("always", "enter", "leave")
 """… and those for which every view is."""
-MOVING = ("motion", "way", "far", "fast", "lasting", "order")
-"""Kinds that are about what moves where no thing is named."""
+MOVING = ("motion", "way", "far", "fast", "lasting", "order", "happens")
+"""Kinds that are about what moves where no thing is named: what stands still is no event."""
 
 
 def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: Encode | None = None) -> str:
@@ -466,7 +483,7 @@ def _sentence(yes: str, s: Sighting, rest: str) -> str:
 
 
 def _the(s: Sighting) -> str:
-    return s.label if s.given or s.label == THING else f"the {s.label}"
+    return s.label if s.given else f"the {s.label}"
 
 
 def _of_motion(s: Sighting, asked: Asked, fps: float, when: str) -> str:
@@ -557,6 +574,7 @@ SENTENCES = {
     **dict.fromkeys(SEEING, _of_sight),
     "things": _of_thing,
     "does": _of_thing,
+    "happens": _of_thing,
 }
 """Kind of question -> the sentence about a thing that is there."""
 

@@ -463,7 +463,7 @@ def _operations_fit(wanted: list[dict[str, Any]], made: list[Any], row: dict[str
 
 
 KINDS = {
-    "when_moves": {"motion"}, "moving": {"motion"}, "happens": {"things", "motion", "does"}, "list": {"things"},
+    "when_moves": {"motion"}, "moving": {"motion"}, "happens": {"happens", "things", "motion", "does"}, "list": {"things"},
     "duration": {"long", "frames"}, "when_visible": {"seen", "always", "seeing", "enter", "leave"}, "direction": {"way"},
     "travelled": {"far"}, "speed": {"fast"}, "present": {"seen"}, "when_stops": {"motion", "stops"},
     "moves": {"motion", "stops"}, "where": {"where", "side"}, "still": {"still", "motion"},

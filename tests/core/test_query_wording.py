@@ -34,7 +34,9 @@ count_moving + camels: how many of the camels move | how many camels are moving 
 still: Which objects stay still the whole time | what does not move here? | what stays in place | which things never
     move
 things: list all the things in the room | show me what objects you know | what can I edit here? | give me a list of
-    everything | which objects are visible | what does the video contain | what's going on?
+    everything | which objects are visible | what does the video contain | describe what you see | what
+    is this clip about?
+happens: what's going on? | what happens here? | describe what happens | what has changed
 rise + man: By how much does the man go up during the clip | how high does the man jump | how far up does the man go
 highest_moment + man: what second is the man highest up | when is the man at his highest point? | at what time does
     the man peak
