@@ -42,8 +42,10 @@ USUAL, SIZE = np.exp(-5.0), 0.1
 """The usual size of a thing, as a fraction of the picture, and how much the squared logarithm of another size counts against the
 logarithm of the mean bond that is cut. One point tells no size: without this a click finds .45 of what is meant, with it .52 (mean
 IoU of 38 things on six filmed clips). Twice the weight, or 1.6 times or a part of the size, change that by .03 or less."""
-SIZES = (3e-4, 0.6)
-"""Least and greatest fraction of the picture that is meant."""
+TELLING = 5
+"""Points that tell of a size each; more of them add nothing."""
+SIZES, SPREAD_SIZE = (3e-4, 0.6), 0.95
+"""Least and greatest fraction of the picture that is meant, and the greatest where several points tell of a size."""
 MARKED, HELD = 0.3, 0.5
 """A superpixel is marked as not meant by this fraction of the pixels in the most marked one; least fraction of each mark
 on the thing that it holds."""
@@ -51,6 +53,31 @@ HIDDEN = 0.5
 """A superpixel with more than this fraction of moving Gaussians shows nothing static."""
 TOLERANCE, STEPS = 1e-9, 2000
 """Of the conjugate gradients: far from the click scores are small, and their order counts."""
+
+
+@dataclass(frozen=True)
+class _Size:
+    """How large the thing is that points mean, as a fraction of the picture."""
+
+    usual: float = float(USUAL)
+    """The likeliest size."""
+    weight: float = SIZE
+    """How much the squared logarithm of another size counts (see `SIZE`)."""
+    most: float = SIZES[1]
+    """The greatest one."""
+
+    @classmethod
+    def of_marks(cls, on: Sequence[np.ndarray]) -> _Size:
+        """What `on`, (H,W) bool each, tell: one of them nothing; several that it is about as large as the box around them.
+
+        On six filmed clips five points find .59 of 38 things (.54 as if they told no size) and .67 of the ground (.36); on six
+        others, which chose nothing, .75 of five things (.64) and .54 of the ground (.55).
+        """
+        if len(on) < 2:
+            return cls()
+        rows, columns = np.nonzero(np.any(on, 0))
+        box = float((np.ptp(rows) + 1) * (np.ptp(columns) + 1) / on[0].size)
+        return cls(max(cls.usual, box), SIZE * min(len(on), TELLING), SPREAD_SIZE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +110,12 @@ class Superpixels:
         rank[order] = np.arange(len(order))
         cut, length = (self._cut(rank, values)[: len(order)] for values in (self.bond, self.length))
         size = np.cumsum(np.bincount(self.label.ravel())[order]) / self.label.size
+        expected = _Size.of_marks(on)
         held = (starts[:, order].cumsum(1) >= HELD * starts[:, order].sum(1, keepdims=True)).all(0)
         # An outline that movers hide altogether says nothing.
         faint = np.where(length > 0, np.maximum(cut, 1e-12) / np.maximum(length, 1), 1)
-        worth = np.log(faint) + SIZE * np.log(size / USUAL) ** 2
-        fits = held & (size >= SIZES[0]) & (size <= SIZES[1])
+        worth = np.log(faint) + expected.weight * np.log(size / expected.usual) ** 2
+        fits = held & (size >= SIZES[0]) & (size <= expected.most)
         last = int(np.argmin(np.where(fits, worth, np.inf)) if fits.any() else np.argmax(held))
         return (rank <= last)[self.label]
 

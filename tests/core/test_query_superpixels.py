@@ -11,7 +11,7 @@ from f4x_core.query.marks import Box, Brush, Point
 from f4x_core.query.objects import point_out
 from f4x_core.query.prompts import select_by_points
 from f4x_core.query.score import overlap
-from f4x_core.query.superpixels import Superpixels, basins, cut_picture, superpixels_of
+from f4x_core.query.superpixels import Superpixels, _Size, basins, cut_picture, superpixels_of
 
 RNG = np.random.default_rng(3)
 
@@ -161,6 +161,33 @@ def test_two_clicks_mean_both_and_one_beside_leaves_it_out():
     sand = mark(SHAPE, (105, 20))
     assert overlap(picture.meant([on, other], sand), DISC | OTHER) > overlap(both, DISC | OTHER) - 1e-9
     assert not picture.meant([on], sand)[sand].any()
+
+
+def test_several_clicks_tell_how_large_the_thing_is():
+    """On tiles, a click means one of them; a click on each of the corners all of the floor, and not the wall above it."""
+    picture = np.full((*SHAPE, 3), (0.25, 0.3, 0.5))
+    floor = np.zeros(SHAPE, bool)
+    floor[30:] = True
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    random = np.random.default_rng(2)
+    shade = random.random((5, 8))
+    picture[floor] = (0.55 + 0.1 * shade[np.minimum(y // 25, 4), x // 25])[floor, None] * (1, 0.95, 0.8)
+    parts = cut_picture(picture + 0.04 * random.normal(size=picture.shape), np.zeros(SHAPE))
+    corners = [mark(SHAPE, at) for at in ((12, 40), (188, 40), (12, 110), (188, 110))]
+    assert overlap(parts.meant(corners[:1], NOBODY), floor) < 0.1
+    assert overlap(parts.meant(corners, NOBODY), floor) > 0.9
+
+
+def test_the_size_that_marks_tell_is_that_of_the_box_around_them():
+    one, other = (np.zeros((10, 20), bool) for _ in range(2))
+    one[2, 3:5], other[6, 12] = True, True
+    assert _Size.of_marks([one]) == _Size()
+    both = _Size.of_marks([one, other])
+    assert both.usual == pytest.approx(5 * 10 / 200) and both.weight == pytest.approx(2 * _Size().weight)
+    assert both.most > _Size().most
+    many = _Size.of_marks([one, other] * 4)
+    assert many.weight == pytest.approx(5 * _Size().weight)
+    assert _Size.of_marks([one, one]).usual == pytest.approx(max(_Size().usual, 2 / 200))
 
 
 def test_features_part_what_has_one_colour():
