@@ -21,7 +21,7 @@ from ..scene import Scene
 from .blend_weights import blend_weight_sums
 from .connected_objects import connect
 from .kept import Kept
-from .marks import Mark, Point
+from .marks import Mark
 from .score import logistic
 from .smoothing import LOOKS_ALIKE, field_of_looks
 from .standing_out import between, difference
@@ -241,9 +241,9 @@ def _mostly(weights: np.ndarray, rows: np.ndarray, fraction: float) -> bool:
 
 
 def _by_picture(marks: Sequence[Mark]) -> bool:
-    """Whether `marks` are points alone, and those on what is not meant lie on the frames of those on the thing."""
+    """Whether `marks` are clicks and strokes alone, and those on what is not meant lie on the frames of those on the thing."""
     frames = {mark.frame for mark in marks if mark.on}
-    return all(isinstance(mark, Point) and mark.frame in frames for mark in marks)
+    return all(not mark.around and mark.frame in frames for mark in marks)
 
 
 def _in_picture(scene: Scene, marks: Sequence[Mark], superpoints: Superpoints) -> np.ndarray | None:

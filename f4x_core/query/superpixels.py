@@ -42,10 +42,10 @@ USUAL, SIZE = np.exp(-5.0), 0.1
 """The usual size of a thing, as a fraction of the picture, and how much the squared logarithm of another size counts against the
 logarithm of the mean bond that is cut. One point tells no size: without this a click finds .45 of what is meant, with it .52 (mean
 IoU of 38 things on six filmed clips). Twice the weight, or 1.6 times or a part of the size, change that by .03 or less."""
-TELLING = 5
-"""Points that tell of a size each; more of them add nothing."""
-SIZES, SPREAD_SIZE = (3e-4, 0.6), 0.95
-"""Least and greatest fraction of the picture that is meant, and the greatest where several points tell of a size."""
+SPREAD, SPREAD_SIZE = 0.025, 0.3
+"""Marks that are wider or higher than so many widths of the picture tell a size, and the weight that it has in place of `SIZE`."""
+SIZES, GREATEST = (3e-4, 0.6), 0.95
+"""Least and greatest fraction of the picture that is meant, and the greatest where marks tell a size."""
 MARKED, HELD = 0.3, 0.5
 """A superpixel is marked as not meant by this fraction of the pixels in the most marked one; least fraction of each mark
 on the thing that it holds."""
@@ -57,7 +57,7 @@ TOLERANCE, STEPS = 1e-9, 2000
 
 @dataclass(frozen=True)
 class _Size:
-    """How large the thing is that points mean, as a fraction of the picture."""
+    """How large the thing is that marks mean, as a fraction of the picture."""
 
     usual: float = float(USUAL)
     """The likeliest size."""
@@ -67,17 +67,16 @@ class _Size:
     """The greatest one."""
 
     @classmethod
-    def of_marks(cls, on: Sequence[np.ndarray]) -> _Size:
-        """What `on`, (H,W) bool each, tell: one of them nothing; several that it is about as large as the box around them.
+    def of_marks(cls, on: np.ndarray) -> _Size:
+        """What marks `on (H,W)` bool tell: a click nothing; several, or a stroke, that it is about as large as the box around them.
 
-        On six filmed clips five points find .59 of 38 things (.54 as if they told no size) and .67 of the ground (.36); on six
-        others, which chose nothing, .75 of five things (.64) and .54 of the ground (.55).
+        On six filmed clips five clicks find .58 of 38 things (.54 as if they told no size), a stroke .56.
         """
-        if len(on) < 2:
+        rows, columns = np.nonzero(on)
+        high, wide = np.ptp(rows) + 1, np.ptp(columns) + 1
+        if max(high, wide) <= SPREAD * on.shape[1]:
             return cls()
-        rows, columns = np.nonzero(np.any(on, 0))
-        box = float((np.ptp(rows) + 1) * (np.ptp(columns) + 1) / on[0].size)
-        return cls(max(cls.usual, box), SIZE * min(len(on), TELLING), SPREAD_SIZE)
+        return cls(max(cls.usual, float(high * wide / on.size)), SPREAD_SIZE, GREATEST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,15 +108,17 @@ class Superpixels:
         rank = np.full(count, len(order))
         rank[order] = np.arange(len(order))
         cut, length = (self._cut(rank, values)[: len(order)] for values in (self.bond, self.length))
-        size = np.cumsum(np.bincount(self.label.ravel())[order]) / self.label.size
-        expected = _Size.of_marks(on)
+        area = np.bincount(self.label.ravel())
+        size = np.cumsum(area[order]) / self.label.size
+        expected = _Size.of_marks(np.any(on, 0))
         held = (starts[:, order].cumsum(1) >= HELD * starts[:, order].sum(1, keepdims=True)).all(0)
         # An outline that movers hide altogether says nothing.
         faint = np.where(length > 0, np.maximum(cut, 1e-12) / np.maximum(length, 1), 1)
         worth = np.log(faint) + expected.weight * np.log(size / expected.usual) ** 2
         fits = held & (size >= SIZES[0]) & (size <= expected.most)
         last = int(np.argmin(np.where(fits, worth, np.inf)) if fits.any() else np.argmax(held))
-        return (rank <= last)[self.label]
+        under = (starts > HELD * area).any(0) & (start > stop)  # a stroke keeps what it covers
+        return ((rank <= last) | under)[self.label]
 
     def _walk(self, start: np.ndarray, free: np.ndarray) -> np.ndarray:
         """(P,): how often walkers from `start (P,)` come to a superpixel, for each bond that it has; lost where not `free (P,)`."""

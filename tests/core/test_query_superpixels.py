@@ -7,7 +7,7 @@ import pytest
 from labelled_scene import labelled_scene, square_mask
 
 from f4x_core.query import objects, superpixels
-from f4x_core.query.marks import Box, Brush, Point
+from f4x_core.query.marks import Box, Brush, Lasso, Point
 from f4x_core.query.objects import point_out
 from f4x_core.query.prompts import select_by_points
 from f4x_core.query.score import overlap
@@ -178,16 +178,25 @@ def test_several_clicks_tell_how_large_the_thing_is():
     assert overlap(parts.meant(corners, NOBODY), floor) > 0.9
 
 
+def test_a_stroke_tells_how_large_the_thing_is_and_keeps_what_it_covers():
+    """One stroke over both discs means both; a click on one of them means that one."""
+    picture = cut_picture(discs(), np.zeros(SHAPE))
+    stroke = np.zeros(SHAPE, bool)
+    stroke[56:64, 60:150] = True
+    meant = picture.meant([stroke], NOBODY)
+    assert meant[stroke].mean() > 0.8 and meant[DISC].mean() > 0.9 and meant[OTHER].mean() > 0.9
+    assert not picture.meant([mark(SHAPE, (60, 60))], NOBODY)[OTHER].any()
+
+
 def test_the_size_that_marks_tell_is_that_of_the_box_around_them():
-    one, other = (np.zeros((10, 20), bool) for _ in range(2))
-    one[2, 3:5], other[6, 12] = True, True
-    assert _Size.of_marks([one]) == _Size()
-    both = _Size.of_marks([one, other])
-    assert both.usual == pytest.approx(5 * 10 / 200) and both.weight == pytest.approx(2 * _Size().weight)
-    assert both.most > _Size().most
-    many = _Size.of_marks([one, other] * 4)
-    assert many.weight == pytest.approx(5 * _Size().weight)
-    assert _Size.of_marks([one, one]).usual == pytest.approx(max(_Size().usual, 2 / 200))
+    dot, two = (np.zeros((40, 200), bool) for _ in range(2))
+    dot[2, 3:8] = True
+    assert _Size.of_marks(dot) == _Size()  # a click, up to a fortieth of the width
+    two[2, 3], two[11, 102] = True, True
+    both = _Size.of_marks(two)
+    assert both.usual == pytest.approx(10 * 100 / 8000) and both.weight > _Size().weight and both.most > _Size().most
+    dot[2, 8] = True
+    assert _Size.of_marks(dot).usual == _Size().usual and _Size.of_marks(dot).weight == both.weight
 
 
 def test_features_part_what_has_one_colour():
@@ -227,10 +236,11 @@ def test_a_picture_is_cut_once_and_at_one_width():
         ([Point(0, True, (3, 3)), Point(0, False, (9, 9))], True),
         ([Point(0, True, (3, 3)), Point(4, False, (9, 9))], False),
         ([Point(0, True, (3, 3)), Box(0, True, (0, 0, 9, 9))], False),
-        ([Brush(0, True, [(3, 3)], 2.0)], False),
+        ([Brush(0, True, [(3, 3)], 2.0), Point(0, False, (9, 9))], True),
+        ([Brush(0, True, [(3, 3)], 2.0), Lasso(0, True, [(0, 0), (9, 0), (9, 9)])], False),
     ],
 )
-def test_points_on_marked_frames_are_looked_up_in_pictures(marks, by_picture):
+def test_clicks_and_strokes_on_marked_frames_are_looked_up_in_pictures(marks, by_picture):
     assert objects._by_picture(marks) == by_picture
 
 
