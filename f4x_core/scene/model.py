@@ -303,8 +303,8 @@ class Scene:
 
     @property
     def background(self) -> Scene:
-        """The scene without what moves."""
-        return replace(self, dynamic=DynamicSet.empty(), scaffold=None)
+        """The scene without what moves and without features, which are those of both."""
+        return replace(self, dynamic=DynamicSet.empty(), scaffold=None, features=None)
 
     @property
     def moving(self) -> np.ndarray:

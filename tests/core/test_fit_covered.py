@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from labelled_scene import SQUARE, WALL, labelled_scene, sheet
 
-from f4x_core.fit.covered import BEHIND, completed, harmonic
+from f4x_core.fit.covered import BEHIND, _light, completed, harmonic
 from f4x_core.geometry import spherical_harmonics
 from f4x_core.geometry.camera import CameraPath
+from f4x_core.geometry.trajectory import View
 from f4x_core.query.unseen import unseen_gaussians
 from f4x_core.scene import MADE_UP, DynamicSet, StaticSet
 from f4x_core.scene.join import followed_by
@@ -67,6 +68,28 @@ def test_what_no_frame_shows_gets_the_colours_around_it():
     rest = replace(found, sh=np.where(behind[:, None, None], scene.static.sh, found.sh))
     np.testing.assert_allclose(rest.sh, scene.static.sh, atol=1e-3)  # blue stays blue
     assert len(found) == len(scene.static)  # an opaque wall needs no more
+
+
+def test_a_sliver_at_the_rim_of_a_frame_shows_nothing_of_the_whole():
+    """The last frame, without the square, looks to the side: of some of the ghost a rim is left in its corner."""
+    scene, behind = ghost(3)
+    path = scene.cameras
+    pixels = path[2].project(scene.static.means[behind])[0]
+    aside = path.intrinsics[2].copy()
+    aside[0, 2] -= pixels[:, 0].max() + 2.5
+    cameras = CameraPath(
+        np.concatenate([path.intrinsics, aside[None]]),
+        np.concatenate([path.world_to_camera, path.world_to_camera[2:]]),
+        np.append(path.times, 60.0),
+        path.width,
+        path.height,
+    )
+    gone = np.tile(np.float32([-np.inf, -np.inf, 50, 50]), (len(scene.dynamic), 1))
+    scene = replace(scene, cameras=cameras, dynamic=replace(scene.dynamic, span=gone))
+    alone = _light(scene.background, View(cameras[3].of_width(240), 60.0))[: len(behind)]
+    assert (alone[behind] > 0.1).any()
+    found = colours(completed(scene).static)[behind]
+    np.testing.assert_allclose(found, np.tile(BLUE, (behind.sum(), 1)), atol=0.05)
 
 
 @pytest.mark.parametrize("make", [lambda: ghost(6)[0], lambda: hollow(6)])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from labelled_scene import labelled_scene
 from random_scene import random_scene
 
 from f4x_core.errors import F4xError
@@ -165,3 +166,10 @@ def test_strength_zero_needs_no_weights():
     idle = replace(BASE.dynamic, weight=BASE.dynamic.weight * 0, strength=BASE.dynamic.strength * 0)
     posed = replace(BASE, dynamic=idle).posed(3.3)
     np.testing.assert_allclose(posed.means[posed.dynamic], BASE.dynamic.means, atol=1e-6)
+
+
+def test_the_background_is_what_stands_without_features():
+    scene = labelled_scene()
+    still = scene.background
+    assert not len(still.dynamic) and still.scaffold is None and still.features is None
+    np.testing.assert_array_equal(still.static.means, scene.static.means)
