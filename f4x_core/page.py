@@ -33,6 +33,7 @@ body { font: 15px/1.5 system-ui, sans-serif; max-width: 1080px; margin: 2em auto
 body { background: #fff; color: #1c2026; }
 @media (prefers-color-scheme: dark) { body { background: #14171c; color: #dfe3e8; } }
 h1 { font-size: 1.5em; margin-bottom: 0; } h2 { font-size: 1.15em; margin: 2em 0 .5em; border-bottom: 1px solid var(--line); }
+h3 { font-size: 1em; margin: 1.2em 0 .3em; }
 .verdict { font-size: 1.15em; margin: .3em 0 1em; }
 .finding { border-left: 4px solid var(--line); padding: .2em .8em; margin: .5em 0; background: var(--soft); }
 .problem { border-color: var(--bad); } .good { border-color: var(--fine); }

@@ -1,4 +1,4 @@
-"""What the windows of a folder are made with: `--resume` with anything else is refused before the clip is read."""
+"""What the fit in a folder is made with: `--resume` with anything else is refused by the name of the option."""
 
 import json
 from collections.abc import Mapping
@@ -9,29 +9,45 @@ from ..files import json_text, replace_file
 
 PLAN = Path("windows", "plan.json")
 """File in the folder of a fit in windows: option -> its value as text."""
+OPTIONS = Path("options.json")
+"""The same of a fit at once. There a checkpoint decides, which knows the frames themselves: 0: and 0:60 may be the same."""
 WINDOW = "--window"
 AT_ONCE = "0 (all at once)"
 """Value of `WINDOW` of a fit without windows, which leaves no plan but checkpoints."""
 
 
 def remember(folder: Path, options: Mapping[str, str]) -> None:
-    """Write what the windows that are about to be fitted in `folder` are made with."""
-    (folder / PLAN).parent.mkdir(parents=True, exist_ok=True)
-    with replace_file(folder / PLAN) as file:
-        file.write(json_text(dict(options), indent=1).encode())
+    """Write what the fit in `folder` is made with: windows before they begin, a fit at once when it has left a checkpoint."""
+    file = folder / (OPTIONS if options[WINDOW] == AT_ONCE else PLAN)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with replace_file(file) as written:
+        written.write(json_text(dict(options), indent=1).encode())
 
 
 def forget(folder: Path) -> None:
-    """Remove what `remember` wrote: another kind of fit begins."""
-    (folder / PLAN).unlink(missing_ok=True)
+    """Remove what `remember` wrote: another fit begins."""
+    for name in (PLAN, OPTIONS):
+        (folder / name).unlink(missing_ok=True)
 
 
 def require_same(folder: Path, options: Mapping[str, str]) -> None:
-    """Raise F4xError that names the first of `options` with which the fit in `folder` was not made; nothing if none is there."""
+    """Raise F4xError that names the first of `options` with which the windows in `folder` were not made.
+
+    Nothing if none is there; of a fit at once only that it is one, see `require_same_at_once`.
+    """
     if (folder / PLAN).is_file():
-        made = json.loads((folder / PLAN).read_text())
-    else:
-        made = {WINDOW: AT_ONCE} if (folder / "checkpoints").is_dir() else {}
+        _require(folder, json.loads((folder / PLAN).read_text()), options)
+    elif (folder / "checkpoints").is_dir():
+        _require(folder, {WINDOW: AT_ONCE}, options)
+
+
+def require_same_at_once(folder: Path, options: Mapping[str, str]) -> None:
+    """The same for a fit at once whose checkpoint was refused; nothing where no option tells why."""
+    if (folder / OPTIONS).is_file():
+        _require(folder, json.loads((folder / OPTIONS).read_text()), options)
+
+
+def _require(folder: Path, made: Mapping[str, str], options: Mapping[str, str]) -> None:
     for name, value in options.items():
         before = made.get(name, value)
         if before != value:

@@ -13,7 +13,7 @@ from PIL import Image
 
 from ..batch.closing import closing_lines, needs_in_words
 from ..batch.graph import LONG
-from ..batch.resuming import AT_ONCE, WINDOW, forget, remember, require_same
+from ..batch.resuming import AT_ONCE, WINDOW, forget, remember, require_same, require_same_at_once
 from ..batch.run import INPUT
 from ..batch.window import fit_here
 from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows, usual_overlap
@@ -29,9 +29,10 @@ from ..features.teachers import require_ready
 from ..files import replace_file, sole_writer
 from ..fit.advice import about_cuts, quality, verdict
 from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, max_gaussians, within
+from ..fit.checkpoint import OtherSettingsError
 from ..fit.config import SETTINGS, FitConfig, profile
 from ..fit.distil_config import DistilConfig
-from ..fit.pipeline import fit_clip
+from ..fit.pipeline import CHECKPOINT, NOT_DECIDING, fit_clip
 from ..fit.settings import as_lines, list_settings, set_fields
 from ..priors import build_priors
 from ..priors.providers import STAGES
@@ -118,6 +119,15 @@ def _leave_input(clip: Clip, frames: int, folder: Path) -> dict[str, int]:
     return {"frames": frames, "width": clip.width, "height": clip.height}
 
 
+DETAIL = (
+    (np.inf, "all of the clip's detail"),
+    (33, "hardly a difference from the clip"),
+    (25, "fine detail such as hair, leaves and small letters is missing"),
+    (-np.inf, "soft all over"),
+)
+"""Least dB from the clip's own pictures -> what a person sees of one."""
+
+
 def run_window(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Fit one window of a long clip, for the process that joins them."""
     fit_here(args.request, progress)
@@ -153,9 +163,17 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
         return fit_windows(args, known, shots, config, names, progress)
     clip = clip_of(args, progress)
     clip.require_enough()
-    forget(args.output)
+    if not args.resume:
+        forget(args.output)
     config = granted(args, ClipSize(len(clip.supervised), clip.width, clip.height), config, progress)
-    result = fit_to_folder(clip, args.output, config, progress, args.resume)
+    try:
+        result = fit_to_folder(clip, args.output, config, progress, args.resume)
+    except OtherSettingsError:
+        require_same_at_once(args.output, made_with)
+        raise
+    finally:
+        if not args.resume and (args.output / CHECKPOINT).is_file():
+            remember(args.output, made_with)
     if names:
         settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
         path = Path(result["scene"])
@@ -213,12 +231,17 @@ def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, speed: 
         small_width, small_height = even_size(width, height, wanted)
         small = resize_color(first, small_width, small_height)
         missed = np.mean((enlarge_color(small, width, height).astype(np.float64) - first) ** 2)
-        detail = f"the detail of the clip's {width} pixels"
-        kept = f"{detail} to {10 * np.log10(255**2 / missed):.0f} dB" if missed else f"all {detail}"
+        shown = detail_in_words(10 * np.log10(255**2 / missed) if missed else np.inf)
         minutes = cost(dataclasses.replace(size, width=small_width, height=small_height), config, speed).minutes
-        which = "this size" if wanted == size.width else f"--width {wanted}"
-        words.append(f"{which} keeps {kept}, {minutes:.1f} minutes")
-    return "; ".join(words)
+        which = f"{wanted}, as now" if wanted == size.width else f"--width {wanted}"
+        words.append(f"{which}: {shown}, {minutes:.1f} minutes")
+    return f"the clip is {width} pixels wide; {'; '.join(words)}" if words else ""
+
+
+def detail_in_words(psnr: float) -> str:
+    """What is seen of a picture that is `psnr` dB from the clip's own."""
+    seen = next(words for least, words in DETAIL if psnr >= least)
+    return seen if np.isinf(psnr) else f"{seen} ({psnr:.0f} dB)"
 
 
 def show_config(config: FitConfig) -> dict[str, Any]:
@@ -247,19 +270,22 @@ def overlap_of(args: argparse.Namespace, length: int) -> int:
 
 
 def options_of(args: argparse.Namespace, config: FitConfig) -> dict[str, str]:
-    """The options that decide what the windows of a clip become, by name, as text; of a fit at once only that it is one."""
-    length = window_length(args)
-    if length == 0:  # its checkpoint knows the rest
-        return {WINDOW: AT_ONCE}
-    span = parse_span(args.frames)
+    """The options that decide what a fit becomes, or the windows of a long clip, by name, as text."""
+    length, span = window_length(args), parse_span(args.frames)
+    settings = [setting for setting in list_settings(config) if setting.settable]
+    if length:
+        of_its_kind = {WINDOW: str(length), "--overlap": str(overlap_of(args, length))}
+    else:
+        of_its_kind = {WINDOW: AT_ONCE, "CLIP": str(args.clip), "--masks": str(args.masks or "none")}
+        of_its_kind["--prior"] = " ".join(args.prior) or "none"
+        settings = [setting for setting in settings if setting.name not in (*NOT_DECIDING, "priors.threads")]
     return {
-        WINDOW: str(length),
-        "--overlap": str(overlap_of(args, length)),
+        **of_its_kind,
         "--frames": f"{span.start or 0}:{'' if span.stop is None else span.stop}:{span.step or 1}",
         "--width": str(width_of(args)),
         "--hold-out": str(args.hold_out or 0),
         "--profile": args.profile,
-        **{f"--set {setting.name}": setting.text for setting in list_settings(config) if setting.settable},
+        **{f"--set {setting.name}": setting.text for setting in settings},
     }
 
 

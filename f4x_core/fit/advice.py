@@ -13,7 +13,7 @@ from ..language.lexicon import plural
 from ..priors import Priors
 from ..priors.depth import GUESSED_MOVERS
 from ..scaffold import Scaffold
-from .finding import MOVING_DEPTH, Finding
+from .finding import CAMERAS, MOVES, MOVING_DEPTH, PATH, ROOM, SCORE, UNSEEN, Finding, Weight, by_weight, caused_by
 from .geometry_findings import ClipGeometry, about_geometry
 from .needs import MUCH_MOTION, Shortage, moving_fraction
 
@@ -120,44 +120,45 @@ def findings(
     picked: str = "",
     profile: str = SHORT_PROFILE,
 ) -> list[Finding]:
-    """Everything worth telling, problems first, and among findings of equal weight those of the geometry.
+    """Everything that was found, problems first, and among findings of equal weight those of the geometry; `told_once` tells it.
 
     `metrics`: the result of `evaluation.evaluate.evaluate`. `picked`: that of the clip, for advice on `--frames`.
     `profile`: the settings it was fitted with; only the short one is advised to take more steps.
     """
     found = [
         *about_geometry(priors, ClipGeometry.of(priors, scaffold)),
-        *_about_scores(metrics, profile),
-        *_about_what_moves(metrics),
+        *caused_by(SCORE, _about_used_frames(metrics, profile)),
+        *caused_by(UNSEEN, _about_unseen_frames(metrics, profile)),
+        *caused_by(MOVES, [*_about_what_moves(metrics), *_about_lost_movers(metrics)]),
         *_about_single_frames(metrics),
-        *_about_lost_movers(metrics),
         *about_cuts(priors, picked),
         *_about_exposure(priors),
         *_about_camera(priors),
         *_about_lens(priors),
         *_about_motion(priors, scaffold),
         *_about_depth(priors),
-        *_about_contradiction(priors),
+        *caused_by(CAMERAS, _about_contradiction(priors)),
     ]
     known = any(finding.what.startswith(MOVING_DEPTH) for finding in found)
     found += [Finding("note", warning) for warning in priors.warnings if not (known and warning == GUESSED_MOVERS)]
-    order = ("problem", "note", "good")
-    return sorted(found, key=lambda finding: order.index(finding.weight))
+    return by_weight(found)
 
 
 def about_room(shortages: Sequence[Shortage]) -> list[Finding]:
-    """What there was no room for."""
-    return [
-        Finding(
-            "problem" if shortage.room.short else "note",
-            f"There was {shortage}."
-            + (f" All that is {shortage.kind} is covered more thinly." if shortage.room.short else ""),
-            f"Raise --set {shortage.limited_by}, or let more --minutes and --memory decide."
-            if shortage.limited_by.endswith(".max_count")
-            else f"Grant more than {shortage.limited_by}.",
-        )
-        for shortage in shortages
-    ]
+    """What there was no room for, one finding."""
+    if not shortages:
+        return []
+    short = [one for one in shortages if one.room.short]
+    limits = list(dict.fromkeys(one.limited_by for one in shortages))
+    settings = [limit for limit in limits if limit.endswith(".max_count")]
+    granted = [limit for limit in limits if limit not in settings]
+    kinds = " and ".join(one.kind for one in short)
+    thinner = f" What is {kinds} is covered more thinly, so it is softer." if short else ""
+    advice = [f"Raise --set {' and '.join(settings)}, or let more --minutes and --memory decide."] * bool(settings)
+    advice += [f"Grant more than {' and '.join(granted)}."] * bool(granted)
+    what = "; ".join(str(one).removeprefix("no room for ") for one in shortages)
+    weight: Weight = "problem" if short else "note"
+    return [Finding(weight, f"There was no room for {what}.{thinner}", " ".join(advice), ROOM)]
 
 
 def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
@@ -192,18 +193,23 @@ def _unseen_psnr(metrics: Mapping[str, Any], default: float | None = None) -> fl
     return metrics.get("held_out_psnr_registered", metrics.get("held_out_psnr", default))
 
 
-def _about_scores(metrics: Mapping[str, Any], profile: str = SHORT_PROFILE) -> list[Finding]:
+def _about_used_frames(metrics: Mapping[str, Any], profile: str) -> list[Finding]:
+    used = metrics.get("used_psnr")
+    if used is None or used >= WATCHABLE_PSNR:
+        return []
+    return [
+        Finding(
+            "problem",
+            f"Even the frames it was made from come out at {used:.1f} dB (below {WATCHABLE_PSNR:.0f}).",
+            "Look at the worst frames below, and check masks and cameras"
+            + (LONGER if profile == SHORT_PROFILE else "."),
+        )
+    ]
+
+
+def _about_unseen_frames(metrics: Mapping[str, Any], profile: str) -> list[Finding]:
     found = []
     used, held_out = metrics.get("used_psnr"), _unseen_psnr(metrics)
-    if used is not None and used < WATCHABLE_PSNR:
-        found.append(
-            Finding(
-                "problem",
-                f"Even the frames it was made from come out at {used:.1f} dB (below {WATCHABLE_PSNR:.0f}).",
-                "Look at the worst frames below, and check masks and cameras"
-                + (LONGER if profile == SHORT_PROFILE else "."),
-            )
-        )
     if used is not None and held_out is not None and used - held_out > HELD_OUT_GAP:
         found.append(
             Finding(
@@ -386,6 +392,7 @@ def _about_camera(priors: Priors) -> list[Finding]:
                 f"Only {registered} of {wanted} frames found their camera by themselves; the others follow their neighbours.",
                 "Blurred or empty frames are the usual cause: leave them out with --frames, or give cameras with"
                 " --prior cameras=FILE.",
+                cause=CAMERAS,
             )
         )
     error = known.get("reprojection_px", {}).get("median")
@@ -396,6 +403,7 @@ def _about_camera(priors: Priors) -> list[Finding]:
                 f"The cameras miss the points they see by {error:.1f} px (median).",
                 "A rolling shutter, zoom or blur is the usual cause: give cameras with --prior cameras=FILE, and masks of what"
                 " moves with --masks DIR.",
+                cause=CAMERAS,
             )
         )
     return found
@@ -464,6 +472,7 @@ def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:
                     "problem",
                     f"Only {covered:.0%} of the moving pixels lie near a motion node.",
                     "Parts that were never tracked cannot be carried; masks (--masks DIR) and more frames help tracks survive.",
+                    cause=MOVES,
                 )
             )
     return found
@@ -484,6 +493,7 @@ def _about_tracks(priors: Priors, has_motion: bool) -> list[Finding]:
                     f"Only {alive:.0%} of the {name} can be followed for {age} frames.",
                     "Fast motion, blur and plain surfaces lose tracks: film slower or at a higher frame rate, or give tracks"
                     " with --prior tracks=FILE.",
+                    cause=MOVES if name == "moving points" else "",
                 )
             ]
     return []
@@ -493,10 +503,16 @@ def _about_depth(priors: Priors) -> list[Finding]:
     if priors.depth is None or priors.depth_confidence is None:
         return []
     found = []
+    unmeasured = PATH if priors.camera_kind in ("static", "pan") else "depth"  # from one place nothing is measured
     unknown = float(np.mean(~np.isfinite(priors.depth)))
     if unknown > UNKNOWN_DEPTH:
         found.append(
-            Finding("problem", f"{unknown:.0%} of the pixels have no depth.", "Give depth with --prior depth=DIR.")
+            Finding(
+                "problem",
+                f"{unknown:.0%} of the pixels have no depth.",
+                "Give depth with --prior depth=DIR.",
+                cause=unmeasured,
+            )
         )
     background = "The depth of the background"
     regions = {background: None if priors.mask is None else ~priors.mask, MOVING_DEPTH: priors.mask}
@@ -508,6 +524,7 @@ def _about_depth(priors: Priors) -> list[Finding]:
                     "problem" if name == background else "note",
                     f"{name} is a guess (median confidence {float(np.median(values)):.2f}).",
                     "Give depth with --prior depth=DIR, for example from a depth sensor or a depth network.",
+                    cause=MOVING_DEPTH if name == MOVING_DEPTH else unmeasured,
                 )
             )
     return found

@@ -9,6 +9,10 @@ from ..errors import F4xError
 from ..files import replace_file
 
 
+class OtherSettingsError(F4xError):
+    """A checkpoint that was made with other settings or of another clip."""
+
+
 def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
     """Write `state` (nested dicts and lists of tensors, numbers and strings) whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -25,7 +29,7 @@ def load_checkpoint(path: Path, config_hash: str) -> dict[str, Any] | None:
     """Read a checkpoint whose hash begins with `config_hash`; None when there is none.
 
     Raises:
-        F4xError: the file is damaged, or was made with other settings or another clip.
+        F4xError: the file is damaged; `OtherSettingsError`: it was made with other settings or of another clip.
     """
     if not path.is_file():
         return None
@@ -34,7 +38,7 @@ def load_checkpoint(path: Path, config_hash: str) -> dict[str, Any] | None:
     except Exception as error:
         raise F4xError(f"{path}: the checkpoint is damaged; delete it and fit again without --resume.") from error
     if not state.get("config_hash", "").startswith(config_hash):
-        raise F4xError(
+        raise OtherSettingsError(
             f"{path}: this checkpoint was made with other settings or another clip; fit without --resume, or into another folder."
         )
     return state

@@ -23,7 +23,7 @@ from ..scene import Scene
 from ..scene.moments import Moment, draw_moments
 from ..scene.view import render
 from .advice import SHORT_PROFILE, about_room, fair_psnr, findings, track_survival, verdict
-from .finding import Finding
+from .finding import Finding, told_once
 from .geometry_findings import ClipGeometry
 from .geometry_section import geometry_section
 from .pipeline import FitResult
@@ -111,7 +111,7 @@ def write_diagnostics(
     """
     priors, scaffold = result.priors, result.scene.scaffold
     profile = str(result.scene.provenance.get("config", {}).get("name", SHORT_PROFILE))
-    found = [*about_room(result.shortages), *findings(priors, scaffold, metrics, clip.picked, profile)]
+    found = told_once([*about_room(result.shortages), *findings(priors, scaffold, metrics, clip.picked, profile)])
     shown = evenly_spaced(len(priors.frames), SHOWN_FRAMES)
     sections = [
         ("Why the scene is as it is, and what you can supply", finding_boxes(found)),
@@ -153,14 +153,17 @@ def _counts(clip: Clip, result: FitResult) -> str:
     )
 
 
-def finding_boxes(found: Iterable[Finding]) -> str:
-    """Findings as boxes (HTML) whose colour tells their weight."""
-    return "".join(
-        f'<div class="finding {finding.weight}">{html.escape(finding.what)}'
-        + (f'<div class="advice">{html.escape(finding.advice)}</div>' if finding.advice else "")
-        + "</div>"
-        for finding in found
-    )
+def finding_boxes(found: Sequence[Finding]) -> str:
+    """Findings as boxes (HTML) whose colour tells their weight; what is no problem stands apart, below."""
+    problems = [finding for finding in found if finding.weight == "problem"]
+    rest = [finding for finding in found if finding.weight != "problem"]
+    apart = f"<h3>{'Also worth knowing' if problems else 'Worth knowing'}</h3>" if rest else ""
+    return "".join([*map(_box, problems), apart, *map(_box, rest)])
+
+
+def _box(finding: Finding) -> str:
+    advice = f'<div class="advice">{html.escape(finding.advice)}</div>' if finding.advice else ""
+    return f'<div class="finding {finding.weight}">{html.escape(finding.what)}{advice}</div>'
 
 
 def needs_table(needs: Iterable[Mapping[str, str]]) -> str:

@@ -1,10 +1,15 @@
 """One sentence of the diagnosis: how much it weighs, what was measured, and what a person can do about it."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 MOVING_DEPTH = "The depth of what moves"
 """Begins every finding about it."""
+PATH, CAMERAS, MOVES, UNSEEN, ROOM, SCORE = "path", "cameras", "what moves", "unseen frames", "room", "score"
+"""Causes: what a camera's path cannot show, cameras that are wrong, what moves and is not followed, what does not carry over to
+frames that were not used, too few Gaussians; `SCORE` is none, but a picture that is poor, for whatever cause."""
+ORDER = ("problem", "note", "good")
 Weight = Literal["problem", "note", "good"]
 
 
@@ -18,3 +23,36 @@ class Finding:
     """What was measured, one sentence."""
     advice: str = ""
     """What the person can do or supply; empty when there is nothing to do."""
+    cause: str = ""
+    """Findings of one cause are told as one (`told_once`); empty: it has its own."""
+
+
+def caused_by(cause: str, found: Iterable[Finding]) -> list[Finding]:
+    """The findings with a cause."""
+    return [replace(one, cause=cause) for one in found]
+
+
+def told_once(found: Sequence[Finding]) -> list[Finding]:
+    """Findings as they are told, problems first: those of one cause as one, with the advice of the problems, else the first.
+
+    That the pictures are poor is no problem of its own where a problem says why.
+    """
+    why = any(one.weight == "problem" and one.cause != SCORE for one in found)
+    groups: dict[str | int, list[Finding]] = {}
+    for number, one in enumerate(found):
+        told = replace(one, weight="note") if one.cause == SCORE and why else one
+        groups.setdefault(one.cause or number, []).append(told)
+    return by_weight(map(_as_one, groups.values()))
+
+
+def by_weight(found: Iterable[Finding]) -> list[Finding]:
+    """Problems first; among equals the order stays."""
+    return sorted(found, key=lambda one: ORDER.index(one.weight))
+
+
+def _as_one(group: Sequence[Finding]) -> Finding:
+    group = by_weight(group)
+    first = group[0]
+    advice = list(dict.fromkeys(one.advice for one in group if one.weight == first.weight and one.advice))
+    advice = advice if first.weight == "problem" else advice[:1]
+    return replace(first, what=" ".join(dict.fromkeys(one.what for one in group)), advice=" ".join(advice))

@@ -11,7 +11,7 @@ from ..priors import Priors
 from ..priors.cameras import static_tracks
 from ..scaffold import Scaffold
 from .believed import Believed, believed_degrees, depth_evidence
-from .finding import MOVING_DEPTH, Finding, Weight
+from .finding import MOVING_DEPTH, PATH, Finding, Weight, caused_by
 from .needs import MUCH_MOTION, moving_fraction
 from .viewing_angles import GroupView, angular_factor, group_views, parallax_degrees, static_view_degrees
 from .way_round import WayRound
@@ -65,14 +65,13 @@ class ClipGeometry:
 
 def about_geometry(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
     """Findings about the geometry, the mirror ambiguity first."""
-    return [
+    path = [
         *_about_way_round(geometry.way_round),
         *_about_path(priors, geometry),
-        *_about_bump(priors),
         *_about_translation(priors),
         *_about_believed(priors, geometry),
-        *_about_movers(priors),
     ]
+    return [*caused_by(PATH, path), *_about_bump(priors), *caused_by(MOVING_DEPTH, _about_movers(priors))]
 
 
 def _about_way_round(way: WayRound | None) -> list[Finding]:

@@ -36,6 +36,8 @@ from .spawning import Explained, Spawner
 from .start import start_scaffold
 from .trainer import Trainer
 
+CHECKPOINT = Path("checkpoints", "photometric.pt")
+"""File in the folder of a fit from which it goes on."""
 NOT_DECIDING = ("checkpoint_every", "counts_from", "own_counts", "measure_every")
 """Settings that do not change what a fit finds."""
 
@@ -91,7 +93,7 @@ class ClipFit:
 
     def _run(self) -> FitResult:
         self.clip.require_enough()
-        checkpoint, settings_hash = self.folder / "checkpoints" / "photometric.pt", self.settings_hash()
+        checkpoint, settings_hash = self.folder / CHECKPOINT, self.settings_hash()
         if self.resume:
             load_checkpoint(checkpoint, settings_hash)  # what cannot be continued is refused before minutes of priors
         clock = time.perf_counter()

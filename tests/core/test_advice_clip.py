@@ -84,15 +84,22 @@ def test_what_there_was_no_room_for_is_named_with_what_held_it_back():
     assert about_room(()) == []
     start = Shortage("static", Room(84_210, 100), 0, "spawn_static.max_count")
     growth = Shortage("dynamic", Room(900, 1000), 35, "--memory 2")
-    first, second = about_room((start, growth))
-    assert first.weight == "problem" and first.advice.startswith("Raise --set spawn_static.max_count")
+    both = Shortage("dynamic", Room(900, 400), 0, "spawn_dynamic.max_count")
+    (first,), (second,), (joint,) = (about_room(some) for some in ((start,), (growth,), (start, both, growth)))
+    assert first.weight == "problem" and first.advice.startswith("Raise --set spawn_static.max_count,")
     assert first.what == (
         "There was no room for all that is static: 84,210 Gaussians asked for at the start, 100 allowed"
-        " then by spawn_static.max_count. All that is static is covered more thinly."
+        " then by spawn_static.max_count. What is static is covered more thinly, so it is softer."
     )
     assert second.weight == "note" and second.advice == "Grant more than --memory 2."
     assert (
         second.what == "There was no room for 35 more Gaussians at the last growth of what is dynamic, by --memory 2."
+    )
+    assert joint.weight == "problem" and "84,210" in joint.what and "; all that is dynamic: 900 Gaussians" in joint.what
+    assert joint.what.endswith("What is static and dynamic is covered more thinly, so it is softer.")
+    assert joint.advice == (
+        "Raise --set spawn_static.max_count and spawn_dynamic.max_count, or let more --minutes and --memory decide."
+        " Grant more than --memory 2."
     )
 
 

@@ -25,6 +25,7 @@ from f4x_core.cli import main as cli_main
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.clip import write_video
 from f4x_core.fit import config as fit_config
+from f4x_core.fit import pipeline
 from f4x_core.priors import Priors, cameras, sfm
 from f4x_core.scene import read_scene
 
@@ -602,6 +603,27 @@ def test_a_stopped_fit_in_windows_resumes_with_the_same_options_only(tmp_path, c
     shutil.rmtree(out)
     (out / "checkpoints").mkdir(parents=True)
     assert "--window 0 (all at once), not 5" in refuses(capsys, *asked, *part, "--resume")
+
+
+@pytest.mark.usefixtures("bare_page")
+def test_a_fit_at_once_is_not_continued_with_other_options_and_names_the_first(tmp_path, capsys, monkeypatch, fitted):
+    clip, out = fitted[0], tmp_path / "out"
+    shutil.copytree(fitted[1], out)
+    asked = ("fit", clip, "-o", out, *FAST[:-1])
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, "build_priors", None)
+        for changed, result in {
+            ("--frames", "0:5"): "--frames 0::1, not 0:5:1",
+            ("--width", 32): "--width 64, not 32",
+            ("--hold-out", 3): "--hold-out 0, not 3",
+            ("--profile", "wild"): "--profile quick, not wild",
+            ("--set", "steps=9"): "--set steps=24, not 9",
+        }.items():
+            sentence = refuses(capsys, *asked, *changed, "--resume")
+            assert f"it was made with {result}; give" in sentence and sentence.endswith("[F4X-RESUME]")
+        (out / "options.json").unlink()  # of an older version
+        assert "with other settings or another clip" in refuses(capsys, *asked, "--hold-out", 3, "--resume")
+    fit(capsys, clip, out, "--frames", "0:6", "--set", "checkpoint_every=7", "--resume")  # which is the same
 
 
 def interrupted(*_):

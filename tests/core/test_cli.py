@@ -160,10 +160,18 @@ def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):
     config = cli_fitting.granted(args, size, profile("quick"), lambda stage, *rest: result.setdefault(stage, rest[-1]))
     assert config is not None and not (tmp_path / "grant.json").exists()
     assert re.fullmatch(
-        r"this size keeps the detail of the clip's 960 pixels to 1\d dB, [\d.]+ minutes;"
-        r" --width 854 keeps the detail of the clip's 960 pixels to \d+ dB, [\d.]+ minutes",
+        r"the clip is 960 pixels wide; 480, as now: soft all over \(1\d dB\), [\d.]+ minutes;"
+        r" --width 854: soft all over \(\d+ dB\), [\d.]+ minutes",
         result["larger pictures"],
     )
+
+
+@pytest.mark.parametrize(
+    ("psnr", "words"),
+    [(math.inf, "all of"), (36, r"hardly .*\(36 dB\)"), (29, "fine detail .* missing"), (20, "soft all over")],
+)
+def test_decibels_are_told_as_what_is_seen(psnr, words):
+    assert re.match(words, cli_fitting.detail_in_words(psnr))
 
 
 def test_what_is_not_a_number_is_null_for_other_programs(monkeypatch, capsys):

@@ -14,6 +14,7 @@ from random_scene import random_scene
 from f4x_core.errors import F4xError
 from f4x_core.fit.advice import findings, quality, scaffold_coverage, track_survival, verdict
 from f4x_core.fit.diagnostics import ScenePreviews, render_previews, worst_frames, write_diagnostics
+from f4x_core.fit.finding import MOVES, PATH, SCORE, Finding, told_once
 from f4x_core.fit.needs import Need
 from f4x_core.fit.pipeline import FitResult
 from f4x_core.scaffold import Scaffold
@@ -246,6 +247,45 @@ def test_scores_are_explained(change, words, advice):
     found = findings(result.priors, result.scene.scaffold, metrics | change)
     chosen = [finding for finding in found if words in finding.what]
     assert len(chosen) == 1 and chosen[0].weight == "problem" and advice in chosen[0].advice
+
+
+def test_findings_of_one_cause_are_one_with_the_advice_of_what_weighs_most():
+    note, like = Finding("note", "Near.", "Walk.", cause=PATH), Finding("note", "Wide.", "Walk far.", cause=PATH)
+    first, again, second = (
+        Finding("problem", what, advice, cause=MOVES)
+        for what, advice in (("Blurred.", "Give masks."), ("Blurred.", "Give masks."), ("Lost.", "Give tracks."))
+    )
+    other, alike = Finding("note", "Frame 3."), Finding("note", "Frame 7.")
+    assert told_once([note, like, first, other, again, second, alike]) == [
+        Finding("problem", "Blurred. Lost.", "Give masks. Give tracks.", MOVES),
+        Finding("note", "Near. Wide.", "Walk.", PATH),
+        other,
+        alike,
+    ]
+
+
+def test_that_pictures_are_poor_is_no_second_problem_where_one_says_why():
+    poor, why = Finding("problem", "24 dB.", "Look.", cause=SCORE), Finding("problem", "It shook.")
+    assert told_once([poor]) == [poor] and "one thing" in verdict({"used_psnr": 24.0}, told_once([poor]))
+    assert told_once([poor, why]) == [why, replace(poor, weight="note")]
+    assert "; one thing holds it back" in verdict({"used_psnr": 24.0}, told_once([poor, why]))
+
+
+def test_a_fit_whose_mover_is_poor_has_one_problem_for_it(tmp_path: Path):
+    """The score, the mover's own score and the frames where it is missing have one cause; a box for each stands in the page."""
+    clip, result, metrics = made_up()
+    rows = rows_of_a_mover([0.9] * 6 + [0.1] * 6, [26.0] * 6 + [18.0] * 6)
+    rows = [row | {"frame": number % len(clip)} for number, row in enumerate(rows)]
+    metrics |= {"used_psnr": 24.0, "used_psnr_moving": 18.0, "used_psnr_static": 27.0, "frames": rows}
+    found = write_diagnostics(tmp_path / "page.html", clip, result, metrics, ScenePreviews({}))
+    (moves,) = (one for one in found if one.cause == MOVES)
+    assert "9.0 dB worse" in moves.what and "is missing" in moves.what
+    text = (tmp_path / "page.html").read_text()
+    first, _, rest = text.partition("<h3>Also worth knowing</h3>")
+    problems = sum(one.weight == "problem" for one in found)
+    assert problems == first.count('<div class="finding') == first.count('<div class="finding problem">')
+    assert rest.count('<div class="finding') == len(found) - problems > 0 and 'class="finding problem"' not in rest
+    assert len({one.cause for one in found if one.cause}) == sum(bool(one.cause) for one in found)
 
 
 def test_a_long_fit_is_not_advised_to_be_long():
