@@ -213,7 +213,7 @@ def _light(scene: Scene, view: View) -> np.ndarray:
 
 
 def _shown(scene: Scene, views: Sequence[View]) -> tuple[np.ndarray, np.ndarray]:
-    """Of the S static Gaussians: (S,) the fraction of the most of its light that reaches a view, (S,) bool whether any view tells."""
+    """Of the S static Gaussians: (S,) the fraction of its most light that reaches a view, (S,) bool whether any view tells."""
     count = len(scene.static)
     alone, reaches = np.zeros(count), np.zeros(count)
     for view in views:
