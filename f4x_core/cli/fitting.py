@@ -121,11 +121,11 @@ def _leave_input(clip: Clip, frames: int, folder: Path) -> dict[str, int]:
 
 DETAIL = (
     (np.inf, "all of the clip's detail"),
-    (33, "hardly a difference from the clip"),
+    (35, "hardly a difference from the clip"),
     (25, "fine detail such as hair, leaves and small letters is missing"),
     (-np.inf, "soft all over"),
 )
-"""Least dB from the clip's own pictures -> what a person sees of one."""
+"""Least dB from the clip's own pictures -> what a person sees of one, by the README's scale."""
 
 
 def run_window(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

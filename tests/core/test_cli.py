@@ -168,7 +168,13 @@ def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("psnr", "words"),
-    [(math.inf, "all of"), (36, r"hardly .*\(36 dB\)"), (29, "fine detail .* missing"), (20, "soft all over")],
+    [
+        (math.inf, "all of"),
+        (35, r"hardly .*\(35 dB\)"),
+        (34, "fine detail"),
+        (29, "fine detail .* missing"),
+        (20, "soft all over"),
+    ],
 )
 def test_decibels_are_told_as_what_is_seen(psnr, words):
     assert re.match(words, cli_fitting.detail_in_words(psnr))
