@@ -29,8 +29,9 @@ from .operations import (
 from .stack import of
 
 VIEWS, COLUMNS = 8, 240
-"""Frames, evenly over the clip, that are looked at, and the width of their pictures. Of 110,000 Gaussians that takes .15 s; half or
-double the width counts the same parts within .05 %."""
+"""Frames, evenly over the clip, that are looked at, and the width of their pictures. Of 110,000 Gaussians that takes .1 s, and as
+long again where something is empty. In three clips half or double the width counts each frame within .1 %, all frames have the
+same maximum, and their mean is at most .06 % less."""
 SHOWS = 0.5
 """Least part of a pixel that shows it."""
 LEAST = 0.002
@@ -80,12 +81,14 @@ def told_with_where(shows: Uncovered | None) -> str:
 
 
 def uncovered(scene: Scene) -> Uncovered | None:
-    """What the edits of `scene` that are in effect bring to light; None where none of them takes anything away.
+    """What the edits of `scene`, in effect or baked in, bring to light; None where none of them takes anything away.
 
     Made up is what the scene file marks so (`MADE_UP`); scenes that were fitted before there was such a mark have none of it.
     Cached for the lifetime of the edited scene.
     """
-    if not takes_away(edit.operation for edit in of(scene).edits if edit.enabled):
+    folded = {entry.get("op") for entry in scene.provenance.get("baked", ())}
+    in_effect = takes_away(edit.operation for edit in of(scene).edits if edit.enabled)
+    if not in_effect and folded.isdisjoint(kind.TAG for kind in _TAKES_AWAY):
         return None
     scene = edited(scene)
     if scene not in _KNOWN:

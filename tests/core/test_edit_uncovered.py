@@ -10,6 +10,7 @@ from PIL import Image
 
 from f4x_core.cli.main import main
 from f4x_core.edit.apply import edited, open_scene
+from f4x_core.edit.bake import bake
 from f4x_core.edit.operations import Delete, Opacity, Recolour, Transform
 from f4x_core.edit.selects import Ids, Moving
 from f4x_core.edit.stack import EditStack, with_stack
@@ -68,6 +69,16 @@ def test_only_what_takes_something_away_is_looked_at(scene):
     assert shows(scene) is None and shows(scene, Recolour(SQUARE, (0, 1, 0))) is None
     assert takes_away([Recolour(SQUARE, (0, 1, 0)), Opacity(SQUARE, 0.0)])
     assert uncovered(with_stack(scene, EditStack().append(Delete(SQUARE)).enable(1, False))) is None
+
+
+def test_what_is_folded_in_is_told_too(scene):
+    for operation, told in ((Delete(SQUARE), True), (Recolour(SQUARE, (0, 1, 0)), False)):
+        baked = bake(with_stack(scene, EditStack().append(operation)))
+        assert not baked.edits and (uncovered(baked) is not None) == told
+    edit = shows(scene, Delete(SQUARE))
+    np.testing.assert_allclose(
+        uncovered(bake(with_stack(scene, EditStack().append(Delete(SQUARE))))).made_up, edit.made_up
+    )
 
 
 def test_a_scene_without_the_mark_has_nothing_made_up_to_tell():
