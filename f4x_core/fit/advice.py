@@ -15,7 +15,7 @@ from ..priors.depth import GUESSED_MOVERS
 from ..scaffold import Scaffold
 from .finding import CAMERAS, MOVES, MOVING_DEPTH, PATH, ROOM, SCORE, UNSEEN, Finding, Weight, by_weight, caused_by
 from .geometry_findings import ClipGeometry, about_geometry
-from .needs import MUCH_MOTION, Shortage, moving_fraction
+from .needs import MUCH_MOTION, Shortage, lack_in_words, moving_fraction
 
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
 # reprojection error in pixels above which cameras are wrong and not only rough.
@@ -156,9 +156,8 @@ def about_room(shortages: Sequence[Shortage]) -> list[Finding]:
     thinner = f" What is {kinds} is covered more thinly, so it is softer." if short else ""
     advice = [f"Raise --set {' and '.join(settings)}, or let more --minutes and --memory decide."] * bool(settings)
     advice += [f"Grant more than {' and '.join(granted)}."] * bool(granted)
-    what = "; ".join(str(one).removeprefix("no room for ") for one in shortages)
     weight: Weight = "problem" if short else "note"
-    return [Finding(weight, f"There was no room for {what}.{thinner}", " ".join(advice), ROOM)]
+    return [Finding(weight, f"There was {lack_in_words(shortages)}.{thinner}", " ".join(advice), ROOM)]
 
 
 def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -48,12 +49,19 @@ class Shortage:
     """What allowed no more: a setting, or what was granted."""
 
     def __str__(self) -> str:
+        """What there was no room for."""
         if self.room.short:
             return (
-                f"no room for all that is {self.kind}: {self.room.asked:,} Gaussians asked for at the start,"
+                f"all that is {self.kind}: {self.room.asked:,} Gaussians asked for at the start,"
                 f" {self.room.allowed:,} allowed then by {self.limited_by}"
             )
-        return f"no room for {self.lacking:,} more Gaussians at the last growth of what is {self.kind}, by {self.limited_by}"
+        return f"{self.lacking:,} more Gaussians at the last growth of what is {self.kind}, by {self.limited_by}"
+
+
+def lack_in_words(shortages: Iterable[Shortage]) -> str:
+    """The shortages as one, nothing where there is none."""
+    told = "; ".join(map(str, shortages))
+    return told and f"no room for {told}"
 
 
 def moving_fraction(priors: Priors) -> float:

@@ -31,7 +31,7 @@ from .config import SETTINGS, FitConfig, resolved
 from .covered import completed
 from .harmonics import GAIN_DB
 from .model import CameraRig, NodeSet, SceneModel
-from .needs import Need, Shortage, moving_fraction
+from .needs import Need, Shortage, lack_in_words, moving_fraction
 from .spawning import Explained, Spawner
 from .start import start_scaffold
 from .trainer import Trainer
@@ -284,11 +284,10 @@ def _gaussian_need(trainer: Trainer) -> Need:
     cap = sum(control.limit for control in trainer.controls.values())
     curve = [point["psnr"] for point in trainer.history[-2:]]
     asked = " and ".join(f"{room.asked:,} {name}" for name, room in trainer.rooms.items())
-    short = [str(shortage) for shortage in _shortages(trainer)]
     gain = f", last {config.measure_every} steps brought {curve[1] - curve[0]:+.2f} dB" if len(curve) == 2 else ""
     return Need(
         "Gaussians",
-        "; ".join([f"{static:,} static, {dynamic:,} dynamic", *short]),
+        "; ".join(filter(None, [f"{static:,} static, {dynamic:,} dynamic", lack_in_words(_shortages(trainer))])),
         f"uncovered cells at the start asked for {asked}, then screen-space gradients{gain}",
         f"{max(cap - static - dynamic, 0):,} of at most {cap:,}",
     )
