@@ -23,6 +23,7 @@ from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..priors import Priors
 from ..priors.config import config_hash
+from ..priors.files import camera_kind
 from ..priors.flow import consistent, dis, grey
 from ..raster.blend_weights import blend_weight_sums
 from ..scaffold import Scaffold
@@ -147,14 +148,18 @@ class PreviousWindow:
         Cameras that were found from one window alone drift away from those of the one before, and from a camera that is some
         pixels off all the background looks wrong. Shared frames have the earlier cameras. Each later frame starts from the
         one before it and the priors' motion, and is registered to the background as drawn from there: by optical flow, robustly,
-        within what the kind of camera is free to do, as long as it sees enough of it. The depth of what stands still follows by
-        one factor per frame.
+        within what the kind of camera is free to do, in this window or the earlier one, as long as it sees enough of it. The depth
+        of what stands still follows by one factor per frame.
 
         `margin`: pixels around the moving mask that do not count.
         """
         assert priors.cameras is not None
         assert priors.depth is not None
-        path, freedom = priors.cameras, FREEDOM[priors.camera_kind or "moving"]
+        path = priors.cameras
+        kinds = (priors.camera_kind or "moving", camera_kind(self.scene.cameras))
+        freedom = max(
+            FREEDOM[kind] for kind in kinds
+        )  # a background that has depth shows a step too small to be found alone
         views, depth = path.world_to_camera.copy(), priors.depth.copy()
         for row, frame in enumerate(priors.frames):
             moving = np.zeros(depth[row].shape, bool) if priors.mask is None else priors.mask[row]
