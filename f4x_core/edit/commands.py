@@ -12,6 +12,7 @@ from typing import Any
 
 from ..language.amounts import (
     BEFORE_VERBS,
+    DEGREES,
     LEAST_PERCENTS,
     Amount,
     amount,
@@ -440,22 +441,37 @@ _command("tint the windows dark", as_given, "verb values")(
     >> _alone,
 )
 
-_WITHOUT_NOUN = word_set("out from off on in")
+_WITHOUT_NOUN = word_set("out from off on in of")
 """Words behind a color that stands alone: "the red out of the car"."""
-_command("get the yellow out of the car", lambda less: making.added(1.0, (less, -1)), "verb less", WHOLE)(
-    who=~literal("out of|off|from") + _whom,
-    verb=literal(
-        every_form(
-            "remove|kill|take|get|get rid of|lose|drop|pull|cut|knock|neutralize|fix|correct|lay off|tone down|"
-            "turn down|dial down|dial back|ease off|reduce|lower|decrease|lessen|cut down|cut back|soften|mute|weaken"
+_GRADING = word_set("up down back reduce lower decrease lessen increase raise boost soften mute")
+"""Words of verbs that make more or less of a color, and nothing of a thing: "turn down the green"."""
+_color_alone = colour + here(
+    lambda reading, at: (
+        reading.word(at - 1) in PURE_COLOURS
+        and (
+            reading.word(at) in _WITHOUT_NOUN
+            or (not _GRADING.isdisjoint(reading.words[:at]) and (_over.at(reading, at) or reading.word(at) == "by"))
         )
-        + "|no more|not so much|without"
+    )
+)
+_command(
+    "get the yellow out of the car",
+    lambda sign, rgb, times=1.0: making.added(times, (rgb, sign)),
+    "sign rgb",
+    WHOLE,
+)(
+    who=~literal("out of|off|from") + _whom,
+    sign=table(
+        {
+            every_form("remove|kill|take|get|get rid of|lose|knock|neutralize|fix|correct|lay off")
+            + f"|{any_form('less')}|no more|not so much|without": -1,
+            any_form("more"): 1,
+        },
+        reserve=False,
     ),
-    less=~literal("the|that|this|some|some of the|all the")
-    + either(
-        colour + literal("tint|cast|tinge|hue|tone|color cast"),
-        colour + here(lambda reading, at: reading.word(at - 1) in PURE_COLOURS and reading.word(at) in _WITHOUT_NOUN),
-    ),
+    rgb=~literal("the|that|this|some|some of the|all the")
+    + (colour + literal("tint|cast|tinge|hue|tone|color cast") | _color_alone),
+    times=qualities.how_much_colour,
     out=literal("out|away"),
 )
 _in_color = literal("in (full|its) [color|colors]|colored")
@@ -865,7 +881,7 @@ def _turned(
     if angle is None:
         angle = 180.0 if around else 90.0 if verb is making.rotated else making.TILT
         if how is not None:
-            angle = 15.0 if how.kind == "small" else 120.0
+            angle = DEGREES[how.kind].angle
     return verb(angle, sense or 1)
 
 

@@ -21,6 +21,12 @@ _TAKEN_BACK = (
     r"or rather|or better|make (?:that|it)|no,? make (?:that|it)|actually,?(?: make (?:it|that)| no)?|no)\b\s*"
     r"(?:[,:]|\.+|…)?\s*(?:(?:i mean|i meant|make (?:it|that)|no|rather|actually|it should be|better|sorry|wait|oops)\b,?\s*)*"
 )
+_AT_FIRST = re.compile(
+    r"^\W*(?:(?:oh|ah|hmm|well|but),? )*(?:no,? no|no,? wait|wait,? no|hang on|hold on|(?:no|wait|sorry|oops)(?=[,.!:]))\b[,.!:\s]*"
+    r"(?:(?:rather|better|actually|please)\b,? *)?(?P<last>\S.*)$",
+    re.IGNORECASE,
+)
+"""What takes back the sentence before, for which another is said: "no wait, make it green"."""
 _CORRECTION = re.compile(rf"^(?P<first>.+?){_TAKEN_BACK}(?P<last>\S.*)$", re.IGNORECASE)
 _AFTERTHOUGHT = re.compile(
     r"^(?P<first>.+?)[,;.]\s*(?:no,?\s*)?(?P<last>[\w #%]+?),? (?:i mean|i meant|rather|sorry)\.?$", re.IGNORECASE
@@ -47,6 +53,8 @@ _KINDS = (
 
 def corrected(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
     """What the sentence comes to when what is taken back is left out, likeliest first; nothing where nothing is."""
+    if anew := _AT_FIRST.match(sentence):
+        yield anew["last"]
     match = _CORRECTION.match(sentence) or _AFTERTHOUGHT.match(sentence)
     if match is None or not _SURE.search(sentence):
         return

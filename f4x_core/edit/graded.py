@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 
 from ..language.amounts import Amount, amount, comparison, fraction_of, softly
 from ..language.grammar import Mismatch, Rule, either, keyword, optional
@@ -158,7 +159,7 @@ SPEED = Quality(
     too_little="sluggish",
 )
 OPACITY = Quality(
-    making.graded(making.opacity, making.OPACITY_STEPS),
+    making.graded(making.opacity, attrgetter("opacity")),
     more="",
     less="",
     much="opaque|solid|visible",
@@ -181,9 +182,9 @@ BLUR = Quality(
 )
 GLOW = Quality(
     making.only_more(making.glowing),
-    more="glowier|shinier",
+    more="glowier",
     less="",
-    much="glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow",
+    much="glowing|glowy|luminous|aglow|radiant|shining|shimmering|glow",
     little="",
     noun="glow|halo",
 )

@@ -10,11 +10,11 @@ import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from difflib import SequenceMatcher, get_close_matches
+from itertools import islice
 from typing import Any
 
 from ..errors import F4xError
-from ..language.amounts import Amount, number
+from ..language.amounts import Amount, degree, number
 from ..language.asides import ASKS, PURPOSES, cut, without_asides
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
@@ -42,6 +42,7 @@ from ..language.idle import EMPTY, UNKNOWN
 from ..language.lexicon import (
     FUNCTION_WORDS,
     NO_THINGS,
+    PICTURE,
     SYNONYMS,
     every_form,
     forms,
@@ -53,14 +54,13 @@ from ..language.lexicon import (
     written,
 )
 from ..language.paraphrases import closed_up, in_order, opened, paraphrases
-from ..language.times import HALF_WAY, START, Span, TimeExpression
-from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS
+from ..language.times import HALF_WAY, START, Span, TimeExpression, duration, span
+from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form
 from . import meaning, qualities
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
-from .commands import COMMANDS
 from .corrections import corrected, remarked, without_remarks
 from .description import in_words
-from .graded import QUALITIES
+from .graded import QUALITIES, SATURATION
 from .making import BESIDE, COPY_DISTANCE, SHOWN, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
 from .misgivings import misgiving
 from .operations import (
@@ -141,6 +141,8 @@ def parse(
         if found and (not barred.after_removal or (before and _deletes(before[-1]))):
             raise Refusal(barred.reason.format(words=found[0].strip()))
     read = _read_somehow(sentence, known, settled)
+    if not read.clauses and _first_asked(read.reading.tokens) in _INTERROGATIVES - IMPERATIVES:
+        raise Refusal(_A_QUESTION)
     for rule, doubt in _DOUBTFUL:
         if _holds(rule, read.reading):
             raise Refusal(doubt)
@@ -162,9 +164,9 @@ def parse(
         except Doubt:
             raise
         except Refusal as refusal:
-            raise Refusal(refusal.reason, _nearest(read.reading.tokens)) from refusal
+            raise Refusal(refusal.reason, nearest(sentence, request.labels)) from refusal
         except F4xError as error:
-            raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
+            raise Refusal(f"That is not possible: {error}", nearest(sentence, request.labels)) from error
     if taken := taken_back(read.reading):
         raise taken
     if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
@@ -172,7 +174,7 @@ def parse(
         if not (read.reason or _holds(_shade, read.reading)):  # what is understood and cannot be has its own reason
             _ask_by_likeness(sentence, known, settled, request.selected)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
-    raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
+    raise Refusal(reason, nearest(sentence, request.labels) if answer else ())
 
 
 @dataclass(frozen=True)
@@ -316,7 +318,7 @@ def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
     if len(tokens) > MAX_WORDS:
         raise Refusal(f"The sentence has {len(tokens)} words, more than {MAX_WORDS}; say fewer commands at once.")
     if not any(token.is_word for token in tokens):
-        raise Refusal("Nothing is said that could be done.", _nearest(tokens))
+        raise Refusal("Nothing is said that could be done.")
     return Reading.of(sentence, tokens, known)
 
 
@@ -544,12 +546,15 @@ def _selected(operation: Operation) -> Iterator[SelectKind]:
 _INTERROGATIVES = word_set("what where when who whose which why how is are was were am does do did has have")
 
 
-def _is_asked(part: Sequence[Token]) -> bool:
-    """Whether words before a question mark ask something."""
+_A_QUESTION = "That is a question; `f4x ask` answers those, here one says what to change."
+
+
+def _first_asked(part: Sequence[Token]) -> str:
+    """The first word that may ask something."""
     words = (
         token.text for token in part if token.is_word and token.text not in EMPTY | {"and", "so", "but", "then", "now"}
     )
-    return next(words, "") in _INTERROGATIVES
+    return next(words, "")
 
 
 def _statements(tokens: list[Token]) -> list[Token]:
@@ -560,12 +565,10 @@ def _statements(tokens: list[Token]) -> list[Token]:
             part = tokens[start:i]
             if (
                 part
-                and _is_asked(part)
+                and _first_asked(part) in _INTERROGATIVES
                 and not any(_polite.at(Reading("", part), at) for at in range(min(len(part), _POLITE_BEFORE)))
             ):
-                raise Refusal(
-                    "That is a question; `f4x ask` answers those, here one says what to change.", _nearest(part)
-                )
+                raise Refusal(_A_QUESTION)
             token = Token(".", token.start, token.end)
         if token.text in (".", "!", ";"):
             start = i + 1
@@ -925,7 +928,8 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 _UNDOING = keyword(
     "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|bring] [it|"
-    "that|this|them] back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|back to "
+    "that|this|them] back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|[go|take me|"
+    "take us|get] back to [how|the way|what] [it|this|that|they|everything|things] [was|were] (before)|back to "
     "the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|[ctrl|"
     "control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
     "[scratch|strike|axe|belay] [that|this|it]|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|"
@@ -944,9 +948,11 @@ zoom pan dolly crop stabilize stabilise stabilization deshake reframe recentre: 
     `f4x render` look from where you like.
 sound music audio song voice bark meow talk sing hello volume mute: a scene has no sound.
 text title caption captions subtitle subtitles watermark: nothing can be written into a scene.
+sun sunlight sunshine spotlight backlight: the light is as it was filmed; it can be made brighter, darker, warmer or cooler.
 mirror mirrored horizontally vertically flop: nothing is mirrored; 'turn the dog around' lets it face the other way.
 taller longer wider thinner shorter fatter slimmer stretched squash squashed narrower thicker: a thing grows as a whole; say
     for example 'make the dog bigger'.
+shiny shinier shininess glossy glossier gloss matte: how a surface shines is not changed; a glow is light around it.
 sharpen sharper crisper denoise deblur unblur upscale resolution artifacts quality: a scene does not become sharper; `f4x fit`
     with a finer profile may.
 rain snow fog rainbow lightning confetti sparks hail storm: nothing new can be made; a copy of what is there can.
@@ -963,6 +969,26 @@ _IMPOSSIBLE = {
     for words, reason in (row.split(": ", 1) for row in _NO_OPERATION.replace("\n    ", " ").strip().splitlines())
     for word in words.split()
 }
+_the_clip = literal(f"[the|this|my] (whole|entire) [{PICTURE}]")
+_cut_in_time = (
+    literal(
+        every_form(
+            "cut|remove|delete|trim|drop|chop|lose|throw away|snip|crop|clip|shave|discard|erase|get rid of|shorten"
+        )
+    )
+    + ~literal("off|out|away|down")
+    + ~literal("just|only|everything")
+    + (
+        ~_the_clip
+        + ~literal("to|in|at|by|after|from")
+        + ~literal("the|a")
+        + silent(span | duration | literal("half"))
+        + ~literal("off|out|away|again")
+        + ~(literal("of|from|off") + _the_clip)
+    )
+    + here(lambda reading, at: not reading.word(at).isalpha())
+)
+"""What would make the clip shorter: "remove the second half of the clip", "trim the last two seconds off"."""
 _either = either(keyword("either"), silent(familiar) + keyword("or (the|a|an)") + silent(familiar))
 _last = here(lambda reading, at: at >= len(reading.tokens) or not reading.tokens[at].is_word)
 _SHOWN_ONLY_THEN = "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'."
@@ -980,15 +1006,23 @@ _than_another = (
         literal("as") + _plain + literal("as")
         | (literal("[more|less]") + _plain | literal("|".join(f"{one.more}|{one.less}" for one in QUALITIES)))
         + literal("than")
+        | literal("the (exact) same [" + "|".join(one.noun for one in QUALITIES if one is not SATURATION) + "] as")
     )
     + ~literal("the|a|an|my|that|this")
     + silent(known_noun)
 )
+_the_same = literal("the (exact) same [size|speed|brightness|height|width|length]") + unless(literal("as|again"))
 _DOUBTFUL = (
     (
         _than_another,
         "Things are not measured against one another; say how much it is to be, for example 'twice as big' or '20 % brighter'.",
     ),
+    (
+        literal(any_form("tilt")) + ~silent(known_thing) + ~silent(degree) + literal("forward|backward|back"),
+        "Which way is forward for a thing is not known, so it tilts to the left or to the right; say for example 'tilt the dog to"
+        " the left'.",
+    ),
+    (_the_same, "It is not said what it was or whose it is; say how much it is to be, for example 'twice as big'."),
     (
         _LENGTH,
         "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example 'two widths "
@@ -1157,17 +1191,14 @@ def _not_understood(read: Read) -> tuple[str, bool]:
     reading = read.reading
     if reason := _no_edit(reading) or _new_thing(reading):
         return reason, False
-    unknown = _impossible(reading) or _unknown_word(reading)
-    if unknown:
+    lacking = _lacking(reading)
+    if unknown := _impossible(reading) or (not lacking and read.reason) or _unknown_word(reading):
         return unknown, True
     for rule, reason in _UNKNOWN_WAYS:
         for at in range(len(reading.tokens)):
             if ends := rule.at(reading, at):
                 negated = rule is _UNKNOWN_WAYS[0][0]
                 return reason.format(words=reading.text_of(at, max(ends))), not negated
-    lacking = _lacking(reading)
-    if not lacking and read.reason:
-        return read.reason, True
     end = len(reading.tokens)
     if lacking:
         return f"The command is not complete: {lacking}.", True
@@ -1180,6 +1211,11 @@ def _no_edit(reading: Reading) -> str:
     """The sentence about a wish that another command of `f4x` fulfils; nothing where there is none."""
     if _holds(_UNDOING, reading):
         return "That is no edit; use `f4x undo SCENE`, or the button for it."
+    if _holds(_cut_in_time, reading):
+        return (
+            "A clip keeps its length, so no time is cut out of it; `f4x render --frames` writes a part of it, and 'hide the dog"
+            " until second 2' hides what is seen then."
+        )
     verb = next((_ELSEWHERE[token.text] for token in reading.tokens if token.text in _ELSEWHERE), "")
     return verb and f"That is no edit; use `f4x {verb} SCENE`, or the button for it."
 
@@ -1208,8 +1244,8 @@ def _unknown_word(reading: Reading) -> str:
     for at, token in enumerate(reading.tokens[: farthest + 1]):
         if token.is_word and not {token.text, singular(token.text)} & (vocabulary | parts):
             word = reading.text_of(at, at + 1)
-            close = get_close_matches(token.text, sorted(VOCABULARY | COLOURS.keys() | parts), 1, 0.8)
-            return f"I do not understand '{word}'" + (f"; did you mean '{close[0]}'?" if close else ".")
+            close = misspelt(token.text, VOCABULARY | COLOURS.keys() | parts)
+            return f"I do not understand '{word}'" + (f"; did you mean '{close}'?" if close else ".")
     return ""
 
 
@@ -1240,14 +1276,6 @@ _SAID_HALF = (
     ("call the dog rex", "call, name, label, tag", "called", thing),
 )
 """(Example, verbs, slot that is needed, whom it is for) of commands that are read in any order."""
-_EXAMPLES = dict.fromkeys(
-    (
-        *(command.example for command in COMMANDS if command.make not in (REMARK, AGAIN, ENDED)),
-        *(example for example, *_ in _SAID_HALF),
-        *("isolate the dog", "turn the dog into gold", "speed up the dog", "paint the car blue"),
-    )
-)
-"""Sentences that are offered to those who were not understood."""
 _beginnings = [
     (example, slot, verb, verb + who)
     for example, verbs, slot, who in _SAID_HALF
@@ -1268,41 +1296,40 @@ def _lacking(reading: Reading) -> str:
     return ""
 
 
-_EXAMPLE_THING = re.compile(r"\bthe (dog|cat|car|house|sky|wall|box|lamp|hat|shirt)\b")
-"""Things of the examples; another stands in its place where it is known what the scene holds."""
+MOST_EXAMPLES = 3
+"""Commands that a refusal offers."""
 
 
 def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
-    """The examples of commands that are most like the words of a sentence, about the things `there`, if any are given."""
-    tokens = tokenise(sentence)
-    if not there:
-        return _nearest(tokens)
-    forms = {form for token in tokens for form in (token.text, singular(token.text))}
-    things = sorted(there, key=lambda label: label.lower() not in forms)  # what was spoken about first
-
-    def about(example: str) -> str:
-        nouns = list(dict.fromkeys(_EXAMPLE_THING.findall(example)))
-        return _EXAMPLE_THING.sub(lambda found: f"the {things[nouns.index(found[1])]}", example)
-
-    examples = _nearest(tokens, len(_EXAMPLES))
-    fitting = (about(one) for one in examples if len(set(_EXAMPLE_THING.findall(one))) <= len(things))
-    return tuple(dict.fromkeys(fitting))[:3]
+    """The commands that are nearest in meaning to a sentence, about the things `there`, if any are given."""
+    known = _known(there)
+    plain = _plainly(written(sentence), known)[0]
+    tokens = tokenise(plain)[:MAX_WORDS]
+    examples = meaning.nearest(sentence, Reading.of(plain, tokens, known), there) if tokens else ()
+    return tuple(islice((one for one in examples if _is_command(one, known)), MOST_EXAMPLES))
 
 
-_FIRST_EXAMPLES = ("make the dog red", "move the dog to the left", "isolate the dog", "play the dog in reverse")
-"""What is shown of a sentence that no example shares a word with, in this order."""
+def _is_command(sentence: str, known: Mapping[tuple[str, ...], str]) -> bool:
+    """Whether the grammar understands a sentence as it stands."""
+    with suppress(Refusal):
+        read = _read_somehow(sentence, known)
+        return bool(read.clauses) and not read.idle
+    return False
 
 
-def _nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:
-    typed = [token.text for token in tokens[:MAX_WORDS]]
-    content = [word for word in typed if word not in FUNCTION_WORDS]
+_EXAMPLE = re.compile(r"(?<!\w)'[^']*'")
+_EXAMPLE_THING = re.compile(r"\bthe (dogs?|cat|car|ball|bush|lamp|bird|hat|tree|person|people|boat|house|sky)\b")
+"""Things of the examples in refusals; others stand in their place where it is known what the scene holds."""
 
-    def likeness(example: str) -> tuple[float, float]:
-        words = example.split()
-        telling = set(words) - FUNCTION_WORDS - {"dog", "dogs"}  # all examples have these
-        alike = sum(bool(get_close_matches(word, content, 1, 0.75)) for word in telling)
-        if not alike:
-            return 0, -_FIRST_EXAMPLES.index(example) if example in _FIRST_EXAMPLES else -len(_FIRST_EXAMPLES)
-        return 1, alike / len(telling) + SequenceMatcher(None, words, typed).ratio() / 2
 
-    return tuple(sorted(_EXAMPLES, key=likeness, reverse=True)[:count])
+def about_there(reason: str, sentence: str, there: Sequence[str]) -> str:
+    """A refusal whose examples speak of things that are `there`, except of those that the sentence names itself."""
+
+    def about(example: re.Match[str]) -> str:
+        nouns = [noun for noun in dict.fromkeys(_EXAMPLE_THING.findall(example[0])) if noun not in sentence.lower()]
+        if len(nouns) > len(there):
+            return example[0]
+        instead = dict(zip(nouns, there, strict=False))
+        return _EXAMPLE_THING.sub(lambda found: f"the {instead.get(found[1], found[1])}", example[0])
+
+    return _EXAMPLE.sub(about, reason)

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
-from ..language.amounts import PLACES, STEPS, Amount, Distance, Steps, Vector, displacement, factor
+from ..language.amounts import (
+    DEGREES,
+    PLACES,
+    Amount,
+    Degree,
+    Distance,
+    Steps,
+    Vector,
+    degree_of,
+    displacement,
+    factor,
+)
 from ..language.colour_names import Colour
 from ..language.colours import GRAY
 from ..language.grammar import Final, Mismatch, Refusal
@@ -40,21 +52,19 @@ Making = Callable[[float], Value]
 """A value from a factor."""
 Graded = Callable[[Amount | None, bool], Value]
 """A value from how much, and whether more or less; Mismatch where there is no such amount of it."""
-OPACITY_STEPS = {None: (2.0, 0.5), "small": (1.25, 0.8), "large": (5.0, 0.2)}
-"""As `amounts.STEPS`."""
 
 BLACK_AND_WHITE = (0.5, 0.5, 0.5)
 """As `hue`: no colour is left, light and dark stay."""
 A_BIT = 0.5
-"""Strength of "a bit red", and of a tint."""
+"""Strength of a tint."""
 MORE_COLOUR = 0.3
 """How far "redder" goes from gray to red."""
 SHOWN = 10.0
 """Factor that makes anything opaque that is there at all."""
 WARMER = 0.5
-"""Warmth of "warmer"; a bit: half, much: twice as much."""
+"""Warmth of "warmer", the usual degree of it."""
 BLUR, GLOW = 0.02, 0.5
-"""Radius of "blur" in world units and strength of "glow"; a bit: half, much: twice as much."""
+"""Radius of "blur" in world units and strength of "glow", the usual degrees of them."""
 COPY_DISTANCE = 1.2
 """Widths to the next copy: beside the thing, with a gap."""
 BESIDE = (COPY_DISTANCE, 0.0, 0.0)
@@ -118,11 +128,13 @@ def refused(reason: str) -> Value:
     return value
 
 
-def graded(make: Making, steps: Mapping[str | None, tuple[float, float]] = STEPS, gone: bool = True) -> Graded:
-    """What `make` makes of a factor, where that has a meaning; `gone`: there can be nothing left of it."""
+def graded(
+    make: Making, of: Callable[[Degree], tuple[float, float]] = attrgetter("factors"), gone: bool = True
+) -> Graded:
+    """What `make` makes of a factor, where that has a meaning; `of`: as in `factor`; `gone`: there can be nothing left of it."""
 
     def changed(how: Amount | None, upward: bool) -> Value:
-        by = factor(how, upward, steps)
+        by = factor(how, upward, of)
         if how is not None and how.kind == "times" and upward and by < 1:
             return refused(f"{by:g} times as much is less, not more; say for example 'twice as much'.")
         if how is not None and by == 1:
@@ -158,7 +170,7 @@ def saturated(by: float) -> Value:
 def warmed(how: Amount | None, warmer: bool) -> Value:
     """Warmer or cooler, by a part of all the warmth that there can be; twice as warm is by one part more."""
     sign = 1 if warmer else -1
-    if how is None or how.kind in ("small", "large"):
+    if how is None or how.kind in DEGREES:
         warmth = sign * _strong(WARMER, how)
     else:
         warmth = sign * (how.value if how.kind == "fraction" else how.value - 1)
@@ -167,13 +179,13 @@ def warmed(how: Amount | None, warmer: bool) -> Value:
     return lambda who, when, _: Grade(who, warmth=round(warmth, PLACES), **when.coming)
 
 
-def _strong(usual: float, how: Amount | None) -> float:
-    """The usual strength, a bit of it, much or so many times as much; Mismatch for other amounts."""
-    times = {None: 1.0, "small": 0.5, "large": 2.0, "times": how and how.value, "as": how and how.value}
-    by = times.get(how and how.kind)
-    if by is None or (by < 1 and how is not None and how.kind != "small"):
+def _strong(usual: float, how: Amount | None, most: float = 1.0) -> float:
+    """The usual strength, a degree of it up to the `most` there is, or so many times as much; Mismatch for other amounts."""
+    if degree := degree_of(how):
+        return min(usual * degree.share, most)
+    if how is None or how.kind not in ("times", "as") or how.value < 1:
         raise Mismatch
-    return usual * by
+    return usual * how.value
 
 
 def blurred(how: Amount | None = None) -> Value:
@@ -437,12 +449,13 @@ def by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operati
     def again(x: float) -> float:
         return x if x == 1 else round(factor(how, (x > 1) != back), PLACES)
 
-    if how is not None and how.kind not in ("small", "large"):  # of factors alone
+    degree, sign = degree_of(how), -1 if back else 1
+    if degree is None:  # of factors alone
         plain = isinstance(one, Retime | Grade) or (isinstance(one, Recolour) and one.mode == "multiply")
         if not plain and not (isinstance(one, Transform) and not any((*one.translate, *one.rotate))):
             raise Mismatch
-    little, sign = how is not None and how.kind == "small", -1 if back else 1
-    share = sign * (0.5 if little else 1.0 if how is None else 2.0)
+        degree = DEGREES["usual"]
+    share = sign * degree.share
     if isinstance(one, Recolour) and one.mode == "multiply":
         return replace(one, rgb=(again(one.rgb[0]),) * 3)
     if isinstance(one, Grade):
@@ -450,25 +463,24 @@ def by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operati
             one,
             contrast=again(one.contrast),
             saturation=again(one.saturation),
-            warmth=one.warmth and share * one.warmth,
+            warmth=max(-1.0, min(1.0, share * one.warmth)),
         )
     if isinstance(one, Retime):
         return replace(one, speed=again(one.speed))
     if isinstance(one, Transform) and one.beside is None and (one.unit == "size" or not any(one.translate)):
-        far = sign * (0.3 if little else 1.0 if how is None else 2.0)
-        x, y, z = (far * step for step in one.translate)
+        x, y, z = (sign * degree.widths * step for step in one.translate)
         pitch, yaw, roll = (share * angle for angle in one.rotate)
         return replace(one, translate=(x, y, z), rotate=(pitch, yaw, roll), scale=again(one.scale))
     if back:
         raise Mismatch
     if isinstance(one, Recolour | Style):
-        return replace(one, strength=A_BIT if little else 1.0)
+        return replace(one, strength=min(1.0, degree.share))
     if isinstance(one, Blur):
         return replace(one, radius=share * one.radius)
     if isinstance(one, Glow):
-        return replace(one, strength=share * one.strength)
+        return replace(one, strength=min(1.0, share * one.strength))
     if isinstance(one, Opacity) and 0 < one.factor < 1:
-        return replace(one, factor=0.8 if little else 0.2)
+        return replace(one, factor=degree.opacity[1])
     raise Mismatch
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..features import phrasings
-from ..features.phrasings import NOTHING, Slot, fill, likeliest
+from ..features.phrasings import NOTHING, Slot, fill, likeliest, ranked
 from ..language.amounts import fraction, multiple, number, percent
 from ..language.colours import colour
 from ..language.grammar import Reading, either, literal, table, unless
@@ -147,6 +147,31 @@ def meant(sentence: str, reading: Reading, selected: bool) -> Iterator[str]:
         return
     labels = {singular(words[-1]) for words in reading.known}
     yield from sentences(likeliest(PHRASINGS, sentence, phrasing), slots, labels, selected)
+
+
+_FOR_EXAMPLE = {"COLOR": "red", "WAY": "to the left", "LOOK": "gold"}
+_SOME_TIME = dict.fromkeys(("loop", "fade in"), " from second 1 to 2")
+"""Operations that are for no time at all where none is said."""
+
+
+def nearest(sentence: str, reading: Reading, there: Sequence[str]) -> Iterator[str]:
+    """Examples of the operations that are nearest in meaning to a sentence, with what it says itself, about things that are `there`
+    (any where that is not known)."""
+    phrasing, slots = masked(reading)
+    named = [f"{slot.words.lower()} " for slot in slots if slot.kind == "WHO"]
+    labels = [f"the {label}" for label in there]
+    said = [one for words in named for one in labels if one.lower()[3:] in f" {words}"] if there else named
+    things = list(dict.fromkeys((*map(str.strip, said), *labels))) or ["it"]
+    values = {slot.kind: slot.words for slot in reversed(slots) if slot.kind != "TIME"}
+    values |= dict(zip(("WHO", "OTHER"), things, strict=False))
+    if len(things) == 1:
+        values.pop("OTHER", "")
+    for operation in ranked(PHRASINGS, sentence, phrasing):
+        templates = MEANINGS[operation].split("|")
+        whole = [one for one in templates if {*re.findall("[A-Z]{2,}", one)} <= values.keys()]
+        fullest = max(whole or templates[-1:], key=lambda one: len(re.findall("[A-Z]{2,}", one)))
+        if example := fill(fullest, {**_FOR_EXAMPLE, **values}, (*_FOR_EXAMPLE, *values)):
+            yield example + _SOME_TIME.get(operation, "")
 
 
 def is_barred(phrasing: str) -> bool:

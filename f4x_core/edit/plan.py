@@ -104,7 +104,9 @@ def propose(
     except Doubt:
         raise
     except Refusal as refusal:
-        raise Refusal(refusal.reason, refusal.nearest and language.nearest(sentence, _there(scene))) from refusal
+        there = _there(scene)
+        reason = language.about_there(refusal.reason, sentence, there)
+        raise Refusal(reason, refusal.nearest and language.nearest(sentence, there)) from refusal
     resolver = Resolver(context, encode)
     found: list[Candidate] = []
     for operations, tidy, why in _variants(asked):

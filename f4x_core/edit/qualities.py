@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..language.amounts import (
+    DEGREES,
     amount,
     degree,
     factor,
@@ -36,7 +37,7 @@ from .phrases import known_thing
 from .styles import STYLES
 
 _BEFORE_SHADES = word_set("in to a an into nice lovely some with")
-_small = degree >> (lambda how: making.A_BIT if how.kind == "small" else 1.0)
+_small = degree >> (lambda how: min(1.0, DEGREES[how.kind].share))
 
 
 def _below_all(x: float) -> float:
@@ -46,6 +47,7 @@ def _below_all(x: float) -> float:
     return x
 
 
+_partly = degree >> (lambda how: _below_all(DEGREES[how.kind].share))
 _share = percent >> _below_all
 _article = ~keyword("a|an|the|some")
 shade_of = ~keyword(
@@ -73,19 +75,19 @@ colored_noun = literal("color|paint|tint|tinge|touch|shade|hue|tone|glow|light|h
 _flat = keyword("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
 colour_value = either(
     _article + _flat + ~_flat + colour + colored >> making.recoloured,
-    keyword("[a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of] (more)")
-    + (colour | colourish)
-    >> making.faintly,
+    (_partly | keyword("faintly|kind of") >> (lambda: making.A_BIT)) + ~keyword("more") + (colour | colourish)
+    >> (lambda share, rgb: making.assigned(rgb, share)),
     ~keyword("a|an|some") + colourish + colored >> making.faintly,
     _share + colour >> (lambda share, rgb: making.assigned(rgb, share)),
     _fully + ~keyword("a|an|some") + _shade_of + ~keyword("the color") + colour + colored >> making.assigned,
 )
-more_colour_value = (
-    optional(
-        degree >> (lambda how: 0.5 if how.kind == "small" else 2.0) | percent >> (lambda x: x / making.MORE_COLOUR), 1.0
-    )
-    + more_colour
-    >> making.added
+how_much_colour = either(
+    degree >> (lambda how: DEGREES[how.kind].share),
+    ~keyword("by") + (percent | fraction) >> (lambda x: x / making.MORE_COLOUR),
+)
+more_colour_value = either(
+    more_colour + how_much_colour >> (lambda more, times: making.added(times, more)),
+    optional(how_much_colour, 1.0) + more_colour >> making.added,
 )
 without_colour = ~literal("a|an|the") + optional(_share, 1.0) + keyword(
     "black and white|black white|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
@@ -100,7 +102,11 @@ pop = keyword(
 ) + unless(known_thing) >> (lambda: making.saturated(factor(None, True)))
 sized = either(
     ~keyword("very|really|quite")
-    + here(lambda reading, at: reading.words[at - 1 : at + 1] != ["a", "little"])  # how much, not how big
+    + here(
+        lambda reading, at: (
+            reading.words[at - 1 : at + 1] != ["a", "little"] and reading.word(at - 1) not in ("as", "so")
+        )
+    )
     + table(
         {
             "tiny|small|little|minute|miniature|teeny tiny|teeny weeny|teeny|itty bitty|tiny weeny": 0.5,

@@ -13,6 +13,7 @@ from ..language.lexicon import every_form, singular, word_set
 from ..language.verbs import any_form
 from . import operations as ops
 from .description import describe
+from .graded import BRIGHTNESS, SIZE, SPEED
 from .qualities import any_look
 from .stack import EditStack
 
@@ -44,11 +45,11 @@ _CHANGES = table(
 _QUALITIES = either(
     table(
         {
-            "color|colors|coloring|contrast|saturation|warmth|brightness|darkness|grayness|"
+            f"{BRIGHTNESS.much}|{BRIGHTNESS.little}|color|colors|coloring|contrast|saturation|warmth|brightness|darkness|grayness|"
             + any_form("brighten", "darken", "saturate", "desaturate", "warm", "cool"): _COLOURED,
-            "speed|pace|tempo": (ops.Retime, ops.Freeze),
+            f"speed|pace|tempo|{SPEED.much}": (ops.Retime, ops.Freeze),
             "opacity|visibility": (ops.Opacity, ops.Delete),
-            "size|scale|place|position|spot|direction|rotation|tilting|shifting|"
+            f"{SIZE.much}|{SIZE.little}|size|scale|place|position|spot|direction|rotation|tilting|shifting|"
             + every_form("move|shift|rotate|spin|turn|tilt|raise|lower|scale")
             + "|"
             + any_form("enlarge", "shrink"): (ops.Transform, ops.Swap),
@@ -64,7 +65,8 @@ _RESTORING = either(
     table(
         {
             every_form("undo|revert|reset|cancel|restore|take back|stop|quit|cease")
-            + "|no longer|any more|anymore|any longer|back to|back in|back|normal|original|usual|natural|former": _ENDING
+            + "|(like|as) [it|he|she|they] [was|were] (before)|as before|no longer|any more|anymore|any longer|back to|back in|"
+            "back|normal|original|usual|natural|former": _ENDING
         },
         reserve=False,
     ),

@@ -28,6 +28,8 @@ CERTAIN, AHEAD = 0.3, 0.1
 AHEAD_BY_BOTH = 0.06
 """The lead by words and vector together, which count the same: chosen on sentences that older grammars refused, the author's own
 left out (docs/language.md)."""
+LIKE_THE_FIRST = 0.25
+"""Of the highest score: below it a meaning is like a sentence by the words that it shares with most of them."""
 _SMOOTHING = 0.4
 """Of the regression: how little a single phrasing counts."""
 
@@ -65,11 +67,22 @@ def masked(
 def likeliest(table: Path, sentence: str, phrasing: str) -> str:
     """The meaning in a table that a sentence is like, `NOTHING` where that is not certain; `phrasing`: the sentence with the
     names of slots in place of what stands there."""
-    known = Meanings.of(table)
-    scores, ahead = _by_both(table, {sentence: phrasing}), AHEAD_BY_BOTH
-    if scores is None:
-        scores, ahead = known.scores([phrasing]), AHEAD
-    return leading(scores[0], known.names, ahead)
+    scores, ahead = _scores(table, sentence, phrasing)
+    return leading(scores, Meanings.of(table).names, ahead)
+
+
+def ranked(table: Path, sentence: str, phrasing: str) -> list[str]:
+    """The meanings in a table that a sentence is like at all, the likeliest first; the arguments are those of `likeliest`."""
+    scores, _ = _scores(table, sentence, phrasing)
+    found = sorted(zip(scores.tolist(), Meanings.of(table).names, strict=True), reverse=True)
+    found = [(score, name) for score, name in found if name != NOTHING]
+    return [name for score, name in found if score > found[0][0] * LIKE_THE_FIRST]
+
+
+def _scores(table: Path, sentence: str, phrasing: str) -> tuple[np.ndarray, float]:
+    """(meanings,) scores of a sentence, and by how much the first of them has to lead."""
+    by_both = _by_both(table, {sentence: phrasing})
+    return (Meanings.of(table).scores([phrasing])[0], AHEAD) if by_both is None else (by_both[0], AHEAD_BY_BOTH)
 
 
 def highest_scores(table: Path, phrasings: Mapping[str, str]) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
 from .grammar import (
@@ -31,10 +32,28 @@ Vector = tuple[float, float, float]
 
 
 _MANY = {"hundred": 100.0, "dozen": 12.0}
+_fraction_word = table(
+    {
+        "half|one half|a half|the half": 0.5,
+        "a third|one third|the third": 1 / 3,
+        "a quarter|one quarter|one fourth|a fourth": 0.25,
+        "two thirds": 2 / 3,
+        "three quarters": 0.75,
+        "a fifth|one fifth": 0.2,
+        "a tenth|one tenth": 0.1,
+    }
+)
 
 
 def number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
-    """The numbers that begin at a word, in digits or words, the longest first."""
+    """The numbers that begin at a word, in digits or words, the longest first: "two", "one and a quarter"."""
+    for end, whole in _counted_at(reading, at):
+        if reading.word(end) == "and":
+            yield from ((last, whole + part) for last, (part,) in _fraction_word.at(reading, end + 1).items())
+        yield end, whole
+
+
+def _counted_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
     word, following = reading.word(at), reading.word(at + 1)
     if word[:1].isdecimal() or word[:1] == ".":
         try:
@@ -44,8 +63,6 @@ def number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
         below = reading.word(at + 2)
         if following == "/" and below.isdecimal() and float(below):
             yield at + 3, number / float(below)
-        if (following, below, reading.word(at + 3)) == ("and", "a", "half"):
-            yield at + 4, number + 0.5
         yield at + 1, number
     elif word in TENS:
         if 0 < ONES.get(following, 0) < 10:
@@ -54,8 +71,6 @@ def number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
     elif word in ONES:
         if following in _MANY:
             yield at + 2, _MANY[following] * ONES[word]
-        if following == "and" and reading.word(at + 2) == "a" and reading.word(at + 3) == "half":
-            yield at + 4, ONES[word] + 0.5
         if following == "point" and reading.word(at + 2) in ONES:
             yield at + 3, ONES[word] + ONES[reading.word(at + 2)] / 10
         yield at + 1, float(ONES[word])
@@ -73,17 +88,7 @@ VOCABULARY.update(ONES, TENS, FRACTIONS, _MANY)
 
 _percent_sign = keyword("%|percent|per cent|pct")
 percent = number + _percent_sign >> (lambda x: x / 100)
-fraction = table(
-    {
-        "half|one half|a half|the half": 0.5,
-        "a third|one third|the third": 1 / 3,
-        "a quarter|one quarter|one fourth|a fourth": 0.25,
-        "two thirds": 2 / 3,
-        "three quarters": 0.75,
-        "a fifth|one fifth": 0.2,
-        "a tenth|one tenth": 0.1,
-    }
-) | generated(
+fraction = _fraction_word | generated(
     lambda reading, at: ((end, x) for end, x in number_at(reading, at) if reading.word(at + 1) == "/" and 0 < x < 1)
 )
 multiple = either(
@@ -97,43 +102,73 @@ multiple = either(
 
 LEAST_PERCENTS = 5
 """Numbers from this on are percents: "contrast 20", "scale 1.5"."""
-STEPS: Mapping[str | None, tuple[float, float]] = {None: (1.5, 0.67), "small": (1.2, 0.83), "large": (2.0, 0.5)}
-"""Degree -> factors up and down."""
+
+
+class Degree(NamedTuple):
+    """What a degree comes to in each kind of change."""
+
+    factors: tuple[float, float]
+    """Up and down."""
+    opacity: tuple[float, float]
+    """As `factors`, of how opaque something is."""
+    share: float
+    """Of the usual strength of a color, a light or a blur."""
+    widths: float
+    """How far something goes."""
+    angle: float
+    """Degrees that it turns."""
+
+
+DEGREES: Mapping[str, Degree] = {
+    "least": Degree((1.1, 0.91), (1.1, 0.9), 0.25, 0.15, 10.0),
+    "small": Degree((1.2, 0.83), (1.25, 0.8), 0.5, 0.3, 15.0),
+    "usual": Degree((1.5, 0.67), (2.0, 0.5), 1.0, 1.0, 90.0),
+    "large": Degree((2.0, 0.5), (5.0, 0.2), 2.0, 2.0, 120.0),
+    "most": Degree((2.5, 0.4), (10.0, 0.1), 3.0, 3.0, 150.0),
+}
+"""A tiny bit, a little, what is meant where no degree is said, much, a lot: each more than the one before."""
 
 
 class Amount(NamedTuple):
     """An amount of a change."""
 
     kind: str
-    """`small`, `large`; `times` more, a `fraction` more; `as`: so many times as much; `to` a value in its own unit."""
+    """One of `DEGREES`; `times` more, a `fraction` more; `as`: so many times as much; `to` a value in its own unit."""
     value: float = 1.0
     """Of the last four."""
+
+
+def degree_of(how: Amount | None) -> Degree | None:
+    """What a degree comes to, the usual one where no amount is said; None for what is measured."""
+    return DEGREES.get(how.kind if how else "usual")
 
 
 _not_much = ~keyword(",") + literal(
     "(but|just) not [by much|too much|so much|that much|a lot|much|too strong|too strongly]|nothing too [strong|much|crazy|extreme]"
 )
-degree = (_not_much | literal("[just|only] a hint|a [hint|notch|shade|trifle|whisker|step] (of it)")) >> (
-    lambda: Amount("small")
-) | table(
+degree = _not_much >> (lambda: Amount("small")) | table(
     {
-        "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a [little|tad|touch|bit|"
-        "hair|notch|fraction|smidge|smidgen|smidgeon|skosh|pinch|dash|tick]|slightly|marginally|minimally|fractionally|mildly|"
-        "moderately|somewhat|(just) barely|barely [noticeable|visible|there]|hardly noticeable|(very) [subtle|subtly|"
-        "discreetly]|(ever) so slightly|a bit of|(by) a [little|wee|tiny] (bit) (more)": Amount("small"),
-        "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole lot|"
-        "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit|tons|loads|heaps|miles|a [ton|load|mile|bunch|"
-        "whole bunch]|by [far|miles|a mile]|enormously|hugely|vastly|substantially|greatly|radically|seriously|extremely": Amount(
-            "large"
+        "(just|only|by|ever so) a [tiny|wee|teeny|tiny little|teeny tiny] [bit|amount]|(just|only|by) a [hair|whisker|trifle|"
+        "smidge|smidgen|smidgeon|skosh|pinch|dash|tick|fraction]|(ever) so slightly|marginally|minimally|fractionally|(just) "
+        "barely|barely [noticeable|visible|there]|hardly noticeable|(by) a [wee|tiny] (bit) (more)|[just|only] a hint": Amount(
+            "least"
+        ),
+        "(just|only|by|ever so) a [little|small|slight] [bit|amount]|(just|only|by) a [little|tad|touch|bit|notch]|slightly|"
+        "mildly|somewhat|(very) [subtle|subtly|discreetly]|a bit of|(by) a little (bit) (more)|a [hint|notch|shade|"
+        "step] (of it)": Amount("small"),
+        "moderately": Amount("usual"),
+        "much|far|way|considerably|significantly|a good deal|very much|strongly|heavily|a good bit|quite a bit|substantially|"
+        "greatly|seriously": Amount("large"),
+        "(quite) a lot|by a lot|a great deal|lots|a whole lot|massively|drastically|dramatically|tons|loads|heaps|miles|a [ton|"
+        "load|mile|bunch|whole bunch]|by [far|miles|a mile]|enormously|hugely|vastly|radically|extremely": Amount(
+            "most"
         ),
     }
 )
 softly = degree | table(
     {
         "softly|faintly|gently|weakly": Amount("small"),
-        "heavily|strongly|intensely|brightly|very|really|badly|(even|some|a lot|much) more|stronger|harder": Amount(
-            "large"
-        ),
+        "intensely|brightly|very|really|badly|(even|some|a lot|much) more|stronger|harder": Amount("large"),
     }
 )
 """How much of something there is: "very blurry"."""
@@ -150,7 +185,7 @@ _counting = literal(
     "frame|frames|f|second|seconds|s|degrees|degree|x|times|units|unit|width|widths|stop|stops|%|percent|to|-|th"
 )
 _notches = number + literal("shade|shades|notch|notches|step|steps|click|clicks|tick|ticks|tone|tones") >> (
-    lambda x: Amount("times", round(STEPS["small"][0] ** x, PLACES))
+    lambda x: Amount("times", round(DEGREES["small"].factors[0] ** x, PLACES))
 )
 
 
@@ -173,10 +208,15 @@ amount = either(
 )
 
 
-def factor(how: Amount | None, upward: bool, steps: Mapping[str | None, tuple[float, float]] = STEPS) -> float:
-    """The factor of something that gets more (`upward`) or less by an amount; Mismatch where it would be none."""
-    if how is None or how.kind in steps:
-        return steps[how and how.kind][not upward]
+def factor(
+    how: Amount | None, upward: bool, of: Callable[[Degree], tuple[float, float]] = attrgetter("factors")
+) -> float:
+    """The factor of something that gets more (`upward`) or less by an amount; Mismatch where it would be none.
+
+    `of`: what a degree comes to, up and down.
+    """
+    if how is None or how.kind in DEGREES:
+        return of(DEGREES[how.kind if how else "usual"])[not upward]
     if how.kind == "fraction":
         return 1 + how.value if upward else 1 - how.value
     if upward or (how.kind == "times" and 0 < how.value < 1):  # "half smaller" is "half as big"
@@ -308,7 +348,7 @@ _by = ~keyword("(with) (an|a) [offset|distance|gap|spacing] of|at a distance of|
     "about|around|roughly|approximately|some|like|say|maybe|nearly|almost|exactly"
 )
 distance = either(
-    degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
+    degree >> (lambda how: Distance(DEGREES[how.kind].widths)),
     keyword("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
     _by + multiple + ~keyword("of") + keyword(ITS) + _body >> Distance,
     _by + (percent + ~keyword("of") + keyword(ITS) + _body) >> Distance,

@@ -272,7 +272,8 @@ def without_asides(
         supposed = words[:2] in (["as", "if"], ["as", "though"])
         plain = (compared or supposed or not named) and not any(map(is_look, words))
         goes_on = any(verb in verbs for verb in _GOES_ON.findall(found.group().lstrip(" ,")))
-        likened = {*text[: found.start()].split()[-1:]} & _LIKENED
+        before = text[: found.start()].split()[-2:]
+        likened = {*before[-1:]} & _LIKENED or before[:-1] == ["as"]  # "as big as it was before" says how big
         if plain and not likened and not goes_on and not _NUMBERS.search(found.group()):
             leave_out("like", found.start(), found.end())
     reported = re.match(_REPORTED, text)

@@ -81,7 +81,7 @@ def _times(x: float, unit: TimeExpression) -> TimeExpression:
 
 
 _of_one = fraction + keyword("of a|of an|of one") + _unit >> _times
-_and_a_half = _unit + keyword("and a half") >> (lambda unit: _times(1.5, unit))
+_and_a_half = _unit + keyword("and") + fraction >> (lambda unit, part: _times(1 + part, unit))
 duration = either(
     number + _unit >> _times,
     table(

@@ -96,7 +96,14 @@ class Asked:
         return "" if not self.polar else "Yes" if so != self.negated else "No"
 
 
+_GAZE = (
+    r"\b(?:which|what) (?:way|direction|side)\b.*\b(?:look|fac|point|turned|orient)|"
+    r"\bwhere (?:is|are|do|does|did)\b.*\b(?:look|fac)(?:s|es|ing|ed)?\b|"
+    r"\b(?:look|fac)(?:s|es|ing|e)? (?:to|toward|at|left|right|away|up|down|forward|back)\b"
+)
+_NO_GAZE = r"\b(?:i|we|you)\b|\blook(?:s|ing)? (?:for|like)\b"
 _BEYOND = (
+    (_GAZE, "which way something looks or faces, only which way it moves"),
     (r"\bpaint|\btexture|\bmade of\b|\bmaterial", "what material a thing has"),
     (r"\bfocal|\biso\b|\baperture|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
     (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
@@ -526,6 +533,8 @@ def _things_alone(text: str) -> tuple[str, ...]:
 
 
 def _read(text: str, clip: _Shown, it: tuple[str, ...], labels: Collection[str]) -> list[Asked]:
+    if re.search(_GAZE, text) and not re.search(_NO_GAZE, text):  # to look is not to move
+        raise _refusal(text, clip, it, labels)
     asked = (
         _understood(text, clip, it)
         or _either_or(text, clip, it)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from f4x_core.edit import styles
 from f4x_core.edit.commands import COMMANDS
 from f4x_core.edit.description import describe, in_words
-from f4x_core.edit.language import MAX_CHARACTERS, Refusal, nearest, parse
+from f4x_core.edit.language import MAX_CHARACTERS, Refusal, about_there, nearest, parse
 from f4x_core.edit.making import SHOWN
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Retime, Transform, read_operation
 from f4x_core.edit.request import Request
@@ -377,17 +377,90 @@ def test_a_verb_or_noun_before_a_thing_says_which_kind_it_is(sentence, plan):
 
 
 def test_examples_are_about_what_is_there():
-    assert nearest("make the sky pink", ("swan", "water"))[0] in (
-        "make the swan red",
-        "darken the swan",
-        "make the swan glow",
-        "make the swan take twice as long",
-    )
+    assert nearest("make the sky pink", ("swan", "water"))[0] == "make the swan pink"
     message = [
         example for sentence in ("make the sky pink", "remove the sky") for example in nearest(sentence, ("swan",))
     ]
     assert not any(word in " ".join(message).split() for word in ("sky", "dog", "car"))
     assert nearest("match the water", ("swan", "water"))[0] == "match the water to the swan"
+
+
+@pytest.mark.parametrize(
+    ("sentence", "first"),
+    [
+        ("make the dog taller", "make the dog bigger"),
+        ("whirlify the dog around", "turn the dog around"),
+        ("make the dog three times as shiny", "make the dog three times brighter"),
+    ],
+)
+def test_a_refusal_offers_what_is_nearest_in_meaning(sentence, first):
+    assert first in nearest(sentence, ("dog", "cat"))
+
+
+def test_examples_of_a_refusal_speak_of_what_is_there():
+    reason = "Say for example 'swap the dog and the cat', or 'raise the bird'; 'the bird' is not there."
+    told = about_there(reason, "the bird up", ("swan", "reed"))
+    assert told == "Say for example 'swap the swan and the reed', or 'raise the bird'; 'the bird' is not there."
+    assert about_there("say 'swap the dog and the cat'", "swap", ("swan",)) == "say 'swap the dog and the cat'"
+
+
+def test_degrees_are_ordered():
+    degrees = ("a tiny bit", "a little", "", "much", "a lot")
+    for sentence, value in (
+        ("make the dog {} bigger", lambda one: one.scale),
+        ("make the dog {} brighter", lambda one: one.rgb[0]),
+        ("make the dog {} more transparent", lambda one: -one.factor),
+        ("move the dog {} to the left", lambda one: -one.translate[0]),
+        ("blur the dog {}", lambda one: one.radius),
+        ("turn the dog {} to the left", lambda one: -one.rotate[1]),
+        ("make the dog {} redder", lambda one: one.rgb[0]),
+    ):
+        found = [value(say(sentence.format(degree))[0]) for degree in degrees]
+        assert found == sorted(set(found)), sentence
+    strengths = [say(f"make the dog {degree} red")[0].strength for degree in ("a tiny bit", "a little", "")]
+    assert strengths == sorted(set(strengths))
+
+
+@pytest.mark.parametrize(
+    ("sentence", "plan"),
+    [
+        ("make the dog more red by half", "make the dog 50 % more red"),
+        ("turn down the green by 20 %", "make everything 20 % less green"),
+        ("boost the blue of the dog", "make the dog 30 % more blue"),
+        ("freeze the dog at one and a quarter seconds", "freeze the dog at frame 12.5"),
+        ("freeze the dog at a second and three quarters", "freeze the dog at frame 17.5"),
+    ],
+)
+def test_shares_stand_where_amounts_do(sentence, plan):
+    assert in_words(say(sentence)) == plan
+
+
+@pytest.mark.parametrize(
+    ("sentence", "reason"),
+    [
+        ("remove the second half of the clip", "keeps its length"),
+        ("trim the first half second off", "keeps its length"),
+        ("cut the last two seconds", "keeps its length"),
+        ("make the dog three times as shiny", "no edit for 'shiny'"),
+        ("make the dog the same size", "how much"),
+        ("make the dog the same size as the cat", "against one another"),
+        ("make the dog as big as it was before", "takes a change back"),
+        ("make the dog as fast as it was", "takes a change back"),
+        ("have the dog lean forward a tad", "Which way is forward"),
+        ("how many cars are there", "f4x ask"),
+        ("is the dog bigger than the cat", "f4x ask"),
+        ("how fast does the car go", "f4x ask"),
+        ("go back to how it was", "f4x undo"),
+    ],
+)
+def test_what_cannot_be_is_refused_for_its_own_reason(sentence, reason):
+    with pytest.raises(Refusal, match=reason):
+        say(sentence)
+
+
+def test_a_sentence_may_begin_by_taking_back_the_one_before():
+    asked = Request("no wait, make it green instead", ("dog",), fps=10.0, frames=30)
+    assert in_words(parse(asked, earlier="make the dog red")) == "make the dog green"
 
 
 def test_copies_of_earlier_sentences_are_the_copy_and_one_thing_is_the_original():
