@@ -1,7 +1,7 @@
 """What a refused sentence may mean: its slots are certain, its operation is that of sentences like it. Only ever a question.
 
 Things, colors, times and amounts are found by the grammar's own rules and give way to the name of their slot; what is left is
-compared with `phrasings.txt` (`features/phrasings.py`). The answer is a sentence of the grammar, so that no other plan builder
+compared with `phrasings.npz` (`features/phrasings.py`). The answer is a sentence of the grammar, so that no other plan builder
 exists.
 """
 
@@ -21,7 +21,7 @@ from ..language.times import duration, span
 from .phrases import known_thing
 from .qualities import any_look
 
-PHRASINGS = Path(__file__).with_name("phrasings.txt")
+PHRASINGS = Path(__file__).with_name("phrasings.npz")
 """Sentences that are known, without what stands in their slots, by operation."""
 _NEVER = word_set("less not never no except but unless if when without why how undo instead while until or")
 """Words with which a sentence means something else than what it names."""

@@ -10,7 +10,7 @@ from contextlib import suppress
 from itertools import combinations
 from typing import Any
 
-from ..features.phrasings import highest_scores, known_phrasings
+from ..features.phrasings import Meanings, highest_scores
 from ..language.grammar import Reading, Refusal
 from .description import describe, in_words, whom
 from .meaning import MEANINGS, PHRASINGS, masked
@@ -25,7 +25,7 @@ _PRESENCE = ("delete", "hide", "extract", "show", "transparent", "fade in", "fad
 _LIGHT = ("brightness up", "brightness down", "glow")
 _COLOR = ("recolour", "style", "match", "gray")
 _ALIKE = (_TONE, _PRESENCE, _LIGHT, _COLOR, ("move", "swap"), ("duplicate", "follow"), ("faster", "slower", "freeze"))
-"""Meanings of `phrasings.txt` of which words do not tell which is meant."""
+"""Meanings of the table of phrasings of which words do not tell which is meant."""
 _MEANING = {"grade": "gray", "opacity": "hide", "retime": "faster"}
 """Tag of an operation -> a meaning that speaks for it, where it is not called as the operation is."""
 _PARTS = re.compile(r"\s*(?:[,.;:!?()]+(?=\s|$)|\s[-–—]+\s|\b(?:and then|and|but|then|while|plus)\b)\s*", re.IGNORECASE)
@@ -46,7 +46,7 @@ def misgiving(sentence: str, operations: Sequence[Operation], words_of: Callable
     for part in (sentence, *_PARTS.split(sentence)):
         with suppress(Refusal):
             phrasings[part] = masked(words_of(part))[0]
-    if phrasings.get(sentence) in known_phrasings(PHRASINGS):
+    if phrasings.get(sentence) in Meanings.of(PHRASINGS).known:
         return ""
     scores = highest_scores(PHRASINGS, phrasings)
     for one in operations if scores else ():

@@ -1,14 +1,13 @@
 """Which known phrasing a sentence is like: a regression of its words, and of its vector where MiniLM's weights are installed.
 
-A table of phrasings is a text file, `# meaning` and below it a line each. Beside it lies a file of the same name and `.npy`:
-float16 (384, meanings), from the unit vector of a whole sentence to about 1 for its meaning, fitted by
-`tests/core/sentence_phrasings.py`.
+A table of phrasings is an .npz file: `names (meanings,)`, `parts (n,)` of phrasings with their `weights (n,)`, `words (n,
+meanings)` from the weighed parts of a phrasing, and `vectors (384, meanings)` from the unit vector of the whole sentence, to
+about 1 for what is meant; `known`, the phrasings as UTF-8 lines. `tests/core/sentence_phrasings.py` fits and writes it.
 """
 
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -30,8 +29,6 @@ AHEAD_BY_BOTH = 0.06
 left out (docs/language.md)."""
 LIKE_THE_FIRST = 0.25
 """Of the highest score: below it a meaning is like a sentence by the words that it shares with most of them."""
-_SMOOTHING = 0.4
-"""Of the regression: how little a single phrasing counts."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,9 @@ def _by_both(table: Path, phrasings: Mapping[str, str]) -> np.ndarray | None:
     """(sentences, meanings) scores by words and vector together; None where MiniLM's weights are not installed."""
     if (network := _network()) is None:
         return None
-    return (Meanings.of(table).scores([*phrasings.values()]) + network.encode([*phrasings]) @ of_vectors(table)) / 2
+    return (
+        Meanings.of(table).scores([*phrasings.values()]) + network.encode([*phrasings]) @ Meanings.of(table).vectors
+    ) / 2
 
 
 def leading(scores: np.ndarray, names: Sequence[str], ahead: float) -> str:
@@ -126,64 +125,48 @@ def _network() -> TextEncoder | None:
     return None
 
 
-@cache
-def of_vectors(table: Path) -> np.ndarray:
-    """(384, meanings) float32: the regression of the vectors."""
-    return np.load(table.with_suffix(".npy"), allow_pickle=False).astype(np.float32)
-
-
+@dataclass(frozen=True)
 class Meanings:
-    """A regression from the words of phrasings to their meanings (kernel ridge, cosines of weighed words and pairs)."""
+    """A table of phrasings: what its words and its vector tell about a sentence."""
 
-    def __init__(self, rows: Sequence[tuple[str, str]]):
-        """`rows`: (meaning, phrasing)."""
-        self.names = sorted({name for name, _ in rows})
-        counts = Counter(part for _, phrasing in rows for part in _parts(phrasing))
-        kept = sorted(part for part, count in counts.items() if count > 1)
-        self.column = {part: at for at, part in enumerate(kept)}
-        self.weight = np.log(len(rows) / np.array([counts[part] for part in kept]))
-        self.features = self._features([phrasing for _, phrasing in rows])
-        self.wanted = np.array([[name == one for one in self.names] for name, _ in rows], float)
-        self.kernel = self.features @ self.features.T + _SMOOTHING * np.eye(len(rows))
-        self.solved = self.features.T @ np.linalg.solve(self.kernel, self.wanted)
+    names: list[str]
+    """Meanings."""
+    column: dict[str, int]
+    """Part of a phrasing -> its column among the features."""
+    weights: np.ndarray
+    """(parts,): how telling each is."""
+    words: np.ndarray
+    """(parts, meanings): the regression of the words."""
+    vectors: np.ndarray
+    """(384, meanings): the regression of the vectors."""
+    known: frozenset[str]
+    """The phrasings themselves."""
 
     @classmethod
     @cache
     def of(cls, table: Path) -> Meanings:
-        """Those of a table."""
-        return cls(read_phrasings(table))
+        """Those of a file."""
+        with np.load(table, allow_pickle=False) as file:
+            column = {part: at for at, part in enumerate(file["parts"].tolist())}
+            numbers = (file[name].astype(np.float32) for name in ("weights", "words", "vectors"))
+            known = frozenset(file["known"].tobytes().decode().splitlines())
+            return cls(file["names"].tolist(), column, *numbers, known)
 
     def scores(self, phrasings: Sequence[str]) -> np.ndarray:
-        """(phrasings, meanings): about 1 for what is meant."""
-        return self._features(phrasings) @ self.solved
-
-    def _features(self, phrasings: Sequence[str]) -> np.ndarray:
-        rows = np.zeros((len(phrasings), len(self.column)))
-        for row, phrasing in zip(rows, phrasings, strict=True):
-            row[[self.column[part] for part in _parts(phrasing) if part in self.column]] = 1
-        rows *= self.weight
-        return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
+        """(phrasings, meanings) by their words: about 1 for what is meant."""
+        return features(phrasings, self.column, self.weights) @ self.words
 
 
-@cache
-def known_phrasings(table: Path) -> frozenset[str]:
-    """Those of a table, without their meanings."""
-    return frozenset(phrasing for _, phrasing in read_phrasings(table))
+def features(phrasings: Sequence[str], column: Mapping[str, int], weights: np.ndarray) -> np.ndarray:
+    """(phrasings, parts): unit vectors of the weighed parts that each has."""
+    rows = np.zeros((len(phrasings), len(column)))
+    for row, phrasing in zip(rows, phrasings, strict=True):
+        row[[column[part] for part in parts_of(phrasing) if part in column]] = 1
+    rows *= weights
+    return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
 
 
-def read_phrasings(table: Path) -> list[tuple[str, str]]:
-    """(meaning, phrasing) of each line of a table."""
-    rows: list[tuple[str, str]] = []
-    name = ""
-    for line in table.read_text(encoding="utf-8").splitlines():
-        if line.startswith("# "):
-            name = line[2:]
-        else:
-            rows.append((name, line))
-    return rows
-
-
-def _parts(phrasing: str) -> set[str]:
+def parts_of(phrasing: str) -> set[str]:
     """Words, their stems and pairs of words."""
     words = phrasing.split()
     return {

@@ -1,6 +1,6 @@
 """What a refused question may ask: its things and times are certain, its kind is that of questions like it. Only ever asked back.
 
-Things and times give way to the name of their slot; what is left is compared with `phrasings.txt` (`features/phrasings.py`). The
+Things and times give way to the name of their slot; what is left is compared with `phrasings.npz` (`features/phrasings.py`). The
 answer is a question of the grammar, as `edit/meaning.py` answers with a sentence.
 """
 
@@ -17,7 +17,7 @@ from ..language.lexicon import spellings, word_set
 from ..language.times import span
 from .cues import CUES
 
-PHRASINGS = Path(__file__).with_name("phrasings.txt")
+PHRASINGS = Path(__file__).with_name("phrasings.npz")
 """Questions that are known, without what stands in their slots, by kind."""
 _NEVER = word_set("not never no except but why only without if")
 """Words with which a question asks something else than what it names."""

@@ -1,7 +1,8 @@
-"""`phrasings.txt` and `phrasings.npy` of `f4x_core/edit` and `query`, from the sentences of `tests/data`; run, it writes them."""
+"""`phrasings.npz` of `f4x_core/edit` and `query`, fitted to the sentences of `tests/data`; run, it writes them."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,15 @@ from f4x_core.edit import language, meaning
 from f4x_core.edit.request import Request
 from f4x_core.errors import F4xError
 from f4x_core.features.minilm import MiniLm
-from f4x_core.features.phrasings import NOTHING
+from f4x_core.features.phrasings import NOTHING, features, parts_of
 from f4x_core.fit.vocabulary import EVERYDAY
 from f4x_core.query import meaning as query_meaning
 from f4x_core.query.wording import plainly
 
 SMOOTHING = 0.3
 """Of the regression of vectors."""
+WORDS_SMOOTHING = 0.4
+"""Of the regression of words: how little a single phrasing counts."""
 UP = {"scale": ("smaller", "larger"), "speed": ("slower", "faster")}
 """Slots with an amount -> the operations of less and of more."""
 
@@ -81,6 +84,21 @@ def _is_more(amount: float | str) -> bool:
     return amount == "up" or (amount != "down" and float(amount) > 1)
 
 
+class Words:
+    """A regression from the words of phrasings to their meanings (kernel ridge, cosines of weighed words and pairs)."""
+
+    def __init__(self, rows: list[tuple[str, str]]):
+        """`rows`: (meaning, phrasing)."""
+        self.names = sorted({name for name, _ in rows})
+        counts = Counter(part for _, phrasing in rows for part in parts_of(phrasing))
+        self.parts = sorted(part for part, count in counts.items() if count > 1)
+        self.weights = np.log(len(rows) / np.array([counts[part] for part in self.parts]))
+        column = {part: at for at, part in enumerate(self.parts)}
+        self.features = features([phrasing for _, phrasing in rows], column, self.weights)
+        self.wanted = np.array([[name == one for one in self.names] for name, _ in rows], float)
+        self.kernel = self.features @ self.features.T + WORDS_SMOOTHING * np.eye(len(rows))
+
+
 def vectors(texts: list[str]) -> np.ndarray:
     """(sentences, 384) unit vectors."""
     return MiniLm().encode(texts)
@@ -119,18 +137,30 @@ def without_itself(kernel: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return wanted - inverse @ wanted / np.diag(inverse)[:, None]
 
 
-def write(table: Path, known: list[tuple[str, str, str]]) -> None:
-    """Write a table of phrasings, and the regression of the vectors, from (meaning, sentence, phrasing)."""
-    names = sorted({name for name, _, _ in known})
-    phrasings = {name: sorted({phrasing for one, _, phrasing in known if one == name} - {""}) for name in names}
-    lines = [line for name in names for line in (f"# {name}", *phrasings[name])]
-    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    wanted = np.array([[one == name for name in names] for one, _, _ in known], float)
-    features = vectors([sentence for _, sentence, _ in known])
-    solved = features.T @ np.linalg.solve(kernel(features), wanted)
-    np.save(table.with_suffix(".npy"), solved.astype(np.float16), allow_pickle=False)
+def fitted(known: list[tuple[str, str, str]]) -> dict[str, np.ndarray]:
+    """What a table of phrasings holds, from (meaning, sentence, phrasing)."""
+    words = Words(sorted({(name, phrasing) for name, _, phrasing in known if phrasing}))
+    wanted = np.array([[one == name for name in words.names] for one, _, _ in known], float)
+    whole = vectors([sentence for _, sentence, _ in known])
+    lines = "\n".join(sorted({phrasing for *_, phrasing in known}))
+    return {
+        "names": np.array(words.names),
+        "parts": np.array(words.parts),
+        "weights": words.weights.astype(np.float16),
+        "words": (words.features.T @ np.linalg.solve(words.kernel, words.wanted)).astype(np.float16),
+        "vectors": (whole.T @ np.linalg.solve(kernel(whole), wanted)).astype(np.float16),
+        "known": np.frombuffer(lines.encode(), np.uint8),
+    }
+
+
+def tables() -> dict[Path, list[tuple[str, str, str]]]:
+    """File -> its (meaning, sentence, phrasing)."""
+    return {
+        meaning.PHRASINGS: [(one.operation, one.row["text"], one.phrasing) for one in examples()],
+        query_meaning.PHRASINGS: [question[1:] for question in questions()],
+    }
 
 
 if __name__ == "__main__":
-    write(meaning.PHRASINGS, [(one.operation, one.row["text"], one.phrasing) for one in examples()])
-    write(query_meaning.PHRASINGS, [question[1:] for question in questions()])
+    for table, known in tables().items():
+        np.savez_compressed(table, **fitted(known))

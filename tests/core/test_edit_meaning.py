@@ -35,8 +35,8 @@ def examples() -> list[sentence_phrasings.Example]:
 
 
 @pytest.fixture(scope="module")
-def words(examples) -> phrasings.Meanings:
-    return phrasings.Meanings([(one.operation, one.phrasing) for one in examples])
+def words(examples) -> sentence_phrasings.Words:
+    return sentence_phrasings.Words([(one.operation, one.phrasing) for one in examples])
 
 
 def counted(examples, scores: np.ndarray, names: list[str], ahead: float) -> Counter:
@@ -66,7 +66,9 @@ def test_with_vectors_it_asks_more_rightly_and_no_more_wrongly(examples, words):
     assert both[True, "right"] > alone[True, "right"]
     assert both[True, "wrong"] <= alone[True, "wrong"] and both[False, "wrong"] <= alone[False, "wrong"]
     fitted = vectors.T @ np.linalg.solve(sentence_phrasings.kernel(vectors), words.wanted)
-    assert np.abs(phrasings.of_vectors(meaning.PHRASINGS) - fitted).max() < 2e-3  # the file is that of these sentences
+    assert (
+        np.abs(phrasings.Meanings.of(meaning.PHRASINGS).vectors - fitted).max() < 2e-3
+    )  # the file is that of these sentences
 
 
 @pytest.mark.parametrize(

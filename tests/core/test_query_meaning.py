@@ -25,7 +25,7 @@ def known():
 
 @pytest.fixture(scope="module")
 def words(known):
-    return phrasings.Meanings([(kind, phrasing) for _, kind, _, phrasing in known])
+    return sentence_phrasings.Words([(kind, phrasing) for _, kind, _, phrasing in known])
 
 
 def counted(monkeypatch, known, names: list[str], scores: np.ndarray, ahead: float) -> Counter:
@@ -70,7 +70,9 @@ def test_with_vectors_it_asks_more_rightly_and_no_more_wrongly(monkeypatch, know
     both = counted(monkeypatch, known, words.names, by_both, phrasings.AHEAD_BY_BOTH)
     assert both[True, "right"] > alone[True, "right"] and both[True, "wrong"] <= alone[True, "wrong"]
     fitted = vectors.T @ np.linalg.solve(kernel, words.wanted)
-    assert np.abs(phrasings.of_vectors(meaning.PHRASINGS) - fitted).max() < 2e-3  # the file is that of these questions
+    assert (
+        np.abs(phrasings.Meanings.of(meaning.PHRASINGS).vectors - fitted).max() < 2e-3
+    )  # the file is that of these questions
 
 
 def refusal(question: str, selected: str = "") -> F4xError:
