@@ -450,7 +450,10 @@ _color_alone = colour + here(
         reading.word(at - 1) in PURE_COLOURS
         and (
             reading.word(at) in _WITHOUT_NOUN
-            or (not _GRADING.isdisjoint(reading.words[:at]) and (_over.at(reading, at) or reading.word(at) == "by"))
+            or (
+                not _GRADING.isdisjoint(reading.words[:at])
+                and (_over.at(reading, at) or qualities.how_much_colour.at(reading, at))
+            )
         )
     )
 )
@@ -738,10 +741,10 @@ _command("darken the sky", _more, "verb")(
     )
     + ~literal(
         "of [its|the|their|his|her] (original|normal|present|current) [size|speed|brightness|pace]|"
-        "[size|speed|the size|the speed|its size|opacity]"
+        "of what it [is|was] (now|before)|[size|speed|the size|the speed|its size|opacity]"
     ),
     particle=literal(
-        "(right|way) [up|down]|off|in size|in tempo|more|even more|further|([keeping|with]) ([from|about|around|at|on]) [its|"
+        "(right|way) [up|down]|in size|in tempo|more|even more|further|([keeping|with]) ([from|about|around|at|on]) [its|"
         "the|their|his|her] [base|bottom|feet|foot|ground] ([planted|fixed|on the ground|in place|where it is|where they are])"
     ),
 )

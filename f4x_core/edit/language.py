@@ -14,8 +14,8 @@ from itertools import islice
 from typing import Any
 
 from ..errors import F4xError
-from ..language.amounts import Amount, degree, number
-from ..language.asides import ASKS, PURPOSES, cut, without_asides
+from ..language.amounts import Amount, any_word, degree, number
+from ..language.asides import ASKS, PURPOSES, WISHES, cut, without_asides
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
 from ..language.grammar import (
@@ -525,6 +525,7 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
     parts = {word for words in reading.known for word in words}
     lexicon = VOCABULARY | NAMES_TOO | FUNCTION_WORDS | NO_THINGS | EMPTY | COLOURS.keys() | SHADES.keys() | parts
+    lexicon |= _IMPOSSIBLE.keys()
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
         describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
@@ -557,22 +558,31 @@ def _first_asked(part: Sequence[Token]) -> str:
     return next(words, "")
 
 
+_SURELY_ASKED = word_set("is are does did")
+"""First words of a question that no command has, so that it needs no question mark."""
+
+
+def _asks(part: Sequence[Token]) -> bool:
+    """Whether words ask something and are no polite command."""
+    reading = Reading("", list(part))
+    return _first_asked(part) in _INTERROGATIVES and not (
+        WISHES.at(reading, 0) or any(_polite.at(reading, at) for at in range(min(len(part), _POLITE_BEFORE)))
+    )
+
+
 def _statements(tokens: list[Token]) -> list[Token]:
     """The tokens with "could you …?" ended by a full stop; Refusal when anything else is asked."""
     statements, start = [], 0
     for i, token in enumerate(tokens):
         if token.text == "?":
-            part = tokens[start:i]
-            if (
-                part
-                and _first_asked(part) in _INTERROGATIVES
-                and not any(_polite.at(Reading("", part), at) for at in range(min(len(part), _POLITE_BEFORE)))
-            ):
+            if _asks(tokens[start:i]):
                 raise Refusal(_A_QUESTION)
             token = Token(".", token.start, token.end)
         if token.text in (".", "!", ";"):
             start = i + 1
         statements.append(token)
+    if _first_asked(tokens[start:]) in _SURELY_ASKED and _asks(tokens[start:]):
+        raise Refusal(_A_QUESTION)
     return statements
 
 
@@ -971,21 +981,23 @@ _IMPOSSIBLE = {
 }
 _the_clip = literal(f"[the|this|my] (whole|entire) [{PICTURE}]")
 _cut_in_time = (
-    literal(
-        every_form(
-            "cut|remove|delete|trim|drop|chop|lose|throw away|snip|crop|clip|shave|discard|erase|get rid of|shorten"
-        )
+    either(
+        literal("(only|just) [keep|keeping|show|leave|use] (only|just)")
+        + here(lambda reading, at: not {"only", "just"}.isdisjoint(reading.words[:at])),
+        literal(
+            every_form(
+                "cut|remove|delete|trim|drop|chop|lose|throw away|snip|crop|clip|shave|discard|erase|get rid of|shorten"
+            )
+        ),
     )
     + ~literal("off|out|away|down")
     + ~literal("just|only|everything")
-    + (
-        ~_the_clip
-        + ~literal("to|in|at|by|after|from")
-        + ~literal("the|a")
-        + silent(span | duration | literal("half"))
-        + ~literal("off|out|away|again")
-        + ~(literal("of|from|off") + _the_clip)
-    )
+    + ~_the_clip
+    + ~literal("to|in|at|by|after|from")
+    + ~literal("the|a")
+    + silent(span | duration | literal("half"))
+    + ~literal("off|out|away|again")
+    + ~(literal("of|from|off") + _the_clip)
     + here(lambda reading, at: not reading.word(at).isalpha())
 )
 """What would make the clip shorter: "remove the second half of the clip", "trim the last two seconds off"."""
@@ -1002,16 +1014,15 @@ _LENGTH = silent(number | keyword("half a")) + literal(
 _named_like_a_thing = word_if(lambda reading, at: reading.word(at) in COLOURS.keys() - PURE_COLOURS)
 _plain = literal("|".join(f"{one.much}|{one.little}" for one in QUALITIES))
 _than_another = (
-    (
-        literal("as") + _plain + literal("as")
-        | (literal("[more|less]") + _plain | literal("|".join(f"{one.more}|{one.less}" for one in QUALITIES)))
-        + literal("than")
-        | literal("the (exact) same [" + "|".join(one.noun for one in QUALITIES if one is not SATURATION) + "] as")
-    )
-    + ~literal("the|a|an|my|that|this")
-    + silent(known_noun)
-)
+    literal("as") + _plain + literal("as")
+    | (literal("[more|less]") + _plain | literal("|".join(f"{one.more}|{one.less}" for one in QUALITIES)))
+    + literal("than")
+    | literal("the (exact) same [" + "|".join(one.noun for one in QUALITIES if one is not SATURATION) + "] as")
+) + (~literal("the|a|an|my|that|this") + silent(known_noun) | literal("the|a|an|my") + any_word)
 _the_same = literal("the (exact) same [size|speed|brightness|height|width|length]") + unless(literal("as|again"))
+_ALONE = PURE_COLOURS - {"black", "white"}
+"""Colors of which the plural is all that has them: "the reds"."""
+_LAMPS = "lamp|light|lights|lantern|candle|headlights|sign|screen|tv"
 _DOUBTFUL = (
     (
         _than_another,
@@ -1021,6 +1032,10 @@ _DOUBTFUL = (
         literal(any_form("tilt")) + ~silent(known_thing) + ~silent(degree) + literal("forward|backward|back"),
         "Which way is forward for a thing is not known, so it tilts to the left or to the right; say for example 'tilt the dog to"
         " the left'.",
+    ),
+    (
+        word_if(lambda reading, at: reading.word(at)[-1:] == "s" and reading.word(at)[:-1] in _ALONE),
+        "The colors of one kind are not changed alone; say for example 'make the dog less red'.",
     ),
     (_the_same, "It is not said what it was or whose it is; say how much it is to be, for example 'twice as big'."),
     (
@@ -1090,14 +1105,10 @@ _DOUBTFUL = (
     ),
     (
         keyword(
-            "[turn|switch] (the|that|this) [lamp|light|lights|lantern|candle|headlights|sign|screen|tv] off|"
-            "[turn|switch] off (the|that|this) [lamp|light|lights|lantern|candle|headlights|sign|screen|tv]"
+            f"([turn|switch]) (the|all the|that|this) [{_LAMPS}] off|[turn|switch] off (the|all the|that|this) [{_LAMPS}]|"
+            f"[kill|cut] (the|that|this|all the) [{_LAMPS}]"
         ),
-        "'Off' may mean dark or gone; say 'make the lamp darker' or 'hide the lamp'.",
-    ),
-    (
-        keyword("[kill|cut] (the|that|this|all the) [lamp|light|lights|lantern|candle|headlights|sign]"),
-        "'Kill' may mean dark or gone; say 'make the lamp darker' or 'hide the lamp'.",
+        "That may mean dark or gone; say 'make the lamp darker' or 'hide the lamp'.",
     ),
     (
         keyword("[mute|silence|unmute]")
@@ -1126,7 +1137,8 @@ _DOUBTFUL = (
     ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
     (
-        keyword("some [of|other]|any of|a few (of)"),
+        keyword("some [of|other]|any of|a few (of)")
+        | keyword("couple of") + ~literal("the|my|these|those") + silent(known_noun),
         "Which of them is not said; say for example 'the left one' or 'all of them'.",
     ),
 )

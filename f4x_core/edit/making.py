@@ -513,7 +513,7 @@ def is_of_a_clip(operation: Operation) -> bool:
 def is_of_a_picture(operation: Operation) -> bool:
     """Whether it may be meant for everything where nobody is named: "black and white, please", "more contrast"."""
     if isinstance(operation, Recolour):
-        return operation.mode == "multiply" or (operation.mode, operation.rgb) == ("hue", BLACK_AND_WHITE)
+        return operation.mode in ("multiply", "add") or (operation.mode, operation.rgb) == ("hue", BLACK_AND_WHITE)
     return isinstance(operation, Grade) or (isinstance(operation, Style) and operation.look in PICTURE_LOOKS)
 
 

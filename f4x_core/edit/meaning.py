@@ -13,9 +13,9 @@ from pathlib import Path
 
 from ..features import phrasings
 from ..features.phrasings import NOTHING, Slot, fill, likeliest, ranked
-from ..language.amounts import fraction, multiple, number, percent
+from ..language.amounts import Amount, degree, fraction, multiple, number, percent
 from ..language.colours import colour
-from ..language.grammar import Reading, either, literal, table, unless
+from ..language.grammar import Mismatch, Reading, Rule, either, literal, table, unless
 from ..language.lexicon import singular, word_set
 from ..language.times import duration, span
 from .phrases import known_thing
@@ -43,6 +43,19 @@ _WAY = table(
     },
     reserve=False,
 )
+
+
+def _of_degree(*kinds: str) -> Rule:
+    """A degree of one of the kinds."""
+
+    def kind(how: Amount) -> str:
+        if how.kind not in kinds:
+            raise Mismatch
+        return how.kind
+
+    return degree >> kind
+
+
 _SLOTS = {
     "TIME": either(span, unless(literal("a second")) + duration),  # "a second dog"
     "GRAY": literal("black and white|b and w|grayscale|monochrome|gray"),
@@ -53,16 +66,13 @@ _SLOTS = {
     "LENGTH": number + literal("widths|width|heights|height|lengths|length|meters|meter|m|units|unit"),
     "SHARE": fraction,
     "AMOUNT": multiple | percent,
-    "SLIGHTLY": literal(
-        "a [little|tiny|wee] bit|a [little|touch|tad|smidge|shade|notch|hair|trifle|whisker]|slightly|a bit|subtly|gently|"
-        "somewhat|little bit|slight|subtle|only a little|just a little"
-    ),
-    "MUCH": literal("much|a lot|way|far|really|very|heavily|strongly|strong|massively|hugely|considerably|loads"),
+    "SLIGHTLY": _of_degree("least", "small"),
+    "MUCH": _of_degree("large", "most") | literal("really|very|strong"),
     "WAY": _WAY,
     "COUNT": number,
 }
 """Slot -> its phrases; of two that are as long the first."""
-_ABSOLUTE = {"", "="} | word_set("to at of opacity alpha brightness exposure contrast saturation speed scale rate")
+_ABSOLUTE = {"", "="} | word_set("to at opacity alpha brightness exposure contrast saturation speed scale rate")
 """Words before an amount that is reached."""
 _PARTICLES = ("up", "down", "closer", "away")
 

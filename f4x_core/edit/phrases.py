@@ -338,21 +338,17 @@ def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 yield end, f"{part} {reading.text_of(middle, whole).lower()} {label}"
 
 
+_OF_WHOLE = word_set("the a an that this my all every any")
+_CAST = word_set("shadow shadows reflection reflections")
+"""What is cast: it may be told without an article, "shadow of dog"."""
+
+
 def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A part that no label has of a known whole: "legs of the dog"."""
     for middle, part in _stranger_at(reading, at):
-        if reading.word(middle) == "of" and reading.word(middle + 1) in (
-            "the",
-            "a",
-            "an",
-            "that",
-            "this",
-            "my",
-            "all",
-            "every",
-            "any",
-        ):
-            for end, label in _known_at(reading, middle + 2 + (reading.word(middle + 2) in ("the", "these", "those"))):
+        whole = middle + 1 + (reading.word(middle + 1) in _OF_WHOLE)
+        if reading.word(middle) == "of" and (whole > middle + 1 or part in _CAST):
+            for end, label in _known_at(reading, whole + (reading.word(whole) in ("the", "these", "those"))):
                 yield end, f"{label}'s {part}"
 
 
@@ -480,7 +476,7 @@ _OBJECTS = "thing|things|object|objects|item|items|part|parts|stuff|one|ones|con
 _objects = keyword(_OBJECTS)
 _known, _part, _modified, _stranger = map(_things, (_known_at, _part_at, _modified_at, _stranger_at))
 _everybody, _strangers, _bare_stranger = map(_things, (_everybody_at, _strangers_at, _bare_stranger_at))
-_part_of_known = _article + _things(_part_of_known_at)
+_part_of_known = (_article | here(lambda reading, at: reading.word(at) in _CAST)) + _things(_part_of_known_at)
 familiar = either(_part, _known, _modified, _everybody)
 """A noun that the scene knows."""
 _noun = either(_part, _known, _modified, _stranger)
@@ -772,8 +768,8 @@ _lies = literal(
     "[on|in|across|over] (the|its) [ground|floor|water|wall|walls|street|road|grass|snow|sand|ice|lake|river|pond|sea|"
     "pavement|sidewalk|window|mirror|puddle|glass]"
 )
-_CAST, _CAST_BEFORE = word_set("shadow shadows reflection reflections"), 5
-"""What is cast, and how many words before its end it may stand: "the reflection of the swan"."""
+_CAST_BEFORE = 5
+"""How many words before its end what is cast may stand: "the reflection of the swan"."""
 _cast = either(
     keyword("the|its|his|her|their")
     + table({"shadow|shadows": "shadow", "reflection|reflections": "reflection"}, reserve=False)

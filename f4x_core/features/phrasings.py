@@ -148,9 +148,9 @@ class Meanings:
         """Those of a file."""
         with np.load(table, allow_pickle=False) as file:
             column = {part: at for at, part in enumerate(file["parts"].tolist())}
-            numbers = (file[name].astype(np.float32) for name in ("weights", "words", "vectors"))
+            weights, words, vectors = (file[name].astype(np.float32) for name in ("weights", "words", "vectors"))
             known = frozenset(file["known"].tobytes().decode().splitlines())
-            return cls(file["names"].tolist(), column, *numbers, known)
+            return cls(file["names"].tolist(), column, weights, words, vectors, known)
 
     def scores(self, phrasings: Sequence[str]) -> np.ndarray:
         """(phrasings, meanings) by their words: about 1 for what is meant."""

@@ -38,7 +38,7 @@ _fraction_word = table(
         "a third|one third|the third": 1 / 3,
         "a quarter|one quarter|one fourth|a fourth": 0.25,
         "two thirds": 2 / 3,
-        "three quarters": 0.75,
+        "three [quarters|quarter]": 0.75,
         "a fifth|one fifth": 0.2,
         "a tenth|one tenth": 0.1,
     }
@@ -80,6 +80,9 @@ def _counted_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
         yield at + 1, _MANY[word]
     elif (word, following, reading.word(at + 2)) == ("half", "a", "dozen"):
         yield at + 3, 6.0
+    elif "couple" in (word, following if word == "a" else ""):
+        end = at + 1 + (word == "a")
+        yield end + (reading.word(end) == "of"), 2.0
 
 
 number = generated(number_at)
@@ -158,7 +161,7 @@ degree = _not_much >> (lambda: Amount("small")) | table(
         "step] (of it)": Amount("small"),
         "moderately": Amount("usual"),
         "much|far|way|considerably|significantly|a good deal|very much|strongly|heavily|a good bit|quite a bit|substantially|"
-        "greatly|seriously": Amount("large"),
+        "greatly|seriously|(by) a long way|a great distance": Amount("large"),
         "(quite) a lot|by a lot|a great deal|lots|a whole lot|massively|drastically|dramatically|tons|loads|heaps|miles|a [ton|"
         "load|mile|bunch|whole bunch]|by [far|miles|a mile]|enormously|hugely|vastly|radically|extremely": Amount(
             "most"
@@ -253,7 +256,10 @@ def comparison(
         optional(amount) + more >> changed,
         ~literal("a (little|wee|tiny) bit|a little|slightly|somewhat|if possible|please") + not_so
         >> (lambda upward: changed(None, not upward)),
-        more + ~literal(",|-|(|:") + (amount | ~keyword("by") + _hedge + percents + unless(_counting)) + ~literal(")")
+        more
+        + ~literal(",|-|(|:|of")
+        + (amount | ~keyword("by") + _hedge + percents + unless(_counting))
+        + ~literal(")")
         >> (lambda upward, how: changed(how, upward)),
         _hedge + (multiple | percent) + so >> (lambda x, upward: changed(Amount("as", x), upward)),
         fraction + (so + keyword("again") | keyword("again") + so)
@@ -349,26 +355,20 @@ _by = ~keyword("(with) (an|a) [offset|distance|gap|spacing] of|at a distance of|
 )
 distance = either(
     degree >> (lambda how: Distance(DEGREES[how.kind].widths)),
-    keyword("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
-    _by + multiple + ~keyword("of") + keyword(ITS) + _body >> Distance,
-    _by + (percent + ~keyword("of") + keyword(ITS) + _body) >> Distance,
     _by
     + (number | keyword("a|one") >> (lambda: 1.0))
     + any_word
     + keyword("('s) [width|widths|height|heights|length|lengths]")
     >> Distance,
     _by
-    + number
-    + ~keyword("a|of a|of|of its|of its own|its|its own|full|[times|time] [its|his|her|their] (own)")
+    + (number | multiple | percent)
+    + ~keyword(f"of|(of) [{ITS}]|a|of a|of its own|full|[times|time] [its|his|her|their] (own)")
     + _body
     >> Distance,
-    _by + fraction + keyword("a|of a|of its|of its own|its|its own|the") + _body >> Distance,
-    _by + percent + ~keyword("of") + ~keyword(ITS) + _body >> Distance,
-    _by + (keyword("a couple of") >> (lambda: 2.0)) + _body >> Distance,
     _by + keyword("[a|its|its own|their|their own|the|his|her|one] (full|whole|entire)") + _body
     >> (lambda *_: Distance(1.0)),
-    _by + number + keyword("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
-    _by + keyword("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),
+    _by + (number | fraction) + ~keyword("a|of a") + keyword("unit|units|world units|world unit")
+    >> (lambda x: Distance(x, "world")),
     keyword("by") + percent >> Distance,
     keyword("by") + number >> (lambda x: Distance(x, "world")),
 )

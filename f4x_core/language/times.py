@@ -89,7 +89,6 @@ duration = either(
             "half (a)|half of a": 0.5,
             "(a) quarter (of) (a)": 0.25,
             "[a|one] (full|whole)|an": 1.0,
-            "a couple of|a couple": 2.0,
         }
     )
     + _unit
@@ -219,7 +218,6 @@ _pair_from = (
 )
 _length = either(
     duration,
-    keyword("couple (of)") + _unit >> (lambda unit: _times(2.0, unit)),
     optional(number, 1.0) + _unit >> _times,
 )
 _over = ~keyword(

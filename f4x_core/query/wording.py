@@ -99,7 +99,7 @@ class Asked:
 _GAZE = (
     r"\b(?:which|what) (?:way|direction|side)\b.*\b(?:look|fac|point|turned|orient)|"
     r"\bwhere (?:is|are|do|does|did)\b.*\b(?:look|fac)(?:s|es|ing|ed)?\b|"
-    r"\b(?:look|fac)(?:s|es|ing|e)? (?:to|toward|at|left|right|away|up|down|forward|back)\b"
+    r"\b(?:look|fac)(?:s|es|ing|e)? (?:to|toward|at|left|right|away|up|down|forward|back|us|me|the camera)\b"
 )
 _NO_GAZE = r"\b(?:i|we|you)\b|\blook(?:s|ing)? (?:for|like)\b"
 _BEYOND = (

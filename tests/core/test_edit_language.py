@@ -429,6 +429,10 @@ def test_degrees_are_ordered():
         ("boost the blue of the dog", "make the dog 30 % more blue"),
         ("freeze the dog at one and a quarter seconds", "freeze the dog at frame 12.5"),
         ("freeze the dog at a second and three quarters", "freeze the dog at frame 17.5"),
+        ("tone the green of the dog down a touch", "make the dog 15 % less green"),
+        ("scale the dog down to a third of what it was", "scale the dog by 0.333"),
+        ("move the dog a couple of widths up", "move the dog by 2 widths up"),
+        ("make it bluer", "make everything 30 % more blue"),
     ],
 )
 def test_shares_stand_where_amounts_do(sentence, plan):
@@ -451,11 +455,26 @@ def test_shares_stand_where_amounts_do(sentence, plan):
         ("is the dog bigger than the cat", "f4x ask"),
         ("how fast does the car go", "f4x ask"),
         ("go back to how it was", "f4x undo"),
+        ("does the dog look big", "f4x ask"),
+        ("make the dog fatter", "no edit for 'fatter'"),
+        ("make the dog its old color again", "takes a change back"),
+        ("keep only the first second", "keeps its length"),
+        ("tone the greens down", "colors of one kind"),
+        ("lights off", "dark or gone"),
+        ("can the dog be as big as a house", "against one another"),
+        ("remove a couple of the dogs", "Which of them"),
     ],
 )
 def test_what_cannot_be_is_refused_for_its_own_reason(sentence, reason):
     with pytest.raises(Refusal, match=reason):
         say(sentence)
+
+
+@pytest.mark.parametrize(
+    "sentence", ["remove shadow of dog", "remove shadow of the dog", "remove the shadow of the dog"]
+)
+def test_a_shadow_needs_no_article(sentence):
+    assert in_words(parse(Request(sentence, ("dog",), fps=10.0, frames=30))) == "remove the dog's shadow"
 
 
 def test_a_sentence_may_begin_by_taking_back_the_one_before():
