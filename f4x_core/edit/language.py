@@ -1061,7 +1061,13 @@ _DOUBTFUL = (
         "'Back' may mean away from the camera or to where it was; say for example 'then move it to the right'.",
     ),
     (
-        literal("[put|place|stick|hang|add] [a|an|some]") + ~silent(colour) + silent(familiar) + literal("on|onto"),
+        either(
+            literal("[put|place|stick|hang|add] [a|an|some]") + ~silent(colour) + silent(familiar) + literal("on|onto"),
+            literal("[add|adds|adding|insert|create|spawn|place] [a|an|some|another]")
+            + literal("bigger|larger|smaller|taller|brighter|darker|lighter|big|large|small|tiny|huge|little")
+            + silent(familiar),
+            literal("[grow|plant|build|raise up] [a|an|some]") + silent(familiar),
+        ),
         "Nothing new can be made; say for example 'copy the hat and put the copy above the dog'.",
     ),
     (
@@ -1076,16 +1082,6 @@ _DOUBTFUL = (
         )
         + unless(literal("'s|out|away|off|from|loose|free|apart|down|entirely|completely|altogether")),
         "That may mean to remove or to do something else; say 'remove the ball' if it should be gone, or 'move the ball down'.",
-    ),
-    (
-        literal("[add|adds|adding|insert|create|spawn|place] [a|an|some|another]")
-        + literal("bigger|larger|smaller|taller|brighter|darker|lighter|big|large|small|tiny|huge|little")
-        + silent(familiar),
-        "Nothing new can be made; say for example 'copy the dog and make the copy bigger'.",
-    ),
-    (
-        literal("[grow|plant|build|raise up] [a|an|some]") + silent(familiar),
-        "Nothing new can be made; say for example 'copy the tree', or 'make the tree bigger'.",
     ),
     (
         literal("[jump|jumps|leap|leaps|hop|hops|fly|flies] [higher|farther|further]"),

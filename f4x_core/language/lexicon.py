@@ -44,10 +44,8 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"\b(more|less) and \1 (?!transparent|see)", r"gradually \1 "),
     (r"^(\W*)(?:(can)['’]?t|(could|should|would)n['’]?t) (?=(?:we|you|i|the|it|they|my|that|this)\b)", r"\1\2\3 "),
     (r"^(\w+)\.(\w+)\(([^()]*)\)", r"\2 the \1 \3"),
-    (r"^(\w+)\((\w+), *([+-]\d+ *%)\)", r"the \1 of the \2 \3"),
     (r"^(?!distance|gap|compare|relation)(?:set_?)?(\w+)\(\W*(\w+)\W*,\W*([\w. ]+?)\W*\)", r"make the \1 of the \2 \3"),
     (r"^(\w+)\(\W*(\w+)\W*\)", r"\1 the \2"),
-    (r"^(\w+)\((\w+), *(\w+) *= *([^=(),]+)\)", r"\1 the \2 \3 \4"),
     (r"\breappear(s|ed|ing)?\b", r"come\1 back"),
     (r"\bits (?=(?:way|too|so|really|not|just|super|far|much|kind of|a (?:bit|little|tad)) )", "it is "),
     (r"(?<=\d)½", ".5"),
@@ -68,11 +66,6 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
         r"\1 \2 and ",
     ),
     (r"\b(the \w+) and (the \w+) ([^,]+?) and ([^,]+?),? respectively\b", r"\1 \3 and \2 \4"),
-    (
-        r"\b(the|that|this|my) (\w+)( over there)?,? "
-        r"(?:the|that|this) (?!other|same|right|left|first|last|original|new)(\w+) one\b,?(?! and| or)",
-        r"\1 \4 \2\3,",
-    ),
     (r"\b(?:hex|html)(?: colou?r| code)?:? *#?(?=[0-9a-f]{6}\b)", "#"),
     (r"\b(to|toward|towards|on) the (?:write|rite|wright)\b", r"\1 the right"),
     (r"\b(un|de|non)-(?=[a-z]{3})", r"\1"),

@@ -24,20 +24,6 @@ _REWRITINGS = r"""
     (?:isn'?t|aren'?t) {END}$ => \g<x>\g<y> should not be \g<rest>\g<end>
 ^(?:{WISHING}(?:if|whether|that|when)|(?:i|we)(?: would|'d| had)? (?:really |do |just )?(?:wish|hoped?|rather|prefer)) {X}
     (?:were|was|is|are|be|would be|had been) {REST}$ => \g<x> should be \g<rest>
-^(?:keep|leave) (?!only|just|nothing){X}(?: as (?:it|he|she) is| alone| there)?,? but {REST}$ => leave \g<x> alone and \g<rest>
-^(?:only|just) {REST}, (?:and |but )?not {X}$ => \g<rest>
-^(?:(?:let|allow) (?:me|us|one|people|you)(?: to)?|(?:i|we)(?:'d like to| would like to| want to| should| could| wish to)?|make
-    it so (?:i|we|you|one) can)
-    see (?:right |straight )?through {X}(?: a (?:little|bit)| slightly)?$ => make \g<x> half transparent
-^give {X} (?P<c>{COLOUR}) (?P<rest>hair|eyes|lips|shoes|nails|ears|eyebrows|legs|wings|wheels|doors|windows|beard|curls)$ =>
-    make \g<x>'s \g<rest>
-    \g<c>
-^(?:wherever|whenever|anywhere|in case) (?:there is|there's|there are|you (?:see|find|spot)) (?:a |an |any )?{X}, {REST}$ =>
-    \g<x>: \g<rest>
-^any {X} (?:you (?:can )?(?:see|find|spot)|there is|there are),? {REST}$ => \g<x>: \g<rest>
-^(?:grab|pick|take|get|copy|sample|use|borrow|steal) the colou?rs? (?:of|from) {X},? and (?:put|use|apply|paste|give)
-    (?:it|that|them)
-    (?:on|onto|to|for) {REST}$ => match \g<rest> to \g<x>
 ^(?:the )?same (?:(?:scene|shot|clip|video|thing|picture)(?: as before| again)?|as before|again),? (?:but|only|just)(?: with)?
     {X} (?:is|are|being)
     {REST}$ => make \g<x> \g<rest>
@@ -57,14 +43,8 @@ _REWRITINGS = r"""
     \g<rest>
 ^(?:swap|replace|exchange|change|switch|trade|turn) {X}'s (?:{COLOUR}|colou?r) (?:for|with|by|to|into) (?:a |an |the |some )?{REST}$
     => make \g<x> \g<rest>
-^(?:would|could|might) {REST} (?:work|suit|look (?:good|nice)|go well|be (?:good|nice|okay)|do)(?: (?:for|on|with))? {X}$ =>
-    make \g<x> \g<rest>
-^{X} (?:should not|shouldn'?t|must not|mustn'?t|ought not to|need not|needn'?t) (?:be|look) (?:so|that|too|quite so|as)
-    (?P<a>[a-z]+)(?P<rest>.*)$ => \g<x> is too \g<a>\g<rest>
 ^(?:i|we) (?:(?:do not|don'?t) (?:really )?(?:like|want)|hate|dislike|am not fond of) how (?P<a>[a-z]+) {X}
     (?:is|are|looks?|seems?)(?P<rest>.*)$ => \g<x> is too \g<a>\g<rest>
-^{REST}(?:[,;]|,? but|,? and) (?:just )?(?:keep|leave) {X}(?: there| alone| as it is| untouched| in place| visible)?$ => leave
-    \g<x> alone and \g<rest>
 ^(?P<noun>)(?P<x>(?:(?!\b(?:then|let|start|but|and (?:let|have|make|then))\b)[\w' -])+?),? (?:in|to) (?P<rest>[\w ]+?)[.!]*$
     => make \g<x> \g<rest>
 ^(?:full |all )?colou?rs? only (?:on|for|in|at) {X}$ => only \g<x> keeps its color
@@ -77,9 +57,6 @@ _REWRITINGS = r"""
     (?:for|with|by|to|into) (?:a |an |the |some )?{REST}$ => make \g<x> \g<rest>
 ^(?:please )?(?:stop|keep|prevent|hinder) {X} from (?:moving|going anywhere|driving|walking|running)(?P<rest>.*)$ =>
     freeze \g<x>\g<rest>
-^(?:(?:do not|don'?t) let|(?:i|we) (?:do not|don'?t) want) {X} (?:to )?(?:move|go anywhere|drive off|run off)(?P<rest>.*)$ =>
-    freeze \g<x>\g<rest>
-^(?:no|without|i (?:do not|don'?t) want any) colou?rs?(?: (?:at all|please|any ?more|left))*$ => make everything black and white
 ^(?:turn|change|make|transform) (?:the )?(?:day|daytime|daylight) (?:in)?to night$ => make everything look like night
 """
 _ORDERS = r"""
