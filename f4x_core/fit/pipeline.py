@@ -14,6 +14,7 @@ import torch
 from .. import __version__
 from ..clip import Clip
 from ..errors import F4xError
+from ..gaussians import StaticGaussians
 from ..geometry import quaternion
 from ..geometry.spherical_harmonics import degree_of
 from ..geometry.splats import Splats
@@ -143,41 +144,56 @@ class ClipFit:
         return finish_fit(trainer, self.seconds)
 
 
+@dataclass(frozen=True, eq=False)
+class KnownGround:
+    """What stands still and is known before a fit: from the window before."""
+
+    frozen: Splats
+    """Tensors; what of it is drawn and never changes."""
+    learning: Splats
+    """Tensors; what of it is learnt further, as new Gaussians."""
+    explained: Explained
+    """Pixels that it shows rightly: they need no new Gaussian."""
+    next_id: int
+    """First id that no Gaussian has."""
+
+    def gaussians(self, centre: np.ndarray, first_id: int) -> StaticGaussians:
+        """What learns, seen from about `centre (3,)`, with ids from `first_id` on."""
+        reach = (self.learning.means - torch.from_numpy(centre).float()).norm(dim=1)
+        return StaticGaussians.learnt(self.learning, reach, first_id)
+
+
 def start_fit(
     clip: Clip,
     priors: Priors,
     config: FitConfig,
     progress: Progress = silent,
-    frozen: Splats | None = None,
-    explained: Explained | None = None,
-    first_id: int = 0,
+    ground: KnownGround | None = None,
 ) -> Trainer:
-    """Everything before the first step: cameras, scaffold, first Gaussians.
-
-    Args:
-        frozen: Gaussians, tensors, that are drawn and never change. explained: what of the pictures needs no static Gaussian.
-        first_id: of the new Gaussians.
-    """
+    """Everything before the first step: cameras, scaffold, first Gaussians. `ground`: what is known of what stands still."""
     assert priors.cameras is not None
     rig = CameraRig(priors.cameras)
-    degree = 0 if frozen is None else degree_of(frozen.sh.shape[1])
+    degree = 0 if ground is None else degree_of(ground.frozen.sh.shape[1])
     scaffold, needs, priors = _start_motion(priors, config, progress)
     spawner = Spawner(clip, priors, config, degree, progress)
+    explained, first_id = (None, 0) if ground is None else (ground.explained, ground.next_id)
     static = spawner.static(scaffold is not None, explained, first_id)
-    if (
-        len(static) == 0 and scaffold is not None and explained is None
-    ):  # everything moves: a background from what moves
+    if len(static) == 0 and scaffold is not None and ground is None:  # everything moves: a background from what moves
         static = spawner.static(False, explained, first_id)
-    if len(static) == 0 and explained is None:
+    if len(static) == 0 and ground is None:
         raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")
+    spawned = len(static)
+    if ground is not None and len(ground.learning.means):
+        static = static.followed_by(ground.gaussians(rig.path.centers.mean(0), first_id + spawned))
     next_id, dynamic, nodes = first_id + len(static), None, None
     if scaffold is not None:
         nodes = NodeSet(scaffold, config.scaffold.graph)
         bare = SceneModel(static, None, nodes, rig, config.scaffold.kernel, config.kernels)
         dynamic = spawner.dynamic(bare, next_id)
         next_id += len(dynamic)
+    frozen = None if ground is None else ground.frozen
     model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.kernels, frozen)
-    return Trainer(model, clip, priors, config, next_id, needs, spawner.rooms)
+    return Trainer(model, clip, priors, config, next_id, needs, spawner.rooms, len(static) - spawned)
 
 
 def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tuple[Scaffold | None, list[Need], Priors]:

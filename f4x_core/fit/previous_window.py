@@ -2,14 +2,16 @@
 
 The two share frames. There the earlier scene is known from its own cameras, and the later priors know the same pictures in a
 world of their own: that relates the worlds. From there on every camera is registered to the earlier background. Of that the
-window keeps, unchanged, what still explains its pictures; what shows them wrongly leaves (it moved, or the light changed),
-and new Gaussians come only where pictures are left unexplained.
+window keeps what still explains its pictures; what shows them wrongly leaves (it moved, or the light changed), and new
+Gaussians come only where pictures are left unexplained. What is kept stays unchanged as long as it shows later frames as well as
+the shared ones. As the camera moves on, errors of its depth come to light: then it is learnt further, in place of what it was.
 """
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -31,7 +33,7 @@ from ..scaffold.joining import continue_nodes
 from ..scene import Scene, StaticSet
 from ..scene.join import followed_by
 from ..scene.view import render, seen_from
-from .pipeline import ClipFit, FitResult, start_fit
+from .pipeline import ClipFit, FitResult, KnownGround, start_fit
 from .spawning import MASK_MARGIN, Explained, spawn_frames
 from .trainer import Trainer
 
@@ -59,12 +61,29 @@ FLOW_ERROR = 0.5
 STIFFNESS = 0.3
 """Pixels of mismatch, all over, that a turn or shift of a camera by one pixel must save: on a plane both look alike. Without it
 cameras wander by two pixels in front of a toy's flat wall; with three times as much a real drift (dog) is followed too late."""
+WORSE, GOOD = 1.0, 30.0
+"""dB. The background learns further where it shows later frames worse than shared ones by more than `WORSE`, and below `GOOD`. As
+the camera travels they are 4 to 8 dB worse (camel, train: depth from a short way); where it stands, only by their noise."""
+SHOWN = 0.2
+"""Fraction of its light that what moves leaves of a Gaussian that learns further. The rails behind a train that has come would
+become its ghost (train)."""
 CONTINUES = 0.4
 """Node units by which a node that goes on may differ from itself over the shared frames: it stands for the motion around it."""
 
 
+class Comparison(NamedTuple):
+    """The background against the picture of one frame."""
+
+    wrong: np.ndarray
+    """(H,W) bool: it is there, but no mixture of it looks like the picture."""
+    there: np.ndarray
+    """(H,W) bool: it is there."""
+    squared: np.ndarray
+    """(H,W) squared difference of colours (of 1), mean over channels."""
+
+
 @dataclass(frozen=True, eq=False)
-class FrozenBackground:
+class EarlierBackground:
     """The background that a window starts with."""
 
     world: StaticSet
@@ -73,10 +92,20 @@ class FrozenBackground:
     """What of it the window's cameras see."""
     explained: Explained
     """(H,W) bool by supervised frame: pixels that it shows rightly."""
+    learns: np.ndarray
+    """(D,) bool: which of those drawn are learnt further."""
 
     def with_own(self, static: StaticSet) -> StaticSet:
-        """The window's whole background: the Gaussians that stayed, then its own."""
-        return followed_by(self.world, static)
+        """The window's whole background: the Gaussians that stayed as they were, then its own."""
+        return followed_by(self.world.take(~np.isin(self.world.ids, self.drawn.ids[self.learns])), static)
+
+    def known(self, next_id: int) -> KnownGround:
+        """What of it a fit starts with, whose own Gaussians have ids from `next_id` on."""
+        frozen, learning = (
+            Splats(part.means, part.quats, part.scales, part.opacities, part.sh).map(_tensor)
+            for part in (self.drawn.take(~self.learns), self.drawn.take(self.learns))
+        )
+        return KnownGround(frozen, learning, self.explained, next_id)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +242,7 @@ class PreviousWindow:
 
     def background(
         self, clip: Clip, priors: Priors, rows: np.ndarray, margin: int, backend: str = "auto"
-    ) -> FrozenBackground:
+    ) -> EarlierBackground:
         """Return the part of the earlier background that stays, judged by the frames `rows` (indices into F) of placed priors.
 
         `margin`: pixels around the moving mask in which nothing is judged.
@@ -223,23 +252,26 @@ class PreviousWindow:
         masks = priors.mask
         still = {} if masks is None else {row: ~binary_dilation(masks[row], iterations=margin) for row in rows}
         weights = np.zeros((len(world), 3))  # in all pixels, in those that are judged, in those that are wrong
-        for row in rows:
-            wrong, _ = self._compare(world, clip, priors, row, backend)
+        errors = np.full(len(rows), np.nan)
+        for number, row in enumerate(rows):
+            wrong, there, squared = self._compare(world, clip, priors, row, backend)
             judged = still.get(row, np.ones_like(wrong))
             layers = np.stack([np.ones_like(wrong), judged, wrong & judged], -1).astype(np.float32)
             weights += blend_weight_sums(world, priors.cameras[int(row)], layers, backend=backend)
+            errors[number] = squared[there & judged].mean() if (there & judged).any() else np.nan
         stays = weights[:, 2] <= 0.5 * weights[:, 1]
-        drawn = world.take(stays & (weights[:, 0] > 0))
+        kept = stays & (weights[:, 0] > 0)
+        drawn = world.take(kept)
         explained = {}
         for row in rows:
-            wrong, there = self._compare(drawn, clip, priors, row, backend)
+            wrong, there, _ = self._compare(drawn, clip, priors, row, backend)
             explained[int(row)] = there & ~wrong
-        return FrozenBackground(world.take(stays), drawn, explained)
+        shared = priors.frames[rows] + self.offset < len(self.scene.cameras)
+        shown = weights[:, 1] > SHOWN * weights[:, 0]  # what is hidden was seen better before
+        return EarlierBackground(world.take(stays), drawn, explained, shown[kept] & _worse(errors, shared))
 
-    def _compare(
-        self, world: StaticSet, clip: Clip, priors: Priors, row: int, backend: str
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(H,W) bool: where the background is there but no mixture of it looks like the picture, and where it is there.
+    def _compare(self, world: StaticSet, clip: Clip, priors: Priors, row: int, backend: str) -> Comparison:
+        """The background `world` against the picture of frame `row`.
 
         The picture's mean over a neighbourhood must lie between the darkest and the brightest of the background there.
         """
@@ -254,7 +286,7 @@ class PreviousWindow:
         )
         off = np.maximum(darkest - mean, mean - brightest).clip(0).mean(-1)
         there = seen["alpha"] > OPAQUE
-        return there & (off > WRONG), there
+        return Comparison(there & (off > WRONG), there, ((seen["rgb"].clip(0, 1) - image) ** 2).mean(-1))
 
     def continued(self, scaffold: Scaffold) -> Scaffold:
         """The window's scaffold with the ids of the earlier nodes that go on in it, and new ones for the others."""
@@ -263,6 +295,19 @@ class PreviousWindow:
             return replace(scaffold, ids=self.next_node + np.arange(len(scaffold)))
         before = replace(before, times=before.times - self.scene.cameras.times[self.offset])
         return continue_nodes(scaffold, before, CONTINUES * before.unit, self.next_node)
+
+
+def _worse(errors: np.ndarray, shared: np.ndarray) -> bool:
+    """Whether, by mean squared `errors (n,)` of frames, those not `shared (n,)` bool are shown `WORSE` than those, and not `GOOD`.
+
+    Medians, as a frame may be blurred; NaN is a frame that tells nothing.
+    """
+    known = np.isfinite(errors)
+    before, after = errors[known & shared], errors[known & ~shared]
+    if not len(before) or not len(after):
+        return False
+    least = max(10 ** (WORSE / 10) * np.median(before), 10 ** (-GOOD / 10))
+    return bool(np.median(after) > least)
 
 
 def _room(depth: np.ndarray, moving: np.ndarray) -> float:
@@ -306,10 +351,8 @@ class WindowFit(ClipFit):
         """The trainer, in front of the background that stays."""
         config, frames = self.config, spawn_frames(priors, self.config)
         self.background = self.previous.background(self.clip, priors, frames, MASK_MARGIN, config.backend)
-        drawn = self.background.drawn
-        frozen = Splats(drawn.means, drawn.quats, drawn.scales, drawn.opacities, drawn.sh).map(_tensor)
-        first_id = self.previous.scene.next_id
-        return start_fit(self.clip, priors, config, self.progress, frozen, self.background.explained, first_id)
+        known = self.background.known(self.previous.scene.next_id)
+        return start_fit(self.clip, priors, config, self.progress, known)
 
     def finish(self, trainer: Trainer) -> FitResult:
         """Return the trained scene, with the background that stayed and the ids of the nodes that continue."""

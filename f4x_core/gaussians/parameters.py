@@ -7,6 +7,7 @@ the Gaussian's own frame, so that appearance turns with the surface (MoSca).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Self
 
 import torch
 from torch import Tensor
@@ -20,6 +21,8 @@ from .appearance_native import COEFFICIENTS, NativeAppearance
 WHOLE = 0.5
 # Opacities are kept this far from 0 and 1 before taking the logit, so that its gradient stays finite.
 OPACITY_MARGIN = 1e-4
+# Scales of an earlier fit are at least so many world units before taking the logarithm.
+MIN_SCALE = 1e-9
 
 
 @dataclass
@@ -55,6 +58,13 @@ class GaussianSet:
         first, more = self.parameters["sh0"], self.parameters["shN"]
         return torch.cat([first, more], 1) if more.shape[1] else first
 
+    def followed_by(self, others: Self) -> Self:
+        """These Gaussians, then `others`, as at the start of a fit."""
+        with torch.no_grad():
+            parameters = {n: torch.cat([p, others.parameters[n]]) for n, p in self.parameters.items()}
+        labels = {n: torch.cat([label, others.labels[n]]) for n, label in self.labels.items()}
+        return type(self)({n: p.requires_grad_(True) for n, p in parameters.items()}, labels)
+
     def splats(self, means: Tensor, quats: Tensor) -> Splats:
         """The Gaussians, activated, at `means` (N,3) and `quats` (N,4) in the world."""
         return Splats(means, quats, self.scales, self.opacities, self.sh)
@@ -62,6 +72,20 @@ class GaussianSet:
 
 class StaticGaussians(GaussianSet):
     """Gaussians that do not move: placement `means` (N,3) and `quats` (N,4), world frame."""
+
+    @classmethod
+    def learnt(cls, splats: Splats, reach: Tensor, first_id: int) -> StaticGaussians:
+        """Those of an earlier fit, to be learnt further: `splats` of tensors, `reach` (N,), ids from `first_id` on."""
+        parameters = {
+            "means": splats.means,
+            "quats": splats.quats,
+            "log_scales": splats.scales.clamp_min(MIN_SCALE).log(),
+            "opacity_logits": opacity_logit(splats.opacities),
+            "sh0": splats.sh[:, :1],
+            "shN": splats.sh[:, 1:],
+        }
+        labels = {"ids": torch.arange(first_id, first_id + len(reach)), "reach": reach}
+        return cls({name: value.detach().clone().requires_grad_(True) for name, value in parameters.items()}, labels)
 
 
 @dataclass
@@ -77,13 +101,6 @@ class DynamicGaussians(GaussianSet):
     """
 
     use_dw: bool = field(default=False)
-
-    def followed_by(self, others: DynamicGaussians) -> DynamicGaussians:
-        """These Gaussians, then `others`, as at the start of a fit."""
-        with torch.no_grad():
-            parameters = {n: torch.cat([p, others.parameters[n]]) for n, p in self.parameters.items()}
-        labels = {n: torch.cat([label, others.labels[n]]) for n, label in self.labels.items()}
-        return DynamicGaussians({n: p.requires_grad_(True) for n, p in parameters.items()}, labels)
 
     def presence(self, away: Tensor) -> Tensor:
         """(N,) in [0, 1]: how much of each Gaussian is there `away` (N,) clip frames after its reference time."""

@@ -256,24 +256,32 @@ def _rested(scene: Scene, alone: np.ndarray, shared: np.ndarray) -> DynamicSet:
 
 
 def _with_new_ground(scene: Scene, compared: Sequence[float], backend: str, progress: Progress) -> Scene:
-    """The scene in which the background that no earlier frame shows is there from the beginning; `compared`: times to try."""
+    """The scene in which the background that no earlier frame shows is there from the beginning; `compared`: times to try.
+
+    What a later window did away with, and what moves hides as long as it is there, was wrong all the time: it is left out.
+    """
     if scene.static.span is None:
         return scene
     span = scene.static.span.copy()
-    since = span[:, 0].copy()
-    early = since > -np.inf
+    since, until = span[:, 0].copy(), span[:, 3]
+    early, gone = since > -np.inf, until < np.inf
     span[early, :2] = -np.inf
     open_ground = replace(scene, static=replace(scene.static, span=span))
-    shown = np.zeros(len(span), bool)
+    too_early, in_sight, told = (np.zeros(len(span), bool) for _ in range(3))
     for done, time in enumerate(compared):
         progress("join", done, len(compared), "what earlier frames would show")
-        later = early & (since > time) & ~shown
-        if later.any():
+        before, alive = early & (since > time) & ~too_early, gone & (since <= time) & (until > time) & ~in_sight
+        if before.any() or alive.any():
             weight, alone = (_weights(one, time, backend)[: len(span)] for one in (open_ground, open_ground.background))
-            shown |= later & (weight > HIDDEN * alone)  # of any weight: thousands of little ones add up
+            shows = weight > HIDDEN * alone  # of any weight: thousands of little ones add up
+            too_early |= before & shows
+            in_sight |= alive & shows
+            told |= alive & (alone > 0)
     kept = scene.static.span.copy()
-    kept[early & ~shown, :2] = -np.inf
-    return replace(scene, static=replace(scene.static, span=None if (kept == ALWAYS).all() else kept))
+    kept[early & ~too_early, :2] = -np.inf
+    stays = ~told | in_sight
+    static = scene.static.take(stays)
+    return replace(scene, static=replace(static, span=None if (kept[stays] == ALWAYS).all() else kept[stays]))
 
 
 def _compared_frames(windows: Sequence[tuple[int, int]]) -> Iterator[int]:

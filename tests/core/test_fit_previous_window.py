@@ -6,15 +6,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 from random_scene import random_scaffold
 from scipy.spatial.transform import Rotation
 from toy import cameras, clip_and_priors
 
 from f4x_core.errors import F4xError
 from f4x_core.fit import previous_window
-from f4x_core.fit.pipeline import ClipFit, FitResult
-from f4x_core.fit.previous_window import FrozenBackground, PreviousWindow, WindowFit
+from f4x_core.fit.config import profile
+from f4x_core.fit.pipeline import ClipFit, FitResult, KnownGround, start_fit
+from f4x_core.fit.previous_window import EarlierBackground, PreviousWindow, WindowFit
 from f4x_core.geometry.camera import CameraPath
+from f4x_core.geometry.splats import Splats
 from f4x_core.raster import RasterConfig, rasterize
 from f4x_core.scene import Scene, StaticSet
 
@@ -401,7 +404,9 @@ def test_background_is_wrong_where_no_mixture_of_its_neighbourhood_is_like_the_m
     seen = shown.at(camera)
     clip.frames[3] = (127 + 0.8 * (clip.frames[3] - 127.0)).astype(np.uint8)
     clip.frames[3, 4:12, 5:15] = 250
-    wrong, there = window._compare(window.scene.static, clip, priors, 1, "torch")
+    wrong, there, squared = window._compare(window.scene.static, clip, priors, 1, "torch")
+    difference = np.clip(seen["rgb"], 0, 1) - clip.frames[3] / 255
+    np.testing.assert_allclose(squared, (difference**2).mean(-1), atol=1e-6)
     assert shown.looks[-1][2:] == (0.0, ("rgb", "alpha"), "torch")
     image = np.pad(clip.frames[3] / 255, ((2, 2), (2, 2), (0, 0)), "symmetric")
     drawn = np.pad(seen["rgb"], ((2, 2), (2, 2), (0, 0)), "symmetric")
@@ -438,18 +443,21 @@ def test_eight_hundredths_over_all_channels_are_wrong(window, monkeypatch, level
     clip.frames[1][..., channels] = level
     seen = {"rgb": grey, "alpha": np.ones((HEIGHT, WIDTH), np.float32)}
     monkeypatch.setattr(previous_window, "render", lambda *_: seen)
-    found, there = window._compare(window.scene.static, clip, priors, 1, "torch")
+    found, there, _ = window._compare(window.scene.static, clip, priors, 1, "torch")
     assert there.all() and (found == wrong).all()
 
 
-def compared(monkeypatch, window, priors, wrongs, theres):
-    """Makes up what is wrong and there: of all the background, then of what stays; gives what was looked at."""
+def compared(monkeypatch, window, priors, wrongs, theres, squared=None):
+    """Makes up what is wrong and there: of all the background, then of what stays; gives what was looked at.
+
+    `squared`: row -> (H,W) errors; none where left out.
+    """
     asked = []
 
     def compare(self, world, clip, own, row, backend):
         asked.append((world, row))
         whole = world is window.scene.static
-        return wrongs[whole][row], theres[row]
+        return wrongs[whole][row], theres[row], np.zeros((HEIGHT, WIDTH)) if squared is None else squared[row]
 
     monkeypatch.setattr(PreviousWindow, "_compare", compare)
     return asked
@@ -502,6 +510,50 @@ def test_what_is_wrong_in_less_than_half_of_its_light_stays_and_what_no_frame_se
     whole = found.with_own(own)
     np.testing.assert_array_equal(whole.ids, np.concatenate([stays, own.ids]))
     np.testing.assert_array_equal(whole.means, np.concatenate([static.means[stays], own.means]))
+    assert found.learns.shape == (len(stays) - 2,) and not found.learns.any()
+    learns = np.arange(len(stays) - 2) > 0
+    further = dataclasses.replace(found, learns=learns)
+    whole = further.with_own(own)  # in which is what learnt further
+    np.testing.assert_array_equal(whole.ids, np.concatenate([stays[:3], own.ids]))
+    known = further.known(55)
+    np.testing.assert_array_equal(known.frozen.means, found.drawn.means[:1])
+    np.testing.assert_array_equal(known.learning.sh, found.drawn.sh[1:])
+    assert known.next_id == 55 and known.explained is found.explained
+
+
+@pytest.mark.parametrize(("times", "learns"), [(1.2, False), (1.3, True)])
+def test_a_background_that_shows_later_frames_worse_by_a_decibel_learns_further(window, monkeypatch, times, learns):
+    clip, priors = later((0, 1, 2, 3, 4))  # three are shared
+    rows = np.arange(5)
+    nothing, there = np.zeros((HEIGHT, WIDTH), bool), np.ones((HEIGHT, WIDTH), bool)
+    there[0] = False
+    squared = {row: np.full((HEIGHT, WIDTH), 0.002) for row in rows}
+    squared[3], squared[4] = times * squared[3], times * squared[4]  # 1.259 times is a decibel
+    squared[1][0] = 1e3  # where nothing is
+    squared[1][2], priors.mask[:], priors.mask[1, 2] = 1e3, False, True  # where something moves
+    compared(monkeypatch, window, priors, [dict.fromkeys(rows, nothing)] * 2, dict.fromkeys(rows, there), squared)
+    found = window.background(clip, priors, rows, 1, "torch")
+    assert len(found.drawn) == len(found.learns) and (found.learns == learns).all()
+    priors.mask[:] = True  # all of it is hidden
+    priors.mask[:, 5, 5] = False
+    assert not window.background(clip, priors, rows, 1, "torch").learns.any()
+
+
+@pytest.mark.parametrize(
+    ("errors", "shared", "worse"),
+    [
+        ([1, 1, 9], [True, True, True], False),  # nothing later
+        ([1, 9, 9], [False, False, False], False),
+        ([1, np.nan, 9], [True, False, False], True),
+        ([1, 9, np.nan], [True, True, False], False),
+        ([1, 1, 50, 1, 1.2, 1.2], [True, True, True, False, False, False], False),
+        ([0, 1], [True, False], True),
+        ([1e-4, 9.9e-4], [True, False], False),  # above 30 dB
+        ([1e-4, 1.1e-3], [True, False], True),
+    ],
+)
+def test_frames_are_shown_worse_by_medians_of_those_that_tell(errors, shared, worse):
+    assert previous_window._worse(np.array(errors, float), np.array(shared)) == worse
 
 
 # ---- nodes -------------------------------------------------------------------------------------------------------------
@@ -529,7 +581,37 @@ def test_a_windows_scene_has_the_background_that_stayed_and_nodes_only_where_som
     result = FitResult(Scene("after", own, window.scene.cameras, scaffold=scaffold), None, [], {})
     monkeypatch.setattr(ClipFit, "finish", lambda self, trainer: result)
     fit = WindowFit(None, None, None, previous=window)
-    fit.background = FrozenBackground(kept, kept, {})
+    fit.background = EarlierBackground(kept, kept, {}, np.zeros(4, bool))
     found = fit.finish(None).scene
     assert found.static.ids.tolist() == [0, 1, 2, 3, 8, 9]
     assert (found.scaffold.ids.tolist() == [100, 101, 102, 103, 104]) if moving else found.scaffold is None
+
+
+# ---- the fit -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_known_background_is_drawn_as_it_is_and_learns_as_new_gaussians_where_it_is_to():
+    clip, priors = clip_and_priors(4)
+    config = dataclasses.replace(profile("quick"), steps=2, threads=1, backend="torch")
+    known = some_static(9, sh=np.full((9, 1, 3), 0.3, np.float32))
+    every = Splats(known.means, known.quats, known.scales, known.opacities, known.sh).map(torch.from_numpy)
+    frozen, learning = (every.map(lambda array, rows=rows: array[rows]) for rows in (slice(3), slice(3, 9)))
+    explained = {row: np.ones((clip.height, clip.width), bool) for row in range(len(priors.frames))}
+    bare, trainer = (
+        start_fit(clip, priors, config, ground=KnownGround(frozen, part, explained, 1000))
+        for part in (learning.map(lambda array: array[:0]), learning)
+    )
+    spawned, static = len(bare.model.static), trainer.model.static
+    ids = static.labels["ids"].tolist()
+    assert ids == list(range(1000, 1000 + spawned + 6)) and trainer.next_id > max(ids)
+    limits = [each.controls["static"].limit for each in (bare, trainer)]
+    assert limits[1] - limits[0] == 6, "what is known grows no further in number"
+    posed = trainer.model.posed(None if trainer.model.dynamic is None else trainer.model.dynamic_at(1.0)[0])
+    for rows, part in ((slice(spawned, spawned + 6), learning), (slice(-3, None), frozen)):
+        for name, wanted in part.arrays().items():
+            torch.testing.assert_close(getattr(posed, name)[rows].detach(), wanted, atol=2e-4, rtol=1e-4)
+    centre = torch.from_numpy(priors.cameras.centers.mean(0)).float()
+    torch.testing.assert_close(static.labels["reach"][spawned:], (learning.means - centre).norm(dim=1))
+    trainer.train_step()
+    assert (trainer.model.static.parameters["means"][spawned:] != learning.means).any()
+    assert trainer.model.frozen is frozen

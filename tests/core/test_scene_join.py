@@ -236,6 +236,21 @@ def test_what_movers_hid_before_was_there_from_the_beginning():
     assert np.isneginf(found[hidden, :2]).all() and (found[open_, :2] == 3).all()
 
 
+def test_what_a_window_painted_behind_movers_and_a_later_one_did_away_with_is_left_out():
+    """Of a wall that goes at frame 3, what the square hides in frames 0 and 2 was never in sight; what lies beside it was."""
+    scene = labelled_scene(features=False)
+    x, y = scene.static.means[:, 0], scene.static.means[:, 1]
+    hidden, open_ = (x > -0.26) & (x < -0.14) & (abs(y) < 0.12), (x > 0.1) & (x < 0.3) & (abs(y) < 0.12)
+    span = np.tile(np.float32(ALWAYS), (len(x), 1))
+    span[hidden | open_, 2:] = 3
+    went = replace(scene, static=replace(scene.static, span=span))
+    found = _with_new_ground(went, [0.0, 2.0], "auto", silent).static
+    np.testing.assert_array_equal(found.ids, scene.static.ids[~hidden])
+    np.testing.assert_array_equal(found.span, span[~hidden])
+    found = _with_new_ground(went, [4.0], "auto", silent).static
+    assert len(found) == len(scene.static), "no frame tells of it while it is there"
+
+
 def test_file_of_what_comes_and_goes(joined, tmp_path):
     write_scene(joined, tmp_path / "a.f4x")
     again = read_scene(tmp_path / "a.f4x")
