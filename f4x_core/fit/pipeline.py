@@ -182,9 +182,8 @@ def start_fit(
         static = spawner.static(False, explained, first_id)
     if len(static) == 0 and ground is None:
         raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")
-    spawned = len(static)
     if ground is not None and len(ground.learning.means):
-        static = static.followed_by(ground.gaussians(rig.path.centers.mean(0), first_id + spawned))
+        static = static.followed_by(ground.gaussians(rig.path.centers.mean(0), first_id + len(static)))
     next_id, dynamic, nodes = first_id + len(static), None, None
     if scaffold is not None:
         nodes = NodeSet(scaffold, config.scaffold.graph)
@@ -193,7 +192,7 @@ def start_fit(
         next_id += len(dynamic)
     frozen = None if ground is None else ground.frozen
     model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.kernels, frozen)
-    return Trainer(model, clip, priors, config, next_id, needs, spawner.rooms, len(static) - spawned)
+    return Trainer(model, clip, priors, config, next_id, needs, spawner.rooms)
 
 
 def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tuple[Scaffold | None, list[Need], Priors]:

@@ -30,7 +30,7 @@ from ..priors.flow import consistent, dis, grey
 from ..raster.blend_weights import blend_weight_sums
 from ..scaffold import Scaffold
 from ..scaffold.joining import continue_nodes
-from ..scene import Scene, StaticSet
+from ..scene import EARLIER, Scene, StaticSet
 from ..scene.join import followed_by
 from ..scene.view import render, seen_from
 from .pipeline import ClipFit, FitResult, KnownGround, start_fit
@@ -357,10 +357,11 @@ class WindowFit(ClipFit):
     def finish(self, trainer: Trainer) -> FitResult:
         """Return the trained scene, with the background that stayed and the ids of the nodes that continue."""
         result = super().finish(trainer)
-        scaffold = result.scene.scaffold
+        scaffold, labels = result.scene.scaffold, trainer.model.static.labels
         scene = replace(
             result.scene,
             static=self.background.with_own(result.scene.static),
+            extra={**result.scene.extra, EARLIER: labels["ids"][labels["earlier"]].numpy()},
             scaffold=None if scaffold is None else self.previous.continued(scaffold),
         )
         return replace(result, scene=scene)

@@ -62,13 +62,12 @@ class Trainer:
         next_id: int,
         needs: Sequence[Need] = (),
         rooms: Mapping[str, Room] | None = None,
-        known: int = 0,
     ):
         """Set up data, losses, optimisers and actions for `config.steps` steps.
 
         Args:
             next_id: first Gaussian id not yet used. needs: what was decided before the first step. rooms: by set, what the
-                clip asked for at the start and what was allowed. known: static Gaussians that an earlier fit has learnt.
+                clip asked for at the start and what was allowed.
         """
         self.model, self.clip, self.priors, self.config, self.next_id = model, clip, priors, config, next_id
         self.needs = list(needs)
@@ -90,7 +89,7 @@ class Trainer:
         self.band_gains: list[float] = []
         """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
-        self.rooms, self.known = dict(rooms or {}), {"static": known, "dynamic": 0}
+        self.rooms = dict(rooms or {})
         self._start_optimisers()
 
     def _start_optimisers(self) -> None:
@@ -98,7 +97,7 @@ class Trainer:
         self.optimisers = {name: SetOptimiser(own, self._rates(name), model.kernels) for name, own in model.sets()}
         densities = {"static": config.density_static, "dynamic": config.density_dynamic}
         self.controls = {
-            name: DensityControl(optimiser, densities[name], config.steps, self.known[name])
+            name: DensityControl(optimiser, densities[name], config.steps)
             for name, optimiser in self.optimisers.items()
         }
         groups = [{"params": [model.rig.parameters[n]], "lr": 0.0, "name": n} for n in CAMERA_RATES]

@@ -46,13 +46,11 @@ class DensityConfig:
 class DensityControl:
     """Gradient-driven clone, split and prune for one Gaussian set."""
 
-    def __init__(self, optimiser: SetOptimiser, config: DensityConfig, total_steps: int, known: int = 0):
-        """Watch the set of `optimiser` during `total_steps` steps; an earlier fit has learnt, and counted, `known` of it."""
+    def __init__(self, optimiser: SetOptimiser, config: DensityConfig, total_steps: int):
+        """Watch the set of `optimiser` during `total_steps` steps."""
         self.optimiser, self.config, self.total = optimiser, config, total_steps
         self._caps: tuple[Tensor, Tensor] | None = None
-        self.most = config.max_count + known
-        """The set has room for so many."""
-        self.limit = min(self.most, round(config.max_growth * (len(optimiser.gaussians) - known)) + known)
+        self.limit = min(config.max_count, round(config.max_growth * len(optimiser.gaussians)))
         """The set never grows beyond this."""
         self.lacking = 0
         """Gaussians that the last round of growth wanted and `config.max_count` had no room for."""
@@ -97,7 +95,7 @@ class DensityControl:
         mean = self.gradient_sum / self.seen.clamp_min(1)
         wanted = min(int(config.growth * len(gaussians)), int((mean >= config.gradient).sum()))
         added = min(wanted, max(self.limit - len(gaussians), 0))
-        self.lacking = wanted - added if self.limit == self.most else 0
+        self.lacking = wanted - added if self.limit == config.max_count else 0
         if added == 0:
             return next_id
         chosen = mean.topk(added).indices.sort().values

@@ -71,7 +71,10 @@ class GaussianSet:
 
 
 class StaticGaussians(GaussianSet):
-    """Gaussians that do not move: placement `means` (N,3) and `quats` (N,4), world frame."""
+    """Gaussians that do not move: placement `means` (N,3) and `quats` (N,4), world frame.
+
+    Label `earlier` (N,) bool: it goes on from one of an earlier fit.
+    """
 
     @classmethod
     def learnt(cls, splats: Splats, reach: Tensor, first_id: int) -> StaticGaussians:
@@ -85,6 +88,7 @@ class StaticGaussians(GaussianSet):
             "shN": splats.sh[:, 1:],
         }
         labels = {"ids": torch.arange(first_id, first_id + len(reach)), "reach": reach}
+        labels["earlier"] = torch.ones(len(reach), dtype=torch.bool)
         return cls({name: value.detach().clone().requires_grad_(True) for name, value in parameters.items()}, labels)
 
 

@@ -284,6 +284,7 @@ def spawn_static(spawned: Spawned, degree: int, config: SpawnConfig, first_id: i
     parameters = {"means": torch.from_numpy(spawned.means), "quats": _identity_quaternions(count)}
     parameters |= _parameters(spawned, degree, config.opacity)
     labels = {"ids": torch.arange(first_id, first_id + count), "reach": torch.from_numpy(spawned.depth)}
+    labels["earlier"] = torch.zeros(count, dtype=torch.bool)
     return StaticGaussians(_trainable(parameters), labels)
 
 

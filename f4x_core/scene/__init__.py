@@ -2,9 +2,10 @@
 
 from .field import FeatureField, FieldHead, Vocabulary
 from .file import read_header, read_scene, write_edits, write_scene
-from .model import MADE_UP, DynamicSet, PosedSplats, Scene, StaticSet
+from .model import EARLIER, MADE_UP, DynamicSet, PosedSplats, Scene, StaticSet
 
 __all__ = [
+    "EARLIER",
     "MADE_UP",
     "DynamicSet",
     "FeatureField",

@@ -22,7 +22,7 @@ from ..geometry.interpolation import presence
 from ..progress import Progress, silent
 from ..scaffold import Scaffold
 from ..scaffold.joining import join_scaffolds
-from .model import DynamicSet, Scene, StaticSet
+from .model import EARLIER, DynamicSet, Scene, StaticSet
 
 Gaussians = TypeVar("Gaussians", bound=StaticSet)
 
@@ -75,7 +75,7 @@ def join_scenes(
             raise F4xError(
                 f"{scene.name}: these scenes are not the windows {start}:{end} of one clip; fit the clip again."
             )
-        static.add(scene.static, spans[number])
+        static.add(scene, spans[number])
         moving.add(scene, number, start)
         path.add(scene.cameras, spans[number], start)
         held_out.update(frame + start for frame in scene.held_out)
@@ -94,7 +94,9 @@ def join_scenes(
         features=None,
         extra={},
     )
-    return _with_new_ground(joined, [times[frame] for frame in _compared_frames(windows)], backend, progress)
+    compared = [times[frame] for frame in _compared_frames(windows)]
+    goes_on = np.isin(joined.static.ids, np.concatenate(static.earlier))
+    return _with_new_ground(joined, goes_on, compared, backend, progress)
 
 
 @dataclass
@@ -103,15 +105,19 @@ class _Background:
 
     parts: list[StaticSet] = field(default_factory=list)
     spans: list[np.ndarray] = field(default_factory=list)
+    earlier: list[np.ndarray] = field(default_factory=list)
+    """Ids of Gaussians that go on from others of the window before (`EARLIER`), window by window."""
 
-    def add(self, static: StaticSet, span: np.ndarray) -> None:
+    def add(self, scene: Scene, span: np.ndarray) -> None:
         """One window's whole background."""
+        static = scene.static
         for known, when in zip(self.parts, self.spans, strict=True):
             gone = ~np.isin(known.ids, static.ids) & (when[:, 3] == np.inf)
             when[gone, 2:] = span[:2]
         known_ids = np.concatenate([np.zeros(0, np.int64), *(part.ids for part in self.parts)])
         new = static.take(~np.isin(static.ids, known_ids))
         self.parts.append(new)
+        self.earlier.append(scene.extra.get(EARLIER, np.zeros(0, np.int64)))
         self.spans.append(np.tile([*span[:2], np.inf, np.inf], (len(new), 1)))
 
     def finish(self) -> StaticSet:
@@ -255,10 +261,13 @@ def _rested(scene: Scene, alone: np.ndarray, shared: np.ndarray) -> DynamicSet:
     return replace(dynamic, means=means, quats=quats, reference=reference.astype(np.int32))
 
 
-def _with_new_ground(scene: Scene, compared: Sequence[float], backend: str, progress: Progress) -> Scene:
+def _with_new_ground(
+    scene: Scene, goes_on: np.ndarray, compared: Sequence[float], backend: str, progress: Progress
+) -> Scene:
     """The scene in which the background that no earlier frame shows is there from the beginning; `compared`: times to try.
 
-    What a later window did away with, and what moves hides as long as it is there, was wrong all the time: it is left out.
+    What `goes_on (S,)` bool from other Gaussians takes their place alone where what moves hides it. What a later window did away
+    with, and what moves hides as long as it is there, was wrong all the time: it is left out.
     """
     if scene.static.span is None:
         return scene
@@ -267,7 +276,7 @@ def _with_new_ground(scene: Scene, compared: Sequence[float], backend: str, prog
     early, gone = since > -np.inf, until < np.inf
     span[early, :2] = -np.inf
     open_ground = replace(scene, static=replace(scene.static, span=span))
-    too_early, in_sight, told = (np.zeros(len(span), bool) for _ in range(3))
+    too_early, hidden, in_sight, told = (np.zeros(len(span), bool) for _ in range(4))
     for done, time in enumerate(compared):
         progress("join", done, len(compared), "what earlier frames would show")
         before, alive = early & (since > time) & ~too_early, gone & (since <= time) & (until > time) & ~in_sight
@@ -275,10 +284,11 @@ def _with_new_ground(scene: Scene, compared: Sequence[float], backend: str, prog
             weight, alone = (_weights(one, time, backend)[: len(span)] for one in (open_ground, open_ground.background))
             shows = weight > HIDDEN * alone  # of any weight: thousands of little ones add up
             too_early |= before & shows
+            hidden |= before & (alone > 0)
             in_sight |= alive & shows
             told |= alive & (alone > 0)
     kept = scene.static.span.copy()
-    kept[early & ~too_early, :2] = -np.inf
+    kept[early & ~too_early & (hidden | ~goes_on), :2] = -np.inf
     stays = ~told | in_sight
     static = scene.static.take(stays)
     return replace(scene, static=replace(static, span=None if (kept[stays] == ALWAYS).all() else kept[stays]))

@@ -58,6 +58,9 @@ KEYS = {"means": "xyz", "quats": "rotation", "scales": "scale", "opacities": "op
 """What the file calls arrays of Gaussians that have another name here."""
 MADE_UP = "static/made_up"
 """Member of `Scene.extra`, (Ns,) bool: no frame of the clip shows a static Gaussian, its colours are those around it."""
+EARLIER = "window/earlier"
+"""Member of `Scene.extra` of a window of a long clip, (n,) int64: ids of static Gaussians that go on from others of the window
+before."""
 SPAN = "span"
 """The one array that a set may lack: then all its Gaussians are always present."""
 

@@ -19,7 +19,7 @@ from f4x_core.fit.previous_window import EarlierBackground, PreviousWindow, Wind
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.geometry.splats import Splats
 from f4x_core.raster import RasterConfig, rasterize
-from f4x_core.scene import Scene, StaticSet
+from f4x_core.scene import EARLIER, Scene, StaticSet
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -582,8 +582,11 @@ def test_a_windows_scene_has_the_background_that_stayed_and_nodes_only_where_som
     monkeypatch.setattr(ClipFit, "finish", lambda self, trainer: result)
     fit = WindowFit(None, None, None, previous=window)
     fit.background = EarlierBackground(kept, kept, {}, np.zeros(4, bool))
-    found = fit.finish(None).scene
+    labels = {"ids": torch.tensor([8, 9]), "earlier": torch.tensor([False, True])}
+    model = SimpleNamespace(static=SimpleNamespace(labels=labels))
+    found = fit.finish(SimpleNamespace(model=model)).scene
     assert found.static.ids.tolist() == [0, 1, 2, 3, 8, 9]
+    assert found.extra[EARLIER].tolist() == [9]
     assert (found.scaffold.ids.tolist() == [100, 101, 102, 103, 104]) if moving else found.scaffold is None
 
 
@@ -604,13 +607,12 @@ def test_a_known_background_is_drawn_as_it_is_and_learns_as_new_gaussians_where_
     spawned, static = len(bare.model.static), trainer.model.static
     ids = static.labels["ids"].tolist()
     assert ids == list(range(1000, 1000 + spawned + 6)) and trainer.next_id > max(ids)
-    limits = [each.controls["static"].limit for each in (bare, trainer)]
-    assert limits[1] - limits[0] == 6, "what is known grows no further in number"
     posed = trainer.model.posed(None if trainer.model.dynamic is None else trainer.model.dynamic_at(1.0)[0])
     for rows, part in ((slice(spawned, spawned + 6), learning), (slice(-3, None), frozen)):
         for name, wanted in part.arrays().items():
             torch.testing.assert_close(getattr(posed, name)[rows].detach(), wanted, atol=2e-4, rtol=1e-4)
     centre = torch.from_numpy(priors.cameras.centers.mean(0)).float()
+    assert static.labels["earlier"].tolist() == [False] * spawned + [True] * 6
     torch.testing.assert_close(static.labels["reach"][spawned:], (learning.means - centre).norm(dim=1))
     trainer.train_step()
     assert (trainer.model.static.parameters["means"][spawned:] != learning.means).any()

@@ -79,7 +79,8 @@ def test_appended_rows_start_with_zero_moments_and_leave_others_alone():
     first, second = SetOptimiser(whole, rates(whole)), SetOptimiser(grown, rates(grown))
     descend(first, 5), descend(second, 5)
     new = {name: tensor.detach()[:4].clone() for name, tensor in grown.parameters.items()}
-    second.append(new, {"ids": torch.arange(100, 104), "reach": torch.ones(4)})
+    new_labels = {"ids": torch.arange(100, 104), "reach": torch.ones(4), "earlier": torch.zeros(4, dtype=torch.bool)}
+    second.append(new, new_labels)
     state = second.adam.state[grown.parameters["means"]]
     assert state["exp_avg"][40:].abs().max() == 0
     assert state["exp_avg"][:40].abs().max() > 0

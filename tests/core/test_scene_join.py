@@ -232,8 +232,19 @@ def test_what_movers_hid_before_was_there_from_the_beginning():
     span[hidden | open_, :2] = 3
     came = replace(scene, static=replace(scene.static, span=span))
     assert (_weights(scene, 0.0, "auto")[: len(x)][hidden] > 0).any()
-    found = _with_new_ground(came, [0.0, 2.0], "auto", silent).static.span
-    assert np.isneginf(found[hidden, :2]).all() and (found[open_, :2] == 3).all()
+    for goes_on in (np.zeros(len(x), bool), np.ones(len(x), bool)):
+        found = _with_new_ground(came, goes_on, [0.0, 2.0], "auto", silent).static.span
+        assert np.isneginf(found[hidden, :2]).all() and (found[open_, :2] == 3).all()
+
+
+def test_what_nobody_had_looked_at_was_there_from_the_beginning_unless_it_was_known_in_another_form():
+    scene = labelled_scene(features=False)
+    beside = scene.static.means + np.float32([30, 0, 0])
+    span = np.tile(np.float32([3, 3, np.inf, np.inf]), (len(beside), 1))
+    came = replace(scene, static=replace(scene.static, means=beside, span=span))
+    goes_on = np.arange(len(beside)) % 2 == 0
+    found = _with_new_ground(came, goes_on, [0.0, 2.0], "auto", silent).static.span
+    assert np.isneginf(found[~goes_on, :2]).all() and (found[goes_on, :2] == 3).all()
 
 
 def test_what_a_window_painted_behind_movers_and_a_later_one_did_away_with_is_left_out():
@@ -244,10 +255,11 @@ def test_what_a_window_painted_behind_movers_and_a_later_one_did_away_with_is_le
     span = np.tile(np.float32(ALWAYS), (len(x), 1))
     span[hidden | open_, 2:] = 3
     went = replace(scene, static=replace(scene.static, span=span))
-    found = _with_new_ground(went, [0.0, 2.0], "auto", silent).static
+    nobody = np.zeros(len(x), bool)
+    found = _with_new_ground(went, nobody, [0.0, 2.0], "auto", silent).static
     np.testing.assert_array_equal(found.ids, scene.static.ids[~hidden])
     np.testing.assert_array_equal(found.span, span[~hidden])
-    found = _with_new_ground(went, [4.0], "auto", silent).static
+    found = _with_new_ground(went, nobody, [4.0], "auto", silent).static
     assert len(found) == len(scene.static), "no frame tells of it while it is there"
 
 
