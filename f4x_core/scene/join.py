@@ -2,8 +2,8 @@
 
 The windows are in one world and one space of ids: each began with the background that the one before left, so the same id is
 the same Gaussian or node (`fit.previous_window`). What moves in a window takes turns with its neighbours' amid the frames that they
-share. A Gaussian of the background is there from the window that made it until the one that did away with it; one that
-no earlier frame would show, because nobody had looked there, is there from the beginning.
+share. A Gaussian of the background is there from the window that made it until the one that did away with it, or learnt it further
+as another one; one that no earlier frame would show, because nobody had looked there, is there from the beginning.
 """
 
 from __future__ import annotations
