@@ -32,8 +32,9 @@ of a pixel blur: over all twelve a made-up clip loses 1.9 dB there, over four 0.
 to frame grows by a twentieth."""
 ALWAYS = (-np.inf, -np.inf, np.inf, np.inf)
 """The span of what never comes or goes."""
-COMPARED_PER_WINDOW = 4
-"""Frames of a window in which it is looked whether they would show what later windows made."""
+COMPARED_PER_WINDOW = 12
+"""Frames of a window in which it is looked whether they show what windows made. With 4, what comes to light between is left out
+(camel: 2 dB in frame 30); 24 are no better."""
 HIDDEN = 0.1
 """Fraction of its light that may come through what moves before a Gaussian that an earlier frame does not show."""
 
@@ -266,17 +267,17 @@ def _with_new_ground(
 ) -> Scene:
     """The scene in which the background that no earlier frame shows is there from the beginning; `compared`: times to try.
 
-    What `goes_on (S,)` bool from other Gaussians takes their place alone where what moves hides it. What a later window did away
-    with, and what moves hides as long as it is there, was wrong all the time: it is left out.
+    Not what `goes_on (S,)` bool from other Gaussians, which are there before. What a later window did away with, and what moves
+    hides as long as it is there, was wrong all the time: it is left out.
     """
     if scene.static.span is None:
         return scene
     span = scene.static.span.copy()
-    since, until = span[:, 0].copy(), span[:, 3]
-    early, gone = since > -np.inf, until < np.inf
+    since, until = span[:, 0].copy(), span[:, 3].copy()
+    early, gone = (since > -np.inf) & ~goes_on, until < np.inf
     span[early, :2] = -np.inf
     open_ground = replace(scene, static=replace(scene.static, span=span))
-    too_early, hidden, in_sight, told = (np.zeros(len(span), bool) for _ in range(4))
+    too_early, in_sight, told = (np.zeros(len(span), bool) for _ in range(3))
     for done, time in enumerate(compared):
         progress("join", done, len(compared), "what earlier frames would show")
         before, alive = early & (since > time) & ~too_early, gone & (since <= time) & (until > time) & ~in_sight
@@ -284,11 +285,10 @@ def _with_new_ground(
             weight, alone = (_weights(one, time, backend)[: len(span)] for one in (open_ground, open_ground.background))
             shows = weight > HIDDEN * alone  # of any weight: thousands of little ones add up
             too_early |= before & shows
-            hidden |= before & (alone > 0)
             in_sight |= alive & shows
             told |= alive & (alone > 0)
     kept = scene.static.span.copy()
-    kept[early & ~too_early & (hidden | ~goes_on), :2] = -np.inf
+    kept[early & ~too_early, :2] = -np.inf
     stays = ~told | in_sight
     static = scene.static.take(stays)
     return replace(scene, static=replace(static, span=None if (kept[stays] == ALWAYS).all() else kept[stays]))
