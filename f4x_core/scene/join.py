@@ -277,7 +277,7 @@ def _with_new_ground(
     early, gone = (since > -np.inf) & ~goes_on, until < np.inf
     span[early, :2] = -np.inf
     open_ground = replace(scene, static=replace(scene.static, span=span))
-    too_early, in_sight, told = (np.zeros(len(span), bool) for _ in range(3))
+    too_early, in_sight, judged = (np.zeros(len(span), bool) for _ in range(3))
     for done, time in enumerate(compared):
         progress("join", done, len(compared), "what earlier frames would show")
         before, alive = early & (since > time) & ~too_early, gone & (since <= time) & (until > time) & ~in_sight
@@ -286,10 +286,10 @@ def _with_new_ground(
             shows = weight > HIDDEN * alone  # of any weight: thousands of little ones add up
             too_early |= before & shows
             in_sight |= alive & shows
-            told |= alive & (alone > 0)
+            judged |= alive & (alone > 0)
     kept = scene.static.span.copy()
     kept[early & ~too_early, :2] = -np.inf
-    stays = ~told | in_sight
+    stays = ~judged | in_sight
     static = scene.static.take(stays)
     return replace(scene, static=replace(static, span=None if (kept[stays] == ALWAYS).all() else kept[stays]))
 
