@@ -22,7 +22,7 @@ from bpy.app.handlers import persistent
 from ..f4x_core.edit.apply import Appearance
 from ..f4x_core.edit.description import describe
 from ..f4x_core.edit.display import Display, by_score
-from ..f4x_core.edit.uncovered import told_with_where, uncovered
+from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED, sentence_of
 from .gaussian_attributes import write_appearance, write_places
@@ -62,12 +62,12 @@ def redraw(scene_object: SceneObject) -> None:
 
 
 def update_panel(scene_object: SceneObject) -> None:
-    """Update the lists and counts of the sidebar from the pending edits, and what is told of the shown ones."""
+    """Update the lists and counts of the sidebar from the pending edits, and the summary of what the shown ones uncover."""
     # a script may import without registering the extension; lists of a linked scene cannot be changed
     if hasattr(scene_object.root, "f4x") and not scene_object.is_linked:
         _fill_lists(scene_object)
         count(scene_object)
-        scene_object.state.uncovered = panel_words(told_with_where(uncovered(scene_object.shown.scene)))
+        scene_object.state.uncovered = panel_words(summary_of(uncovered(scene_object.shown.scene)))
 
 
 def hide(scene_object: SceneObject, hidden: np.ndarray) -> None:

@@ -15,7 +15,7 @@ from ..edit.plan import preview, propose
 from ..edit.plan_lines import plan_lines, sizes
 from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
-from ..edit.uncovered import takes_away, told_with_where, uncovered
+from ..edit.uncovered import summary_of, takes_away, uncovered
 from ..errors import F4xError
 from ..files import replace_file
 from ..language.lexicon import plural
@@ -49,7 +49,7 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         for number, (edit, line) in enumerate(zip(new, plan, strict=True), before + 1)
     ]
     shows = uncovered(scene) if takes_away(edit.operation for edit in new) else None
-    lines += filter(None, [told_with_where(shows)])
+    lines += filter(None, [summary_of(shows)])
     active = sum(edit.enabled and not isinstance(edit.operation, TakeBack) for edit in of(scene).edits)
     end = f"{written}: {_edits(active)} in effect; `f4x undo` takes back the last"
     return {

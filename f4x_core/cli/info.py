@@ -7,7 +7,7 @@ import textwrap
 from typing import Any
 
 from ..edit.apply import open_scene
-from ..edit.uncovered import told_with_where, uncovered
+from ..edit.uncovered import summary_of, uncovered
 from ..progress import Progress
 from ..query.inventory import labels_of
 from ..scene.runs import run_lengths
@@ -30,7 +30,7 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     shows = uncovered(scene)
     if shows is not None:
         info["uncovered"] = shows.to_json()
-    long = {"uncovered": told_with_where(shows), "words": ", ".join(info["words"]) or "none"}
+    long = {"uncovered": summary_of(shows), "words": ", ".join(info["words"]) or "none"}
     for title, text in long.items():
         first = f"{title + ':':<{MARGIN}}"
         lines += textwrap.wrap(text, LINE, initial_indent=first, subsequent_indent=" " * MARGIN)

@@ -158,10 +158,10 @@ def _refuse_unknown(scene: Scene, channels: Sequence[str]) -> None:
     known = (*CHANNELS, UNSEEN, *feature_channels(scene))
     for name in channels:
         if name not in known:
-            told = f"there is no channel {name}; choose from {','.join(known)},{MASK}LABEL"
+            message = f"there is no channel {name}; choose from {','.join(known)},{MASK}LABEL"
             if name in (*shots.PASSES, shots.CRYPTOMATTE):
-                told = f"{name} holds numbers that only EXR files can; add --exr"
-            raise F4xError(f"--channels {','.join(channels)}: {told}.")
+                message = f"{name} holds numbers that only EXR files can; add --exr"
+            raise F4xError(f"--channels {','.join(channels)}: {message}.")
 
 
 def _frames(indices: np.ndarray) -> str:

@@ -53,15 +53,17 @@ class Uncovered:
 
     def __str__(self) -> str:
         """A sentence for each kind that there is, or nothing."""
-        made_up = self._told(self.made_up, "shows background that no frame saw: it is made up from what is around it")
-        nothing = self._told(self.nothing, "is empty: there is nothing behind what was taken away")
+        made_up = self._sentence(
+            self.made_up, "shows background that no frame saw: it is made up from what is around it"
+        )
+        nothing = self._sentence(self.nothing, "is empty: there is nothing behind what was taken away")
         return " ".join(filter(None, [made_up, nothing]))
 
     def to_json(self) -> dict[str, Any]:
         """The fractions by frame."""
         return {name: getattr(self, name).tolist() for name in ("frames", "made_up", "nothing")}
 
-    def _told(self, parts: np.ndarray, what: str) -> str:
+    def _sentence(self, parts: np.ndarray, what: str) -> str:
         most = int(parts.argmax())
         if parts[most] < LEAST:
             return ""
@@ -75,7 +77,7 @@ def takes_away(operations: Iterable[Operation]) -> bool:
     return any(isinstance(one, _TAKES_AWAY) for one in operations)
 
 
-def told_with_where(shows: Uncovered | None) -> str:
+def summary_of(shows: Uncovered | None) -> str:
     """The sentences of `shows`, and the command whose pictures say where that is; nothing where there is nothing to tell."""
     return f"{shows} `f4x render SCENE -o DIR --channels unseen` draws where." if shows and str(shows) else ""
 

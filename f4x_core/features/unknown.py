@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..language.compounds import names_another
+from ..language.compounds import JOINTS, names_another
 from ..language.lexicon import PEOPLE
 
 _SURFACES = (
@@ -20,9 +20,7 @@ _DRAWN = (
 )
 UNKNOWN = {"minilm": {"people": PEOPLE, "surfaces": _SURFACES, "plants": _PLANTS, "sky": _SKY, "drawn things": _DRAWN}}
 """Text encoder -> kind -> names of what the teacher that speaks through it knows nothing of (docs/features.md)."""
-
-
-_BESIDE = re.compile(r" (?:of|in|on|at|by|near|under|behind|beside|with|from|wearing|who|that|which) ")
+_BESIDE = re.compile(rf" (?:{'|'.join((*JOINTS, 'on', 'at', 'by', 'near', 'under', 'behind', 'beside', 'from'))}) ")
 """Before one of these a name says what it means, behind it where that is: a dog on the grass is a dog."""
 
 

@@ -120,7 +120,7 @@ def findings(
     picked: str = "",
     profile: str = SHORT_PROFILE,
 ) -> list[Finding]:
-    """Everything that was found, problems first, and among findings of equal weight those of the geometry; `told_once` tells it.
+    """Everything that was found, problems first, and among findings of equal weight those of the geometry (see `by_cause`).
 
     `metrics`: the result of `evaluation.evaluate.evaluate`. `picked`: that of the clip, for advice on `--frames`.
     `profile`: the settings it was fitted with; only the short one is advised to take more steps.

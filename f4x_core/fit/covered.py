@@ -214,10 +214,10 @@ def _light(scene: Scene, view: View) -> np.ndarray:
 
 def _shown(scene: Scene, views: Sequence[View]) -> tuple[np.ndarray, np.ndarray]:
     """Of the S static Gaussians: (S,) the fraction of its most light that reaches a view, (S,) bool whether any view tells."""
-    count = len(scene.static)
+    count, background = len(scene.static), scene.background
     alone, reaches = np.zeros(count), np.zeros(count)
     for view in views:
-        alone = np.maximum(alone, _light(scene.background, view))
+        alone = np.maximum(alone, _light(background, view))
         reaches = np.maximum(reaches, _light(scene, view)[:count])
     seen = alone > SEEN
     return np.where(seen, reaches / np.maximum(alone, SEEN), 0), seen

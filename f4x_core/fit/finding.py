@@ -24,7 +24,7 @@ class Finding:
     advice: str = ""
     """What the person can do or supply; empty when there is nothing to do."""
     cause: str = ""
-    """Findings of one cause are told as one (`told_once`); empty: it has its own."""
+    """Findings of one cause become one (`by_cause`); empty: it has its own."""
 
 
 def caused_by(cause: str, found: Iterable[Finding]) -> list[Finding]:
@@ -32,16 +32,16 @@ def caused_by(cause: str, found: Iterable[Finding]) -> list[Finding]:
     return [replace(one, cause=cause) for one in found]
 
 
-def told_once(found: Sequence[Finding]) -> list[Finding]:
-    """Findings as they are told, problems first: those of one cause as one, with the advice of the problems, else the first.
+def by_cause(found: Sequence[Finding]) -> list[Finding]:
+    """Findings, problems first: those of one cause as one, with the advice of the problems, else the first.
 
     That the pictures are poor is no problem of its own where a problem says why.
     """
     why = any(one.weight == "problem" and one.cause != SCORE for one in found)
     groups: dict[str | int, list[Finding]] = {}
     for number, one in enumerate(found):
-        told = replace(one, weight="note") if one.cause == SCORE and why else one
-        groups.setdefault(one.cause or number, []).append(told)
+        weighed = replace(one, weight="note") if one.cause == SCORE and why else one
+        groups.setdefault(one.cause or number, []).append(weighed)
     return by_weight(map(_as_one, groups.values()))
 
 

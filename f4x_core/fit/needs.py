@@ -60,8 +60,8 @@ class Shortage:
 
 def lack_in_words(shortages: Iterable[Shortage]) -> str:
     """The shortages as one, nothing where there is none."""
-    told = "; ".join(map(str, shortages))
-    return told and f"no room for {told}"
+    lacking = "; ".join(map(str, shortages))
+    return lacking and f"no room for {lacking}"
 
 
 def moving_fraction(priors: Priors) -> float:

@@ -14,7 +14,7 @@ import torch
 from .. import __version__
 from ..clip import Clip
 from ..errors import F4xError
-from ..gaussians import StaticGaussians
+from ..gaussians import StaticGaussians, learnt_before
 from ..geometry import quaternion
 from ..geometry.spherical_harmonics import degree_of
 from ..geometry.splats import Splats
@@ -160,7 +160,7 @@ class KnownGround:
     def gaussians(self, centre: np.ndarray, first_id: int) -> StaticGaussians:
         """What learns, seen from about `centre (3,)`, with ids from `first_id` on."""
         reach = (self.learning.means - torch.from_numpy(centre).float()).norm(dim=1)
-        return StaticGaussians.learnt(self.learning, reach, first_id)
+        return learnt_before(self.learning, reach, first_id)
 
 
 def start_fit(

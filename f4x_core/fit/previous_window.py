@@ -186,9 +186,8 @@ class PreviousWindow:
         assert priors.depth is not None
         path = priors.cameras
         kinds = (priors.camera_kind or "moving", camera_kind(self.scene.cameras))
-        freedom = max(
-            FREEDOM[kind] for kind in kinds
-        )  # a background that has depth shows a step too small to be found alone
+        # A background that has depth shows a step that is too small to be found alone.
+        freedom = max(FREEDOM[kind] for kind in kinds)
         views, depth = path.world_to_camera.copy(), priors.depth.copy()
         for row, frame in enumerate(priors.frames):
             moving = np.zeros(depth[row].shape, bool) if priors.mask is None else priors.mask[row]
@@ -258,7 +257,8 @@ class PreviousWindow:
             judged = still.get(row, np.ones_like(wrong))
             layers = np.stack([np.ones_like(wrong), judged, wrong & judged], -1).astype(np.float32)
             weights += blend_weight_sums(world, priors.cameras[int(row)], layers, backend=backend)
-            errors[number] = squared[there & judged].mean() if (there & judged).any() else np.nan
+            compared = squared[there & judged]
+            errors[number] = compared.mean() if len(compared) else np.nan
         stays = weights[:, 2] <= 0.5 * weights[:, 1]
         kept = stays & (weights[:, 0] > 0)
         drawn = world.take(kept)

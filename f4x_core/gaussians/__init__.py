@@ -3,7 +3,7 @@
 from .density import DensityConfig, DensityControl
 from .optimiser import SetOptimiser
 from .parameters import DynamicGaussians, GaussianSet, StaticGaussians, appearance
-from .spawn import SpawnConfig, Spawned, spawn_dynamic, spawn_static
+from .spawn import SpawnConfig, Spawned, learnt_before, spawn_dynamic, spawn_static
 
 __all__ = [
     "DensityConfig",
@@ -15,6 +15,7 @@ __all__ = [
     "Spawned",
     "StaticGaussians",
     "appearance",
+    "learnt_before",
     "spawn_dynamic",
     "spawn_static",
 ]

@@ -21,8 +21,6 @@ from .appearance_native import COEFFICIENTS, NativeAppearance
 WHOLE = 0.5
 # Opacities are kept this far from 0 and 1 before taking the logit, so that its gradient stays finite.
 OPACITY_MARGIN = 1e-4
-# Scales of an earlier fit are at least so many world units before taking the logarithm.
-MIN_SCALE = 1e-9
 
 
 @dataclass
@@ -75,21 +73,6 @@ class StaticGaussians(GaussianSet):
 
     Label `earlier` (N,) bool: it goes on from one of an earlier fit.
     """
-
-    @classmethod
-    def learnt(cls, splats: Splats, reach: Tensor, first_id: int) -> StaticGaussians:
-        """Those of an earlier fit, to be learnt further: `splats` of tensors, `reach` (N,), ids from `first_id` on."""
-        parameters = {
-            "means": splats.means,
-            "quats": splats.quats,
-            "log_scales": splats.scales.clamp_min(MIN_SCALE).log(),
-            "opacity_logits": opacity_logit(splats.opacities),
-            "sh0": splats.sh[:, :1],
-            "shN": splats.sh[:, 1:],
-        }
-        labels = {"ids": torch.arange(first_id, first_id + len(reach)), "reach": reach}
-        labels["earlier"] = torch.ones(len(reach), dtype=torch.bool)
-        return cls({name: value.detach().clone().requires_grad_(True) for name, value in parameters.items()}, labels)
 
 
 @dataclass

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from ..geometry.camera import Camera
 from ..geometry.spherical_harmonics import dc_from_rgb
+from ..geometry.splats import Splats
 from ..scaffold.graph import attach_nodes
 from .parameters import DynamicGaussians, StaticGaussians, localise, opacity_logit
 
@@ -31,6 +32,8 @@ MAX_LEVEL, FLAT_GREY, FLAT_DEPTH = 2, 3.0, 0.02
 FITTING_ROUNDS, FITTING_MARGIN = 6, 1.03
 # The lifetime, in clip frames, of a Gaussian that is always there.
 ALWAYS = 1e6
+# Scales of an earlier fit are at least so many world units before their logarithm is taken.
+MIN_SCALE = 1e-9
 
 Made = TypeVar("Made", bound=Sized)
 
@@ -285,6 +288,22 @@ def spawn_static(spawned: Spawned, degree: int, config: SpawnConfig, first_id: i
     parameters |= _parameters(spawned, degree, config.opacity)
     labels = {"ids": torch.arange(first_id, first_id + count), "reach": torch.from_numpy(spawned.depth)}
     labels["earlier"] = torch.zeros(count, dtype=torch.bool)
+    return StaticGaussians(_trainable(parameters), labels)
+
+
+def learnt_before(splats: Splats, reach: Tensor, first_id: int) -> StaticGaussians:
+    """Static Gaussians that go on from those of an earlier fit: `splats` of tensors, `reach` (N,), ids from `first_id` on."""
+    splats = splats.map(torch.clone)  # what is optimised shares no memory with what it comes from
+    parameters = {
+        "means": splats.means,
+        "quats": splats.quats,
+        "log_scales": splats.scales.clamp_min(MIN_SCALE).log(),
+        "opacity_logits": opacity_logit(splats.opacities),
+        "sh0": splats.sh[:, :1],
+        "shN": splats.sh[:, 1:],
+    }
+    labels = {"ids": torch.arange(first_id, first_id + len(reach)), "reach": reach}
+    labels["earlier"] = torch.ones(len(reach), dtype=torch.bool)
     return StaticGaussians(_trainable(parameters), labels)
 
 

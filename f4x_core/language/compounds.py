@@ -27,7 +27,7 @@ def is_adjective(word: str) -> bool:
     return word in _PLAIN_ADJECTIVES or bool(_DESCRIBING.fullmatch(word))
 
 
-_JOINTS = ("of", "in", "with", "wearing", "who", "that", "which")
+JOINTS = ("of", "in", "with", "wearing", "who", "that", "which")
 """Words behind which a thing is told by something else."""
 
 
@@ -50,7 +50,7 @@ def head_of(label: str, known: Collection[str]) -> str | None:
         (
             i
             for i, word in enumerate(words[1:], 1)
-            if word in _JOINTS or (word.endswith("ing") and words[i - 1] in known)
+            if word in JOINTS or (word.endswith("ing") and words[i - 1] in known)
         ),
         0,
     )

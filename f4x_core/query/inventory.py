@@ -96,10 +96,9 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     null = null_vector(query.head.spec.text_encoder or "")
     scores = label_scores(query, latents) if null is None else evidence(query.head(latents), query.vectors, null)
     counts = np.bincount(scores.argmax(1), minlength=len(labels))
-    candidates = [query.labels[i] for i in np.flatnonzero(counts >= MIN_FRACTION * len(latents))]
+    candidates = (query.labels[i] for i in np.flatnonzero(counts >= MIN_FRACTION * len(latents)))
     encoder = query.head.spec.text_encoder or ""
-    candidates = [label for label in candidates if unknown_kind(encoder, label) is None]
-    asked = {label: find(scene, label) for label in candidates}
+    asked = {label: find(scene, label) for label in candidates if unknown_kind(encoder, label) is None}
     found = {label: selection for label, selection in asked.items() if selection.chosen.any()}
     kept: dict[str, Selection] = {}
     for label in sorted(found, key=lambda label: -float(found[label].scores[found[label].chosen].mean())):
@@ -155,8 +154,8 @@ def instead(scene: Scene, words: Sequence[str], encode: Encode | None = None) ->
     except F4xError:  # a word without a vector
         near = spelt_like(words, labels_of(scene))
     labels = (near or there)[:MAX_SUGGESTIONS]
-    told = "nearest labels:" if near else "the scene answers to" if sure else "the scene answers, but weakly, to"
-    return labels, f"{told} {', '.join(labels)}" if labels else ""
+    opening = "nearest labels:" if near else "the scene answers to" if sure else "the scene answers, but weakly, to"
+    return labels, f"{opening} {', '.join(labels)}" if labels else ""
 
 
 def nearest_labels(

@@ -70,7 +70,7 @@ class _Size:
     def of_marks(cls, on: np.ndarray) -> _Size:
         """What marks `on (H,W)` bool tell: a click nothing; several, or a stroke, that it is about as large as the box around them.
 
-        On six filmed clips five clicks find .58 of 38 things (.54 as if they told no size), a stroke .56.
+        On six filmed clips five clicks find .58 of 38 things (.54 if they count for no size), a stroke .56.
         """
         rows, columns = np.nonzero(on)
         high, wide = np.ptp(rows) + 1, np.ptp(columns) + 1

@@ -277,12 +277,13 @@ def _with_new_ground(
     early, gone = (since > -np.inf) & ~goes_on, until < np.inf
     span[early, :2] = -np.inf
     open_ground = replace(scene, static=replace(scene.static, span=span))
+    alone_there = open_ground.background
     too_early, in_sight, judged = (np.zeros(len(span), bool) for _ in range(3))
     for done, time in enumerate(compared):
         progress("join", done, len(compared), "what earlier frames would show")
         before, alive = early & (since > time) & ~too_early, gone & (since <= time) & (until > time) & ~in_sight
         if before.any() or alive.any():
-            weight, alone = (_weights(one, time, backend)[: len(span)] for one in (open_ground, open_ground.background))
+            weight, alone = (_weights(one, time, backend)[: len(span)] for one in (open_ground, alone_there))
             shows = weight > HIDDEN * alone  # of any weight: thousands of little ones add up
             too_early |= before & shows
             in_sight |= alive & shows

@@ -14,7 +14,7 @@ from random_scene import random_scene
 from f4x_core.errors import F4xError
 from f4x_core.fit.advice import findings, quality, scaffold_coverage, track_survival, verdict
 from f4x_core.fit.diagnostics import ScenePreviews, render_previews, worst_frames, write_diagnostics
-from f4x_core.fit.finding import MOVES, PATH, SCORE, Finding, told_once
+from f4x_core.fit.finding import MOVES, PATH, SCORE, Finding, by_cause
 from f4x_core.fit.needs import Need
 from f4x_core.fit.pipeline import FitResult
 from f4x_core.scaffold import Scaffold
@@ -256,7 +256,7 @@ def test_findings_of_one_cause_are_one_with_the_advice_of_what_weighs_most():
         for what, advice in (("Blurred.", "Give masks."), ("Blurred.", "Give masks."), ("Lost.", "Give tracks."))
     )
     other, alike = Finding("note", "Frame 3."), Finding("note", "Frame 7.")
-    assert told_once([note, like, first, other, again, second, alike]) == [
+    assert by_cause([note, like, first, other, again, second, alike]) == [
         Finding("problem", "Blurred. Lost.", "Give masks. Give tracks.", MOVES),
         Finding("note", "Near. Wide.", "Walk.", PATH),
         other,
@@ -266,9 +266,9 @@ def test_findings_of_one_cause_are_one_with_the_advice_of_what_weighs_most():
 
 def test_that_pictures_are_poor_is_no_second_problem_where_one_says_why():
     poor, why = Finding("problem", "24 dB.", "Look.", cause=SCORE), Finding("problem", "It shook.")
-    assert told_once([poor]) == [poor] and "one thing" in verdict({"used_psnr": 24.0}, told_once([poor]))
-    assert told_once([poor, why]) == [why, replace(poor, weight="note")]
-    assert "; one thing holds it back" in verdict({"used_psnr": 24.0}, told_once([poor, why]))
+    assert by_cause([poor]) == [poor] and "one thing" in verdict({"used_psnr": 24.0}, by_cause([poor]))
+    assert by_cause([poor, why]) == [why, replace(poor, weight="note")]
+    assert "; one thing holds it back" in verdict({"used_psnr": 24.0}, by_cause([poor, why]))
 
 
 def test_a_fit_whose_mover_is_poor_has_one_problem_for_it(tmp_path: Path):
