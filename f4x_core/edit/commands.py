@@ -120,6 +120,9 @@ _WANTED = (
     "got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|are supposed to|"
     "might|is meant to|are meant to|was meant to|had better|should have|ought to have|had best|do need to]"
 )
+_RUNNING = frozenset(any_form("run").split("|")) - word_set(
+    "make render let put set keep have play be get do show pass moved put"
+)
 _over = here(lambda reading, at: not reading.word(at).isalpha())
 _goes_on = unless(literal("and|but")) + here(lambda reading, at: reading.word(at).isalpha())
 ADDS_NOTHING = either(
@@ -146,6 +149,7 @@ ADDS_NOTHING = either(
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
     + here(lambda reading, at: not reading.word(at).isalpha()),
     literal("too") + unless(_goes_on),
+    here(lambda reading, at: reading.word(at - 1) in _RUNNING) + literal("past|by|along|on by") + unless(number | thing),
     literal("(over|right) after [him|her|them]"),
     literal("[while|as|when] [he|she|it|they] (is|are|was|were)")
     + any_word
@@ -478,9 +482,7 @@ _command(
     out=literal("out|away"),
 )
 _in_color = literal("in (full|its) [color|colors]|colored")
-_only = literal("only|just|nothing but|solely|nothing except|nothing else but|nothing other than|no one but") + unless(
-    silent(span)
-)
+_only = literal("only|just|solely") + unless(silent(span))
 _command("only the dog keeps its color", always(making.rest_grayed), "only keeps", NAMED)(
     verb=literal(any_form("keep", "show") + "|let"),
     only=_only,
@@ -512,7 +514,7 @@ _command("a bigger dog", as_given, "values", NAMED)(
 _MERELY = word_set("make makes making made get gets got be have has let put set keep")
 """Of the verbs of playing those that do not say that it is about speed."""
 _EVENTS = word_set(
-    "landing jump leap kick fall crash throw catch dive trick stunt takeoff impact moment part bit section segment stretch "
+    "landing jump leap kick fall crash throw catch dive trick stunt takeoff liftoff kickoff blastoff touchdown pushoff impact moment part bit section segment stretch "
     "portion passage action collision splash somersault backflip approach arrival exit entrance climax peak lap hit"
 )
 _event_noun = ~word_if(lambda reading, at: is_strange(reading.word(at), {w[-1] for w in reading.known})) + word_if(
@@ -729,7 +731,7 @@ def _more(verb: tuple[making.Graded, bool | None], how: Amount | None = None, to
 
 
 _command("darken the sky", _more, "verb")(
-    who=_whom | _event,
+    who=~literal("on|of|at|in|during|over") + _event | _whom,
     verb=either(*(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items())),
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)),
     to=either(
@@ -837,7 +839,7 @@ _command("keep only the dog", always(making.extracted), "only", NAMED)(
     + literal(
         any_form("isolate")
         + "|[i|we] (only|just) [want|need] (to see) only|[i|we] [only|just] [want|need|would like] (to see)|"
-        "only|just|nothing but|solely|nothing except|on [its|his|her|their] own|by itself|all by itself|"
+        "only|just|solely|on [its|his|her|their] own|by itself|all by itself|"
         "soloed|nothing else|and nothing else|no one else|and nobody else|exclusively"
     )
     | literal("alone") + here(lambda reading, at: _LEAVING.isdisjoint(reading.words)),
@@ -858,7 +860,8 @@ _command("bring the dog back", always(making.opacity(making.SHOWN)), "verb back"
 )
 # Turning
 _axis = literal(
-    "[around|about|on] [its|his|her|their|the] (own) (vertical) axis|[around|about] the vertical (axis)|in place|on the spot"
+    "[around|about|on|along|in] (its|his|her|their|the) (own) ([vertical|z|yaw|up]) axis|[around|about|on|along|in] (the) "
+    "[vertical|z|yaw]|in [place|z|yaw]|on the spot"
 )
 _sense = SENSE | table(
     {
@@ -888,7 +891,7 @@ def _turned(
     return verb(angle, sense or 1)
 
 
-_command("rotate the dog", always(making.rotated()), "verb")(verb=literal(any_form("rotate")), axis=_axis)
+_command("rotate the dog", always(making.spun), "verb")(verb=literal(any_form("rotate")), axis=_axis)
 _command("turn the dog by 20 degrees", _turned, "verb angle")(
     verb=_TURNING,
     angle=ANGLE,
@@ -934,9 +937,6 @@ _ground = literal(
 )
 _far = ~literal("by|for|about|some") + distance + unless(literal(","))
 _for_it = ~literal("for|of|with|on")
-_RUNNING = frozenset(any_form("run").split("|")) - word_set(
-    "make render let put set keep have play be get do show pass moved put"
-)
 _BEFORE_WAY = 4
 """Words within which a verb stands before its way: "drive the red car backward"."""
 _DRIVEN = word_set("drive drives driving run runs running walk walks walking ride swim fly dance dances dancing play")
@@ -1306,7 +1306,8 @@ _command("add a soft blue glow around the dog", _haloed, "light")(
     + _bit_of
     + qualities.shade_of
     + optional(colour)
-    + literal("(neon|light) [glow|shimmer|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance] (of light) (effect)")
+    + literal("(neon|light|outline) [glow|shimmer|halo|shine|aura|gleam|sheen|bloom|radiance|emission|luminescence|phosphorescence|"
+        "fluorescence|incandescence|glimmer|sparkle|nimbus|corona|afterglow|emissive] (of light) (effect)")
     >> (lambda how, rgb: (how, rgb)),
     rgb=~literal("in|in a|with") + colour + ~literal("light|color"),
 )
@@ -1410,8 +1411,8 @@ _command("and nothing else", REMARK, "nothing", WHOLE)(
         "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
         "colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change]) ([in|on|"
         "within] (the|this) [" + PICTURE + "]|left|visible|there)|nobody else|no one else|nothing more|that is all|"
-        "that is it|only that|nothing other than that|keep the rest|keep everything else|leave the rest|leave "
-        "everything else|the rest stays (as it is)|(its|the|their) [location|position|place|size|color|colors|speed|"
+        "that is it|only that|[keep|leave] [the rest|everything else]|the [rest|other [one|ones|two|three|four]|others] "
+        "([can|may|should|must|shall]) [stay|stays|remain|remains|is|are] (there|put|fine|good|okay|in|as [it|they] [is|are])|(its|the|their) [location|position|place|size|color|colors|speed|"
         "look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let [it|him|her|"
         f"them] ([go|keep]) [continue|resume|{_RESUMED}] (on|again|as before)|"
         f"(then) [it|he|she|they] ([is|are|can|may|will|should|must]) [continue|continues|be|back|{_RESUMED}] (back|on|again|as "

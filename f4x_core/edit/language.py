@@ -34,6 +34,7 @@ from ..language.grammar import (
     keyword,
     literal,
     silent,
+    table,
     tokenise,
     unless,
     word_if,
@@ -937,7 +938,8 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 
 _UNDOING = keyword(
-    "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|[put|take|bring] [it|"
+    "[go|step|jump|roll] [back|backward] (by) ([the last|one|two|three|a|some|a few|1|2|3|4|5]) [steps|step|state|states|edit|"
+    "edits|version|versions] (in (the|my) history)|go [one|two|three|a] [step|steps] back|[put|take|bring] [it|"
     "that|this|them] back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|[go|take me|"
     "take us|get] back to [how|the way|what] [it|this|that|they|everything|things] [was|were] (before)|back to "
     "the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|[ctrl|"
@@ -954,8 +956,6 @@ _ELSEWHERE = {
 }
 """Word -> verb of `f4x` that does it."""
 _NO_OPERATION = """
-zoom pan dolly crop stabilize stabilise stabilization deshake reframe recentre: the camera is not edited; Blender's camera and
-    `f4x render` look from where you like.
 sound music audio song voice bark meow talk sing hello volume mute: a scene has no sound.
 text title caption captions subtitle subtitles watermark: nothing can be written into a scene.
 sun sunlight sunshine spotlight backlight: the light is as it was filmed; it can be made brighter, darker, warmer or cooler.
@@ -966,7 +966,8 @@ shiny shinier shininess glossy glossier gloss matte: how a surface shines is not
 sharpen sharper crisper denoise deblur unblur upscale resolution artifacts quality: a scene does not become sharper; `f4x fit`
     with a finer profile may.
 rain snow fog rainbow lightning confetti sparks hail storm: nothing new can be made; a copy of what is there can.
-wave dance smile blink wink laugh eat sleep fight kiss hug breathe limp: a thing moves as it was filmed; its motion can be
+wave dance smile blink wink laugh eat sleep fight kiss hug breathe limp pirouette somersault backflip frontflip cartwheel handstand headstand
+    moonwalk curtsy bow clap nod juggle sneeze yawn cry: a thing moves as it was filmed; its motion can be
     slowed, reversed, frozen or moved along with it.
 morph crossfade: one thing cannot turn into another; 'swap the dog and the cat' changes their places.
 export save render download: `f4x export`, `f4x render` and `f4x open` write files.
@@ -1023,10 +1024,17 @@ _the_same = literal("the (exact) same [size|speed|brightness|height|width|length
 _ALONE = PURE_COLOURS - {"black", "white"}
 """Colors of which the plural is all that has them: "the reds"."""
 _LAMPS = "lamp|light|lights|lantern|candle|headlights|sign|screen|tv"
+_CHANGING = IMPERATIVES - word_set("add put want need have get give show see like")
+"""Verbs that do something to what there is: "two of them" behind these are some of it."""
 _DOUBTFUL = (
     (
         _than_another,
         "Things are not measured against one another; say how much it is to be, for example 'twice as big' or '20 % brighter'.",
+    ),
+    (
+        literal("[around|about|on|along|in] (the|its) [x|y|pitch] (axis)"),
+        "Which way an axis points is another matter in every program; say 'to the left' or 'to the right', which is about the "
+        "vertical, or 'tilt'.",
     ),
     (
         literal(any_form("tilt")) + ~silent(known_thing) + ~silent(degree) + literal("forward|backward|back"),
@@ -1036,6 +1044,16 @@ _DOUBTFUL = (
     (
         word_if(lambda reading, at: reading.word(at)[-1:] == "s" and reading.word(at)[:-1] in _ALONE),
         "The colors of one kind are not changed alone; say for example 'make the dog less red'.",
+    ),
+    (
+        here(lambda reading, at: reading.word(at - 1) not in ("to", "until", "through", "before"))
+        + literal("the (very) [last|final|end] frame")
+        + ~literal("of the clip|still")
+        + ~silent(span)
+        + here(lambda reading, at: at > 0 and not {"hold", "freeze", "pause", "linger", "stay"}.isdisjoint(reading.words[:at]))
+        + _last,
+        "Nothing comes behind the last frame, as a clip keeps its length; 'freeze everything from second 2' holds an earlier frame to "
+        "the end.",
     ),
     (_the_same, "It is not said what it was or whose it is; say how much it is to be, for example 'twice as big'."),
     (
@@ -1116,7 +1134,7 @@ _DOUBTFUL = (
         "A scene has no sound; say for example 'desaturate the car' if its colors are meant.",
     ),
     (
-        literal(every_form("spin|rotate|revolve|twirl|whirl|pirouette"))
+        literal(every_form("spin|rotate|revolve|twirl|whirl"))
         + ~literal("around|round")
         + ~silent(known_thing)
         + literal("(to|in|into) the [other|opposite|reverse] [way|direction] (around|round)"),
@@ -1134,6 +1152,10 @@ _DOUBTFUL = (
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
     (
         keyword("some [of|other]|any of|a few (of)")
+        | here(lambda reading, at: reading.word(at - 1) in _CHANGING)
+        + silent(number)
+        + literal("of [the|these|those|my|them]")
+        + here(lambda reading, at: reading.word(at - 1) == "them" or known_noun.at(reading, at))
         | keyword("couple of") + ~literal("the|my|these|those") + silent(known_noun),
         "Which of them is not said; say for example 'the left one' or 'all of them'.",
     ),
@@ -1215,8 +1237,34 @@ def _not_understood(read: Read) -> tuple[str, bool]:
     return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
 
 
+_CAMERA = table(
+    {
+        "stabilize|stabilise|stabilization|deshake|steady|steadier|steadied|steadicam|gimbal|(less|too|so|not (so)) [shaky|shaking|"
+        "jittery|bumpy|jerky]|[shake|wobble|jitter] (the) (camera|cam) less|(camera|hand) [shake|wobble|jitter]|smoother "
+        "[camera|cam|shot|footage]": "The camera's way is kept as it was filmed; `f4x render SCENE -o DIR --path stabilise` writes "
+        "pictures as by a calm hand, and so does a camera of *Add Camera* in Blender.",
+        "with (the|my|a) [camera|cam]|(the|my) [camera|cam] ([to|should|must|has to]) [follow|follows|track|tracks|chase|stay on|stays on]|"
+        "centered|recenter|recentre|reframe|in [frame|shot] all the time|[pan|tracking] [with|shot]": "No camera follows a thing by "
+        "itself: in Blender a camera can be made to track it, and `f4x render SCENE -o DIR --path FILE` goes along any path of "
+        "cameras.",
+        "zoom|zooms|zooming|dolly|[push|punch] in|close up|[closer|wider|tighter] [shot|crop|framing|view]|wide angle|crop|fov|"
+        "focal length|lens": "No camera is edited: in Blender, and with `f4x render SCENE -o DIR --path FILE`, a camera of your own "
+        "may stand nearer or have another lens; 'make the dog bigger' changes the thing itself.",
+        "pan|orbit|[move|turn|swing|tilt|rotate|raise|lower|fly|lift|bring|put|place|set|point|aim|take] (the|my) [camera|cam]|from [another|a different|the "
+        "other|a new] [side|angle|view|viewpoint|perspective]|[top|side|aerial|back] view|camera [angle|move|path|movement]": "No "
+        "camera is edited: `f4x render SCENE -o DIR --path orbit --degrees 10` looks from around, `--path FILE` from anywhere, and so "
+        "do cameras in Blender.",
+    },
+    reserve=False,
+)
+"""Wishes about the camera -> what can be done: steadier, following, nearer, elsewhere."""
+
+
 def _no_edit(reading: Reading) -> str:
     """The sentence about a wish that another command of `f4x` fulfils; nothing where there is none."""
+    for at in range(len(reading.tokens)):
+        if camera := _CAMERA.at(reading, at):
+            return next(iter(camera.values()))[0]
     if _holds(_UNDOING, reading):
         return "That is no edit; use `f4x undo SCENE`, or the button for it."
     if _holds(_cut_in_time, reading):

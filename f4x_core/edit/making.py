@@ -337,13 +337,25 @@ def scaled(by: float) -> Value:
 
 
 def turned(rotate: Vector) -> Value:
-    """Degrees about the camera's axes."""
-    return lambda who, when, _: Transform(who, rotate=rotate, axes="camera", **when.growth)
+    """Degrees about the camera's axes; what goes all around "the whole time" takes that long."""
+
+    def value(who: SelectKind, when: When, _: SentenceContext) -> Operation:
+        if when.kind == "always" and max(map(abs, rotate)) >= 360:
+            when = replace(when, frames=(0.0, None))
+        return Transform(who, rotate=rotate, axes="camera", **when.growth)
+
+    return value
 
 
 def rotated(angle: float = 90.0, sense: int = 1) -> Value:
     """Degrees about the vertical."""
     return turned((0.0, sense * angle, 0.0))
+
+
+def spun(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+    """To turn by a right angle, or all around where it is said how long that lasts."""
+    lasts = when.kind == "always" or (when.kind in ("range", "length", "in") and when.frames is not None)
+    return rotated(360.0 if lasts else 90.0)(who, when, context)
 
 
 def tilted(angle: float = TILT, sense: int = 1) -> Value:

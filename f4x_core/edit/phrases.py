@@ -127,7 +127,6 @@ class When:
     """None: no time is given."""
     kind: str = "range"
     """As in `Span`."""
-
     slowly: bool = False
     """It is said to come little by little."""
     soft: bool = False
@@ -139,7 +138,7 @@ class When:
     def of(cls, phrase: Span | None, context: SentenceContext, slowly: bool = False, soft: bool = False) -> When:
         """Clip frames of a span; Refusal: outside of the clip, or ending before it starts."""
         if phrase is None or phrase.kind == "always":
-            return cls(slowly=slowly, soft=soft)
+            return cls(kind=phrase.kind if phrase else "range", slowly=slowly, soft=soft)
         start, end = phrase.start.resolve(context), None if phrase.end is None else phrase.end.resolve(context)
         last = context.frames - 1
         # The instant in which the last frame ends is still the clip: "to second 6" of six seconds.
@@ -438,7 +437,8 @@ def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, next((label for label in EVERYBODY if (label,) in reading.known), EVERYBODY[0])
 
 
-_several = silent(generated(lambda reading, at: ((end, x) for end, x in number_at(reading, at) if x >= 2)))
+_count = generated(lambda reading, at: ((end, int(x)) for end, x in number_at(reading, at) if x >= 2))
+_several = silent(_count)
 _article = keyword(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|every|each|any|all|all (of) [the|these|those|my]|both|"
     "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
@@ -476,14 +476,23 @@ _OBJECTS = "thing|things|object|objects|item|items|part|parts|stuff|one|ones|con
 _objects = keyword(_OBJECTS)
 _known, _part, _modified, _stranger = map(_things, (_known_at, _part_at, _modified_at, _stranger_at))
 _everybody, _strangers, _bare_stranger = map(_things, (_everybody_at, _strangers_at, _bare_stranger_at))
+
+
+def _so_many(count: int, noun: Who) -> Who:
+    def who(context: SentenceContext) -> SelectKind:
+        select = noun(context)
+        return replace(select, count=count) if isinstance(select, Text) else select
+
+    return who
+
+
 _part_of_known = (_article | here(lambda reading, at: reading.word(at) in _CAST)) + _things(_part_of_known_at)
 familiar = either(_part, _known, _modified, _everybody)
 """A noun that the scene knows."""
 _noun = either(_part, _known, _modified, _stranger)
 _determined = either(
     _determiner + _noun,
-    here(lambda reading, at: not reading.known) + _several + _noun,
-    _several + either(_part, _known, _modified),
+    _count + (here(lambda reading, at: not reading.known) + _noun | _part | _known | _modified) >> _so_many,
 )
 """A noun with its article or number; what nobody knows with a number alone might be copies, echoes, times."""
 _named_at_length = _article + _strangers
@@ -780,7 +789,9 @@ _cast = either(
     + _lies,
 )
 """What a thing casts, told by where it lies."""
-_other_one = keyword("[the|that] other (one)|the other [ones|two|three]") + optional(familiar) >> (
+_other_one = keyword("[the|that] other (one)|the other [ones|two|three]") + optional(familiar) + unless(
+    literal("[can|may|should|must] [stay|remain]|stays|stay|remains|remain")
+) >> (
     lambda noun: lambda context: _the_other(context, noun)
 )
 everything_else = keyword(

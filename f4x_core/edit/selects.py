@@ -119,6 +119,8 @@ class Text(Select):
     """Least probability, 0 to 1."""
     number: Literal["any", "one", "both"] = "any"
     """`one`: said in the singular, which leaves copies out where anybody else answers; `both`: there must be two or more."""
+    count: int = 0
+    """So many of them are said, of no certain ones, so that there must be just as many; 0: not said."""
 
     def __post_init__(self) -> None:
         """Validate."""

@@ -136,56 +136,40 @@ ANGLE = either(
     _by + ~keyword("a|one") + (FULL_TURN | _so_often),
 )
 # Copies
-_lagging = ~keyword("(,) (but|that is|which is|that|which|by)") + ~keyword(
-    "(delayed|lagging|trailing|starting|running|runs|run|comes|come|plays|play|moves|move|starts|start) (by)"
+_copies = ~keyword(
+    "(,) (please ,) (and|but|with|while|that|which|who|by) ([each|every|both] (one) (of them)|[he|she|it|they|the copy|the copies|"
+    "all] (of them)|that) (is|are|being|to be)"
 )
-_following = keyword(
-    "(that) [follow|trail|chase|follows|trails|chases|lags|runs|walks|moves|following|trailing|lagging|chasing|tailing|"
-    "shadowing] (behind|after) [it|him|her|the first (one)|the original|the other]|that [follows|trails|lags]|"
-    "[following|trailing|lagging] (behind|after)|"
-    "[follow|trail] (behind|after) (it|him|her|the original)|to [follow|trail] (behind|after) (it|him|her|the original)"
+_behind = (
+    "[it|him|her|itself|the original|the first (one)|the real one|the other (one)|the [one|copy|last|previous] (one) "
+    "([before|ahead] (of) (it|that))]"
 )
+_lagging = keyword(
+    "[delay|delayed|lag|lags|lagging|trail|trails|trailing|stagger|staggered|spaced|offset|shift|slip|push|follow|follows|following|"
+    f"chase|chases|chasing|tail|tailing|shadowing|runs|walks|moves] ([behind|after]) ({_behind}|that|them) (back|late|later) "
+    "([by|with|at|on the same path]) (a [delay|lag|distance] of)"
+)
+_coming = keyword(
+    "[come|comes|coming|start|starts|starting|run|runs|running|play|plays|moves|move|moving|enter|enters|join|joins|arrive|arrives|"
+    "appear|appears|go|goes|set|sets|begin|begins] (in|on|off|out|with|up) (by|with)"
+)
+_late = keyword(
+    f"(too) [later|behind|late|after|delayed|afterward] ([than|from|behind|after] {_behind})|[after|behind] {_behind}|in the future|"
+    "offset (each)|(of) [delay|lag]|apart (each)|(in) between ((each of) [them|each (one)|the copies])|from [each other|one another]|"
+    "on its path|along (its|the same) path"
+)
+_early = keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
+_following = keyword(f"(that|to) [follow|trail|chase|follows|trails|chases|lags|following|trailing|lagging|chasing] [behind|after] ({_behind})|"
+    f"(that|to) [follow|trail|chase|follows|trails|chases|lags|runs|walks|moves|following|trailing|lagging|chasing|tailing|shadowing] "
+    f"([behind|after]) {_behind}|that [follows|trails|lags]|follow|trail")
 TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 """Copies of a trail, and the time from one to the next."""
 SHIFT = either(
-    keyword("(,) (each (one)) [a bit|a little|slightly] [late|later|behind|delayed]") >> (lambda: TRAIL_LAG),
-    ~keyword(",")
-    + _following
-    + ~keyword("(by|with|at|on the same path) (a delay of|a distance of)")
-    + duration
-    + ~keyword("later|behind|after (it)|behind it|of delay|delay|afterward|on its path|along (its|the same) path"),
-    _lagging
-    + ~keyword("each (one) (is|comes|runs|starts|being)")
-    + duration
-    + keyword(
-        "[later|behind|after|apart] (than|from|behind|after) the [one|copy|last|previous|first] (one) (before|ahead) (of) (it|"
-        "that)|later|behind|late|after the [one|copy|last|previous] (one) (before) (it)"
-    )
-    | _lagging
-    + duration
-    + keyword(
-        "later|behind|late|after|[after|behind] [it|him|her|itself|the original|the first (one)|the other (one)]|afterward|"
-        "delayed|in the future|too late|late|offset (each)"
-    ),
-    keyword(
-        "(,) [stagger|staggered|spaced] (by)|(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|"
-        "(but) trailing (behind) by"
-    )
-    + duration,
-    keyword("with (a)")
-    + duration
-    + keyword("delay|lag|between [them|each|the copies|each of them]|in between|apart|of delay|of lag"),
-    ~keyword("(,) (and|then)")
-    + keyword("[offset|delay|shift|slip|push|lag|start] [it|the copy|that|them|him|her] (back|late|later)")
-    + ~keyword("by|with")
-    + duration
-    + ~keyword("later|late|in time"),
+    _copies + (_lagging | keyword("with (a) ([lag|delay|gap] of)")) + duration + ~_late,
+    _copies + ~_coming + ~keyword("each (one)") + duration + _late,
+    _copies + ~_coming + duration + _early >> (lambda length: length.plus(length, -2.0)),
+    _copies + keyword("[a bit|a little|slightly] [late|later|behind|delayed]") >> (lambda: TRAIL_LAG),
     ~keyword(",") + _following + ~keyword("on the same path") >> (lambda: TRAIL_LAG),
-    ~keyword("(,) (each)")
-    + duration
-    + keyword("apart (each)|between [them|each|each of them|each one]|in between|from each other|from one another"),
-    _lagging + duration + keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
-    >> (lambda length: length.plus(length, -2.0)),
 )
 _in_a_row = keyword(
     "in a row|in a line|side by side|next to each other|one after another|one after the other|beside each other"
@@ -213,5 +197,6 @@ BESIDE_IT: dict[str, Any] = {
 TOPIC = Command("the dog: make it red", REMARK, {})
 QUALITY_WORDS = (
     "washed out|faded|lifeless|bland|ugly|weird|odd|bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
-    "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
+    "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge|so "
+    "[mid|meh|lame|basic|plain|dull|stale|tacky|dreary|drab|boring|last year|ugly|bland]"
 )

@@ -269,8 +269,7 @@ def comparison(
 
 
 ITS = (
-    "its present|the present|its usual|its former|its|their|his|her|the|the original|its own|their own|its original|its "
-    "current|the current|the normal|normal|the original"
+    "[its|their|his|her|the] (own) (original|current|present|usual|former|normal|natural|regular|real|true|actual|full)|normal"
 )
 
 

@@ -104,7 +104,7 @@ _WISHING_WORDS = (
     "obliged|feasible|doable|conceivable|permissible|permitted|acceptable|able|request|requesting|trouble|troubling|bother|"
     "bothering|humbly|kindly|politely|feel|free|inclined|manage|arrange|willing|confirm|verify|establish|ascertain|specify|"
     "indicate|advise|might|must|hear|care|telling|tell|explain|explaining|show|showing|let|letting|inform|opinion|dare|allow|"
-    "allowed|apologise|apologize|need|needs|required|desire|desired|ideal|ideally"
+    "allowed|enquire|inquire|learn|discover|apologise|apologize|need|needs|required|desire|desired|ideal|ideally"
 )
 WISHING = rf"(?:(?:{_WISHING_WORDS})(?:n?['’](?:d|m|s|ll|ve|re|t))?(?:[ ,]+|\.\.+ *))+"
 """How a wish or a question begins that says only that it is one: "I'd be ever so grateful", "wouldn't it be nice"."""
@@ -114,7 +114,7 @@ _ASKED_AFTER = re.compile(
     r"|(?<=[,:.;] )(?=(?:is|are|does|do|did|can|could|has|was|were)\b))"
 )
 _INTERJECTIONS = (
-    r"(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|"
+    r"(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|phew|gosh|"
     r"please|jeez|dang|damn|for (?:heaven s|god s|pete s) sake|for the love of [a-z]+|btw|by the way|fyi|imo|imho|tbh|"
     r"honestly|frankly|pretty "
     r"please|to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|"
@@ -142,6 +142,9 @@ _PLAIN = {
         r"appreciated?(?: it)?)\b(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|"
         r"your) help|again|much|ahead of time))*"
     ),
+    "signed": r"[.,;!?-]\s*(?:(?:many|kind|kindest|best|warm|warmest|with|yours|very|all the|lots of) )*(?:thanks|thank you|regards|"
+    r"wishes|cheers|yours|truly|sincerely|faithfully|love|best|x+|greetings|hugs)(?: again| in advance| a lot| so much| truly| "
+    r"sincerely)*\s*[,.!-]*\s*(?:[a-z]+ )?(?:[a-z]+)?\s*[.!]*\s*$",
     "interjection": rf",\s*\b{_INTERJECTIONS}(?=\s*(?:[,.;:!?]|$))|\b{_INTERJECTIONS}\b(?:\s*,)?",
     "comment": (
         rf"[,.;] *(?:can|could|would|will) you (?:do|manage|handle|try) (?:it|that|this)(?: for me)?(?=[ ?.!]*$)|"
@@ -232,7 +235,7 @@ _GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |
 _NUMBERS = re.compile(r"\d")
 PURPOSES = frozenset({"so", "for", "to", "match"})
 """Classes that may say what is meant to become of a thing."""
-_COURTESIES = ("opening", "ordering", "if", "thanks", "interjection", "apology", "vocative", "hurry")
+_COURTESIES = ("signed", "opening", "ordering", "if", "thanks", "interjection", "apology", "vocative", "hurry")
 """Classes that questions have, too."""
 _CLAUSES = PURPOSES | {"because", "seen"}
 _ADDRESSED = word_set("please could can would will may make let i we you do turn have give")
@@ -264,6 +267,8 @@ def without_asides(
                     or (kind not in ("because", "seen") and things & set(found.group().split()))
                 ):
                     continue
+            if kind == "signed" and not (verbs | things).isdisjoint(found.group().split()):
+                continue
             leave_out(kind, found.start(), found.end())
     for found in re.finditer(_LIKE, text):
         words = found.group().replace(",", " ").split()

@@ -69,6 +69,19 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
     (r"\b(?:hex|html)(?: colou?r| code)?:? *#?(?=[0-9a-f]{6}\b)", "#"),
     (r"\b(to|toward|towards|on) the (?:write|rite|wright)\b", r"\1 the right"),
     (r"\b(un|de|non)-(?=[a-z]{3})", r"\1"),
+    (r"\b(\w+),? (?:u+h+m*|u+m+|e+rm*|h+m+),? \1\b", r"\1"),
+    (
+        r"^\W*(?:(?:right|okay|ok|so|well|yeah|yes)\b[ ,.]*)?(?:u+h+m*|u+m+|e+rm*|h+m+)\b[ ,.…-]*|"
+        r"(?<=\w) (?:u+h+m*|u+m+|e+rm*|h+m+)(?= \w)",
+        "",
+    ),
+    (r"\b(the|a|my|to|is|it|in|on|of|and|i|we) \1\b", r"\1"),
+    (
+        r"\b(?:nobody|no ?one|nothing|none|not any(?:one|body|thing))(?: else| other)? (?:but|except(?: for)?|than|besides|"
+        r"apart from|save(?: for)?)\b",
+        "only",
+    ),
+    (r"\b(take|lift|kick|blast|push|touch)-(off|down)\b|\b((?:the|his|her|its|their) (?:take|lift|kick)) (off)\b", r"\1\2\3\4"),
     (r"\bmost near\b", "nearest"),
     (r"\bmost close\b", "closest"),
     (r"\btoo (?=the\b|my\b|its\b)", "to "),
@@ -341,7 +354,8 @@ NO_THINGS = word_set(
     "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
     "side sides brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
     "somebody someone anyone everyone everybody everything way lot bit kind sort fun problem idea question answer life "
-    "love nonsense stuff overall volume weather mood heat day morning evening night afternoon"
+    "love nonsense stuff overall volume weather mood heat day morning evening night afternoon pirouette somersault backflip frontflip cartwheel handstand headstand moonwalk "
+    "curtsy"
 )
 """Nouns that name nothing one can see in a scene."""
 FUNCTION_WORDS = word_set(

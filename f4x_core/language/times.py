@@ -400,7 +400,7 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|(all) the [whole|entire] [time|duration]|(for|over|during) the [whole|entire] thing|for the "
+            "always|all the [time|while]|all along|(all) the [whole|entire] [time|duration]|(for|over|during) the [whole|entire] thing|for the "
             "(whole|entire|full) [duration|length] (of the [clip|video|film|scene|shot|footage|recording|movie|sequence])|all the "
             "way through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the [whole|entire] [clip|"
             "video|time|film|shot|footage|movie|sequence|scene]|throughout|throughout the [clip|video|film|scene]|forever|the "

@@ -9,7 +9,7 @@ from .lexicon import every_form, forms, inflected, word_set
 
 VERBS: dict[str, str] = {
     # appearance
-    "become": "settle on, experiment with, inject, breathe, snap, retint, lerp, interpolate, tween, ramp, blend, "
+    "become": "mark, mark up, flag, color code, accent, settle on, experiment with, inject, breathe, snap, retint, lerp, interpolate, tween, ramp, blend, "
     "highlight, try, try out, test, make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, "
     "dye, spray, respray, spray paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, "
     "display, look, feel, become, have, go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, "
@@ -63,7 +63,7 @@ VERBS: dict[str, str] = {
     "cool": "cool, cool down, cool off, chill",
     "scale": "scale, resize, rescale, size",
     # visibility
-    "delete": "rid the picture of, rid the frame of, free the scene of, free the shot of, free the picture of, scrub, "
+    "delete": "cull, prune, eradicate, efface, terminate, extinguish, wish away, retouch out, rid the picture of, rid the frame of, free the scene of, free the shot of, free the picture of, scrub, "
     "scrub out, expunge, excise, eject, oust, obliterate, annihilate, say goodbye to, wave goodbye to, whisk "
     "away, spirit away, blot out, see off, remove from, shoo, despawn, exorcise, get shot of, remove, delete, erase, rm, del, "
     "yeet, nix, evict, vaporize, matte out, knock out, comp out, paint off, get rid of, eliminate, drop, lose, discard, scrap, "
@@ -76,7 +76,7 @@ VERBS: dict[str, str] = {
     "snip out, slice out, magic erase, magic eraser, content aware fill, heal out, inpaint, roto out and remove, demolish, "
     "dismantle, disintegrate, dissolve away, purge out, decommission, remove from the scene, get out of the way, send packing, "
     "rid the scene of, rid the shot of, cut from the scene, lift out and bin",
-    "take": "take, cut, throw, wipe, rub, edit, crop, get, kick, strip, clean, clear, chuck, leave, mask, erase, delete, "
+    "take": "clone stamp, clone, stamp, heal, patch, paint, brush, airbrush, retouch, photoshop, comp, matte, take, cut, throw, wipe, rub, edit, crop, get, kick, strip, clean, clear, chuck, leave, mask, erase, delete, "
     "remove, chop, pull",
     "hide": "stash, hide away, cover up, mask away, make go away, despawn, hide, conceal, mask, mask out, make invisible, "
     "vanish, disappear, stop showing, not show, blank out, switch off, turn off, cloak, veil, obscure, unshow, tuck away, make "
@@ -113,7 +113,7 @@ VERBS: dict[str, str] = {
     "up, hover, jack up, prop up, boost up, push up, pull up, bring up, hang higher, send up, loft, lob up, fly up, rise up",
     "lower": "lower, sink, drop, descend, let down, bring down, drop down, set down, put down, duck, dip down, bring lower, "
     "push down, pull down, press down, hang lower, send down, bring to the ground, touch down",
-    "rotate": "rotate, spin, revolve, pivot, swivel, twirl, whirl, pirouette, twist, yaw, gyrate, whirl around, crank around, "
+    "rotate": "rotate, spin, revolve, pivot, swivel, twirl, whirl, twist, yaw, gyrate, whirl around, crank around, "
     "rotate round, spin around, spin round, revolve around, corkscrew",
     "turn": "swing, crank, turn, flip, swing round, swing around, wheel around, reorient, redirect, about face, whip "
     "around, whip round, spin round, swap round, twist around",
@@ -133,7 +133,7 @@ VERBS: dict[str, str] = {
     # copies
     "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, copy and paste, copy paste, "
     "duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, photostat, xerox, "
-    "clone stamp, rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, reduplicate, ghost copy, cookie cut",
+    "rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, reduplicate, ghost copy, cookie cut",
     "add": "stack, line up, arrange, lay out, set up, distribute, scatter, comp, comp in, instantiate, instance, spawn, "
     "respawn, conjure, make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, "
     "need, stand, be, appear, duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer, send",
@@ -155,7 +155,8 @@ VERBS: dict[str, str] = {
     "backtrack, unwind, run it back, wind back, roll back, play the other way, send backward, send back in time, undo the motion "
     "of, turn back the clock on, flip in time, time reverse, reverse time for, rewind time for, go in rewind, boomerang back",
     "run": "play, run, go, move, walk, drive, dance, jump, ride, show, swim, fly, do, happen, roll, gallop, race, act, "
-    "make, render, travel, trot, jog, hop, leap, skate, drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, have, "
+    "make, render, travel, trot, jog, hop, leap, skate, glide, float, sail, cruise, sprint, stroll, march, wander, stride, amble, crawl, climb, "
+    "waddle, hover, pace, dash, dart, rush, whizz, tumble, prance, canter, scamper, scurry, swoop, paddle, pedal, cycle, drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, have, "
     "replay, play back, be, get",
     "loop": "pingpong, loop, repeat, cycle, replay, keep repeating, keep looping, go round and round, boomerang, ping pong, keep "
     "cycling, keep on repeating, put on loop, put on repeat, play over and over, do over and over, replay over and over",

@@ -90,7 +90,7 @@ takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]|[{+pass}] [in front of|behind|over|under]
 nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
 farthest: ({at-its}) (the|its) (very) [farthest|furthest|most distant|remotest] (away|apart) (point|position|{noun})
-highest: ({at-its}) (up) ({its}) (very) [highest|top|{+peak}|maximum height|uppermost|topmost] (up)
+highest: ({at-its}) (up) ({its}) (very) [highest|top|apex|apogee|zenith|pinnacle|summit|crest|high point|{+peak}|maximum height|uppermost|topmost] (up)
     (point|position|place|spot|of all|[above|off] the ground|in the air)
 farther-aside = left of: (further|farther|more|most) (to|on|at) (the) left
 farther-aside = right of: (further|farther|more|most) (to|on|at) (the) right
@@ -119,7 +119,7 @@ seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|
 staying: stay|stays|staying|remain|remains|remaining|last|lasts
 visible: ({now}) ({staying}) [visible|(be) seen|shown|present|{in-view}|to be
     seen|around|there|here|show|showing|shows]|{looking} |({staying}) {inside}|{staying}
-always: [stay|stays|remain|remains|staying|remaining] [visible|in
+always: all along|all the while|[stay|stays|remain|remains|staying|remaining] [visible|in
     view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the
     time|at all times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single
     frame|from start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the
@@ -249,7 +249,8 @@ back: farthest back|furthest back|at the back|[in|at] the (very) [back|rear|back
 nearer: closer|nearer|more near
 farther: [farther|further] (away|back)|more distant
 fastest: [at|with|have|has|reach|reaches|attain|attains|hit|hits|get to|gets to] ({its}) [full|top|max|maximum|highest|peak]
-    [speed|velocity]|[speed|velocity] {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top
+    [speed|velocity]|(at) full [speed|gallop|sprint|throttle|tilt|pelt|pace|steam|blast]|(really|properly) [flying|going for it|flat
+    out]|flat out|[speed|velocity] {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top
     speed|highest speed|maximum speed|peak speed|speediest]
 slowest: (at) ({its}) [slowest|lowest speed|least speed|minimum speed]
 most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
@@ -458,8 +459,8 @@ far: far thing move | far thing crosses | far thing get | length thing path
 motion: when thing move start? | when thing stop move? | when thing set-off move?
 enter: first-with thing | when start? thing enter
 leave: last-with thing | when thing leave | when thing gone
-seen: when thing visible can? | when thing hidden | in-out thing
-polar still: thing rest not?
+seen: wears | when thing visible can? | when thing hidden | in-out thing
+polar still: thing rest not? always?
 polar enter: anything enter
 polar leave: anything leave
 polar motion: anything manner start? | thing plainly start? not? | thing manner start? not? | any plainly

@@ -535,7 +535,8 @@ def _of_sight(s: Sighting, asked: Asked, fps: float, when: str) -> str:
         return _sentence(asked.yes(True), s, place)
     frames = round(s.moments[0]), round(s.moments[-1])
     lasts = f", about {(frames[1] - frames[0] + 1) / fps:.2f} seconds" if asked.kind == "seeing" else ""
-    return _sentence("", s, f"is seen {_from_to(frames, fps)}{lasts}.")
+    known = f" Who may {asked.manner} it I cannot tell." if asked.manner else ""
+    return _sentence("", s, f"is seen {_from_to(frames, fps)}{lasts}.{known}")
 
 
 def _of_always(s: Sighting, asked: Asked, fps: float, when: str) -> str:

@@ -26,6 +26,7 @@ from ..language.grammar import (
     generated,
     here,
     matches_of,
+    silent,
     table,
     tokenise,
 )
@@ -36,6 +37,7 @@ from ..language.lexicon import (
     PEOPLE,
     SETTING,
     SPELLING,
+    forms,
     is_adverb,
     is_slip,
     label_of,
@@ -263,7 +265,8 @@ def _aside_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
     if len(words) in CUES["tag"].at(reading, at):
         yield len(words), None
     begin = at + (at > 0 and words[at] == ",")
-    if (at == 0 or begin > at or words[at] == "because") and CUES["remark"].at(reading, begin):
+    reminds = CUES["remark"].at(reading, begin) and words[begin : begin + 2] != ["i", "mean"]
+    if (at == 0 or begin > at or words[at] == "because") and reminds:
         ends = [end for end in range(begin, len(words)) if words[end] == ","] if at == 0 else []
         for end in (*ends, len(words)):
             if _INTERROGATIVES.isdisjoint(words[begin:end]):
@@ -330,6 +333,11 @@ _slots: dict[str, Rule] = {
         CUES["closing"] + ~cue("each other|one another|together") >> (lambda how: (how, ())),
     ),
     "compared-to": _beside("compared"),
+    "wears": cue("is|are|was|were|does|do|did|has|have")
+    + silent(_name)
+    + table({"|".join((verb, *forms(verb))): verb for verb in ("wear", "carry", "hold", "clutch", "sport")}, words_of=WORDS)
+    + _names
+    >> (lambda verb, names: (verb, names)),
 }
 
 
@@ -713,7 +721,7 @@ def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) 
     )
 
 
-_JOINED = ["near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
+_JOINED = ["wears", "near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
 _MANNERS = (
     *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
     "farther-aside",

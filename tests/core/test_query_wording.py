@@ -153,7 +153,7 @@ def test_what_it_stands_for():
 
 REFUSED = """
 what is the dog riding? | does the dog eat the cat? | when does the dog eat? | is the dog behind the car and moving? |
-    is the dog hungry | how old is the dog | is the man wearing a hat? | what will the dog do | does the car crash
+    is the dog hungry | how old is the dog | what is the man wearing? | what will the dog do | does the car crash
     into the wall? | does the man look at the dog? | is there a dog that barks? | which dog barks? | what does the car
     look like | how heavy is the dog | how often does the dog jump | does the dog jump over the bush | is the man on
     the horse | is the dog in the car | who moves before the dog | does the dog come back | is the dog as fast as the
