@@ -149,7 +149,9 @@ ADDS_NOTHING = either(
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
     + here(lambda reading, at: not reading.word(at).isalpha()),
     literal("too") + unless(_goes_on),
-    here(lambda reading, at: reading.word(at - 1) in _RUNNING) + literal("past|by|along|on by") + unless(number | thing),
+    here(lambda reading, at: reading.word(at - 1) in _RUNNING)
+    + literal("past|by|along|on by")
+    + unless(number | thing),
     literal("(over|right) after [him|her|them]"),
     literal("[while|as|when] [he|she|it|they] (is|are|was|were)")
     + any_word
@@ -340,7 +342,11 @@ _command("and keep it so", REMARK, "nothing", WHOLE)(
     + here(_is_last)
 )
 _command("make the dog red at second 1 and back to normal at second 2", ENDED, "ended when", WHOLE)(
-    verb=literal(every_form("go|come|turn|change|switch|return|revert|get|become|make|set|let|be|put|bring|fade")),
+    verb=literal(
+        every_form(
+            "go|come|turn|change|switch|return|revert|get|become|make|set|let|be|put|bring|fade|cut|dial|drop|snap|ease|pull|take"
+        )
+    ),
     who=_nobody,
     ended=literal("back|stop|off again|no longer")
     + here(lambda reading, at: not {*reading.words[: at - 1]}.isdisjoint(IMPERATIVES))
@@ -514,7 +520,8 @@ _command("a bigger dog", as_given, "values", NAMED)(
 _MERELY = word_set("make makes making made get gets got be have has let put set keep")
 """Of the verbs of playing those that do not say that it is about speed."""
 _EVENTS = word_set(
-    "landing jump leap kick fall crash throw catch dive trick stunt takeoff liftoff kickoff blastoff touchdown pushoff impact moment part bit section segment stretch "
+    "landing jump leap kick fall crash throw catch dive trick stunt takeoff liftoff kickoff blastoff touchdown "
+    "pushoff impact moment part bit section segment stretch "
     "portion passage action collision splash somersault backflip approach arrival exit entrance climax peak lap hit"
 )
 _event_noun = ~word_if(lambda reading, at: is_strange(reading.word(at), {w[-1] for w in reading.known})) + word_if(
@@ -808,7 +815,7 @@ _command("delete the car", always(making.deleted), "verb", NAMED)(
     verb=literal(
         asked_form("delete")
         + "|(can|could|may|should) [it|he|she|they] [go|leave|come out]|out with|gone|out of [the|this] [scene|picture|video|clip|"
-        "image|shot|frame|view|movie|film]|no longer there|not there (any more)|[can|could|may|should|must|has to|have to|needs "
+        "image|shot|frame|view|movie|film]|[no longer|not] (be) there (any more)|[can|could|may|should|must|has to|have to|needs "
         "to|need to] [go|leave|get out|come out|come off|be out] (away|out|the [scene|picture|video|clip|image|shot|frame|view])|"
         "bye bye|goodbye|no more|no longer [want|need] (to see)|[i|we] would (rather|prefer) not (to) [have|see]|[i|we] do not "
         "[want|need] (to [see|have])|[i|we] do not like to [see|have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of"
@@ -1127,7 +1134,10 @@ _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
     event=literal("(right) [at|on|in|during] (the|its|his|her)") + _event_noun + ~literal(",|-"),
     who=_about + thing
     | literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement") >> _the_clip,
-    lead=literal(every_form("bring|come|hang|stand|stay|sit|remain|float|hover")),
+    lead=literal(
+        every_form("bring|come|hang|stand|stay|sit|remain|float|hover")
+        + "|(in) [his|her|its|their|the|that|this] [pose|position|posture|stance|posing|gesture]"
+    ),
     spot=literal(
         "where [it|he|she] [is|stands]|where they are|in the air|in mid air|in place|on the spot|in [its|his|her|their] tracks"
     ),
@@ -1287,8 +1297,12 @@ def _haloed(light: tuple[Amount | None, Any], rgb: Any = None) -> Value:
     return making.glowing(how, own or rgb)
 
 
-_command("put a slight blur on the dog", making.blurred, "how")(
+_radius = ~literal(",|with|by|(") + ~literal("a") + literal("radius (of|=|:)") + number + ~literal(")") >> (
+    lambda x: Amount("to", x)
+)
+_command("put a slight blur on the dog", lambda how=None, radius=None: making.blurred(radius or how), "how")(
     verb=_doing,
+    radius=_radius,
     how=_bit_of
     + literal("(gaussian|lens|soft|depth|background|motion) [blur|blurring|defocus|bokeh|haze] (effect|filter|on|to)"),
 )
@@ -1298,7 +1312,9 @@ _command("blur the background", making.blurred, "verb")(
         any_form("blur")
         + "|anonymous|illegible|unreadable|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"
     ),
-    how=~literal(",") + softly | ~literal("by") + number + literal("unit|units") >> (lambda x: Amount("to", x)),
+    how=~literal(",") + softly
+    | ~literal("by") + number + literal("unit|units") >> (lambda x: Amount("to", x))
+    | _radius,
 )
 _command("add a soft blue glow around the dog", _haloed, "light")(
     verb=_doing,
@@ -1306,8 +1322,10 @@ _command("add a soft blue glow around the dog", _haloed, "light")(
     + _bit_of
     + qualities.shade_of
     + optional(colour)
-    + literal("(neon|light|outline) [glow|shimmer|halo|shine|aura|gleam|sheen|bloom|radiance|emission|luminescence|phosphorescence|"
-        "fluorescence|incandescence|glimmer|sparkle|nimbus|corona|afterglow|emissive] (of light) (effect)")
+    + literal(
+        "(neon|light|outline) [glow|shimmer|halo|shine|aura|gleam|sheen|bloom|radiance|emission|luminescence|phosphorescence|"
+        "fluorescence|incandescence|glimmer|sparkle|nimbus|corona|afterglow|emissive] (of light) (effect)"
+    )
     >> (lambda how, rgb: (how, rgb)),
     rgb=~literal("in|in a|with") + colour + ~literal("light|color"),
 )
@@ -1412,7 +1430,8 @@ _command("and nothing else", REMARK, "nothing", WHOLE)(
         "colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change]) ([in|on|"
         "within] (the|this) [" + PICTURE + "]|left|visible|there)|nobody else|no one else|nothing more|that is all|"
         "that is it|only that|[keep|leave] [the rest|everything else]|the [rest|other [one|ones|two|three|four]|others] "
-        "([can|may|should|must|shall]) [stay|stays|remain|remains|is|are] (there|put|fine|good|okay|in|as [it|they] [is|are])|(its|the|their) [location|position|place|size|color|colors|speed|"
+        "([can|may|should|must|shall]) [stay|stays|remain|remains|is|are] (there|put|fine|good|okay|in|as [it|they] "
+        "[is|are])|(its|the|their) [location|position|place|size|color|colors|speed|"
         "look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let [it|him|her|"
         f"them] ([go|keep]) [continue|resume|{_RESUMED}] (on|again|as before)|"
         f"(then) [it|he|she|they] ([is|are|can|may|will|should|must]) [continue|continues|be|back|{_RESUMED}] (back|on|again|as "

@@ -966,8 +966,8 @@ shiny shinier shininess glossy glossier gloss matte: how a surface shines is not
 sharpen sharper crisper denoise deblur unblur upscale resolution artifacts quality: a scene does not become sharper; `f4x fit`
     with a finer profile may.
 rain snow fog rainbow lightning confetti sparks hail storm: nothing new can be made; a copy of what is there can.
-wave dance smile blink wink laugh eat sleep fight kiss hug breathe limp pirouette somersault backflip frontflip cartwheel handstand headstand
-    moonwalk curtsy bow clap nod juggle sneeze yawn cry: a thing moves as it was filmed; its motion can be
+wave dance smile blink wink laugh eat sleep fight kiss hug breathe limp pirouette somersault backflip cartwheel handstand
+    headstand moonwalk frontflip curtsy bow clap nod juggle sneeze yawn cry: a thing moves as it was filmed; its motion can be
     slowed, reversed, frozen or moved along with it.
 morph crossfade: one thing cannot turn into another; 'swap the dog and the cat' changes their places.
 export save render download: `f4x export`, `f4x render` and `f4x open` write files.
@@ -1050,9 +1050,14 @@ _DOUBTFUL = (
         + literal("the (very) [last|final|end] frame")
         + ~literal("of the clip|still")
         + ~silent(span)
-        + here(lambda reading, at: at > 0 and not {"hold", "freeze", "pause", "linger", "stay"}.isdisjoint(reading.words[:at]))
+        + here(
+            lambda reading, at: (
+                at > 0 and not {"hold", "freeze", "pause", "linger", "stay"}.isdisjoint(reading.words[:at])
+            )
+        )
         + _last,
-        "Nothing comes behind the last frame, as a clip keeps its length; 'freeze everything from second 2' holds an earlier frame to "
+        "Nothing comes behind the last frame, as a clip keeps its length; 'freeze everything from second 2' holds an "
+        "earlier frame to "
         "the end.",
     ),
     (_the_same, "It is not said what it was or whose it is; say how much it is to be, for example 'twice as big'."),
@@ -1243,16 +1248,21 @@ _CAMERA = table(
         "jittery|bumpy|jerky]|[shake|wobble|jitter] (the) (camera|cam) less|(camera|hand) [shake|wobble|jitter]|smoother "
         "[camera|cam|shot|footage]": "The camera's way is kept as it was filmed; `f4x render SCENE -o DIR --path stabilise` writes "
         "pictures as by a calm hand, and so does a camera of *Add Camera* in Blender.",
-        "with (the|my|a) [camera|cam]|(the|my) [camera|cam] ([to|should|must|has to]) [follow|follows|track|tracks|chase|stay on|stays on]|"
-        "centered|recenter|recentre|reframe|in [frame|shot] all the time|[pan|tracking] [with|shot]": "No camera follows a thing by "
+        "with (the|my|a) [camera|cam]|(the|my) [camera|cam] ([to|should|must|has to]) [follow|follows|track|tracks|"
+        "chase|stay on|stays on]|"
+        "centered|recenter|recentre|reframe|in [frame|shot] all the time|[pan|tracking] [with|shot]": "No camera "
+        "follows a thing by "
         "itself: in Blender a camera can be made to track it, and `f4x render SCENE -o DIR --path FILE` goes along any path of "
         "cameras.",
         "zoom|zooms|zooming|dolly|[push|punch] in|close up|[closer|wider|tighter] [shot|crop|framing|view]|wide angle|crop|fov|"
-        "focal length|lens": "No camera is edited: in Blender, and with `f4x render SCENE -o DIR --path FILE`, a camera of your own "
+        "focal length|lens": "No camera is edited: in Blender, and with `f4x render SCENE -o DIR --path FILE`, a "
+        "camera of your own "
         "may stand nearer or have another lens; 'make the dog bigger' changes the thing itself.",
-        "pan|orbit|[move|turn|swing|tilt|rotate|raise|lower|fly|lift|bring|put|place|set|point|aim|take] (the|my) [camera|cam]|from [another|a different|the "
+        "pan|orbit|[move|turn|swing|tilt|rotate|raise|lower|fly|lift|bring|put|place|set|point|aim|take] (the|my) "
+        "[camera|cam]|from [another|a different|the "
         "other|a new] [side|angle|view|viewpoint|perspective]|[top|side|aerial|back] view|camera [angle|move|path|movement]": "No "
-        "camera is edited: `f4x render SCENE -o DIR --path orbit --degrees 10` looks from around, `--path FILE` from anywhere, and so "
+        "camera is edited: `f4x render SCENE -o DIR --path orbit --degrees 10` looks from around, `--path FILE` from "
+        "anywhere, and so "
         "do cameras in Blender.",
     },
     reserve=False,

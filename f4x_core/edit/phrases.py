@@ -238,7 +238,7 @@ _NO_SUPERLATIVES = word_set("forest nest chest vest guest west crest priest harv
 
 _NOUNS = word_set(
     "dress sail path curb stone splash sky floor coat mask head hair hand wheel cover slide park plant stick brush pan "
-    "brake kite tail wrap"
+    "brake kite tail wrap bin axe float duck beam veil cloak balloon trash pump cap"
 )
 """Words of the grammar that are things behind an article."""
 
@@ -344,7 +344,7 @@ _CAST = word_set("shadow shadows reflection reflections")
 
 def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A part that no label has of a known whole: "legs of the dog"."""
-    for middle, part in _stranger_at(reading, at):
+    for middle, part in (*_stranger_at(reading, at), *_strangers_at(reading, at), *_modified_at(reading, at)):
         whole = middle + 1 + (reading.word(middle + 1) in _OF_WHOLE)
         if reading.word(middle) == "of" and (whole > middle + 1 or part in _CAST):
             for end, label in _known_at(reading, whole + (reading.word(whole) in ("the", "these", "those"))):
@@ -720,7 +720,7 @@ _they = keyword(
 COPY = "copy"
 """The name by which "the copy" is selected after "copy the dog"."""
 _copy = keyword(
-    "[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the new one"
+    "[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the [new|second|extra|added] one"
 ) >> (lambda: _the_copy)
 
 
@@ -791,9 +791,7 @@ _cast = either(
 """What a thing casts, told by where it lies."""
 _other_one = keyword("[the|that] other (one)|the other [ones|two|three]") + optional(familiar) + unless(
     literal("[can|may|should|must] [stay|remain]|stays|stay|remains|remain")
-) >> (
-    lambda noun: lambda context: _the_other(context, noun)
-)
+) >> (lambda noun: lambda context: _the_other(context, noun))
 everything_else = keyword(
     f"[everything|all|anything] else|all the rest|the (whole) [rest|remainder] (of [it|them|the world|the [{PICTURE}]])|"
     "all others|(all (of)) the others|all (the) other [things|objects|stuff]|the other [things|objects]"

@@ -154,14 +154,19 @@ _coming = keyword(
     "appear|appears|go|goes|set|sets|begin|begins] (in|on|off|out|with|up) (by|with)"
 )
 _late = keyword(
-    f"(too) [later|behind|late|after|delayed|afterward] ([than|from|behind|after] {_behind})|[after|behind] {_behind}|in the future|"
-    "offset (each)|(of) [delay|lag]|apart (each)|(in) between ((each of) [them|each (one)|the copies])|from [each other|one another]|"
+    f"(too) [later|behind|late|after|delayed|afterward] ([than|from|behind|after] {_behind})|[after|behind] {_behind}|"
+    f"in the future|"
+    "offset (each)|(of) [delay|lag]|apart (each)|(in) between ((each of) [them|each (one)|the copies])|from [each "
+    "other|one another]|"
     "on its path|along (its|the same) path"
 )
 _early = keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
-_following = keyword(f"(that|to) [follow|trail|chase|follows|trails|chases|lags|following|trailing|lagging|chasing] [behind|after] ({_behind})|"
-    f"(that|to) [follow|trail|chase|follows|trails|chases|lags|runs|walks|moves|following|trailing|lagging|chasing|tailing|shadowing] "
-    f"([behind|after]) {_behind}|that [follows|trails|lags]|follow|trail")
+_following = keyword(
+    f"(that|to) [follow|trail|chase|follows|trails|chases|lags|following|trailing|lagging|chasing] [behind|after] ({_behind})|"
+    f"(that|to) [follow|trail|chase|follows|trails|chases|lags|runs|walks|moves|following|trailing|lagging|chasing|"
+    f"tailing|shadowing] "
+    f"([behind|after]) {_behind}|that [follows|trails|lags]|follow|trail"
+)
 TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 """Copies of a trail, and the time from one to the next."""
 SHIFT = either(

@@ -268,9 +268,7 @@ def comparison(
     )
 
 
-ITS = (
-    "[its|their|his|her|the] (own) (original|current|present|usual|former|normal|natural|regular|real|true|actual|full)|normal"
-)
+ITS = "[its|their|his|her|the] (own) (original|current|present|usual|former|normal|natural|regular|real|true|actual|full)|normal"
 
 
 BEFORE_VERBS = word_set("and , . ; ! then please to") | {""}

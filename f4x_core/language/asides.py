@@ -43,7 +43,8 @@ WISHES = either(
         "(if)|if only|consider|[start|begin|continue|go on|carry on|finish|end] (off|out|up) [by|with]|your [job|mission|goal] "
         "is to|[would|will|are|could|can|might] you (be) [able|manage] to|give me|get me|show me|i am looking for|i am trying "
         "to|[we are|i am] going to|your task is to|time to|see|to "
-        "see|have|to have|to get|want|would like|[what|all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|"
+        "see|[watch|see|observe|notice|witness|behold|look] (as|how|while)|have|to have|to get|want|would like|[what|"
+        "all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|"
         "ask for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
     ),
     literal("[i|we] would") + unless(literal("like|love|prefer|rather|want|have|be|do|not|sooner")),
@@ -123,7 +124,7 @@ _INTERJECTIONS = (
     r"on second thoughts?|come to think of it|all things considered|for what it is worth|to be fair|by all means|at your "
     r"convenience|in fact|in truth|in short|if memory serves|needless to say|as you know|as i said|as (?:discussed|agreed|usual|"
     r"always|ever)|on reflection|upon reflection|having thought about it|no offense|no offence|truth be told|"
-    r"no biggie|no big deal|all of them|every one of them|each of them|both of them)"
+    r"no (?:biggie|big deal|cap)|on god|for real|all of them|every one of them|each of them|both of them)"
 )
 """Words that stand for themselves."""
 _WISHED = word_set("like love want need wish prefer going way able me us how have try")
@@ -142,7 +143,8 @@ _PLAIN = {
         r"appreciated?(?: it)?)\b(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|"
         r"your) help|again|much|ahead of time))*"
     ),
-    "signed": r"[.,;!?-]\s*(?:(?:many|kind|kindest|best|warm|warmest|with|yours|very|all the|lots of) )*(?:thanks|thank you|regards|"
+    "signed": r"[.,;!?-]\s*(?:(?:many|kind|kindest|best|warm|warmest|with|yours|very|all the|lots of) )*(?:thanks|"
+    r"thank you|regards|"
     r"wishes|cheers|yours|truly|sincerely|faithfully|love|best|x+|greetings|hugs)(?: again| in advance| a lot| so much| truly| "
     r"sincerely)*\s*[,.!-]*\s*(?:[a-z]+ )?(?:[a-z]+)?\s*[.!]*\s*$",
     "interjection": rf",\s*\b{_INTERJECTIONS}(?=\s*(?:[,.;:!?]|$))|\b{_INTERJECTIONS}\b(?:\s*,)?",

@@ -22,7 +22,7 @@ SPELLING = _table(
     "coloring, colourless colorless, recolour recolor, recoloured recolored, recolouring recoloring, decolour decolor, grey gray, "
     "greys grays, greyscale grayscale, greyish grayish, greyer grayer, centre center, towards toward, till until, til until, "
     "onwards onward, ok okay, leftwards leftward, rightwards rightward, upwards upward, downwards downward, backwards backward, "
-    "forwards forward, afterwards afterward, outta out, wanna want, colur color, coulor color, gonna going, gimme give, metre "
+    "forwards forward, afterwards afterward, wanna want, colur color, coulor color, gonna going, gimme give, metre "
     "meter, metres meters, centimetre centimeter, centimetres centimeters, recognise recognize, summarise summarize, desaturise "
     "desaturate, colourise colorize, colourize colorize, colorise colorize, greyed grayed, u you, ur your, gotta to, tyre tire, "
     "tyres tires, neighbour neighbor, neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru "
@@ -81,7 +81,11 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
         r"apart from|save(?: for)?)\b",
         "only",
     ),
-    (r"\b(take|lift|kick|blast|push|touch)-(off|down)\b|\b((?:the|his|her|its|their) (?:take|lift|kick)) (off)\b", r"\1\2\3\4"),
+    (
+        r"\b(take|lift|kick|blast|push|touch)-(off|down)\b|\b((?:the|his|her|its|their) (?:take|lift|kick)) (off)\b",
+        r"\1\2\3\4",
+    ),
+    (r"\b(?:number|registration|reg)[ -]?plate(s?)\b", r"license plate\1"),
     (r"\bmost near\b", "nearest"),
     (r"\bmost close\b", "closest"),
     (r"\btoo (?=the\b|my\b|its\b)", "to "),
@@ -131,7 +135,8 @@ CONTRACTIONS |= {
 CONTRACTIONS |= {
     short: tuple(long.split())
     for short, long in _table(
-        "kinda kind of, sorta sort of, lotta lot of, alot a lot, abit a bit, lemme let me, gimme give me, bnw black and "
+        "outta out of, kinda kind of, sorta sort of, lotta lot of, alot a lot, abit a bit, lemme let me, gimme give "
+        "me, bnw black and "
         "white, bw black and white, semitransparent semi transparent, tryna trying to, shan't shall not, dunno do not know"
     ).items()
 }
@@ -305,7 +310,9 @@ _FORMS = _table(
     "speeding sped, lie lying lain, send sending sent, fall falling fallen"
 )
 """Verb -> "-ing" form and participle, where the rules do not give them."""
-_DOUBLED = word_set("stop drop flip trim scrap chop drag tag dim tip strip swap wrap")
+_DOUBLED = word_set(
+    "cap peg hop jog snap slip pop zip pin stop drop flip trim scrap chop drag tag dim tip strip swap wrap"
+)
 
 
 def forms(verb: str) -> tuple[str, str]:
@@ -354,7 +361,8 @@ NO_THINGS = word_set(
     "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
     "side sides brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
     "somebody someone anyone everyone everybody everything way lot bit kind sort fun problem idea question answer life "
-    "love nonsense stuff overall volume weather mood heat day morning evening night afternoon pirouette somersault backflip frontflip cartwheel handstand headstand moonwalk "
+    "love nonsense stuff overall volume weather mood heat day morning evening night afternoon pirouette somersault "
+    "backflip frontflip cartwheel handstand headstand moonwalk "
     "curtsy"
 )
 """Nouns that name nothing one can see in a scene."""

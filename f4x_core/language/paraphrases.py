@@ -109,6 +109,8 @@ def opened(sentence: str, verbs: Collection[str]) -> Iterator[str]:
         opener = word[0].lower() in verbs and re.fullmatch(
             rf"{WISHING}(?:(?:and|to|of|if|we|so|kind|:)[ ,:]*)*", before, re.IGNORECASE
         )
+        if re.search(r"\b(?:the|a|my) $", before) and not word[0].endswith("ing"):
+            continue  # "show me the jump at half speed"
         if opener and (not _NEGATED.search(before) or re.match(r"why\b|.*\bmind\b|would", before, re.IGNORECASE)):
             yield rest
 

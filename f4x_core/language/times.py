@@ -320,7 +320,12 @@ _loosely = keyword(
     "(in|during|for|over) the [last|final|closing] [bit|part|moments]|"
     "[toward|near|close to|just before|shortly before|right before] the (very) end|near (the) end"
 )
-_second_half = _during + keyword("(the) [second|latter|later|other|2nd] half") + ~keyword(f"of the [{PICTURE}]") >> (
+_second_half = (
+    here(lambda reading, at: "half" in reading.words[:at])
+    + keyword("in the [second|other]")
+    + unless(keyword("half|third|second"))
+    >> (lambda: Span(HALF_WAY, None))
+) | _during + keyword("(the) [second|latter|later|other|2nd] half") + ~keyword(f"of the [{PICTURE}]") >> (
     lambda: Span(HALF_WAY, None)
 )
 _second_third = _during + keyword("(the) [second|2nd] third") + ~keyword(f"of the [{PICTURE}]") >> (
@@ -400,7 +405,8 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the [time|while]|all along|(all) the [whole|entire] [time|duration]|(for|over|during) the [whole|entire] thing|for the "
+            "always|all the [time|while]|all along|(all) the [whole|entire] [time|duration]|(for|over|during) the "
+            "[whole|entire] thing|for the "
             "(whole|entire|full) [duration|length] (of the [clip|video|film|scene|shot|footage|recording|movie|sequence])|all the "
             "way through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the [whole|entire] [clip|"
             "video|time|film|shot|footage|movie|sequence|scene]|throughout|throughout the [clip|video|film|scene]|forever|the "

@@ -9,7 +9,8 @@ from .lexicon import every_form, forms, inflected, word_set
 
 VERBS: dict[str, str] = {
     # appearance
-    "become": "mark, mark up, flag, color code, accent, settle on, experiment with, inject, breathe, snap, retint, lerp, interpolate, tween, ramp, blend, "
+    "become": "hue shift, mark, mark up, flag, color code, accent, settle on, experiment with, inject, breathe, snap, "
+    "retint, lerp, interpolate, tween, ramp, blend, "
     "highlight, try, try out, test, make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, "
     "dye, spray, respray, spray paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, "
     "display, look, feel, become, have, go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, "
@@ -18,7 +19,8 @@ VERBS: dict[str, str] = {
     "with, opt for, fill, flood, soak, grade, reskin, retexture, recolorise, reshade, dunk, varnish, shift over, bring over, "
     "kit out, drape, steep, cloak, swathe, shroud, repurpose, slather, daub, tart up, jazz up, doll up, deck out",
     "tint": "tint, tinge, tone, wash, stain slightly, suffuse, hint",
-    "set": "trim, dip, whack, set, change, make, turn, put, bring, adjust, take, get, give, have, need, show, apply, use, keep, "
+    "set": "clamp, peg, trim, dip, whack, set, change, make, turn, put, bring, adjust, take, get, give, have, need, "
+    "show, apply, use, keep, "
     "correct, modify, tweak, fix, move, pull, push, dial, drag, slide, crank, pump, knock, ramp, kick, jack, tone, want, could "
     "use, can use, could do with, deserve, go, run, let, play",
     "more": "whack, increase, raise, boost, crank, push, pump, kick, jack, ramp, turn up, bump up, crank up, pump up, dial "
@@ -63,7 +65,8 @@ VERBS: dict[str, str] = {
     "cool": "cool, cool down, cool off, chill",
     "scale": "scale, resize, rescale, size",
     # visibility
-    "delete": "cull, prune, eradicate, efface, terminate, extinguish, wish away, retouch out, rid the picture of, rid the frame of, free the scene of, free the shot of, free the picture of, scrub, "
+    "delete": "tidy away, cull, prune, eradicate, efface, terminate, extinguish, wish away, retouch out, rid the "
+    "picture of, rid the frame of, free the scene of, free the shot of, free the picture of, scrub, "
     "scrub out, expunge, excise, eject, oust, obliterate, annihilate, say goodbye to, wave goodbye to, whisk "
     "away, spirit away, blot out, see off, remove from, shoo, despawn, exorcise, get shot of, remove, delete, erase, rm, del, "
     "yeet, nix, evict, vaporize, matte out, knock out, comp out, paint off, get rid of, eliminate, drop, lose, discard, scrap, "
@@ -76,7 +79,8 @@ VERBS: dict[str, str] = {
     "snip out, slice out, magic erase, magic eraser, content aware fill, heal out, inpaint, roto out and remove, demolish, "
     "dismantle, disintegrate, dissolve away, purge out, decommission, remove from the scene, get out of the way, send packing, "
     "rid the scene of, rid the shot of, cut from the scene, lift out and bin",
-    "take": "clone stamp, clone, stamp, heal, patch, paint, brush, airbrush, retouch, photoshop, comp, matte, take, cut, throw, wipe, rub, edit, crop, get, kick, strip, clean, clear, chuck, leave, mask, erase, delete, "
+    "take": "clone stamp, clone, stamp, heal, patch, paint, brush, airbrush, retouch, photoshop, comp, matte, take, "
+    "cut, throw, wipe, rub, edit, crop, get, kick, strip, clean, clear, chuck, leave, mask, erase, delete, "
     "remove, chop, pull",
     "hide": "stash, hide away, cover up, mask away, make go away, despawn, hide, conceal, mask, mask out, make invisible, "
     "vanish, disappear, stop showing, not show, blank out, switch off, turn off, cloak, veil, obscure, unshow, tuck away, make "
@@ -99,7 +103,8 @@ VERBS: dict[str, str] = {
     "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, rotoscope, roto, crop to, cut around, "
     "rotobrush, lift from the background, cherry pick, pluck out, carve out",
     # places
-    "move": "bounce, bung, scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, put, "
+    "move": "cheat, bounce, bung, scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, "
+    "shift, push, put, "
     "slide, bring, pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, drop, "
     "throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, come, glide, "
     "wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, sink, land, offset, "
@@ -131,7 +136,8 @@ VERBS: dict[str, str] = {
     "match": "match, adapt, adjust, fit, equalize, color match, take on, take over, pick up, borrow, inherit, adopt, share, "
     "steal, harmonize, sync, blend, coordinate, imitate, emulate, tie in, unify, bring in line",
     # copies
-    "copy": "photocopy, reproduce, copy, duplicate, clone, replicate, double up, copy and paste, copy paste, "
+    "copy": "instance, instantiate, array, photocopy, reproduce, copy, duplicate, clone, replicate, double up, copy "
+    "and paste, copy paste, "
     "duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, photostat, xerox, "
     "rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, reduplicate, ghost copy, cookie cut",
     "add": "stack, line up, arrange, lay out, set up, distribute, scatter, comp, comp in, instantiate, instance, spawn, "
@@ -155,8 +161,10 @@ VERBS: dict[str, str] = {
     "backtrack, unwind, run it back, wind back, roll back, play the other way, send backward, send back in time, undo the motion "
     "of, turn back the clock on, flip in time, time reverse, reverse time for, rewind time for, go in rewind, boomerang back",
     "run": "play, run, go, move, walk, drive, dance, jump, ride, show, swim, fly, do, happen, roll, gallop, race, act, "
-    "make, render, travel, trot, jog, hop, leap, skate, glide, float, sail, cruise, sprint, stroll, march, wander, stride, amble, crawl, climb, "
-    "waddle, hover, pace, dash, dart, rush, whizz, tumble, prance, canter, scamper, scurry, swoop, paddle, pedal, cycle, drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, have, "
+    "make, render, travel, trot, jog, hop, leap, skate, glide, float, sail, cruise, sprint, stroll, march, wander, "
+    "stride, amble, crawl, climb, "
+    "waddle, hover, pace, dash, dart, rush, whizz, tumble, prance, canter, scamper, scurry, swoop, paddle, pedal, "
+    "cycle, drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, have, "
     "replay, play back, be, get",
     "loop": "pingpong, loop, repeat, cycle, replay, keep repeating, keep looping, go round and round, boomerang, ping pong, keep "
     "cycling, keep on repeating, put on loop, put on repeat, play over and over, do over and over, replay over and over",

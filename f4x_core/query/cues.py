@@ -90,8 +90,8 @@ takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]|[{+pass}] [in front of|behind|over|under]
 nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together|approach)
 farthest: ({at-its}) (the|its) (very) [farthest|furthest|most distant|remotest] (away|apart) (point|position|{noun})
-highest: ({at-its}) (up) ({its}) (very) [highest|top|apex|apogee|zenith|pinnacle|summit|crest|high point|{+peak}|maximum height|uppermost|topmost] (up)
-    (point|position|place|spot|of all|[above|off] the ground|in the air)
+highest: ({at-its}) (up) ({its}) (very) [highest|top|apex|apogee|zenith|pinnacle|summit|crest|high point|{+peak}|maximum
+    height|uppermost|topmost] (up) (point|position|place|spot|of all|[above|off] the ground|in the air)
 farther-aside = left of: (further|farther|more|most) (to|on|at) (the) left
 farther-aside = right of: (further|farther|more|most) (to|on|at) (the) right
 place = in front of: (further|farther) [in front of|before|in front|ahead (of)]
@@ -283,6 +283,8 @@ by-factor: how much|how many times|by how much|by what factor|by which factor|ho
     much more
 closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
 closing = away: away from|[farther|further] [from|away|apart]|apart
+grows = away: {+grow|increase|widen|expand|open}
+grows = closer: {+shrink|decrease|narrow|close|diminish}|get smaller|gets smaller
 around: [on|at|to] [either|both|each] [side|sides] of|[left|to the left] and [right|to the right] of|in the
     [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent
     to|near to|surrounding|surrounds]|the neighbors of
@@ -438,7 +440,7 @@ polar enter: thing enter not?
 polar enter thing=person: anybody enter
 polar leave thing=person: anybody leave
 approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other | thing closing-to move? get? or-away
-polar approach: thing closing-to move? get? not?
+polar approach: gap pair grows | gap thing grows | thing closing-to move? get? not?
 rise: thing go-up not? | high thing rise move? | high thing highest | max-height thing | by-how-much thing go-up
 polar always says=no: thing hidden
 polar stops: thing stop move? not?

@@ -335,7 +335,9 @@ _slots: dict[str, Rule] = {
     "compared-to": _beside("compared"),
     "wears": cue("is|are|was|were|does|do|did|has|have")
     + silent(_name)
-    + table({"|".join((verb, *forms(verb))): verb for verb in ("wear", "carry", "hold", "clutch", "sport")}, words_of=WORDS)
+    + table(
+        {"|".join((verb, *forms(verb))): verb for verb in ("wear", "carry", "hold", "clutch", "sport")}, words_of=WORDS
+    )
     + _names
     >> (lambda verb, names: (verb, names)),
 }
@@ -725,6 +727,7 @@ _JOINED = ["wears", "near-to", "place-of", "place-or", "around-of", "passes-by",
 _MANNERS = (
     *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
     "farther-aside",
+    "grows",
     "doing",
 )
 """Slots, the first that is filled: what says in which manner, or by which relation."""
