@@ -145,6 +145,8 @@ ADDS_NOTHING = either(
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("to") + here(lambda reading, at: reading.word(at) in IMPERATIVES),
     literal("instead") + unless(literal("of")),
+    here(lambda reading, at: reading.word(at - 1) in COMMAND_VERBS)
+    + literal("[layer|modifier|plugin|preset|node] (on|to)"),
     literal("afterward|after that|from then on|thereafter") + here(lambda reading, at: at == len(reading.tokens)),
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
     + here(lambda reading, at: not reading.word(at).isalpha()),
@@ -159,7 +161,8 @@ ADDS_NOTHING = either(
         lambda reading, at: span.at(reading, at + (reading.word(at) == ","))
     ),  # "while she spins from second 1 to 2" says what is seen then
     literal(
-        "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its) [base|bottom|feet|ground|floor]|(,) (with) (the|its) [color "
+        "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its|his|her|their) [base|bottom|feet|ground|floor]|"
+        "(,) (with) (the|its) [color "
         "space|mode|pivot] [=|:] [base|bottom]"
     ),
     literal("both") + unless(silent(two_of_them_behind)),
@@ -520,7 +523,8 @@ _command("a bigger dog", as_given, "values", NAMED)(
 _MERELY = word_set("make makes making made get gets got be have has let put set keep")
 """Of the verbs of playing those that do not say that it is about speed."""
 _EVENTS = word_set(
-    "landing jump leap kick fall crash throw catch dive trick stunt takeoff liftoff kickoff blastoff touchdown "
+    "landing jump leap kick fall crash throw catch dive trick stunt freeze twirl routine figure takeoff liftoff "
+    "kickoff blastoff touchdown "
     "pushoff impact moment part bit section segment stretch "
     "portion passage action collision splash somersault backflip approach arrival exit entrance climax peak lap hit"
 )
@@ -551,9 +555,10 @@ _way = unless(_color_brought_back) + table(
     {
         any_form("more")
         + "|add|adds|adding|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|"
-        "greater|bigger": True,
+        "greater|" + "|".join(quality.more for quality in QUALITIES if quality.more): True,
         any_form("less")
-        + "|back|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer|reduction|decrease": False,
+        + "|back|down|downward|less|lower|weaker|minus|-|reduced|fewer|reduction|decrease|"
+        + "|".join(quality.less for quality in QUALITIES if quality.less): False,
     },
     reserve=False,
 )
@@ -615,9 +620,8 @@ def _changed(
             raise Mismatch
         return changed(Amount("as", times), of_it)
     if to is not None:
-        if quality[0] is OPACITY:
-            to = to / 100 if to > making.SHOWN else to
-        elif way and to < 1:
+        to = to / 100 if to > making.SHOWN else to
+        if quality[0] is not OPACITY and way and to < 1:
             raise Mismatch
         if (way is not None and how is not None) or to > making.SHOWN:
             raise Mismatch
@@ -847,14 +851,16 @@ _command("keep only the dog", always(making.extracted), "only", NAMED)(
         any_form("isolate")
         + "|[i|we] (only|just) [want|need] (to see) only|[i|we] [only|just] [want|need|would like] (to see)|"
         "only|just|solely|on [its|his|her|their] own|by itself|all by itself|"
-        "soloed|nothing else|and nothing else|no one else|and nobody else|exclusively"
+        "soloed|in isolation|isolated|nothing else|and nothing else|no one else|and nobody else|exclusively"
     )
     | literal("alone") + here(lambda reading, at: _LEAVING.isdisjoint(reading.words)),
     on=literal(
         "[on|onto|over|against] (a|an) (plain|empty|blank|black|white|transparent|clean) "
         "[background|black|nothing|alpha]|with alpha"
     ),
-    rest=_rest_gone | literal("from") + (silent(everything_else) | literal(f"the [background|surroundings|{PICTURE}]")),
+    rest=_rest_gone
+    | literal("from|(,) without (any of)")
+    + (silent(everything_else) | literal(f"the [background|surroundings|{PICTURE}]")),
 )
 
 # Showing again

@@ -82,7 +82,9 @@ _FINITE = (
     r"(?:is|are|was|were|has|had|have|does|did|will|went|said|felt|got|came|made|isn't|aren't|wasn't|weren't|hasn't|haven't|"
     r"doesn't|"
     r"didn't|won't|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|keeps?|gets?|moves?|drives?|runs?|goes|walks?|hates?|"
-    r"[a-z]{2,}ed|(?!this|less|always|plus|minus|across|unless)[a-z]{3,}s (?:me|us|my|our|the|a|an|too|so|at|in|on|like|off|out))"
+    r"[a-z]{2,}ed|(?!this|less|always|plus|minus|across|unless)(?:[a-z]{3,}s|(?<=s )(?!into|onto|over|with|from|away|"
+    r"back|than|then|and)[a-z]{3,}) (?:me|us|my|our|the|a|an|too|so|at|"
+    r"in|on|like|off|out|from|with|for))"
 )
 """What makes a clause of words behind a noun: it states something."""
 _CHANGES = r"(?:turns|becomes|changes|starts|stops|begins|grows|shrinks|fades|transforms|morphs)"
@@ -107,7 +109,8 @@ _REMARK = (
     rf"{_AFTER_A_LOOK})"
 )
 _REMARKED = re.compile(
-    rf"^(?P<remark>{_REMARK})(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:so|and|then|hence|therefore|please)?,?\s*|\s+so "
+    rf"^(?P<remark>{_REMARK}|[^,;:.!?]+(?=, (?:so|hence|therefore)\b))"
+    r"(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:(?:so|and|then|hence|therefore|please)\b)?,?\s*|\s+so "
     r"(?:please )?|\s+(?=(?:please )?(?:make|turn|get|take|put|let|move|remove|delete|hide|lose|paint|blur|kill|bring|give|slow|"
     r"speed) "
     r"(?:it|him|her|them|that) ))(?P<command>[^\s].*)$",

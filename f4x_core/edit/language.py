@@ -810,18 +810,13 @@ def _placed(operations: list[Operation]) -> list[Operation]:
     placed: list[Operation] = []
     for one in operations:
         made = placed[-1] if placed else None
-        if (
-            isinstance(made, Duplicate)
-            and isinstance(one, Transform)
-            and made.offset == BESIDE
-            and made.unit == one.unit
-        ):
+        if isinstance(made, Duplicate) and isinstance(one, Transform) and made.offset == BESIDE:
             stays = replace(one, translate=(0.0, 0.0, 0.0), select=made.select, unit="world", axes="world")
             if one.select == Named(made.name) and stays == Transform(made.select) and any(one.translate):
-                far = COPY_DISTANCE if max(map(abs, one.translate)) == 1 else 1.0
+                far = COPY_DISTANCE if max(map(abs, one.translate)) == 1 and one.unit == made.unit else 1.0
                 x, y, z = (far * step for step in one.translate)
                 if x or z:
-                    placed[-1] = replace(made, offset=(x, y, z))
+                    placed[-1] = replace(made, offset=(x, y, z), unit=one.unit)
                     continue
         if (
             isinstance(made, Duplicate)
@@ -880,6 +875,8 @@ def _says_no_more(made: Any, one: Operation) -> bool:
     """Whether an operation does nothing that the one before it did not: "keep only the dog and delete the rest"."""
     if isinstance(made, Opacity) and isinstance(one, Opacity) and made.frames and made.frames[1] and not one.frames:
         return made.select == one.select and one.factor == SHOWN  # "hide it for a second, then it is back"
+    if isinstance(made, Delete) and _removes(one):  # "I don't like the bush, make it go away"
+        return made.select == getattr(one, "select", None) and made.frames == getattr(one, "frames", None)
     if isinstance(made, Recolour) and isinstance(one, Recolour) and made.frames and made.frames[1] is None:
         return one == replace(made, frames=None, ease=one.ease)  # "red from second 2 on, and keep it red"
     return (
@@ -970,6 +967,7 @@ wave dance smile blink wink laugh eat sleep fight kiss hug breathe limp pirouett
     headstand moonwalk frontflip curtsy bow clap nod juggle sneeze yawn cry: a thing moves as it was filmed; its motion can be
     slowed, reversed, frozen or moved along with it.
 morph crossfade: one thing cannot turn into another; 'swap the dog and the cat' changes their places.
+ring phone email remind tell schedule buy: nothing but the scene is changed here.
 export save render download: `f4x export`, `f4x render` and `f4x open` write files.
 better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different fancy: it is
     not said what is to change, a color, brightness, contrast, size, place or speed?
@@ -1059,6 +1057,12 @@ _DOUBTFUL = (
         "Nothing comes behind the last frame, as a clip keeps its length; 'freeze everything from second 2' holds an "
         "earlier frame to "
         "the end.",
+    ),
+    (
+        literal(
+            "[the|a] [next|previous|following] [shot|scene|clip|take|cut|image|slide]|cross [dissolve|fade]|crossfade|wipe to"
+        ),
+        "A scene is one shot, so there is no other to go to; 'fade everything out at the end' ends it.",
     ),
     (_the_same, "It is not said what it was or whose it is; say how much it is to be, for example 'twice as big'."),
     (
@@ -1156,7 +1160,8 @@ _DOUBTFUL = (
     ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
     (
-        keyword("some [of|other]|any of|a few (of)")
+        keyword("some [of|other]|a few (of)")
+        | here(lambda reading, at: reading.word(at - 1) not in ("without", "no", "not")) + keyword("any of")
         | here(lambda reading, at: reading.word(at - 1) in _CHANGING)
         + silent(number)
         + literal("of [the|these|those|my|them]")

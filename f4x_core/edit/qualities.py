@@ -350,7 +350,13 @@ too_much = either(
     + keyword("enough"),
 )
 """What is done about too much or too little of a quality: a value."""
-rather = literal("a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite") + _too
+rather = (
+    literal(
+        "a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite|terribly|awfully|horribly|dreadfully|painfully|"
+        "blindingly|ridiculously|overly|excessively|annoyingly|unbearably"
+    )
+    + _too
+)
 """What is done about "it is a bit dark"."""
 _WISHES = word_set("should to could must may can let make would")
 cast = (

@@ -43,7 +43,7 @@ WISHES = either(
         "(if)|if only|consider|[start|begin|continue|go on|carry on|finish|end] (off|out|up) [by|with]|your [job|mission|goal] "
         "is to|[would|will|are|could|can|might] you (be) [able|manage] to|give me|get me|show me|i am looking for|i am trying "
         "to|[we are|i am] going to|your task is to|time to|see|to "
-        "see|[watch|see|observe|notice|witness|behold|look] (as|how|while)|have|to have|to get|want|would like|[what|"
+        "see|[watch|see|observe|notice|witness|behold|look] (as|how|while)|have|to have|to get|want|need|would like|[what|"
         "all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|"
         "ask for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
     ),
@@ -157,8 +157,9 @@ _PLAIN = {
     "tag": (
         r",\s*(?:is|are|was|were|does|do|did|can|could|would|should|will|has|have)(?: not)? (?:it|they|he|she|you|we|i)\b"
         r"(?=\s*(?:[,.?!;]|$))|"
-        r"(?:,\s*)(?:okay|right|yeah|yes|will you|would you|could you|can you|do you mind|is that okay|what do you think|"
-        r"got it|deal|agreed|you know|you see|i think|i guess|i suppose|i reckon|i would say|or what)\s*(?=[?.!]*\s*$)"
+        r"(?:[,.?!]\s*)(?:okay|right|yeah|yes|will you|would you|could you|can you|do you mind|is that okay|what do you think|"
+        r"got it|deal|agreed|how|how come|any (?:ideas?|tips|help|suggestions?)(?: appreciated| welcome)?|you know|"
+        r"you see|i think|i guess|i suppose|i reckon|i would say|or what)\s*(?=[?.!]*\s*$)"
     ),
     "or so": (
         r"\bor (?:so|something|whatever|thereabouts|similar|anything)\b"
@@ -177,6 +178,7 @@ _PLAIN = {
     "your|their) "
     r"(?:\w+ )?(?:brief|client|script|storyboard|plan|notes?|request|boss|director|instructions?|guidelines?|guide|feedback|spec|"
     r"specs|email|order|rules?|book|wishes)\b(?: s \w+)?\s*,?",
+    "other time": rf"(?:,\s*)?\b(?:rather than|instead of|as opposed to) (?:in|at|by|on|during) [a-z ]{{1,30}}?{_UNTIL}",
     "contrast": r",\s*(?:and )?not (?:on|in|at|to|by|under|behind|near|onto|into) (?:the|my|a|that|its) (?!first|last|second|"
     "start|end|"
     r"beginning|middle)[a-z]+(?=\s*[.,;!]|\s*$)",

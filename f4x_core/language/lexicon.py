@@ -86,6 +86,11 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
         r"\1\2\3\4",
     ),
     (r"\b(?:number|registration|reg)[ -]?plate(s?)\b", r"license plate\1"),
+    (r",? *\b(?:you know|y'know),? (?=(?:the|a|my|that|this)\b)", " "),
+    (r"\btl;? ?dr\b[:,;]?", ""),
+    (r"^\W*\[[\w ]+\]\W*", ""),
+    (r"[, ]+(?:and )?(?:the |its |his |her )?(shadow|reflection)s? (?:included|inclusive|and all)\b", r" with its \1"),
+    (r"\b(gone|away|out|removed|deleted),? ((?:and|with|including) its (?:shadow|reflection))\b", r"\2 \1"),
     (r"\bmost near\b", "nearest"),
     (r"\bmost close\b", "closest"),
     (r"\btoo (?=the\b|my\b|its\b)", "to "),
@@ -162,7 +167,8 @@ PLURALS = _table(
 """Plurals that no rule gives."""
 SYNONYMS = _table(
     "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid "
-    "child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten cat, bike "
+    "child, kiddie child, kiddy child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound "
+    "dog, kitty cat, kitten cat, bike "
     "bicycle, auto car, automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf "
     "cow, bull cow, vessel boat, lawn grass, foliage leaf, audience crowd, spectators crowd, pram stroller, buggy "
     "stroller, pushchair stroller, lorry truck, telly tv, television tv, aeroplane airplane, plane airplane, cab taxi, "
@@ -195,7 +201,8 @@ def singular(word: str) -> str:
 
 def label_of(word: str, labels: Collection[str]) -> str:
     """`word`, or the one of `labels` that it is another word for."""
-    return word if word in labels or SYNONYMS.get(word) not in labels else SYNONYMS[word]
+    meant = SYNONYMS.get(word) or SYNONYMS.get(singular(word))
+    return word if {word, singular(word)} & {*labels} or meant not in labels else meant
 
 
 def spellings(word: str) -> list[str]:
@@ -361,7 +368,7 @@ NO_THINGS = word_set(
     "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
     "side sides brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
     "somebody someone anyone everyone everybody everything way lot bit kind sort fun problem idea question answer life "
-    "love nonsense stuff overall volume weather mood heat day morning evening night afternoon pirouette somersault "
+    "love nonsense stuff overall volume weather mood heat temperature day morning evening night afternoon pirouette somersault "
     "backflip frontflip cartwheel handstand headstand moonwalk "
     "curtsy"
 )

@@ -57,6 +57,8 @@ _REWRITINGS = r"""
     (?:for|with|by|to|into) (?:a |an |the |some )?{REST}$ => make \g<x> \g<rest>
 ^(?:please )?(?:stop|keep|prevent|hinder) {X} from (?:moving|going anywhere|driving|walking|running)(?P<rest>.*)$ =>
     freeze \g<x>\g<rest>
+^{X} (?:is|are|was|were) (?!to\b)[^,;.]+?,? (?:and|so) (?:(?:it|they|he|she) )?(?P<modal>should|must|ought to|has to|have
+    to|needs? to|can|could|may) {REST}$ => \g<x> \g<modal> \g<rest>
 ^(?:turn|change|make|transform) (?:the )?(?:day|daytime|daylight) (?:in)?to night$ => make everything look like night
 """
 _ORDERS = r"""

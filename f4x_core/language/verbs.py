@@ -9,7 +9,8 @@ from .lexicon import every_form, forms, inflected, word_set
 
 VERBS: dict[str, str] = {
     # appearance
-    "become": "hue shift, mark, mark up, flag, color code, accent, settle on, experiment with, inject, breathe, snap, "
+    "become": "blush, flush, bleed, ripen, melt, hue shift, mark, mark up, flag, color code, accent, settle on, "
+    "experiment with, inject, breathe, snap, "
     "retint, lerp, interpolate, tween, ramp, blend, "
     "highlight, try, try out, test, make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, "
     "dye, spray, respray, spray paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, "
@@ -35,10 +36,12 @@ VERBS: dict[str, str] = {
     "down, scale back, soften, ease, mute, knock down, step down, go down, minimize, tame, subdue, shrink, bump down, push down, "
     "limit, curb, moderate, attenuate, crank down, drag down, nerf, gain down, ride down, ease down, nudge down, inch down, notch "
     "down, tick down, edge down, dampen, tone back, suppress, crush down, level down, de emphasize, understate",
-    "brighten": "lift the exposure of, shed light on, lighten up, brighten, lighten, brighten up, lighten up, illuminate, light "
+    "brighten": "dodge, lift the exposure of, shed light on, lighten up, brighten, lighten, brighten up, lighten up, "
+    "illuminate, light "
     "up, light, relight, illumine, expose up, kick up the exposure of, push the exposure of, raise the exposure of, gain up, "
     "give light to, throw light on, perk up the light of",
-    "darken": "darken, dim, darken down, dim down, shade, underexpose, expose down, drop the exposure of, lower the exposure "
+    "darken": "burn in, darken, dim, darken down, dim down, shade, underexpose, expose down, drop the exposure of, "
+    "lower the exposure "
     "of, blacken down, overshadow, knock down the light of",
     "enlarge": "embiggen, biggen, scale it up, buff, beef up, enlarge, grow, magnify, scale up, blow up, upscale, upsize, "
     "expand, inflate, size up, swell, swell up, puff up, bulk up, balloon, bloat, supersize, pump up, widen, zoom up, double "
@@ -139,7 +142,8 @@ VERBS: dict[str, str] = {
     "copy": "instance, instantiate, array, photocopy, reproduce, copy, duplicate, clone, replicate, double up, copy "
     "and paste, copy paste, "
     "duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, photostat, xerox, "
-    "rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, reduplicate, ghost copy, cookie cut",
+    "shift d, cmd d, ctrl j, cmd j, alt drag, rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, "
+    "reduplicate, ghost copy, cookie cut",
     "add": "stack, line up, arrange, lay out, set up, distribute, scatter, comp, comp in, instantiate, instance, spawn, "
     "respawn, conjure, make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, "
     "need, stand, be, appear, duplicate, like, see, let, drop, spawn, bring in, throw in, stick, plant, park, prefer, send",

@@ -258,10 +258,10 @@ most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [dist
 more: more|farther|further|the most
 most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile|energetic|agile]]
     ({noun})|(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
-biggest = biggest: [bigger|larger|taller|wider|longer]|(the) [most|largest part|biggest part] of the {pictures}|(the) (very)
+biggest = biggest: [bigger|larger|taller|wider|longer]|(the) [more|most] [big|large|tall|wide|long|high] ({noun})|(the) [most|largest part|biggest part] of the {pictures}|(the) (very)
     [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller] one ({noun})|(the) most
     [space|room|area|volume|mass]
-biggest = smallest: [smaller|tinier|shorter]|(the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller
+biggest = smallest: [smaller|tinier|shorter]|(the) [more|most] [small|little|tiny|short] ({noun})|(the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller
     one
 brightest = brightest: (the) (very) [brightest|lightest] ({noun})|(the) [brighter|lighter] (one)
 brightest = darkest: (the) (very) [darkest|dimmest] ({noun})|(the) [darker|dimmer] (one)
@@ -401,7 +401,7 @@ when_turns: when turn thing start? | thing turn
 @place: any place-of stands? | who place-of stands? | who place thing own stands?
 neighbours: who around-of stands? | who thing around | thing alone stands?
 between: who pair in-gap? stands? | any pair in-gap? stands?
-relation: where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands? |
+relation: where thing place-or stands? | where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands? |
     who farther-aside thing stands? | who place thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
@@ -430,7 +430,7 @@ colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? seen? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing doing | how-many thing owner | how-many thing counted | how-many thing seen? side? stands? remain? |
+count: how-many thing doing | how-many thing seen? spot | how-many thing owner | how-many thing counted | how-many thing seen? side? stands? remain? |
     several thing seen? side? stands? remain?
 still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? |
     who stands always? | how-many thing rest stands? | how-many thing not move

@@ -280,6 +280,12 @@ def _doing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
             yield begin + 1, reading.word(begin)
 
 
+def _spot_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
+    """Where somebody is that nobody can compute: "on the bed"."""
+    for begin in cue("on|onto|in|inside|under|underneath").at(reading, at):
+        yield from ((end, reading.text_of(at, end)) for end in _name.at(reading, begin))
+
+
 _INTERROGATIVES = word_set("when where how what which who if whether tell")
 """Words with which a remark would be part of the question."""
 _slots: dict[str, Rule] = {
@@ -301,6 +307,7 @@ _slots: dict[str, Rule] = {
     "than": cue("than|as") + _names,
     "versus": cue("vs|versus|against|or") + _names,
     "doing": generated(_doing_at),
+    "spot": generated(_spot_at),
     "us": either(
         cue("to|from|of|for|toward"),
         here(lambda reading, at: reading.word(at - 1) in ("nearer", "closer", "nearest", "closest")),
@@ -578,7 +585,9 @@ _REASON = re.compile(r",? (?:please,? )?for (?:the|my|our|a|an|your) [a-z]+(?: [
 _REMARK_END = re.compile(rf"(?:[,:;]|\s-|\bbut\b|\band\b)\s*(?:(?:i )?(?:was|am) wondering )?(?={_ASKING}\b)")
 _REMARKING = re.compile(
     r"(?:(?:so|ok|okay|hello|hi|hey|well|just|and|but|quick)\b[ ,]*)*(?:i|we|my|our|this|it|sorry|pardon|out of|"
-    r"for (?:the|my|our)|one|q|question|correct me)\b"
+    r"for (?:the|my|our)|one|(?:(?:noob|newbie|stupid|silly|dumb|basic|random|weird|odd|simple|small|another|last) "
+    r")?(?:q|question)|"
+    r"correct me)\b"
 )
 """How a remark begins."""
 
@@ -643,11 +652,13 @@ def _either_or(text: str, clip: _Shown, it: tuple[str, ...]) -> Asked | None:
             continue
         than = first.other[0] if first.other else ""  # "is the dog behind the bush or in front?"
         placed = re.sub(r" (?:it|them|him|her)$", "", rest)
-        for second in (rest, f"{rest} it", f"it {placed} {than}", f"it {placed} of {than}"):
+        named = re.sub(r"\b(?:it|them|him|her)\b", than, rest)
+        for second in (rest, f"{rest} it", f"it {placed} {than}", f"it {placed} of {than}", f"it {named}"):
             other = _understood(second, clip, first.things[:-1] if than else first.things)
             if other and other.things == first.things and len({first.kind, other.kind} - {"motion"}) < 2:
                 both = f"{first.manner} or {other.manner}" if first.kind == "colour" else first.manner
-                return replace(first, polar=False, negated=False, side="", manner=both)
+                span = first.span or other.span
+                return replace(first, polar=False, negated=False, side="", manner=both, span=span)
     return None
 
 
@@ -729,6 +740,7 @@ _MANNERS = (
     "farther-aside",
     "grows",
     "doing",
+    "spot",
 )
 """Slots, the first that is filled: what says in which manner, or by which relation."""
 _OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}
