@@ -60,9 +60,8 @@ _when = ~keyword("(,) (but)") + _then
 _slowly = ~keyword(",") + table(
     {
         "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|more "
-        "and more|as time [goes on|goes by|passes]|with time|step by step|lerp|lerped|interpolate|interpolated|tween|"
-        "tweened|keyframe|"
-        "keyframed|ramp|ramped|[easy|smooth|gentle|auto] [ease|eased]|(with a) [s curve|bezier (curve)|smoothstep]|nice "
+        "and more|as time [goes on|goes by|passes]|with time|step by step|lerp|lerped|interpolate|interpolated|tween|tweened|"
+        "keyframe|keyframed|ramp|ramped|[easy|smooth|gentle|auto] [ease|eased]|(with a) [s curve|bezier (curve)|smoothstep]|nice "
         "and [gentle|gently|easy|steady]|[with|in] a [slow|gentle|soft|smooth|gradual] [transition|ramp|blend]|(in) a gradual way|"
         "easing in|easing out|with (a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|eased|(with) easing|nice and "
         "[smooth|smoothly|slow|slowly|gradual]|(nice and) smooth|(with) (a) [smooth|soft|eased] [interpolation|motion|movement|"

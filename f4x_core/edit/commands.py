@@ -161,9 +161,8 @@ ADDS_NOTHING = either(
         lambda reading, at: span.at(reading, at + (reading.word(at) == ","))
     ),  # "while she spins from second 1 to 2" says what is seen then
     literal(
-        "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its|his|her|their) [base|bottom|feet|ground|floor]|"
-        "(,) (with) (the|its) [color "
-        "space|mode|pivot] [=|:] [base|bottom]"
+        "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its|his|her|their) [base|bottom|feet|ground|floor]|(,) (with) (the|"
+        "its) [color space|mode|pivot] [=|:] [base|bottom]"
     ),
     literal("both") + unless(silent(two_of_them_behind)),
     here(lambda reading, at: singular(reading.word(at - 1)) in {words[-1] for words in reading.known})
@@ -523,10 +522,9 @@ _command("a bigger dog", as_given, "values", NAMED)(
 _MERELY = word_set("make makes making made get gets got be have has let put set keep")
 """Of the verbs of playing those that do not say that it is about speed."""
 _EVENTS = word_set(
-    "landing jump leap kick fall crash throw catch dive trick stunt freeze twirl routine figure takeoff liftoff "
-    "kickoff blastoff touchdown "
-    "pushoff impact moment part bit section segment stretch "
-    "portion passage action collision splash somersault backflip approach arrival exit entrance climax peak lap hit"
+    "landing jump leap kick fall crash throw catch dive trick stunt freeze twirl routine figure takeoff liftoff kickoff blastoff "
+    "touchdown pushoff impact moment part bit section segment stretch portion passage action collision splash somersault backflip "
+    "approach arrival exit entrance climax peak lap hit"
 )
 _event_noun = ~word_if(lambda reading, at: is_strange(reading.word(at), {w[-1] for w in reading.known})) + word_if(
     lambda reading, at: (
@@ -666,8 +664,7 @@ _command(
         {
             "[lift|lifts|lifting|raise|raising|brighten|brightening|boost|boosting|open up|bring up|push up|bring "
             "out|blow out]": False,
-            "[crush|crushing|deepen|deepening|darken|darkening|lower|lowering|drop|dropping|pull down|bring "
-            "down|press|sink]": True,
+            "[crush|crushing|deepen|deepening|darken|darkening|lower|lowering|drop|dropping|pull down|bring down|press|sink]": True,
             "[recover|tame|bring down|pull back|tone down|soften]": True,
         },
         reserve=False,

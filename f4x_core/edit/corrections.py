@@ -80,11 +80,9 @@ def corrected(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[s
 
 _FINITE = (
     r"(?:is|are|was|were|has|had|have|does|did|will|went|said|felt|got|came|made|isn't|aren't|wasn't|weren't|hasn't|haven't|"
-    r"doesn't|"
-    r"didn't|won't|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|keeps?|gets?|moves?|drives?|runs?|goes|walks?|hates?|"
-    r"[a-z]{2,}ed|(?!this|less|always|plus|minus|across|unless)(?:[a-z]{3,}s|(?<=s )(?!into|onto|over|with|from|away|"
-    r"back|than|then|and)[a-z]{3,}) (?:me|us|my|our|the|a|an|too|so|at|"
-    r"in|on|like|off|out|from|with|for))"
+    r"doesn't|didn't|won't|looks?|seems?|feels?|sits?|stands?|hangs?|lies?|keeps?|gets?|moves?|drives?|runs?|goes|walks?|hates?|"
+    r"[a-z]{2,}ed|(?!this|less|always|plus|minus|across|unless)(?:[a-z]{3,}s|(?<=s )(?!into|onto|over|with|from|away|back|than|"
+    r"then|and)[a-z]{3,}) (?:me|us|my|our|the|a|an|too|so|at|in|on|like|off|out|from|with|for))"
 )
 """What makes a clause of words behind a noun: it states something."""
 _CHANGES = r"(?:turns|becomes|changes|starts|stops|begins|grows|shrinks|fades|transforms|morphs)"
@@ -124,10 +122,9 @@ _IN_OTHER_WORDS = re.compile(
 )
 _IN_PICTURE = re.compile(rf"\b(?:in|of|on) (?:the|this) (?:{PICTURE})\b")
 _WISH = re.compile(
-    r"\b(?:should|must|shall|would|could|can(?! hardly| barely| not|not|['’]t)|(?<!nobody )(?<!no one )(?<!not )(?<!n't )"
-    r"(?:wants?|wish|needs?(?! th[ai][ts]\b))|please|make|let|(?<!used )to be|has to|have to|except|but|only|"
-    r"(?:until|after|before) (?:(?:a|the|that|this|about) )?(?:\w+ )?(?:second|end|start|half|middle|first|last)|seconds?|frames?)"
-    r"\b|\d|%",
+    r"\b(?:should|must|shall|would|could|can(?! hardly| barely| not|not|['’]t)|(?<!nobody )(?<!no one )(?<!not )(?<!n't )(?:wants?|"
+    r"wish|needs?(?! th[ai][ts]\b))|please|make|let|(?<!used )to be|has to|have to|except|but|only|(?:until|after|before) (?:(?:a|"
+    r"the|that|this|about) )?(?:\w+ )?(?:second|end|start|half|middle|first|last)|seconds?|frames?)\b|\d|%",
     re.IGNORECASE,
 )
 """What may be part of the command itself."""

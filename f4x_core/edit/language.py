@@ -387,14 +387,13 @@ _BARRED = (
         after_removal=True,
     ),
     _Barred(  # what a sentence says of something that is not to be done, in front of it
-        r"\b(?:hate (?:to|it (?:if|when)|for|seeing|having)|(?:wrong|mistake|shame|pity|crime|sin|disaster|foolish|"
-        r"(?:bad|terrible|awful|horrible|poor|stupid) idea) (?:to|if|that|for)|(?:refuse|decline|(?:i|we|not|would|strongly) "
-        r"object|hesitate) to|refrain from|"
-        r"(?:avoid|against) \w+ing|(?:forbidden|prohibited|not allowed|afraid) to|doubt (?:that|if|whether)|"
-        r"i(?: a|')m afraid .*\b(?:will|might|could|may|going to) (?!have to)|do you think (?:i|we|any\w+) wants? |"
-        r"(?:hardly|scarcely) any(?:one|body)|(?:nobody|no one|none of us) (?!(?:\w+ )?(?:should|to see|would miss|needs))|"
-        r"nothing should|neither .* nor |(?:would|could)(?:n't| not| never) want |not an option|no sense|"
-        r"keep (?:me|you|us|them) from|last thing (?:i|we|you|any\w+) wants?|(?:heaven|god) forbid)",
+        r"\b(?:hate (?:to|it (?:if|when)|for|seeing|having)|(?:wrong|mistake|shame|pity|crime|sin|disaster|foolish|(?:bad|terrible|"
+        r"awful|horrible|poor|stupid) idea) (?:to|if|that|for)|(?:refuse|decline|(?:i|we|not|would|strongly) object|hesitate) to|"
+        r"refrain from|(?:avoid|against) \w+ing|(?:forbidden|prohibited|not allowed|afraid) to|doubt (?:that|if|whether)|i(?: a|"
+        r"')m afraid .*\b(?:will|might|could|may|going to) (?!have to)|do you think (?:i|we|any\w+) wants? |(?:hardly|scarcely) "
+        r"any(?:one|body)|(?:nobody|no one|none of us) (?!(?:\w+ )?(?:should|to see|would miss|needs))|nothing should|neither .* "
+        r"nor |(?:would|could)(?:n't| not| never) want |not an option|no sense|keep (?:me|you|us|them) from|last thing (?:i|we|you|"
+        r"any\w+) wants?|(?:heaven|god) forbid)",
         "'{words}' tells what is not wanted; say what is to be done.",
     ),
 )
@@ -936,16 +935,15 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 _UNDOING = keyword(
     "[go|step|jump|roll] [back|backward] (by) ([the last|one|two|three|a|some|a few|1|2|3|4|5]) [steps|step|state|states|edit|"
-    "edits|version|versions] (in (the|my) history)|go [one|two|three|a] [step|steps] back|[put|take|bring] [it|"
-    "that|this|them] back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|[go|take me|"
-    "take us|get] back to [how|the way|what] [it|this|that|they|everything|things] [was|were] (before)|back to "
-    "the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|[ctrl|"
-    "control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
-    "[scratch|strike|axe|belay] [that|this|it]|[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|"
-    "reverse|roll back|undo] [my|the|that|this|your] (very) [last|previous] (two|three|four|few|couple of|2|3|4|5) [change|"
-    "edit|step|command|one|changes|edits|steps|commands|things]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|"
-    "that|this|everything|all)|put everything back|[start over|start again|back to square one]|[forget|revoke|nevermind|never "
-    "mind] (about) [that|the last|this] ([change|edit|step|one])"
+    "edits|version|versions] (in (the|my) history)|go [one|two|three|a] [step|steps] back|[put|take|bring] [it|that|this|them] "
+    "back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|[go|take me|take us|get] "
+    "back to [how|the way|what] [it|this|that|they|everything|things] [was|were] (before)|back to the (original|normal) state|did "
+    "not like that|take that back|step back|restore the original|reset everything|[ctrl|control|cmd|command] (+|-) z|[take|roll|"
+    "turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|[scratch|strike|axe|belay] [that|this|it]|"
+    "[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|reverse|roll back|undo] [my|the|that|this|your] "
+    "(very) [last|previous] (two|three|four|few|couple of|2|3|4|5) [change|edit|step|command|one|changes|edits|steps|commands|"
+    "things]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put everything back|[start over|"
+    "start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
 )
 _ELSEWHERE = {
     **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
@@ -957,8 +955,8 @@ sound music audio song voice bark meow talk sing hello volume mute: a scene has 
 text title caption captions subtitle subtitles watermark: nothing can be written into a scene.
 sun sunlight sunshine spotlight backlight: the light is as it was filmed; it can be made brighter, darker, warmer or cooler.
 mirror mirrored horizontally vertically flop: nothing is mirrored; 'turn the dog around' lets it face the other way.
-taller longer wider thinner shorter fatter slimmer stretched squash squashed narrower thicker: a thing grows as a whole; say
-    for example 'make the dog bigger'.
+taller longer wider thinner shorter fatter slimmer stretched squash squashed narrower thicker: a thing grows as a whole; say for
+    example 'make the dog bigger'.
 shiny shinier shininess glossy glossier gloss matte: how a surface shines is not changed; a glow is light around it.
 sharpen sharper crisper denoise deblur unblur upscale resolution artifacts quality: a scene does not become sharper; `f4x fit`
     with a finer profile may.
@@ -969,8 +967,8 @@ wave dance smile blink wink laugh eat sleep fight kiss hug breathe limp pirouett
 morph crossfade: one thing cannot turn into another; 'swap the dog and the cat' changes their places.
 ring phone email remind tell schedule buy: nothing but the scene is changed here.
 export save render download: `f4x export`, `f4x render` and `f4x open` write files.
-better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different fancy: it is
-    not said what is to change, a color, brightness, contrast, size, place or speed?
+better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different fancy: it is not
+    said what is to change, a color, brightness, contrast, size, place or speed?
 """
 """Words of wishes that no operation fulfils, and what is said about them."""
 _IMPOSSIBLE = {
@@ -1054,9 +1052,8 @@ _DOUBTFUL = (
             )
         )
         + _last,
-        "Nothing comes behind the last frame, as a clip keeps its length; 'freeze everything from second 2' holds an "
-        "earlier frame to "
-        "the end.",
+        "Nothing comes behind the last frame, as a clip keeps its length; 'freeze everything from second 2' holds an earlier frame "
+        "to the end.",
     ),
     (
         literal(
@@ -1255,20 +1252,17 @@ _CAMERA = table(
         "pictures as by a calm hand, and so does a camera of *Add Camera* in Blender.",
         "with (the|my|a) [camera|cam]|(the|my) [camera|cam] ([to|should|must|has to]) [follow|follows|track|tracks|"
         "chase|stay on|stays on]|"
-        "centered|recenter|recentre|reframe|in [frame|shot] all the time|[pan|tracking] [with|shot]": "No camera "
-        "follows a thing by "
-        "itself: in Blender a camera can be made to track it, and `f4x render SCENE -o DIR --path FILE` goes along any path of "
+        "centered|recenter|recentre|reframe|in [frame|shot] all the time|[pan|tracking] [with|shot]": "No camera follows a thing "
+        "by itself: in Blender a camera can be made to track it, and `f4x render SCENE -o DIR --path FILE` goes along any path of "
         "cameras.",
         "zoom|zooms|zooming|dolly|[push|punch] in|close up|[closer|wider|tighter] [shot|crop|framing|view]|wide angle|crop|fov|"
-        "focal length|lens": "No camera is edited: in Blender, and with `f4x render SCENE -o DIR --path FILE`, a "
-        "camera of your own "
-        "may stand nearer or have another lens; 'make the dog bigger' changes the thing itself.",
+        "focal length|lens": "No camera is edited: in Blender, and with `f4x render SCENE -o DIR --path FILE`, a camera of your "
+        "own may stand nearer or have another lens; 'make the dog bigger' changes the thing itself.",
         "pan|orbit|[move|turn|swing|tilt|rotate|raise|lower|fly|lift|bring|put|place|set|point|aim|take] (the|my) "
         "[camera|cam]|from [another|a different|the "
         "other|a new] [side|angle|view|viewpoint|perspective]|[top|side|aerial|back] view|camera [angle|move|path|movement]": "No "
-        "camera is edited: `f4x render SCENE -o DIR --path orbit --degrees 10` looks from around, `--path FILE` from "
-        "anywhere, and so "
-        "do cameras in Blender.",
+        "camera is edited: `f4x render SCENE -o DIR --path orbit --degrees 10` looks from around, `--path FILE` from anywhere, and "
+        "so do cameras in Blender.",
     },
     reserve=False,
 )

@@ -352,7 +352,8 @@ too_much = either(
 """What is done about too much or too little of a quality: a value."""
 rather = (
     literal(
-        "a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite|terribly|awfully|horribly|dreadfully|painfully|"
+        "a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite|terribly|awfully|horribly|"
+        "dreadfully|painfully|"
         "blindingly|ridiculously|overly|excessively|annoyingly|unbearably"
     )
     + _too

@@ -65,9 +65,8 @@ _RESTORING = either(
     table(
         {
             every_form("undo|revert|reset|cancel|restore|take back|stop|quit|cease")
-            + "|[like|as|how] [it|he|she|they] [was|were] (before)|as before|[its|his|her|"
-            "their] [old|first|previous]|no longer|any more|anymore|any longer|back to|back in|"
-            "back|normal|original|usual|natural|former": _ENDING
+            + "|[like|as|how] [it|he|she|they] [was|were] (before)|as before|[its|his|her|their] [old|first|previous]|no longer|"
+            "any more|anymore|any longer|back to|back in|back|normal|original|usual|natural|former": _ENDING
         },
         reserve=False,
     ),

@@ -13,7 +13,8 @@ from .lexicon import FUNCTION_WORDS, singular, word_set
 
 CALLS = literal(
     "i am afraid|i fear|you know what|let us say|right now|immediately|at once|straight away|this instant|i do not know|do "
-    "not know|hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|dad|daddy|my friend|sir|um|"
+    "not know|hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|mommy|mama|dad|"
+    "daddy|papa|grandma|grandpa|my friend|sir|um|"
     "umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|rather|"
     "somehow|for now|right away|asap|for me|for us|[sort|fix] [it|that|this] (out)|do something about [it|that]|from [that|"
     "this|the] [point|moment] (on|onward)|from there (on|onward)|if possible|if you [can|could|would|like|will]|when you can|"
@@ -34,18 +35,17 @@ ASKS = literal(
 WISHES = either(
     literal(
         "quickly|[i|we] [want|wanted|need|wish|prefer|fancy]|(i|we) [would|should] (so|really|just|absolutely|totally|dearly|"
-        "quite) [like|love|prefer|rather|sooner] (to [see|have|get]|that|it if)|[i|we] would [end|start|finish|begin|open] "
-        "[on|with]|i wonder (about)|[i|we] would rather have|(i want|i would like|i need) you|[you|we] (really|just|probably) "
-        "[should|could|can|may|must|ought to|had better|need to|have to]|let us|let me|go (ahead) and|(i|we|do) not forget to|"
-        "remember to|try to|help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel "
-        "free to|it is [necessary|required|needed|important|essential|vital|crucial|imperative] (to|that)|[i|we] [search|try|"
-        "aim|intend|plan|seek] to|[i|we] can not [figure out|work out|find out|find|see] how to|it would be [nice|great|cool] "
-        "(if)|if only|consider|[start|begin|continue|go on|carry on|finish|end] (off|out|up) [by|with]|your [job|mission|goal] "
-        "is to|[would|will|are|could|can|might] you (be) [able|manage] to|give me|get me|show me|i am looking for|i am trying "
-        "to|[we are|i am] going to|your task is to|time to|see|to "
-        "see|[watch|see|observe|notice|witness|behold|look] (as|how|while)|have|to have|to get|want|need|would like|[what|"
-        "all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|"
-        "ask for] is|it [is|would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
+        "quite) [like|love|prefer|rather|sooner] (to [see|have|get]|that|it if)|[i|we] would [end|start|finish|begin|open] [on|"
+        "with]|i wonder (about)|[i|we] would rather have|(i want|i would like|i need) you|[you|we] (really|just|probably) [should|"
+        "could|can|may|must|ought to|had better|need to|have to]|let us|let me|go (ahead) and|(i|we|do) not forget to|remember to|"
+        "try to|help me (to)|[make sure|ensure|see to it|be sure] (that)|so that|in such a way that|how to|feel free to|it is "
+        "[necessary|required|needed|important|essential|vital|crucial|imperative] (to|that)|[i|we] [search|try|aim|intend|plan|"
+        "seek] to|[i|we] can not [figure out|work out|find out|find|see] how to|it would be [nice|great|cool] (if)|if only|"
+        "consider|[start|begin|continue|go on|carry on|finish|end] (off|out|up) [by|with]|your [job|mission|goal] is to|[would|"
+        "will|are|could|can|might] you (be) [able|manage] to|give me|get me|show me|i am looking for|i am trying to|[we are|i am] "
+        "going to|your task is to|time to|see|to see|[watch|see|observe|notice|witness|behold|look] (as|how|while)|have|to have|to "
+        "get|want|need|would like|[what|all] [i|we] (really|would|am|are) [want|need|like|love|after|picture|ask for] is|it [is|"
+        "would be] (much|way) [better|best|nicer] (if|to)|[see|check] if you can|imagine (that)"
     ),
     literal("[i|we] would") + unless(literal("like|love|prefer|rather|want|have|be|do|not|sooner")),
     literal(
@@ -88,9 +88,8 @@ _POLITE_WORDS = (
     r"somehow|ask|must|anyhow|doable|say|easy|hard|agree|allowed|no|big|deal|permit|only|makes|sense"
 )
 _OPENING = (
-    r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|"
-    r"excellent|lovely|brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much "
-    r"better|i see|right)"
+    r"(?:ok|okay|all right|alright|cool|great|perfect|awesome|nice(?: one)?|good(?: job| work)?|well done|fine|super|excellent|"
+    r"lovely|brilliant|wonderful|amazing|sweet|very good|got it|sounds good|beautiful|not bad|next(?: up)?|much better|i see|right)"
 )
 _WISHING_WORDS = (
     "mean|means|lot|world|favor|favour|beg|command|order|request|hereby|told|said|insist|propose|suggest|recommend|hurry|if|"
@@ -105,7 +104,7 @@ _WISHING_WORDS = (
     "obliged|feasible|doable|conceivable|permissible|permitted|acceptable|able|request|requesting|trouble|troubling|bother|"
     "bothering|humbly|kindly|politely|feel|free|inclined|manage|arrange|willing|confirm|verify|establish|ascertain|specify|"
     "indicate|advise|might|must|hear|care|telling|tell|explain|explaining|show|showing|let|letting|inform|opinion|dare|allow|"
-    "allowed|enquire|inquire|learn|discover|apologise|apologize|need|needs|required|desire|desired|ideal|ideally"
+    "allowed|enquire|inquire|learn|discover|apologise|apologize|need|needs|required|desire|desired|ideal|ideally|solemnly|earnestly|sincerely|respectfully|formally|officially|cordially|urgently|[a-z]+[ai]ble"
 )
 WISHING = rf"(?:(?:{_WISHING_WORDS})(?:n?['’](?:d|m|s|ll|ve|re|t))?(?:[ ,]+|\.\.+ *))+"
 """How a wish or a question begins that says only that it is one: "I'd be ever so grateful", "wouldn't it be nice"."""
@@ -115,16 +114,15 @@ _ASKED_AFTER = re.compile(
     r"|(?<=[,:.;] )(?=(?:is|are|does|do|did|can|could|has|was|were)\b))"
 )
 _INTERJECTIONS = (
-    r"(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|phew|gosh|"
-    r"please|jeez|dang|damn|for (?:heaven s|god s|pete s) sake|for the love of [a-z]+|btw|by the way|fyi|imo|imho|tbh|"
-    r"honestly|frankly|pretty "
-    r"please|to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|"
-    r"basically|literally|ideally|hopefully|obviously|definitely|certainly|seriously|surely|absolutely|essentially|"
-    r"preferably|magically|nothing (?!else|but|more|less|except|other|only)(?:too |that |so )?[a-z]+(?=[ ]*(?:[,.;!]|$))|"
-    r"on second thoughts?|come to think of it|all things considered|for what it is worth|to be fair|by all means|at your "
-    r"convenience|in fact|in truth|in short|if memory serves|needless to say|as you know|as i said|as (?:discussed|agreed|usual|"
-    r"always|ever)|on reflection|upon reflection|having thought about it|no offense|no offence|truth be told|"
-    r"no (?:biggie|big deal|cap)|on god|for real|all of them|every one of them|each of them|both of them)"
+    r"(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|phew|gosh|please|jeez|dang|damn|for "
+    r"(?:heaven s|god s|pete s) sake|for the love of [a-z]+|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty please|to be "
+    r"honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry|possibly|kindly|gladly|basically|literally|ideally|"
+    r"hopefully|obviously|definitely|certainly|seriously|surely|absolutely|essentially|preferably|magically|nothing (?!else|but|"
+    r"more|less|except|other|only)(?:too |that |so )?[a-z]+(?=[ ]*(?:[,.;!]|$))|on second thoughts?|come to think of it|all things "
+    r"considered|for what it is worth|to be fair|by all means|at your convenience|in fact|in truth|in short|if memory serves|"
+    r"needless to say|as you know|as i said|as (?:discussed|agreed|usual|always|ever)|on reflection|upon reflection|having thought "
+    r"about it|no offense|no offence|truth be told|no (?:biggie|big deal|cap)|on god|for real|all of them|every one of them|each "
+    r"of them|both of them)"
 )
 """Words that stand for themselves."""
 _WISHED = word_set("like love want need wish prefer going way able me us how have try")
@@ -143,10 +141,9 @@ _PLAIN = {
         r"appreciated?(?: it)?)\b(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|"
         r"your) help|again|much|ahead of time))*"
     ),
-    "signed": r"[.,;!?-]\s*(?:(?:many|kind|kindest|best|warm|warmest|with|yours|very|all the|lots of) )*(?:thanks|"
-    r"thank you|regards|"
-    r"wishes|cheers|yours|truly|sincerely|faithfully|love|best|x+|greetings|hugs)(?: again| in advance| a lot| so much| truly| "
-    r"sincerely)*\s*[,.!-]*\s*(?:[a-z]+ )?(?:[a-z]+)?\s*[.!]*\s*$",
+    "signed": r"[.,;!?-]\s*(?:(?:many|kind|kindest|best|warm|warmest|with|yours|very|all the|lots of) )*(?:thanks|thank you|"
+    r"regards|wishes|cheers|yours|truly|sincerely|faithfully|love|best|x+|greetings|hugs)(?: again| in advance| a lot| so much| "
+    r"truly| sincerely)*\s*[,.!-]*\s*(?:[a-z]+ )?(?:[a-z]+)?\s*[.!]*\s*$",
     "interjection": rf",\s*\b{_INTERJECTIONS}(?=\s*(?:[,.;:!?]|$))|\b{_INTERJECTIONS}\b(?:\s*,)?",
     "comment": (
         rf"[,.;] *(?:can|could|would|will) you (?:do|manage|handle|try) (?:it|that|this)(?: for me)?(?=[ ?.!]*$)|"
@@ -155,19 +152,16 @@ _PLAIN = {
         rf"way))* (?:{_NICE})(?: (?:i think|for me|like that|that way))?{_UNTIL}"
     ),
     "tag": (
-        r",\s*(?:is|are|was|were|does|do|did|can|could|would|should|will|has|have)(?: not)? (?:it|they|he|she|you|we|i)\b"
-        r"(?=\s*(?:[,.?!;]|$))|"
-        r"(?:[,.?!]\s*)(?:okay|right|yeah|yes|will you|would you|could you|can you|do you mind|is that okay|what do you think|"
-        r"got it|deal|agreed|how|how come|any (?:ideas?|tips|help|suggestions?)(?: appreciated| welcome)?|you know|"
-        r"you see|i think|i guess|i suppose|i reckon|i would say|or what)\s*(?=[?.!]*\s*$)"
+        r",\s*(?:is|are|was|were|does|do|did|can|could|would|should|will|has|have)(?: not)? (?:it|they|he|she|you|we|"
+        r"i)\b(?=\s*(?:[,.?!;]|$))|(?:[,.?!]\s*)(?:okay|right|yeah|yes|will you|would you|could you|can you|do you mind|is that "
+        r"okay|what do you think|got it|deal|agreed|how|how come|any (?:ideas?|tips|help|suggestions?)(?: appreciated| welcome)?|"
+        r"you know|you see|i think|i guess|i suppose|i reckon|i would say|or what)\s*(?=[?.!]*\s*$)"
     ),
     "or so": (
-        r"\bor (?:so|something|whatever|thereabouts|similar|anything)\b"
-        r"(?: (?:like that|similar|of that kind|along those lines))?"
+        r"\bor (?:so|something|whatever|thereabouts|similar|anything)\b(?: (?:like that|similar|of that kind|along those lines))?"
     ),
-    "apology": r"^\s*(?:(?:i|we) )?(?:(?:do|must|really|humbly|am|very|so|terribly) )*(?:apologi[sz]e|beg (?:your |you )?"
-    r"pardon|sorry|excuse me|pardon(?: me)?|forgive me|my bad|oops)\b(?: (?:for|to|about|that) "
-    r"[^,.;]*?)?\s*[,.;:!-]+\s*(?:but\b,?)?",
+    "apology": r"^\s*(?:(?:i|we) )?(?:(?:do|must|really|humbly|am|very|so|terribly) )*(?:apologi[sz]e|beg (?:your |you )?pardon|"
+    r"sorry|excuse me|pardon(?: me)?|forgive me|my bad|oops)\b(?: (?:for|to|about|that) [^,.;]*?)?\s*[,.;:!-]+\s*(?:but\b,?)?",
     "as said": r"(?:,\s*)?\b(?:like|as) (?:i|we|you) (?:said|told you|mentioned|asked|discussed|agreed|know|see|can see)(?: "
     "before| earlier|"
     r" already| above)?\b\s*,?",
@@ -186,19 +180,17 @@ _PLAIN = {
     "no": r"^\s*(?:no\b[ ,.!]*)+(?=(?:not|do not|i|leave)\b)",
     "hurry": r"^\s*(?:hurry(?: up)?|come on|go on|quick|now then|right then|chop chop|look lively)\b\s*(?:[,.!]|"
     r"and\b)\s*(?:and\b)?",
+    "salutation": r"^\s*(?:dear|hi|hello|hey|hiya|good (?:morning|afternoon|evening|day))(?: [a-z]+){1,2}? , ",
     "opening": rf"^\s*(?:{_OPENING}(?:\s*[,.!:;-]+|(?=\s+(?:now|then|so|let|can|could|please|next|i|we|{_OPENING})\b))\s*)+"
     r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
-    "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:(?:(?:one|the|a|and) )?(?:more|last|final|other|"
-    r"next|first|another) (?:thing|request|point|item|wish)|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|"
-    r"for (?:a start|starters)|"
-    r"first off|first of all|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
+    "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:(?:(?:one|the|a|and) )?(?:more|last|final|other|next|"
+    r"first|another) (?:thing|request|point|item|wish)|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|for "
+    r"(?:a start|starters)|first off|first of all|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
     # reasons
     "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
-    "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) "
-    r"[^.;!?]*",
-    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|nobody|no one|anyone|one|(?:my|our|your|the|"
-    r"every|no) \w+|"
-    r"[a-z]+s(?= (?:can|could|will|feel|see|know|get|notice))) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
+    "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) [^.;!?]*",
+    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|nobody|no one|anyone|one|(?:my|our|your|the|every|no) "
+    r"\w+|[a-z]+s(?= (?:can|could|will|feel|see|know|get|notice))) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
     "seen": r"(?<!it)(?:,)?\s*\bso (?:that )?(?:i|we|you|one|people|everyone|everybody|anyone) (?:(?:can|could|will|may|would) )?"
     r"(?:(?:still|better|clearly|actually|also) )*(?:see|notice|spot|look at|make out|recogni[sz]e)s? (?!through|only|just|nothing)"
     r"[^.;!?,]*",
@@ -242,8 +234,6 @@ PURPOSES = frozenset({"so", "for", "to", "match"})
 _COURTESIES = ("signed", "opening", "ordering", "if", "thanks", "interjection", "apology", "vocative", "hurry")
 """Classes that questions have, too."""
 _CLAUSES = PURPOSES | {"because", "seen"}
-_ADDRESSED = word_set("please could can would will may make let i we you do turn have give")
-"""What a request begins with behind somebody's name."""
 
 
 def without_asides(
@@ -289,8 +279,6 @@ def without_asides(
     who = reported and (reported["who"] or reported["speaker"])
     if reported and who and not {who, singular(who)} & (things | VOCABULARY | FUNCTION_WORDS):
         leave_out("name", 0, reported.end())
-    for i in range(_addressed(tokens, things)):
-        gone[i] = "name"
     if not gone:
         return sentence, frozenset()
     kinds = frozenset(gone.values())
@@ -324,15 +312,3 @@ def cut(sentence: str, spans: list[tuple[int, int]]) -> str:
         kept, at = kept + sentence[at:start] + " ", max(end, at)
     kept = " ".join((kept + sentence[at:]).split())
     return re.sub(r"\s+([,.;!?])", r"\1", re.sub(r"^[\s,;.:!?-]+|[\s,;:-]+$", "", kept))
-
-
-def _addressed(tokens: list[Token], things: set[str]) -> int:
-    """The number of words in front that call somebody: "mommy I want", "Jarvis, make"; none where they may be a thing."""
-    for i, token in enumerate(tokens[:3]):
-        if token.text == "," and i:
-            following = tokens[i + 1].text if i + 1 < len(tokens) else ""
-            return i + 1 if following in _ADDRESSED else 0
-        strange = token.is_word and not {token.text, singular(token.text)} & (things | VOCABULARY | FUNCTION_WORDS)
-        if not strange and token.text not in ("hey", "hi", "hello", "okay", "dear", "oh"):
-            return i if i and token.text in ("i", "we", "could", "can", "would", "will", "please") else 0
-    return 0

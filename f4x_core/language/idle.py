@@ -116,7 +116,7 @@ _WISHING = word_set(
 def _asides(reading: Reading, known: Collection[str], imperatives: Collection[str]) -> dict[int, tuple[int, int]]:
     """Where what somebody says beside the command begins -> its end and cost: words between signs, or a reason, with no thing,
     verb, amount, time, colour or negation in them, of which the grammar does not know at least one; any reason that tells no
-    time, amount or colour; what only asks."""
+    time, amount or colour."""
     words, end = [token.text for token in reading.tokens], len(reading.tokens)
     found: dict[int, tuple[int, int]] = {}
     strange = [is_strange(word, known) for word in words]
@@ -133,7 +133,7 @@ def _asides(reading: Reading, known: Collection[str], imperatives: Collection[st
         likened = words[at] == "as" and named and _STATING.isdisjoint(words[at:stop])
         if words[at] in _REASONS and not likened and (at or stop < end) and all(map(_tells, words[at:stop])):
             found.setdefault(at, (stop, _ASIDE))
-    return found | _openers(words, strange, harmless, imperatives)
+    return found
 
 
 _ADJECTIVES = ("y", "ed", "ing", "ish", "ful", "ous", "er", "al", "ic")
@@ -146,29 +146,6 @@ _DECISIVE = word_set(
 def _tells(word: str) -> bool:
     """Whether a word of a reason says neither when, how much or how, nor what it should be like."""
     return word.isalpha() and not any(word in words for words in (_DECISIVE, COLOURS, ONES, TENS, FRACTIONS))
-
-
-_WHO_ASKS = word_set("i we you me us would could can may might shall please")
-_ASKING = _WHO_ASKS | word_set("it be do does my our let is are")
-_GOES_ON = word_set("to and if that whether for")
-_MOST_BEFORE = 12
-
-
-def _openers(
-    words: list[str], strange: list[bool], harmless: list[bool], imperatives: Collection[str]
-) -> dict[int, tuple[int, int]]:
-    """The words in front that only ask, whatever they are: "would it be feasible for", "I do solemnly request that"."""
-    for stop in range(min(len(words), _MOST_BEFORE), 1, -1):
-        front, last, following = {*words[:stop]}, words[stop - 1], (*words, "")[stop]
-        begins = following in (imperatives if last in ("to", "and") else _SUBJECTS)
-        soft = all(harmless[at] or words[at] in FUNCTION_WORDS | _ASKING for at in range(stop))
-        asks = any(strange[:stop]) and _WHO_ASKS & front and front.isdisjoint(("not", "no", "never"))
-        if last in _GOES_ON and begins and soft and asks:
-            return {0: (stop, FILLED * stop)}
-    return {}
-
-
-_SUBJECTS = word_set("the my our this that these those everything everyone it a an all both")
 
 
 def is_strange(word: str, known: Collection[str]) -> bool:

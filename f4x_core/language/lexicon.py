@@ -17,21 +17,20 @@ def _table(text: str) -> dict[str, str]:
 
 
 SPELLING = _table(
-    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, nad and, annd "
-    "and, & and, pls please, plz please, plese please, pleas please, colour color, colours colors, coloured colored, colouring "
+    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, nad and, annd and, "
+    "& and, pls please, plz please, plese please, pleas please, colour color, colours colors, coloured colored, colouring "
     "coloring, colourless colorless, recolour recolor, recoloured recolored, recolouring recoloring, decolour decolor, grey gray, "
     "greys grays, greyscale grayscale, greyish grayish, greyer grayer, centre center, towards toward, till until, til until, "
     "onwards onward, ok okay, leftwards leftward, rightwards rightward, upwards upward, downwards downward, backwards backward, "
-    "forwards forward, afterwards afterward, wanna want, colur color, coulor color, gonna going, gimme give, metre "
-    "meter, metres meters, centimetre centimeter, centimetres centimeters, recognise recognize, summarise summarize, desaturise "
-    "desaturate, colourise colorize, colourize colorize, colorise colorize, greyed grayed, u you, ur your, gotta to, tyre tire, "
-    "tyres tires, neighbour neighbor, neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru "
-    "through, travelling traveling, travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer "
-    "your, r are, bg background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics "
-    "picture, cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, "
-    "bout about, n and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, loc location, spd speed, dupe "
-    "copy, dup copy, ctr center, percents percent, bcuz because, em them, opac opacity, backgrnd background, foregrnd foreground, "
-    "whichever which"
+    "forwards forward, afterwards afterward, wanna want, colur color, coulor color, gonna going, gimme give, metre meter, metres "
+    "meters, centimetre centimeter, centimetres centimeters, recognise recognize, summarise summarize, desaturise desaturate, "
+    "colourise colorize, colourize colorize, colorise colorize, greyed grayed, u you, ur your, gotta to, tyre tire, tyres tires, "
+    "neighbour neighbor, neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru through, "
+    "travelling traveling, travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer your, r "
+    "are, bg background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics picture, "
+    "cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, bout about, n "
+    "and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, loc location, spd speed, dupe copy, dup copy, "
+    "ctr center, percents percent, bcuz because, em them, opac opacity, backgrnd background, foregrnd foreground, whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
 
@@ -140,9 +139,8 @@ CONTRACTIONS |= {
 CONTRACTIONS |= {
     short: tuple(long.split())
     for short, long in _table(
-        "outta out of, kinda kind of, sorta sort of, lotta lot of, alot a lot, abit a bit, lemme let me, gimme give "
-        "me, bnw black and "
-        "white, bw black and white, semitransparent semi transparent, tryna trying to, shan't shall not, dunno do not know"
+        "outta out of, kinda kind of, sorta sort of, lotta lot of, alot a lot, abit a bit, lemme let me, gimme give me, bnw black "
+        "and white, bw black and white, semitransparent semi transparent, tryna trying to, shan't shall not, dunno do not know"
     ).items()
 }
 """Words that stand for several, their apostrophe written or left out; any other `'s` is possessive."""
@@ -166,17 +164,16 @@ PLURALS = _table(
 )
 """Plurals that no rule gives."""
 SYNONYMS = _table(
-    "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid "
-    "child, kiddie child, kiddy child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound "
-    "dog, kitty cat, kitten cat, bike "
-    "bicycle, auto car, automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf "
-    "cow, bull cow, vessel boat, lawn grass, foliage leaf, audience crowd, spectators crowd, pram stroller, buggy "
-    "stroller, pushchair stroller, lorry truck, telly tv, television tv, aeroplane airplane, plane airplane, cab taxi, "
-    "tram streetcar, hound dog, bunny rabbit, biker cyclist, lass girl, youngster child, tot child, infant baby, folks "
-    "people, spectator person, pavement sidewalk, seaside sea, birdie bird, ducky duck, duckie duck, horsie horse, horsey "
-    "horse, piggy pig, froggy frog, fishy fish, onlooker person, bystander person, breakdancer dancer, ballerina dancer, "
-    "trike bicycle, scoot scooter, individual person, pedestrian person, motorcar car, pickup truck, shrub bush, steed horse, mare "
-    "horse, stallion horse, foal horse, ship boat, yacht boat, dinghy boat, settee sofa, roadway road, blossom flower, turf grass"
+    "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid child, "
+    "kiddie child, kiddy child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten "
+    "cat, bike bicycle, auto car, automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf "
+    "cow, bull cow, vessel boat, lawn grass, foliage leaf, audience crowd, spectators crowd, pram stroller, buggy stroller, "
+    "pushchair stroller, lorry truck, telly tv, television tv, aeroplane airplane, plane airplane, cab taxi, tram streetcar, hound "
+    "dog, bunny rabbit, biker cyclist, lass girl, youngster child, tot child, infant baby, folks people, spectator person, "
+    "pavement sidewalk, seaside sea, birdie bird, ducky duck, duckie duck, horsie horse, horsey horse, piggy pig, froggy frog, "
+    "fishy fish, onlooker person, bystander person, breakdancer dancer, ballerina dancer, trike bicycle, scoot scooter, individual "
+    "person, pedestrian person, motorcar car, pickup truck, shrub bush, steed horse, mare horse, stallion horse, foal horse, ship "
+    "boat, yacht boat, dinghy boat, settee sofa, roadway road, blossom flower, turf grass"
 )
 """Another word -> the label that it means where a scene knows that, and not the word."""
 SINGULARS = word_set(
@@ -297,12 +294,11 @@ SETTING = (
 """Words for where all that is seen is: they tell no thing from another."""
 EVERYBODY = ("person", "people", "human")
 PEOPLE = (
-    r"person|people|humans?|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|bab(?:y|ies)|boys?|girls?|guys?|lad(?:y|ies)|"
-    r"faces?|hands?|crowd|(?:bicycl|motorcycl|cycl|art|tour|guitar|pian|viol)ists?|ballerinas?|skaters?|surfers?|jockeys?|"
-    r"nurses?|(?:horse |bike )?(?:rid|driv|danc|runn|swimm|walk|work|play|passeng|teach|farm|soldi|paint|conduct|act|sail|"
-    r"sing|act|wait|danc|box|climb|jump|skat|surf|wrestl|referee|fight|photograph|bik)(?:er|or)s?|passengers?|soldiers?|"
-    r"tracers?|athletes?|cyclists?|pilots?|doctors?|cooks?|chefs?|brides?|grooms?|students?|kings?|queens?|boss(?:es)?|"
-    r"friends?|pedestrians?"
+    r"person|people|humans?|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|bab(?:y|ies)|boys?|girls?|guys?|lad(?:y|ies)|faces?|"
+    r"hands?|crowd|(?:bicycl|motorcycl|cycl|art|tour|guitar|pian|viol)ists?|ballerinas?|skaters?|surfers?|jockeys?|nurses?|"
+    r"(?:horse |bike )?(?:rid|driv|danc|runn|swimm|walk|work|play|passeng|teach|farm|soldi|paint|conduct|act|sail|sing|act|wait|"
+    r"danc|box|climb|jump|skat|surf|wrestl|referee|fight|photograph|bik)(?:er|or)s?|passengers?|soldiers?|tracers?|athletes?|"
+    r"cyclists?|pilots?|doctors?|cooks?|chefs?|brides?|grooms?|students?|kings?|queens?|boss(?:es)?|friends?|pedestrians?"
 )
 """Names of people, as a pattern."""
 """The label that "everyone" means: the first of these that a scene knows."""
@@ -362,15 +358,14 @@ def every_form(verbs: str) -> str:
 
 
 NO_THINGS = word_set(
-    "file files folder directory disk drive database system password prompt instruction instructions rule rules code "
-    "script program command commands server computer software user account data edit edits change changes history step "
-    "sound sounds audio music song voice noise text word words sentence subtitle caption title camera lens zoom view "
-    "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
-    "side sides brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
-    "somebody someone anyone everyone everybody everything way lot bit kind sort fun problem idea question answer life "
-    "love nonsense stuff overall volume weather mood heat temperature day morning evening night afternoon pirouette somersault "
-    "backflip frontflip cartwheel handstand headstand moonwalk "
-    "curtsy"
+    "file files folder directory disk drive database system password prompt instruction instructions rule rules code script "
+    "program command commands server computer software user account data edit edits change changes history step sound sounds audio "
+    "music song voice noise text word words sentence subtitle caption title camera lens zoom view viewpoint angle frame frames "
+    "second seconds minute minutes time speed size width height length color colors hue side sides brightness opacity transparency "
+    "saturation contrast job world universe internet something nothing anything nobody somebody someone anyone everyone everybody "
+    "everything way lot bit kind sort fun problem idea question answer life love nonsense stuff overall volume weather mood heat "
+    "temperature day morning evening night afternoon pirouette somersault backflip frontflip cartwheel handstand headstand "
+    "moonwalk curtsy"
 )
 """Nouns that name nothing one can see in a scene."""
 FUNCTION_WORDS = word_set(

@@ -405,15 +405,16 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the [time|while]|all along|(all) the [whole|entire] [time|duration]|(for|over|during) the "
-            "[whole|entire] thing|for the "
-            "(whole|entire|full) [duration|length] (of the [clip|video|film|scene|shot|footage|recording|movie|sequence])|all the "
-            "way through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the [whole|entire] [clip|"
-            "video|time|film|shot|footage|movie|sequence|scene]|throughout|throughout the [clip|video|film|scene]|forever|the "
-            "[entire|whole] way|the whole way through|from start to finish|from (the) beginning to (the) end|(over|for) the whole "
-            "duration|[over|during|throughout|across] the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|"
-            "recording]|at all times|in every frame|[in|on|for] all (the) frames|on every frame|constantly|perpetually|for its "
-            "[entire|whole] length|from the first (frame) to the last (frame)": Span(START, None, "always")
+            "always|all the [time|while]|all along|(all) the [whole|entire] [time|duration]|(for|over|during) the [whole|entire] "
+            "thing|for the (whole|entire|full) [duration|length] (of the [clip|video|film|scene|shot|footage|recording|movie|"
+            "sequence])|all the way through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the "
+            "[whole|entire] [clip|video|time|film|shot|footage|movie|sequence|scene]|throughout|throughout the [clip|video|film|"
+            "scene]|forever|the [entire|whole] way|the whole way through|from start to finish|from (the) beginning to (the) end|"
+            "(over|for) the whole duration|[over|during|throughout|across] the (whole|entire) [clip|video|film|scene|footage|shot|"
+            "movie|sequence|recording]|at all times|in every frame|[in|on|for] all (the) frames|on every frame|constantly|"
+            "perpetually|for its [entire|whole] length|from the first (frame) to the last (frame)": Span(
+                START, None, "always"
+            )
         }
     ),
 )

@@ -9,21 +9,19 @@ from .lexicon import every_form, forms, inflected, word_set
 
 VERBS: dict[str, str] = {
     # appearance
-    "become": "blush, flush, bleed, ripen, melt, hue shift, mark, mark up, flag, color code, accent, settle on, "
-    "experiment with, inject, breathe, snap, "
-    "retint, lerp, interpolate, tween, ramp, blend, "
-    "highlight, try, try out, test, make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, "
-    "dye, spray, respray, spray paint, set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, "
-    "display, look, feel, become, have, go, seem, cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, "
-    "slap, splash, splatter, throw, smear, brush, lacquer, style, restyle, redo, colorize, tone, transition, morph, draw, "
-    "pick, choose, select, add, sprinkle, lay, shift, swap, flip, restore, place, edit, modify, wear, ask for, go for, go "
-    "with, opt for, fill, flood, soak, grade, reskin, retexture, recolorise, reshade, dunk, varnish, shift over, bring over, "
-    "kit out, drape, steep, cloak, swathe, shroud, repurpose, slather, daub, tart up, jazz up, doll up, deck out",
+    "become": "blush, flush, bleed, ripen, melt, hue shift, mark, mark up, flag, color code, accent, settle on, experiment with, "
+    "inject, breathe, snap, retint, lerp, interpolate, tween, ramp, blend, highlight, try, try out, test, make, turn, render, "
+    "change, convert, transform, give, paint, repaint, color, recolor, dye, spray, respray, spray paint, set, put, get, let, play, "
+    "run, use, apply, do, keep, switch, bring, show, adjust, display, look, feel, become, have, go, seem, cover, coat, drench, "
+    "dip, bathe, dress up, wrap, stain, shade, decorate, slap, splash, splatter, throw, smear, brush, lacquer, style, restyle, "
+    "redo, colorize, tone, transition, morph, draw, pick, choose, select, add, sprinkle, lay, shift, swap, flip, restore, place, "
+    "edit, modify, wear, ask for, go for, go with, opt for, fill, flood, soak, grade, reskin, retexture, recolorise, reshade, "
+    "dunk, varnish, shift over, bring over, kit out, drape, steep, cloak, swathe, shroud, repurpose, slather, daub, tart up, jazz "
+    "up, doll up, deck out",
     "tint": "tint, tinge, tone, wash, stain slightly, suffuse, hint",
-    "set": "clamp, peg, trim, dip, whack, set, change, make, turn, put, bring, adjust, take, get, give, have, need, "
-    "show, apply, use, keep, "
-    "correct, modify, tweak, fix, move, pull, push, dial, drag, slide, crank, pump, knock, ramp, kick, jack, tone, want, could "
-    "use, can use, could do with, deserve, go, run, let, play",
+    "set": "clamp, peg, trim, dip, whack, set, change, make, turn, put, bring, adjust, take, get, give, have, need, show, apply, "
+    "use, keep, correct, modify, tweak, fix, move, pull, push, dial, drag, slide, crank, pump, knock, ramp, kick, jack, tone, "
+    "want, could use, can use, could do with, deserve, go, run, let, play",
     "more": "whack, increase, raise, boost, crank, push, pump, kick, jack, ramp, turn up, bump up, crank up, pump up, dial "
     "up, bring up, push up, strengthen, enhance, intensify, bump, lift, add, pull up, amplify, up, ramp up, jack up, beef up, "
     "heighten, hike, step up, punch up, take up, deepen, improve, extend, augment, multiply, advance, go up, grow, buff, boost "
@@ -36,21 +34,18 @@ VERBS: dict[str, str] = {
     "down, scale back, soften, ease, mute, knock down, step down, go down, minimize, tame, subdue, shrink, bump down, push down, "
     "limit, curb, moderate, attenuate, crank down, drag down, nerf, gain down, ride down, ease down, nudge down, inch down, notch "
     "down, tick down, edge down, dampen, tone back, suppress, crush down, level down, de emphasize, understate",
-    "brighten": "dodge, lift the exposure of, shed light on, lighten up, brighten, lighten, brighten up, lighten up, "
-    "illuminate, light "
-    "up, light, relight, illumine, expose up, kick up the exposure of, push the exposure of, raise the exposure of, gain up, "
+    "brighten": "dodge, lift the exposure of, shed light on, lighten up, brighten, lighten, brighten up, lighten up, illuminate, "
+    "light up, light, relight, illumine, expose up, kick up the exposure of, push the exposure of, raise the exposure of, gain up, "
     "give light to, throw light on, perk up the light of",
-    "darken": "burn in, darken, dim, darken down, dim down, shade, underexpose, expose down, drop the exposure of, "
-    "lower the exposure "
-    "of, blacken down, overshadow, knock down the light of",
+    "darken": "burn in, darken, dim, darken down, dim down, shade, underexpose, expose down, drop the exposure of, lower the "
+    "exposure of, blacken down, overshadow, knock down the light of",
     "enlarge": "embiggen, biggen, scale it up, buff, beef up, enlarge, grow, magnify, scale up, blow up, upscale, upsize, "
     "expand, inflate, size up, swell, swell up, puff up, bulk up, balloon, bloat, supersize, pump up, widen, zoom up, double "
     "up, broaden, get bigger, get larger, scale out, big up, jumbo, jumbo size, super size, plump up, fatten up, make grow, "
     "make huge, up the size of, up the scale of",
-    "shrink": "minify, dwarf, nerf, shrink, scale down, shrink down, downscale, downsize, minimize, size down, "
-    "contract, miniaturize, reduce, compress, get smaller, dwindle, squash down, deflate, cut down, scale in, shrinkify, tiny "
-    "up, minimise, miniaturise, reduce in size, make shrink, squish, squish down, whittle down, knock down in size, half size, "
-    "down the size of",
+    "shrink": "minify, dwarf, nerf, shrink, scale down, shrink down, downscale, downsize, minimize, size down, contract, "
+    "miniaturize, reduce, compress, get smaller, dwindle, squash down, deflate, cut down, scale in, shrinkify, tiny up, minimise, "
+    "miniaturise, reduce in size, make shrink, squish, squish down, whittle down, knock down in size, half size, down the size of",
     "quicken": "fast forward, turbocharge, rev up, pick up the pace, pick up speed, speed up, accelerate, quicken, hasten, "
     "hurry, hurry up, rush, hustle, speed ramp up, undercrank, ramp up the speed of, step on it with, put the pedal down on, "
     "make hurry, hurry along, hyper speed, hyperlapse, time lapse, timelapse, fast track",
@@ -68,23 +63,21 @@ VERBS: dict[str, str] = {
     "cool": "cool, cool down, cool off, chill",
     "scale": "scale, resize, rescale, size",
     # visibility
-    "delete": "tidy away, cull, prune, eradicate, efface, terminate, extinguish, wish away, retouch out, rid the "
-    "picture of, rid the frame of, free the scene of, free the shot of, free the picture of, scrub, "
-    "scrub out, expunge, excise, eject, oust, obliterate, annihilate, say goodbye to, wave goodbye to, whisk "
-    "away, spirit away, blot out, see off, remove from, shoo, despawn, exorcise, get shot of, remove, delete, erase, rm, del, "
-    "yeet, nix, evict, vaporize, matte out, knock out, comp out, paint off, get rid of, eliminate, drop, lose, discard, scrap, "
-    "trash, do away with, dump, ditch, clear, banish, scratch, kill, cut, purge, rid us of, clean out, take out, cut out, edit "
-    "out, wipe out, rub out, throw out, throw away, take away, cut away, paint out, key out, clone out, crop out, pull out, "
-    "kick out, chuck out, x out, leave out, rotoscope out, strip out, strip away, clear away, clear out, rub off, wipe off, "
-    "edit away, carry off, wipe away, zap, nuke, yank, axe, bin, chuck, destroy, dispose of, dispense with, do without, "
-    "exclude, omit, weed out, airbrush out, photoshop out, strike, toss, toss out, expel, shoo away, thanos snap, poof, "
-    "unalive, boot out, deport, exile, deep six, vacuum up, wipe off the map, rip out, tear out, tear down, lop off, hack off, "
-    "snip out, slice out, magic erase, magic eraser, content aware fill, heal out, inpaint, roto out and remove, demolish, "
-    "dismantle, disintegrate, dissolve away, purge out, decommission, remove from the scene, get out of the way, send packing, "
-    "rid the scene of, rid the shot of, cut from the scene, lift out and bin",
-    "take": "clone stamp, clone, stamp, heal, patch, paint, brush, airbrush, retouch, photoshop, comp, matte, take, "
-    "cut, throw, wipe, rub, edit, crop, get, kick, strip, clean, clear, chuck, leave, mask, erase, delete, "
-    "remove, chop, pull",
+    "delete": "tidy away, cull, prune, eradicate, efface, terminate, extinguish, wish away, retouch out, rid the picture of, rid "
+    "the frame of, free the scene of, free the shot of, free the picture of, scrub, scrub out, expunge, excise, eject, oust, "
+    "obliterate, annihilate, say goodbye to, wave goodbye to, whisk away, spirit away, blot out, see off, remove from, shoo, "
+    "despawn, exorcise, get shot of, remove, delete, erase, rm, del, yeet, nix, evict, vaporize, matte out, knock out, comp out, "
+    "paint off, get rid of, eliminate, drop, lose, discard, scrap, trash, do away with, dump, ditch, clear, banish, scratch, kill, "
+    "cut, purge, rid us of, clean out, take out, cut out, edit out, wipe out, rub out, throw out, throw away, take away, cut away, "
+    "paint out, key out, clone out, crop out, pull out, kick out, chuck out, x out, leave out, rotoscope out, strip out, strip "
+    "away, clear away, clear out, rub off, wipe off, edit away, carry off, wipe away, zap, nuke, yank, axe, bin, chuck, destroy, "
+    "dispose of, dispense with, do without, exclude, omit, weed out, airbrush out, photoshop out, strike, toss, toss out, expel, "
+    "shoo away, thanos snap, poof, unalive, boot out, deport, exile, deep six, vacuum up, wipe off the map, rip out, tear out, "
+    "tear down, lop off, hack off, snip out, slice out, magic erase, magic eraser, content aware fill, heal out, inpaint, roto out "
+    "and remove, demolish, dismantle, disintegrate, dissolve away, purge out, decommission, remove from the scene, get out of the "
+    "way, send packing, rid the scene of, rid the shot of, cut from the scene, lift out and bin",
+    "take": "clone stamp, clone, stamp, heal, patch, paint, brush, airbrush, retouch, photoshop, comp, matte, take, cut, throw, "
+    "wipe, rub, edit, crop, get, kick, strip, clean, clear, chuck, leave, mask, erase, delete, remove, chop, pull",
     "hide": "stash, hide away, cover up, mask away, make go away, despawn, hide, conceal, mask, mask out, make invisible, "
     "vanish, disappear, stop showing, not show, blank out, switch off, turn off, cloak, veil, obscure, unshow, tuck away, make "
     "vanish, make disappear, suppress, camouflage, turn invisible, toggle off, disable, deactivate, ghost out, vanish out, "
@@ -106,17 +99,16 @@ VERBS: dict[str, str] = {
     "isolate": "isolate, extract, single out, separate out, separate, cut free, solo, rotoscope, roto, crop to, cut around, "
     "rotobrush, lift from the background, cherry pick, pluck out, carve out",
     # places
-    "move": "cheat, bounce, bung, scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, "
-    "shift, push, put, "
-    "slide, bring, pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, drop, "
+    "move": "cheat, bounce, bung, scooch over, budge up, teleport, warp, snap, stack, balance, perch, seat, move, shift, push, "
+    "put, slide, bring, pull, drag, place, shove, carry, send, scoot, nudge, translate, position, drive, displace, set, get, drop, "
     "throw, relocate, fly, float, slip, scooch, budge, transport, take, swing, draw, tug, bump, go, jump, drift, come, glide, "
     "wander, roll, hop, step, travel, walk, hover, swim, run, stand, sit, hang, lift, raise, lower, rise, sink, land, offset, "
     "reposition, ride, dance, skate, be, live, start, stay, haul, tow, boost, hoist, heave, lay, stick, park, plant, tuck, "
-    "squeeze, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, sail, toss, fling, kick, yank, plop, set down, put "
-    "down, pick up, scroll, pan, rest, belong, climb, crawl, creep, scoot over, shimmy, shuffle over, hustle over, lob, hurl, "
-    "sling, plonk, plunk, drop off, wheel, ferry, tote, wiggle, jiggle, nudge over, push over, pull over, slide over, move "
-    "over, shift over, bring over, set over, rearrange, reseat, rehome, resettle, repark, stow, situate, locate, deploy, "
-    "dock, moor, hang up, stand up",
+    "squeeze, lug, jog, jolt, shuffle, sneak, migrate, inch, edge, steer, sail, toss, fling, kick, yank, plop, set down, put down, "
+    "pick up, scroll, pan, rest, belong, climb, crawl, creep, scoot over, shimmy, shuffle over, hustle over, lob, hurl, sling, "
+    "plonk, plunk, drop off, wheel, ferry, tote, wiggle, jiggle, nudge over, push over, pull over, slide over, move over, shift "
+    "over, bring over, set over, rearrange, reseat, rehome, resettle, repark, stow, situate, locate, deploy, dock, moor, hang up, "
+    "stand up",
     "raise": "raise, lift, float, elevate, hoist, rise, levitate, lift up, raise up, pick up, ascend, take off, soar, float "
     "up, hover, jack up, prop up, boost up, push up, pull up, bring up, hang higher, send up, loft, lob up, fly up, rise up",
     "lower": "lower, sink, drop, descend, let down, bring down, drop down, set down, put down, duck, dip down, bring lower, "
@@ -139,10 +131,9 @@ VERBS: dict[str, str] = {
     "match": "match, adapt, adjust, fit, equalize, color match, take on, take over, pick up, borrow, inherit, adopt, share, "
     "steal, harmonize, sync, blend, coordinate, imitate, emulate, tie in, unify, bring in line",
     # copies
-    "copy": "instance, instantiate, array, photocopy, reproduce, copy, duplicate, clone, replicate, double up, copy "
-    "and paste, copy paste, "
-    "duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, photostat, xerox, "
-    "shift d, cmd d, ctrl j, cmd j, alt drag, rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, "
+    "copy": "instance, instantiate, array, photocopy, reproduce, copy, duplicate, clone, replicate, double up, copy and paste, "
+    "copy paste, duplicate and paste, make copies of, make a copy of, make a duplicate of, make a clone of, mirror copy, "
+    "photostat, xerox, shift d, cmd d, ctrl j, cmd j, alt drag, rubber stamp, spawn a copy of, duplicate up, mass copy, ctrl d, "
     "reduplicate, ghost copy, cookie cut",
     "add": "stack, line up, arrange, lay out, set up, distribute, scatter, comp, comp in, instantiate, instance, spawn, "
     "respawn, conjure, make, create, add, put, place, give, insert, produce, generate, set, have, get, want, show, "
@@ -150,8 +141,7 @@ VERBS: dict[str, str] = {
     "follow": "follow, come after, trail, chase, lag, lag behind, trail behind, run behind, run after, walk behind, come "
     "behind, follow behind, drive behind, drive after, go behind, go after, walk after, tag along behind, move behind, pursue, "
     "tag after, tag along, string along behind, come along behind, hang behind, straggle behind, lag after",
-    "leave": "leave, echo, onion skin, have, make, add, put, give, create, draw, show, let, get, drag, apply, throw in, use, "
-    "need",
+    "leave": "leave, echo, onion skin, have, make, add, put, give, create, draw, show, let, get, drag, apply, throw in, use, need",
     # time
     "freeze": "lock, lock in place, hit pause on, put on pause, put on hold, stop in place, stand frozen, keep frozen, freeze, "
     "pause, wait, halt, immobilize, stop moving, stand still, stay still, hold still, freeze frame, hold frame, keep still, stay "
@@ -164,12 +154,10 @@ VERBS: dict[str, str] = {
     "backward, move backward, walk backward, invert in time, play back to front, run in reverse, play in reverse, go in reverse, "
     "backtrack, unwind, run it back, wind back, roll back, play the other way, send backward, send back in time, undo the motion "
     "of, turn back the clock on, flip in time, time reverse, reverse time for, rewind time for, go in rewind, boomerang back",
-    "run": "play, run, go, move, walk, drive, dance, jump, ride, show, swim, fly, do, happen, roll, gallop, race, act, "
-    "make, render, travel, trot, jog, hop, leap, skate, glide, float, sail, cruise, sprint, stroll, march, wander, "
-    "stride, amble, crawl, climb, "
-    "waddle, hover, pace, dash, dart, rush, whizz, tumble, prance, canter, scamper, scurry, swoop, paddle, pedal, "
-    "cycle, drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, have, "
-    "replay, play back, be, get",
+    "run": "play, run, go, move, walk, drive, dance, jump, ride, show, swim, fly, do, happen, roll, gallop, race, act, make, "
+    "render, travel, trot, jog, hop, leap, skate, glide, float, sail, cruise, sprint, stroll, march, wander, stride, amble, crawl, "
+    "climb, waddle, hover, pace, dash, dart, rush, whizz, tumble, prance, canter, scamper, scurry, swoop, paddle, pedal, cycle, "
+    "drift, spin, turn, swing, fall, flow, pass, let, put, set, keep, have, replay, play back, be, get",
     "loop": "pingpong, loop, repeat, cycle, replay, keep repeating, keep looping, go round and round, boomerang, ping pong, keep "
     "cycling, keep on repeating, put on loop, put on repeat, play over and over, do over and over, replay over and over",
     "last": "squash, spread, condense, cram, take, last, stretch, stretch out, extend, expand, slow down, compress, squeeze, "

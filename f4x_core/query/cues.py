@@ -41,8 +41,8 @@ pictures: {clips}|plate|comp|composition|picture|image|view|frame|room|world|scr
 noun: label|labels|word|words|name|names|class|classes|thing|things|object|objects|one|ones|item|items|element|elements|stuff|
     mover|of (them) all|of all (of them)
 people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
-moments: time|times|moment|moments|second|seconds|(frame)
-    number|frame|frames|point|points|instant|stage|timecode|timestamp|(time) [span|interval|period]
+moments: time|times|moment|moments|second|seconds|(frame) number|frame|frames|point|points|instant|stage|timecode|timestamp|(time)
+    [span|interval|period]
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) {pictures}
@@ -63,8 +63,7 @@ stands: {+stand|stay|remain|keep|lie|sit|hide}|sitting|painted|located|placed|fo
 rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on the spot]|(all) (of) (the)
     [static|stationary|motionless|unmoving|immobile|still|fixed] {noun}|still|at
     rest|stationary|static|motionless|unmoving|immobile|resting|parked|idle|idling|at a standstill|standing (around)|{stands}
-    [still|stationary|static|motionless|put|at rest]|where
-    it is|in place|not in motion|without moving
+    [still|stationary|static|motionless|put|at rest]|where it is|in place|not in motion|without moving
 set-off: {+take off|lift off|depart}|start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets
     going|set out|sets out
 stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full|complete|dead|total|sudden)
@@ -72,19 +71,18 @@ stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full|co
 big-er: more [big|large|wide|long|tall]|bigger|larger|wider|longer|broader|thicker|greater
 small-er: smaller|tinier|narrower|littler
 half: side|half|part|third|hand side
-what: what|who|which|who and what|what and who|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other)
-    {noun}|which of [the|these|those|all the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what
-    else|what (is) the {noun}|what (is) (it) that|(the) [things|objects]
-when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it
-    take|is it|will it take|passes|pass) [until|before|into the {clips}|into it]|from when ([to|until] when)|how [long|many
-    seconds|many frames|much time] does it take (for)|until when|since when|how [early|soon|late]|[which|what] {moments}
+what: what|who|which|who and what|what and who|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which
+    of [the|these|those|all the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|what (is)
+    the {noun}|what (is) (it) that|(the) [things|objects]
+when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it take|is
+    it|will it take|passes|pass) [until|before|into the {clips}|into it]|from when ([to|until] when)|how [long|many seconds|many
+    frames|much time] does it take (for)|until when|since when|how [early|soon|late]|[which|what] {moments}
     [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at)
-    the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at}
-    {moments} (in time|of the clip|on)
+    the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments}
+    (in time|of the clip|on)
 where: show [me|us]|where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|[point|show|direct|lead]
-    [me|us]
-    to|(the) [position|location|place|whereabouts]|{at} [part|side|half|place|position|corner|area|third|spot|location|region]
-    (of the {pictures})
+    [me|us] to|(the) [position|location|place|whereabouts]|{at}
+    [part|side|half|place|position|corner|area|third|spot|location|region] (of the {pictures})
 move: {plainly}|{+head}|{manner} (around|about)
 takes: take|takes|taken|follow|follows|followed|along|{move}
 passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]|[{+pass}] [in front of|behind|over|under]
@@ -114,11 +112,11 @@ compared: [in|with] relation to|relative to|compared [to|with]|with respect to|i
     [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
     there|available|exist|exists|[appear|appears] [{inside}|in it|in this|here|anywhere]|there
-    (still)|here|around|somewhere|(somewhere|anywhere) {inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign
-    of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
+    (still)|here|around|somewhere|(somewhere|anywhere) {inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign of|[do|does]
+    [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
 staying: stay|stays|staying|remain|remains|remaining|last|lasts
-visible: ({now}) ({staying}) [visible|(be) seen|shown|present|{in-view}|to be
-    seen|around|there|here|show|showing|shows]|{looking} |({staying}) {inside}|{staying}
+visible: ({now}) ({staying}) [visible|(be) seen|shown|present|{in-view}|to be seen|around|there|here|show|showing|shows]|{looking}
+    |({staying}) {inside}|{staying}
 always: all along|all the while|[stay|stays|remain|remains|staying|remaining] [visible|in
     view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the
     time|at all times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single
@@ -135,14 +133,14 @@ hidden: hidden|invisible|covered|occluded|out of (the) [sight|view|frame|shot|th
 gone: gone|no longer [{inside}|there|here|around|visible]|(can|could|do) {people} (can) no longer {see}|not ({now})
     [{inside}|there|here|around|visible|seen|{in-view}] [any more|anymore|any longer]
 leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|[leave|leaves|leaving] (the|this)
-    ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out
-    of|get out of|drop out of}|{manner} out of] (the|this) ({pictures})
-happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do
-    you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell
-    me|talk] about
+    ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop out of}|{manner} out of] (the|this)
+    ({pictures})
+happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do you
+    know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
+    about
 happens: ([describe|summarize|sum up|explain|outline]) what [happens|is happening|goes on|is going on|happened|takes place|is
-    taking place|occurs] (here|there|to see)|what [changes|has changed|is changing|is different]|any action|the
-    action|anything (interesting) [happening|going on]|anything happens
+    taking place|occurs] (here|there|to see)|what [changes|has changed|is changing|is different]|any action|the action|anything
+    (interesting) [happening|going on]|anything happens
 described: [describe|summarize|sum up|explain|outline] (what you see)|what (is) (the|this) {clips} [about|shows|show|showing]|what
     is it (about)|what is this|what does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick)
     [summary|description|overview] (of)|what (can|could) you (can) [tell|say] (me) about [the|this] {clips}
@@ -152,8 +150,8 @@ several: [is|are] there [one|two|three|four]|[are we looking at|do we have|have 
 in-out: (the) [in and out|in|out|entry and exit|start and end|first and last] [point|points|frame|frames] (of|for)
 first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which) ({people})
     (can|could|get to) ({see})
-last-with: (the) [last|latest|final] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which)
-    ({people}) (can|could|get to) ({see})
+last-with: (the) [last|latest|final] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which) ({people})
+    (can|could|get to) ({see})
 clip-share: how much of (the|this) {clips} (has|have|shows|contains|features|is)
 remain: left (over)|remaining
 own: it|them|itself|him|her
@@ -189,8 +187,7 @@ filler: spend|spends|altogether|all together|in all|all
     meters|[the|this] {clips}|list|name|in it|of them|of all|at any time|at some point|at any [point|moment]
 fast: how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of)
     [speed|velocity|pace]|(the) [speed|velocity|pace]|how much speed
-extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal]|at {its} fastest|at most|at the most|at
-    maximum
+extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal]|at {its} fastest|at most|at the most|at maximum
 extreme = mean: (at) ({its}) [average|mean]|on average|averaged|typically
 extreme = min: (at) ({its}) [lowest|minimum|least|min|minimal]|at {its} slowest|at least|at minimum
 far: how far|how much (ground|distance|way)|[what|which] (total|overall|entire|whole|full) [distance|length]|(the) total
@@ -213,17 +210,16 @@ max-height: how [far|high] [above|over|off] (the|its) [ground|floor|water|surfac
 high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|how much height
 rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the
     ground
-go-up: {+leave} the ground|[get|gets] off the ground|airborne|[{+go|move|get|bob}] up [or|and]
-    down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
+go-up: {+leave} the ground|[get|gets] off the ground|airborne|[{+go|move|get|bob}] up [or|and] down|{+rise|climb|ascend|leap|lift
+    off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
 comes: come|comes|came
 which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise) [color|colors|shade|hue|shades|tint|tone]
-    (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color]
-    [code|value|values] (of)|(the) (main|exact|dominant|average) [color|colors] (scheme|palette|of)|how colored
+    (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color] [code|value|values]
+    (of)|(the) (main|exact|dominant|average) [color|colors] (scheme|palette|of)|how colored
 how-many: (count|tell) how many|how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of)
-    (the)|(the) (total)
-    [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all) (of) (the)|what number
-    of|[number|count|tally] (of)
+    (the)|(the) (total) [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all) (of) (the)|what
+    number of|[number|count|tally] (of)
 frames: total frames|how many frames of [{clips}|material]|frame count|(the) number of frames|how many [frames|pictures|images]
     (in total)|(the) total number of frames|the number of frames|what is the number of frames
 rate: how many fps|[what|which] [frame rate|framerate|fps]|(the) [frame rate|framerate|fps]|how many [frames|pictures|images]
@@ -249,8 +245,8 @@ back: farthest back|furthest back|at the back|[in|at] the (very) [back|rear|back
 nearer: closer|nearer|more near
 farther: [farther|further] (away|back)|more distant
 fastest: [at|with|have|has|reach|reaches|attain|attains|hit|hits|get to|gets to] ({its}) [full|top|max|maximum|highest|peak]
-    [speed|velocity]|(at) full [speed|gallop|sprint|throttle|tilt|pelt|pace|steam|blast]|(really|properly) [flying|going for it|flat
-    out]|flat out|[speed|velocity] {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top
+    [speed|velocity]|(at) full [speed|gallop|sprint|throttle|tilt|pelt|pace|steam|blast]|(really|properly) [flying|going for
+    it|flat out]|flat out|[speed|velocity] {at-its} [maximum|highest|peak|greatest]|({at-its}) ({its}) [fastest|quickest|top
     speed|highest speed|maximum speed|peak speed|speediest]
 slowest: (at) ({its}) [slowest|lowest speed|least speed|minimum speed]
 most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
@@ -258,18 +254,18 @@ most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [dist
 more: more|farther|further|the most
 most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile|energetic|agile]]
     ({noun})|(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
-biggest = biggest: [bigger|larger|taller|wider|longer]|(the) [more|most] [big|large|tall|wide|long|high] ({noun})|(the) [most|largest part|biggest part] of the {pictures}|(the) (very)
-    [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller] one ({noun})|(the) most
-    [space|room|area|volume|mass]
-biggest = smallest: [smaller|tinier|shorter]|(the) [more|most] [small|little|tiny|short] ({noun})|(the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller
-    one
+biggest = biggest: [bigger|larger|taller|wider|longer]|(the) [more|most] [big|large|tall|wide|long|high] ({noun})|(the)
+    [most|largest part|biggest part] of the {pictures}|(the) (very) [biggest|largest|tallest|widest|longest|broadest|greatest]
+    ({noun})|(the) [bigger|larger|taller] one ({noun})|(the) most [space|room|area|volume|mass]
+biggest = smallest: [smaller|tinier|shorter]|(the) [more|most] [small|little|tiny|short] ({noun})|(the) (very)
+    [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller one
 brightest = brightest: (the) (very) [brightest|lightest] ({noun})|(the) [brighter|lighter] (one)
 brightest = darkest: (the) (very) [darkest|dimmest] ({noun})|(the) [darker|dimmer] (one)
 alone: (all) [alone|lonely]|(all) (by|on) (itself|himself|herself|its own|his own|her own)
 speediest = fastest: (the) [fastest|quickest|speediest] (moving) ({noun})|(the) [faster|quicker] (one)
 speediest = slowest: (the) [slowest] (moving) ({noun})|(the) slower (one)
-bigger = bigger: (much|the|a lot) {big-er} (one|in size)|[{+take up|cover|fill|occupy}] (much) more ([space|room|area|ground])
-    (of the {pictures})
+bigger = bigger: (much|the|a lot) {big-er} (one|in size)|[{+take up|cover|fill|occupy}] (much) more ([space|room|area|ground]) (of
+    the {pictures})
 bigger = smaller: (much|the|a lot) {small-er} (one|in size)
 bigger = taller: (much|the|a lot) [more high|taller|higher] (one)
 bigger = lower: (much|the|a lot) [shorter|lower] (one)
@@ -286,8 +282,8 @@ closing = away: away from|[farther|further] [from|away|apart]|apart
 grows = away: {+grow|increase|widen|expand|open}
 grows = closer: {+shrink|decrease|narrow|close|diminish}|get smaller|gets smaller
 around: [on|at|to] [either|both|each] [side|sides] of|[left|to the left] and [right|to the right] of|in the
-    [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent
-    to|near to|surrounding|surrounds]|the neighbors of
+    [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near
+    to|surrounding|surrounds]|the neighbors of
 whereto: where
 sideways = left: (to|toward) (the) left (side)|leftward
 sideways = right: (to|toward) (the) right (side)|rightward
@@ -401,15 +397,14 @@ when_turns: when turn thing start? | thing turn
 @place: any place-of stands? | who place-of stands? | who place thing own stands?
 neighbours: who around-of stands? | who thing around | thing alone stands?
 between: who pair in-gap? stands? | any pair in-gap? stands?
-relation: where thing place-or stands? | where thing compared-to stands? | thing compared-to stands? | how thing compared-to stands? | thing place-or stands? |
-    who farther-aside thing stands? | who place thing stands?
+relation: where thing place-or stands? | where thing compared-to stands? | thing compared-to stands? | how thing compared-to
+    stands? | thing place-or stands? | who farther-aside thing stands? | who place thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 distance extreme=max: most-far pair | most-far gap? thing other
 distance extreme=mean: mean-far pair
 distance extreme=min: thing passes not? | thing passes-by not? | close thing get other | close thing get together | least gap pair
-    | least gap thing
-    other | least thing get other
+    | least gap thing other | least thing get other
 distance: units thing together | units thing far-off | units thing far-off other | gap thing other | gap pair | gap thing
 compare_size: by-factor bigger thing other | who bigger thing | who pair bigger | thing bigger versus
 compare_size manner=bigger: sort big thing | big thing versus | big thing compared-to | thing bigger-or other
@@ -419,8 +414,8 @@ compare_speed: by-factor faster thing other move? | who move? faster thing | who
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest other?
-    | who front stands?
+nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest other? |
+    who front stands?
 farthest: who farther thing other | who farthest thing? other? stands? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
@@ -430,8 +425,8 @@ colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? seen? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing doing | how-many thing seen? spot | how-many thing owner | how-many thing counted | how-many thing seen? side? stands? remain? |
-    several thing seen? side? stands? remain?
+count: how-many thing doing | how-many thing seen? spot | how-many thing owner | how-many thing counted | how-many thing seen?
+    side? stands? remain? | several thing seen? side? stands? remain?
 still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? |
     who stands always? | how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
@@ -451,8 +446,8 @@ fast: fast thing move? reaches? extreme?
 path: path thing takes? | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off
-way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing turning sideways-or
-    | thing move sideways-or | whereto thing move along? sideways-or? | way-of thing move?
+way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing turning sideways-or |
+    thing move sideways-or | whereto thing move along? sideways-or? | way-of thing move?
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible can? | clip-share thing visible?

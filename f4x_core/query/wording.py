@@ -99,9 +99,8 @@ class Asked:
 
 
 _GAZE = (
-    r"\b(?:which|what) (?:way|direction|side)\b.*\b(?:look|fac|point|turned|orient)|"
-    r"\bwhere (?:is|are|do|does|did)\b.*\b(?:look|fac)(?:s|es|ing|ed)?\b|"
-    r"\b(?:look|fac)(?:s|es|ing|e)? (?:to|toward|at|left|right|away|up|down|forward|back|us|me|the camera)\b"
+    r"\b(?:which|what) (?:way|direction|side)\b.*\b(?:look|fac|point|turned|orient)|\bwhere (?:is|are|do|does|did)\b.*\b(?:look|"
+    r"fac)(?:s|es|ing|ed)?\b|\b(?:look|fac)(?:s|es|ing|e)? (?:to|toward|at|left|right|away|up|down|forward|back|us|me|the camera)\b"
 )
 _NO_GAZE = r"\b(?:i|we|you)\b|\blook(?:s|ing)? (?:for|like)\b"
 _BEYOND = (
@@ -424,8 +423,7 @@ def plainly(question: str, selected: bool = False) -> str:
     text = re.sub(_IN_ITS_PLACE, "in the picture", text)
     text = re.sub(r"^(?:so |and )?(?:is|was) it (.*? or .*?) (?:that|who|which) (.*?)[?. ]*$", r"which \2, \1", text)
     text = re.sub(
-        r"\bwhere (?:did|has|have) (.+?) (?:go|gone|got to|get to|gone to|ended up|wound "
-        r"up)\b",
+        r"\bwhere (?:did|has|have) (.+?) (?:go|gone|got to|get to|gone to|ended up|wound up)\b",
         r"where does \1 end up",
         text,
     )
@@ -584,10 +582,8 @@ _REASON = re.compile(r",? (?:please,? )?for (?:the|my|our|a|an|your) [a-z]+(?: [
 """What the answer is for: "for the brand guide"."""
 _REMARK_END = re.compile(rf"(?:[,:;]|\s-|\bbut\b|\band\b)\s*(?:(?:i )?(?:was|am) wondering )?(?={_ASKING}\b)")
 _REMARKING = re.compile(
-    r"(?:(?:so|ok|okay|hello|hi|hey|well|just|and|but|quick)\b[ ,]*)*(?:i|we|my|our|this|it|sorry|pardon|out of|"
-    r"for (?:the|my|our)|one|(?:(?:noob|newbie|stupid|silly|dumb|basic|random|weird|odd|simple|small|another|last) "
-    r")?(?:q|question)|"
-    r"correct me)\b"
+    r"(?:(?:so|ok|okay|hello|hi|hey|well|just|and|but|quick)\b[ ,]*)*(?:i|we|my|our|this|it|sorry|pardon|out of|for (?:the|my|our)|"
+    r"one|(?:(?:noob|newbie|stupid|silly|dumb|basic|random|weird|odd|simple|small|another|last) )?(?:q|question)|correct me)\b"
 )
 """How a remark begins."""
 

@@ -463,6 +463,18 @@ def test_shares_stand_where_amounts_do(sentence, plan):
         ("lights off", "dark or gone"),
         ("can the dog be as big as a house", "against one another"),
         ("remove a couple of the dogs", "Which of them"),
+        ("remove two of the dogs", "Which of them"),
+        ("follow the dog with the camera", "No camera follows"),
+        ("the camera should track the dog", "No camera follows"),
+        ("shake the camera less", "--path stabilise"),
+        ("make the shot steadier", "--path stabilise"),
+        ("zoom out", "another lens"),
+        ("move the camera to the left", "--path orbit"),
+        ("hold the last frame", "behind the last frame"),
+        ("hold the last frame for a second", "behind the last frame"),
+        ("dissolve to the next shot", "one shot"),
+        ("rotate the dog 45 degrees around x", "Which way an axis"),
+        ("have the dog do a pirouette", "moves as it was filmed"),
     ],
 )
 def test_what_cannot_be_is_refused_for_its_own_reason(sentence, reason):

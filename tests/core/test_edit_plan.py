@@ -618,6 +618,17 @@ def test_of_one_thing_there_are_not_several(scene, sentence):
         plan.propose(scene, sentence, HERE)
 
 
+def test_so_many_as_are_said_there_have_to_be(path):
+    with pytest.raises(Refusal, match="there is 1 of the square, not 2"):
+        plan.propose(read_scene(path), "remove two squares", HERE)
+    plan.apply(path, plan.propose(read_scene(path), "copy the square to the left by two widths", HERE).chosen)
+    after = edited(read_scene(path))
+    (gone,) = plan.propose(after, "remove two squares", HERE).chosen.operations
+    assert len(rows_of(after, gone.select)) == 162
+    with pytest.raises(Refusal, match="there are 2 of the square, not 3"):
+        plan.propose(after, "make three squares red", HERE)
+
+
 @pytest.mark.parametrize(
     ("sentence", "reached"),
     [
