@@ -180,12 +180,12 @@ class Resolver:
             if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
                 rows = first
             if (select.number == "both" or select.count) and len(rows):
-                found = int(split_objects(scene.posed(self.context.frame), rows)[0].max()) + 1
-                if found == 1 and select.number == "both":
+                many = int(split_objects(scene.posed(self.context.frame), rows)[0].max()) + 1
+                if many == 1 and select.number == "both":
                     raise Absent(f"In the scene '{scene.name}' there is only one of {whom(select)}, not both.")
-                if select.count not in (0, found):
+                if select.count not in (0, many):
                     raise Absent(
-                        f"In the scene '{scene.name}' there {'is' if found == 1 else 'are'} {found} of {whom(select)}, not"
+                        f"In the scene '{scene.name}' there {'is' if many == 1 else 'are'} {many} of {whom(select)}, not"
                         f" {select.count}; those that touch count as one. Say 'all' for all of them, or 'the left one'."
                     )
             if tidy and len(rows):

@@ -198,7 +198,7 @@ def singular(word: str) -> str:
 
 def label_of(word: str, labels: Collection[str]) -> str:
     """`word`, or the one of `labels` that it is another word for."""
-    meant = SYNONYMS.get(word) or SYNONYMS.get(singular(word))
+    meant = SYNONYMS.get(word) or SYNONYMS.get(singular(word), "")
     return word if {word, singular(word)} & {*labels} or meant not in labels else meant
 
 
