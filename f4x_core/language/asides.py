@@ -12,17 +12,16 @@ from .grammar import VOCABULARY, Token, either, literal, tokenise, unless
 from .lexicon import FUNCTION_WORDS, singular, word_set
 
 CALLS = literal(
-    "i am afraid|i fear|you know what|let us say|right now|immediately|at once|straight away|this instant|i do not know|do "
-    "not know|hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|mommy|mama|dad|"
-    "daddy|papa|grandma|grandpa|my friend|sir|um|"
-    "umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|perhaps|probably|rather|"
-    "somehow|for now|right away|asap|for me|for us|[sort|fix] [it|that|this] (out)|do something about [it|that]|from [that|"
-    "this|the] [point|moment] (on|onward)|from there (on|onward)|if possible|if you [can|could|would|like|will]|when you can|"
-    "again|there|in [here|there]|around here|here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|lovely|"
-    "kind of|sort of|you know|after all|i think|i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|this "
-    "time|from there|in one go|of course|though|yeah|yes|preferably|by preference|overall|in total|all in all|first of all|"
-    "firstly|secondly|thirdly|finally|at last|completely|entirely|fully|totally|the [heck|hell|crap|shit|life] out of|and "
-    "stuff|or something|out of the way|in addition|at the same time|on top of [that|this]"
+    "i am afraid|i fear|you know what|let us say|right now|immediately|at once|straight away|this instant|i do not know|do not "
+    "know|hey|hi|hello|okay|alexa|siri|google|computer|assistant|buddy|mate|dude|mummy|mum|mom|mommy|mama|dad|daddy|papa|grandma|"
+    "grandpa|my friend|sir|um|umm|uhm|uh|er|erm|hmm|oh|well|so|now|then|next|also|as well|just|simply|actually|really|maybe|"
+    "perhaps|probably|rather|somehow|for now|right away|asap|for me|for us|[sort|fix] [it|that|this] (out)|do something about [it|"
+    "that]|from [that|this|the] [point|moment] (on|onward)|from there (on|onward)|if possible|if you [can|could|would|like|will]|"
+    "when you can|again|there|in [here|there]|around here|here|over there|altogether|all|full on|exactly|properly|nicely|(a) nice|"
+    "lovely|kind of|sort of|you know|after all|i think|i guess|i feel like|i believe|[i|we] find|i would say|let me [think|see]|"
+    "this time|from there|in one go|of course|though|yeah|yes|preferably|by preference|overall|in total|all in all|first of all|"
+    "firstly|secondly|thirdly|finally|at last|completely|entirely|fully|totally|the [heck|hell|crap|shit|life] out of|and stuff|or "
+    "something|out of the way|in addition|at the same time|on top of [that|this]"
 )
 """Calls, interjections and hedges: they add nothing to an edit or a question."""
 ASKS = literal(
@@ -137,7 +136,7 @@ _PLAIN = {
     rf"(?:{_POLITE_WORDS}|convenient|ready|free|suits|round|around))*{_UNTIL}",
     "while": r"(?:,\s*)?\bwhile (?:you are|we are|i am|being) (?:at it|there|on it|already there)\b,?",
     "thanks": (
-        r"(?:,\s*|-\s*)?\b(?:please and )?(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|cheers|tia|much appreciated|"
+        r"(?:,\s*|-\s*)?\b(?:please and )?(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|ta|cheers|tia|much appreciated|"
         r"appreciated?(?: it)?)\b(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|"
         r"your) help|again|much|ahead of time))*"
     ),
@@ -185,7 +184,8 @@ _PLAIN = {
     r"(?:(?:and|so|now|then|next)\b\s*[,:]?\s*)*",
     "ordering": r"^\s*(?:(?:and|oh|okay|ok|right|so|well|sorry)\b\s*,?\s*)*(?:(?:(?:one|the|a|and) )?(?:more|last|final|other|next|"
     r"first|another) (?:thing|request|point|item|wish)|last but not least|to (?:finish|start|begin|end)(?: off| up| with)?|for "
-    r"(?:a start|starters)|first off|first of all|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
+    r"(?:a start|starters)|first off|first of all|quick one|(?:quick|small|little|tiny|minor) (?:thing|fix|job|"
+    r"favou?r|tweak|request)|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
     # reasons
     "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
     "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) [^.;!?]*",
