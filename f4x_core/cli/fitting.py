@@ -149,10 +149,11 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress: Progress) -> dict[str, Any]:
     """Read the clip, fit it at once or in windows, and distil the features `names`."""
-    made_with = options_of(args, config)
+    cut = Cut.of(args)
+    made_with = options_of(args, config, cut)
     if args.resume:
         require_same(args.output, made_with)
-    windows = windows_of(args, progress)
+    windows = windows_of(args, cut, progress)
     if windows is not None:
         remember(args.output, made_with)
         known, shots = windows
@@ -257,24 +258,30 @@ def show_config(config: FitConfig) -> dict[str, Any]:
     return {"config": rows, "text": as_lines(config)}
 
 
-def window_length(args: argparse.Namespace) -> int:
-    """Frames of a window, 0 for a clip that is fitted at once."""
-    if args.window is not None:
-        return args.window
-    return LENGTH if reported_frame_count(args.clip, args.frames) > LONG else 0
+@dataclasses.dataclass(frozen=True)
+class Cut:
+    """How a clip is cut into windows."""
+
+    length: int
+    """Frames of a window; 0 for a clip that is fitted at once."""
+    overlap: int
+    """Frames that neighbouring windows share."""
+
+    @classmethod
+    def of(cls, args: argparse.Namespace) -> Cut:
+        """What the arguments ask for, or what is usual for a clip of as many frames."""
+        length = args.window
+        if length is None:
+            length = LENGTH if reported_frame_count(args.clip, args.frames) > LONG else 0
+        return cls(length, usual_overlap(length) if args.overlap is None else args.overlap)
 
 
-def overlap_of(args: argparse.Namespace, length: int) -> int:
-    """Frames that windows of `length` share."""
-    return usual_overlap(length) if args.overlap is None else args.overlap
-
-
-def options_of(args: argparse.Namespace, config: FitConfig) -> dict[str, str]:
+def options_of(args: argparse.Namespace, config: FitConfig, cut: Cut) -> dict[str, str]:
     """The options that decide what a fit becomes, or the windows of a long clip, by name, as text."""
-    length, span = window_length(args), parse_span(args.frames)
+    span = parse_span(args.frames)
     settings = [setting for setting in list_settings(config) if setting.settable]
-    if length:
-        of_its_kind = {WINDOW: str(length), "--overlap": str(overlap_of(args, length))}
+    if cut.length:
+        of_its_kind = {WINDOW: str(cut.length), "--overlap": str(cut.overlap)}
     else:
         of_its_kind = {WINDOW: AT_ONCE, "CLIP": str(args.clip), "--masks": str(args.masks or "none")}
         of_its_kind["--prior"] = " ".join(args.prior) or "none"
@@ -289,17 +296,15 @@ def options_of(args: argparse.Namespace, config: FitConfig) -> dict[str, str]:
     }
 
 
-def windows_of(args: argparse.Namespace, progress: Progress) -> tuple[Survey, tuple[Shot, ...]] | None:
+def windows_of(args: argparse.Namespace, cut: Cut, progress: Progress) -> tuple[Survey, tuple[Shot, ...]] | None:
     """Return the survey and the shots of a clip that is fitted in windows; None for one that is fitted at once."""
-    length = window_length(args)
-    if length == 0:
+    if cut.length == 0:
         return None
-    overlap = overlap_of(args, length)
-    plan_windows(0, length, length, overlap)  # a wrong pair is refused before the clip is read
+    plan_windows(0, cut.length, cut.length, cut.overlap)  # a wrong pair is refused before the clip is read
     if args.prior:
         raise F4xError("--prior cannot be cut into windows; fit with --window 0, or leave it out.")
     known = survey(args.clip, args.frames, width_of(args), progress)
-    shots = plan_shots(known.count, known.cuts, length, overlap)
+    shots = plan_shots(known.count, known.cuts, cut.length, cut.overlap)
     if not shots:
         raise F4xError(f"{args.clip}: no shot of this clip has {MIN_FRAMES} frames; give --window 0 to fit it as one.")
     return known, shots

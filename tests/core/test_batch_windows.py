@@ -21,7 +21,7 @@ from toy import clip_and_priors
 from f4x_core.batch import window, windows
 from f4x_core.batch.closing import FittedWindow, close_shot, closing_lines
 from f4x_core.batch.windows import LENGTH, OVERLAP, plan_shots, plan_windows, usual_overlap
-from f4x_core.cli.fitting import fit_windows, windows_of
+from f4x_core.cli.fitting import Cut, fit_windows, windows_of
 from f4x_core.clip import read_clip, write_images
 from f4x_core.clip.stream import ClipStream, Survey, survey
 from f4x_core.errors import F4xError
@@ -99,12 +99,17 @@ def arguments(clip, **changes):
 def test_only_long_clips_are_cut_into_windows(tmp_path):
     clip, _ = clip_and_priors(9)
     write_images(tmp_path / "images", clip.frames)
-    assert windows_of(arguments(tmp_path), lambda *_: None) is None
-    assert windows_of(arguments(tmp_path, window=0, overlap=90), lambda *_: None) is None
-    _, shots = windows_of(arguments(tmp_path, window=5, overlap=2), lambda *_: None)
+
+    def windows(**options):
+        given = arguments(tmp_path, **options)
+        return windows_of(given, Cut.of(given), lambda *_: None)
+
+    assert windows() is None
+    assert windows(window=0, overlap=90) is None
+    _, shots = windows(window=5, overlap=2)
     assert shots[0].windows == ((0, 4), (2, 7), (5, 9))
     with pytest.raises(F4xError, match="--prior"):
-        windows_of(arguments(tmp_path, window=5, overlap=2, prior=["depth=x"]), lambda *_: None)
+        windows(window=5, overlap=2, prior=["depth=x"])
 
 
 SHIFT, TURN = np.array([0.3, -0.2, 0.1]), np.pi / 7
