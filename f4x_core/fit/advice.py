@@ -14,7 +14,7 @@ from ..priors import Priors
 from ..priors.depth import GUESSED_MOVERS
 from ..scaffold import Scaffold
 from .finding import CAMERAS, MOVES, MOVING_DEPTH, PATH, ROOM, SCORE, UNSEEN, Finding, Weight, by_weight, caused_by
-from .geometry_findings import ClipGeometry, about_geometry
+from .geometry_findings import ClipGeometry, about_geometry, origins_of_moving_depth
 from .needs import MUCH_MOTION, Shortage, lack_in_words, moving_fraction
 
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
@@ -515,6 +515,8 @@ def _about_depth(priors: Priors) -> list[Finding]:
         )
     background = "The depth of the background"
     regions = {background: None if priors.mask is None else ~priors.mask, MOVING_DEPTH: priors.mask}
+    if origins_of_moving_depth(priors):  # how it was found says more than a confidence
+        del regions[MOVING_DEPTH]
     for name, region in regions.items():
         values = priors.depth_confidence if region is None else priors.depth_confidence[region]
         if values.size and float(np.median(values)) < MIN_CONFIDENCE:

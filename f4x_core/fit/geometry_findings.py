@@ -222,19 +222,30 @@ def believed_sentence(believed: Believed) -> str:
     return f"{sentence}, moving objects {limit}."
 
 
+HOW_DECIDED = {
+    "its own motion": "measured by its own motion",
+    "ground contact": "estimated from where it touches the ground",
+    "size": "estimated from how its size changes",
+    "surroundings": "guessed from its surroundings, as no contact with the ground is seen and it turns little",
+}
+"""What decided the depth of a moving object (`priors.movers.place_objects`) -> the same in a sentence."""
+
+
 def _about_movers(priors: Priors) -> list[Finding]:
     """Finding that names what decided the depth of the moving objects."""
-    movers = priors.statistics.get("depth", {}).get("movers", [])
-    decided = Counter(str(mover["decided_by"]) for mover in movers if "decided_by" in mover)
+    decided = origins_of_moving_depth(priors)
     if not decided:
         return []
-    named = ", ".join(f"{origin} ({count})" if len(movers) > 1 else origin for origin, count in decided.most_common())
-    guessed = "surroundings" in decided
-    return [
-        Finding(
-            "note",
-            f"{MOVING_DEPTH} was decided by: {named}."
-            + (" Surroundings are a guess: no contact with the ground is seen, and little turning." if guessed else ""),
-            "Keep feet or wheels in the picture, or give depth with --prior depth=DIR." if guessed else "",
-        )
+    several = sum(decided.values()) > 1
+    ways = [
+        HOW_DECIDED.get(origin, origin) + (f" ({count})" if several else "") for origin, count in decided.most_common()
     ]
+    guessed = "surroundings" in decided
+    advice = "Keep feet or wheels in the picture, or give depth with --prior depth=DIR." if guessed else ""
+    return [Finding("note", f"{MOVING_DEPTH} is {', '.join(ways)}.", advice)]
+
+
+def origins_of_moving_depth(priors: Priors) -> Counter[str]:
+    """How many moving objects have their depth from what (`priors.movers.place_objects`); empty where nobody says."""
+    movers = priors.statistics.get("depth", {}).get("movers", [])
+    return Counter(str(mover["decided_by"]) for mover in movers if "decided_by" in mover)
