@@ -99,7 +99,7 @@ def use_passes(scene: bpy.types.Scene, samples: int, seed: int) -> None:
     render.use_compositing = render.use_sequencer = False
     render.dither_intensity = 0.0
     cycles.device = "CPU"
-    cycles.samples, cycles.seed = samples, seed
+    cycles.samples, cycles.seed, cycles.use_animated_seed = samples, seed, True
     cycles.use_adaptive_sampling = cycles.use_denoising = False
     cycles.pixel_filter_type = "BOX"  # a pixel is the mean over its own square
     for other in scene.view_layers[1:]:
