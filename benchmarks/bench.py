@@ -264,14 +264,12 @@ def _scale(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _long(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """A clip played to and fro, short and long."""
-    from f4x_core.batch.windows import LENGTH
-
-    from .speed.long_clips import measure_long
+    from .speed.long_clips import WINDOW, measure_long
 
     counts = sorted({*args.long})
-    if len(counts) < 2 or counts[0] <= LENGTH:
+    if len(counts) < 2 or counts[0] <= WINDOW:
         raise F4xError(
-            f"--long {' '.join(map(str, args.long))}: give two numbers of frames above {LENGTH}, e.g. 200 1000."
+            f"--long {' '.join(map(str, args.long))}: give two numbers of frames above {WINDOW}, e.g. 200 1000."
         )
     with tempfile.TemporaryDirectory() as place:
         report = measure_long(args.folder or Path(place), counts, args.clip, progress)

@@ -19,6 +19,8 @@ from .batch import make_clip
 
 WIDTH, HEIGHT = 240, 136
 """Pixels of the measurement."""
+WINDOW = 60
+"""Frames of a window."""
 MADE_UP = 60
 """Frames of the made-up clip before it is played to and fro."""
 
@@ -57,7 +59,7 @@ def measure_long(
         for left in (clip, place):
             shutil.rmtree(left, ignore_errors=True)
         play_to_and_fro(source, clip / "images", count)
-        options = ["--window", "60", "--profile", "quick", "--threads", "1", "--width", str(WIDTH)]
+        options = ["--window", str(WINDOW), "--profile", "quick", "--threads", "1", "--width", str(WIDTH)]
         command = [sys.executable, "-m", "f4x_core", "fit", str(clip), "-o", str(place), *options, "--progress-json"]
         ended = run_child(command, Path.cwd(), progress, variables={"OMP_NUM_THREADS": "1"})
         if ended.code:

@@ -26,9 +26,9 @@ parse_cached = lru_cache(1024)(parse)
 def require_values(row: Row) -> None:
     """Raise F4xError for values that fail whatever the fit gives: window lengths, frozen frames, sentences, JSON files."""
     if row.window or row.overlap is not None:
-        from .windows import LENGTH, plan_windows, usual_overlap  # imports the whole fit
+        from .windows import LENGTHS, plan_windows, usual_overlap  # imports the whole fit
 
-        length = row.window or LENGTH
+        length = row.window or LENGTHS[0]
         plan_windows(0, length, length, usual_overlap(length) if row.overlap is None else row.overlap)
     moments = [path for path in row.paths if path.startswith(("frozen:", "bullet:"))]
     last = declared_frames(row)[0] - 1 if moments else -1

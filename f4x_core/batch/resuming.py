@@ -24,6 +24,13 @@ def remember(folder: Path, options: Mapping[str, str]) -> None:
         written.write(json_text(dict(options), indent=1).encode())
 
 
+def window_of(folder: Path) -> int | None:
+    """Frames of a window of the fit in `folder`, 0 for one at once; None where there is nothing to continue."""
+    if (folder / PLAN).is_file():
+        return int(json.loads((folder / PLAN).read_text())[WINDOW])
+    return 0 if (folder / "checkpoints").is_dir() else None
+
+
 def forget(folder: Path) -> None:
     """Remove what `remember` wrote: another fit begins."""
     for name in (PLAN, OPTIONS):

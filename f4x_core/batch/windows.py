@@ -22,6 +22,7 @@ from ..clip.model import MIN_FRAMES
 from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, keep_measured, summary
 from ..files import replace_file
+from ..fit.budget import ClipSize, has_room
 from ..fit.config import FitConfig
 from ..fit.covered import completed
 from ..language.lexicon import plural
@@ -29,10 +30,11 @@ from ..progress import Progress, silent
 from ..scene import Scene, read_scene
 from ..scene.join import join_scenes
 from .closing import close_shot
+from .graph import LONG
 from .window import SCENE, WindowBefore, WindowRequest, fit_apart, near_path
 
-LENGTH = 60
-"""Frames of a window: two seconds, long enough to see an object from several sides, short enough to lose few tracks."""
+LENGTHS = (LONG, 240, 120, 60)
+"""Frames of a window, where nobody says it: the first of these that memory has room for."""
 OVERLAP = 12
 """Frames that neighbouring windows share."""
 MIN_OVERLAP = 2
@@ -62,12 +64,23 @@ class Shot:
         return self.windows[-1][1]
 
 
+def usual_length(size: ClipSize, config: FitConfig, memory: float | None) -> int:
+    """Frames of a window of a clip of `size` where nobody says it, 0 for one that is fitted at once.
+
+    `memory`: gigabytes that are granted, as in `fit.budget.Grant`.
+    """
+    parts = (replace(size, frames=min(length, size.frames)) for length in LENGTHS)
+    fitting = (length for length, part in zip(LENGTHS, parts, strict=True) if has_room(part, config, memory))
+    length = next(fitting, LENGTHS[-1])
+    return 0 if size.frames <= length else length
+
+
 def usual_overlap(length: int) -> int:
     """Frames that windows of `length` share where nobody says it: `OVERLAP`, or fewer where that leaves none of their own."""
     return min(OVERLAP, (length - 1) // 2)
 
 
-def plan_windows(start: int, end: int, length: int = LENGTH, overlap: int = OVERLAP) -> tuple[Window, ...]:
+def plan_windows(start: int, end: int, length: int, overlap: int = OVERLAP) -> tuple[Window, ...]:
     """Cut the frames `start` to `end` into the fewest windows of at most `length` frames that share `overlap` with the next.
 
     All are equally long up to one frame: a short last one would be fitted worse than the others. Raises F4xError for
@@ -83,7 +96,7 @@ def plan_windows(start: int, end: int, length: int = LENGTH, overlap: int = OVER
     return tuple((int(a), int(b) + overlap) for a, b in pairwise(edges))
 
 
-def plan_shots(count: int, cuts: Sequence[int], length: int = LENGTH, overlap: int = OVERLAP) -> tuple[Shot, ...]:
+def plan_shots(count: int, cuts: Sequence[int], length: int, overlap: int = OVERLAP) -> tuple[Shot, ...]:
     """The windows of every shot of a clip of `count` frames that is cut before each of `cuts`.
 
     Shots too short for any fit are left out.

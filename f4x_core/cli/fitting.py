@@ -12,11 +12,10 @@ import numpy as np
 from PIL import Image
 
 from ..batch.closing import closing_lines, needs_in_words
-from ..batch.graph import LONG
-from ..batch.resuming import AT_ONCE, WINDOW, forget, remember, require_same, require_same_at_once
+from ..batch.resuming import AT_ONCE, WINDOW, forget, remember, require_same, require_same_at_once, window_of
 from ..batch.run import INPUT
 from ..batch.window import fit_here
-from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows, usual_overlap
+from ..batch.windows import LENGTHS, Shot, fit_long, plan_shots, plan_windows, usual_length, usual_overlap
 from ..clip import Clip, read_clip, usual_width
 from ..clip.images import enlarge_color, even_size, resize_color
 from ..clip.model import MIN_FRAMES
@@ -30,7 +29,7 @@ from ..files import replace_file, sole_writer
 from ..fit.advice import about_cuts, quality, verdict
 from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, max_gaussians, within
 from ..fit.checkpoint import OtherSettingsError
-from ..fit.config import SETTINGS, FitConfig, profile
+from ..fit.config import SETTINGS, FitConfig, for_frames, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import CHECKPOINT, NOT_DECIDING, fit_clip
 from ..fit.settings import as_lines, list_settings, set_fields
@@ -149,7 +148,7 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress: Progress) -> dict[str, Any]:
     """Read the clip, fit it at once or in windows, and distil the features `names`."""
-    cut = Cut.of(args)
+    cut = Cut.of(args, config)
     made_with = options_of(args, config, cut)
     if args.resume:
         require_same(args.output, made_with)
@@ -160,13 +159,14 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
         parts = [window for shot in shots for window in shot.windows]
         first = read_clip(args.clip, known.part(0, 1), width_of(args))
         size = ClipSize(max(end - start for start, end in parts), first.width, first.height, len(parts))
-        config = granted(args, size, config, progress)
+        config = granted(args, size, for_frames(config, size.frames), progress)
         return fit_windows(args, known, shots, config, names, progress)
     clip = clip_of(args, progress)
     clip.require_enough()
     if not args.resume:
         forget(args.output)
-    config = granted(args, ClipSize(len(clip.supervised), clip.width, clip.height), config, progress)
+    size = ClipSize(len(clip.supervised), clip.width, clip.height)
+    config = granted(args, size, for_frames(config, size.frames), progress)
     try:
         result = fit_to_folder(clip, args.output, config, progress, args.resume)
     except OtherSettingsError:
@@ -221,10 +221,15 @@ def _keep_grant(path: Path, config: FitConfig) -> None:
         file.write(json.dumps([f"{setting.name}={setting.text}" for setting in counts]).encode())
 
 
+def _first_picture(args: argparse.Namespace, width: int | None = None) -> Clip:
+    """The first of the clip's pictures that are used, `width` pixels wide or as they are."""
+    start = parse_span(args.frames).start or 0
+    return read_clip(args.clip, f"{start}:{start + 1}", width)
+
+
 def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> str:
     """What larger pictures of the same clip would cost and show; empty where there are none."""
-    start = parse_span(args.frames).start or 0
-    first = read_clip(args.clip, f"{start}:{start + 1}").frames[0]
+    first = _first_picture(args).frames[0]
     height, width = first.shape[:2]
     widths = [size.width, *(wanted for wanted in WIDTHS if size.width < wanted <= width)]
     words = []
@@ -268,11 +273,16 @@ class Cut:
     """Frames that neighbouring windows share."""
 
     @classmethod
-    def of(cls, args: argparse.Namespace) -> Cut:
-        """What the arguments ask for, or what is usual for a clip of as many frames."""
+    def of(cls, args: argparse.Namespace, config: FitConfig) -> Cut:
+        """What the arguments ask for, what the fit that is continued was cut into, or what is usual for such a clip."""
         length = args.window
+        if length is None and args.resume:
+            length = window_of(args.output)
         if length is None:
-            length = LENGTH if reported_frame_count(args.clip, args.frames) > LONG else 0
+            frames, length = reported_frame_count(args.clip, args.frames), 0
+            if frames > LENGTHS[-1]:
+                first = _first_picture(args, width_of(args))
+                length = usual_length(ClipSize(frames, first.width, first.height), config, args.memory)
         return cls(length, usual_overlap(length) if args.overlap is None else args.overlap)
 
 

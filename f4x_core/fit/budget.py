@@ -187,6 +187,11 @@ def cost(size: ClipSize, config: FitConfig, speed: MachineSpeed) -> Cost:
     )
 
 
+def has_room(size: ClipSize, config: FitConfig, memory: float | None) -> bool:
+    """Whether `memory` (gigabytes; None: what a fit takes at most) holds a fit with all Gaussians that the clip may ask for."""
+    return _memory_limit(memory, size, config).room >= expected_gaussians(size, config)
+
+
 def within(grant: Grant, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> FitConfig:
     """The configuration with as many Gaussians as the grant has room for, or the profile's own where nothing is granted.
 

@@ -224,7 +224,7 @@ class FitConfig:
     own_counts: tuple[str, ...] = ()
     """The largest numbers that were set by hand and that `counts_from` left as they were."""
     steps: int = 3600
-    """Steps of the joint photometric stage."""
+    """Steps of the joint photometric stage, for clips of up to `USUAL_FRAMES` frames (`for_frames`)."""
     coarse: float = 0.1
     """Fraction of the steps done at half resolution."""
     priors: PriorsConfig = field(default_factory=PriorsConfig)
@@ -376,6 +376,21 @@ def _f4x_davis() -> FitConfig:
 
 
 PROFILES = {"wild": FitConfig, "quick": _quick, "nvidia": _nvidia, "dycheck": _dycheck, "f4x_davis": _f4x_davis}
+
+
+USUAL_FRAMES = 100
+"""Used frames for which the steps of the profiles were chosen: none of the clips that they were chosen on has more."""
+
+
+def for_frames(config: FitConfig, frames: int) -> FitConfig:
+    """The configuration with as many steps for each of the used `frames` as a clip of `USUAL_FRAMES` has; fewer take no less.
+
+    Steps that are no profile's were set by hand and stay.
+    """
+    usual = profile(config.name).steps if config.name in PROFILES else None
+    if config.steps != usual or frames <= USUAL_FRAMES:
+        return config
+    return replace(config, steps=round(config.steps * frames / USUAL_FRAMES))
 
 
 def profile(name: str) -> FitConfig:

@@ -588,7 +588,6 @@ def test_a_stopped_fit_in_windows_resumes_with_the_same_options_only(tmp_path, c
     monkeypatch.setattr(fitting, "survey", None)
     monkeypatch.setattr(fitting, "read_clip", None)
     for changed, result in {
-        (): "--window 5, not 0 (all at once)",
         ("--window", 6, "--overlap", 2): "--window 5, not 6",
         ("--window", 7, "--overlap", 3): "--window 5, not 7",
         ("--window", 5, "--overlap", 2, "--frames", "0:5"): "--frames 0::1, not 0:5:1",

@@ -241,7 +241,7 @@ def test_a_clip_in_windows_makes_its_priors_by_itself(tmp_path):
         ({"edits": ("frobnicate the dog",)}, "edits has 'frobnicate the dog': I do not understand 'frobnicate'"),
         ({"features": (), "queries": ()}, "edits has 'make the dog red', which names a thing; add the column features"),
         ({"window": 20, "overlap": 12}, "windows of 20 frames cannot share 12"),
-        ({"overlap": 30}, "windows of 60 frames cannot share 30"),
+        ({"overlap": 180}, "windows of 360 frames cannot share 180"),
     ],
 )
 def test_values_that_no_clip_could_make_right_are_told_before_any_task(changes, sentence, monkeypatch):

@@ -20,7 +20,7 @@ from toy import clip_and_priors
 
 from f4x_core.batch import window, windows
 from f4x_core.batch.closing import FittedWindow, close_shot, closing_lines
-from f4x_core.batch.windows import LENGTH, OVERLAP, plan_shots, plan_windows, usual_overlap
+from f4x_core.batch.windows import OVERLAP, plan_shots, plan_windows, usual_length, usual_overlap
 from f4x_core.cli.fitting import Cut, fit_windows, windows_of
 from f4x_core.clip import read_clip, write_images
 from f4x_core.clip.stream import ClipStream, Survey, survey
@@ -28,8 +28,9 @@ from f4x_core.errors import F4xError
 from f4x_core.evaluation.evaluate import evaluate
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.spec import FeatureSpec
-from f4x_core.fit import pipeline
-from f4x_core.fit.config import profile
+from f4x_core.fit import budget, pipeline
+from f4x_core.fit.budget import ClipSize
+from f4x_core.fit.config import FitConfig, profile
 from f4x_core.fit.distil import View, _Views, distil
 from f4x_core.fit.distil_config import DistilConfig
 from f4x_core.fit.finding import Finding
@@ -43,12 +44,12 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 @pytest.mark.parametrize("frames", [3, 12, 60, 61, 100, 108, 109, 1000])
 def test_windows_cover_a_clip_evenly(frames):
-    plan = plan_windows(5, 5 + frames)
+    plan = plan_windows(5, 5 + frames, 60)
     assert plan[0][0] == 5 and plan[-1][1] == 5 + frames
     lengths = {end - start for start, end in plan}
-    assert max(lengths) <= max(LENGTH, OVERLAP) and max(lengths) - min(lengths) <= 1
+    assert max(lengths) <= 60 and max(lengths) - min(lengths) <= 1
     assert all(end - start == OVERLAP for (_, end), (start, _) in pairwise(plan))
-    assert len(plan) == max(1, -(-(frames - OVERLAP) // (LENGTH - OVERLAP)))
+    assert len(plan) == max(1, -(-(frames - OVERLAP) // (60 - OVERLAP)))
 
 
 def test_windows_share_twelve_frames_or_as_many_as_short_ones_can_spare():
@@ -92,7 +93,8 @@ def test_a_reel_is_the_clip_read_picture_by_picture(tmp_path):
 
 def arguments(clip, **changes):
     return SimpleNamespace(
-        **{"clip": clip, "frames": None, "width": None, "prior": [], "window": None, "overlap": 12} | changes
+        **{"clip": clip, "frames": None, "width": None, "prior": [], "window": None, "overlap": 12, "resume": False}
+        | changes
     )
 
 
@@ -102,7 +104,7 @@ def test_only_long_clips_are_cut_into_windows(tmp_path):
 
     def windows(**options):
         given = arguments(tmp_path, **options)
-        return windows_of(given, Cut.of(given), lambda *_: None)
+        return windows_of(given, Cut.of(given, FitConfig()), lambda *_: None)
 
     assert windows() is None
     assert windows(window=0, overlap=90) is None
@@ -110,6 +112,24 @@ def test_only_long_clips_are_cut_into_windows(tmp_path):
     assert shots[0].windows == ((0, 4), (2, 7), (5, 9))
     with pytest.raises(F4xError, match="--prior"):
         windows(window=5, overlap=2, prior=["depth=x"])
+
+
+@pytest.mark.parametrize(
+    ("frames", "gigabytes", "length"),
+    [
+        (360, 20, 0),
+        (361, 20, 360),
+        (300, 20, 0),
+        (300, 3.5, 240),
+        (240, 3.5, 0),
+        (1000, 1.5, 60),
+        (300, 0.1, 60),
+        (50, 0.1, 0),
+    ],
+)
+def test_windows_are_as_long_as_memory_allows(frames, gigabytes, length, monkeypatch):
+    monkeypatch.setattr(budget, "machine_memory", lambda: 64.0)
+    assert usual_length(ClipSize(frames, 480, 270), profile("quick"), gigabytes) == length
 
 
 SHIFT, TURN = np.array([0.3, -0.2, 0.1]), np.pi / 7
@@ -298,7 +318,7 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
     write_images(tmp_path / "clip" / "images", np.zeros((27, 16, 24, 3), np.uint8))
     args = arguments(tmp_path / "clip", output=tmp_path, resume=False, masks=None, hold_out=None)
     known = Survey(10, 2, 9, (3,))
-    result = fit_windows(args, known, plan_shots(9, (3,)), shot.config, [], lambda *answer: print(*answer))
+    result = fit_windows(args, known, plan_shots(9, (3,), 60), shot.config, [], lambda *answer: print(*answer))
     assert capsys.readouterr().out.splitlines()[1] == "photometric 0 1 shot 2 of 2, window 1 of 2"
     assert "frames 10:15:2 of the source" in (tmp_path / "diagnostics.html").read_text()
     links = re.findall('href="(.*?)"', (tmp_path / "diagnostics.html").read_text())

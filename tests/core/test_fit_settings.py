@@ -14,7 +14,7 @@ from toy import clip_and_priors
 from f4x_core.cli import fitting, main
 from f4x_core.clip import write_images
 from f4x_core.errors import F4xError
-from f4x_core.fit.config import PROFILES, FitConfig, profile
+from f4x_core.fit.config import PROFILES, FitConfig, for_frames, profile
 from f4x_core.fit.settings import LIMITS, as_lines, field_docs, list_settings, set_fields
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -116,6 +116,13 @@ def test_the_last_of_two_wins_and_the_configuration_stays_as_it_was():
     config = Outer()
     assert set_fields(config, ["steps=4", "inner.undocumented=2", "steps=5"]).steps == 5
     assert config == Outer() and set_fields(config, []) == config
+
+
+def test_clips_of_many_frames_take_as_many_steps_for_each_and_numbers_set_by_hand_stay():
+    quick = profile("quick")
+    assert [for_frames(quick, frames).steps for frames in (3, 100, 101, 300)] == [1200, 1200, 1212, 3600]
+    assert for_frames(replace(quick, steps=50), 300).steps == 50
+    assert replace(for_frames(quick, 300), steps=1200) == quick
 
 
 def test_docstrings_of_fields_are_read_from_the_source():
