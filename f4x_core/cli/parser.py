@@ -75,7 +75,7 @@ def _fit(verbs: Verbs) -> None:
         "--window",
         type=int,
         metavar="N",
-        help="fit N frames at a time and join them (default: 60 for clips of more than 240 frames; 0: all at once)",
+        help="fit N frames at a time and join them (default: 60 to 360 for long clips, by memory; 0: all at once)",
     )
     sub.add_argument(
         "--overlap",
