@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry import pose, quaternion
-from ..geometry.arrays import evenly_spaced
+from ..geometry.arrays import GOLDEN_RATIO, evenly_spaced
 from ..parallel import in_threads
 from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, rays, resect, triangulate
 from .tracks import best_rank, longest_first
@@ -60,17 +60,34 @@ class Solution:
 
 
 def sightings(
-    tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, max_count: int
+    tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, max_count: int, longest: int | None = None
 ) -> tuple[Observations, np.ndarray]:
-    """Observations of at most `max_count` of the `chosen (N,)` tracks (`choose_covering_points`), and their indices `(P,)`.
+    """Observations of at most `max_count` of the `chosen (N,)` tracks (`choose_covering_points`), and each point's track `(P,)`.
 
-    `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times (or in every frame) count.
+    `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times (or in every frame) count. With `longest`
+    they are cut into pieces of at most so many frames, each of them a point.
     """
     enough = chosen & (visible.sum(0) >= min(3, len(tracks)))
     order = choose_covering_points(visible & enough, max_count)
     frame, point = np.nonzero(visible[:, order])
     uv = tracks[:, order][frame, point].astype(np.float64)
-    return Observations(frame, point, uv, np.ones(len(frame))), order
+    seen = Observations(frame, point, uv, np.ones(len(frame)))
+    return (seen, order) if longest is None else _in_pieces(seen, order, longest)
+
+
+def _in_pieces(seen: Observations, tracks: np.ndarray, longest: int) -> tuple[Observations, np.ndarray]:
+    """Sightings of `tracks (N,)`, each cut into pieces of `longest` frames that are points of their own, and the points' tracks.
+
+    No two neighbouring tracks are cut at the same frames, so that every pair of frames shares points. Pieces seen less than three
+    times are left out.
+    """
+    offset = (np.arange(len(tracks)) * GOLDEN_RATIO % 1 * longest).astype(int)
+    piece = (seen.frame + offset[seen.point]) // longest
+    most = piece.max(initial=0) + 1
+    named, point, count = np.unique(seen.point * most + piece, return_inverse=True, return_counts=True)
+    often = count >= 3
+    kept = replace(seen, point=(np.cumsum(often) - 1)[point]).keep(often[point])
+    return kept, tracks[named[often] // most]
 
 
 def choose_covering_points(visible: np.ndarray, max_count: int) -> np.ndarray:

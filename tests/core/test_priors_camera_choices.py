@@ -239,6 +239,23 @@ def test_a_solution_is_completed_from_its_neighbours_outwards(monkeypatch):
     assert adjusted[1].refine_focal and adjusted[1].iterations == 10
 
 
+def test_tracks_in_pieces_are_the_same_sightings_and_link_all_neighbouring_frames():
+    random = np.random.default_rng(3)
+    tracks = random.uniform(0, 100, (60, 40, 2))
+    visible = np.cumsum(random.random((60, 40)) < 0.03, 0) % 2 == 0  # seen and hidden for some thirty frames each
+    chosen = np.ones(40, bool)
+    whole, order = sightings(tracks, visible, chosen, 40)
+    cut, owner = sightings(tracks, visible, chosen, 40, longest=12)
+    assert len(owner) > 2 * len(order) and cut.point.max() == len(owner) - 1
+    assert np.allclose(cut.uv, tracks[cut.frame, owner[cut.point]])
+    first, last, count = np.full(len(owner), 60), np.zeros(len(owner), int), np.bincount(cut.point)
+    np.minimum.at(first, cut.point, cut.frame)
+    np.maximum.at(last, cut.point, cut.frame)
+    assert (last - first).max() < 12 and count.min() >= 3
+    assert len(whole.frame) - len(cut.frame) <= 2 * (len(owner) + 2 * len(order))  # ends seen less than three times
+    assert all(np.intersect1d(cut.point[cut.frame == t], cut.point[cut.frame == t + 1]).size > 5 for t in range(59))
+
+
 @pytest.mark.parametrize(("travel", "noise"), [(0.02, 0.3), (0.12, 0.3), (0.9, 0.3), (0.3, 30.0)])
 def test_translating_is_judged_by_gain_and_size(travel, noise):
     true = truth(frames=8, travel=travel, points=120)
