@@ -222,13 +222,13 @@ def believed_sentence(believed: Believed) -> str:
     return f"{sentence}, moving objects {limit}."
 
 
-HOW_DECIDED = {
-    "its own motion": "measured by its own motion",
-    "ground contact": "estimated from where it touches the ground",
-    "size": "estimated from how its size changes",
-    "surroundings": "guessed from its surroundings, as no contact with the ground is seen and it turns little",
+MEASURED = "its own motion"
+GUESSED_FROM = {
+    "ground contact": "where it touches the ground",
+    "size": "how its size changes",
+    "surroundings": "its surroundings, as no contact with the ground is seen and it turns little",
 }
-"""What decided the depth of a moving object (`priors.movers.place_objects`) -> the same in a sentence."""
+"""What decided the depth of a moving object (`priors.movers.place_objects`) other than `MEASURED` -> the same in a sentence."""
 
 
 def _about_movers(priors: Priors) -> list[Finding]:
@@ -237,12 +237,16 @@ def _about_movers(priors: Priors) -> list[Finding]:
     if not decided:
         return []
     several = sum(decided.values()) > 1
-    ways = [
-        HOW_DECIDED.get(origin, origin) + (f" ({count})" if several else "") for origin, count in decided.most_common()
+    guesses = [
+        GUESSED_FROM.get(origin, origin) + (f" ({count})" if several else "")
+        for origin, count in decided.most_common()
+        if origin != MEASURED
     ]
-    guessed = "surroundings" in decided
-    advice = "Keep feet or wheels in the picture, or give depth with --prior depth=DIR." if guessed else ""
-    return [Finding("note", f"{MOVING_DEPTH} is {', '.join(ways)}.", advice)]
+    ways = [f"a guess from {', '.join(guesses)}"] * bool(guesses)
+    ways += [f"measured by {MEASURED}" + (f" ({decided[MEASURED]})" if several else "")] * (MEASURED in decided)
+    unseen = "surroundings" in decided
+    advice = "Keep feet or wheels in the picture, or give depth with --prior depth=DIR." if unseen else ""
+    return [Finding("note", f"{MOVING_DEPTH} is {', and '.join(ways)}.", advice)]
 
 
 def origins_of_moving_depth(priors: Priors) -> Counter[str]:

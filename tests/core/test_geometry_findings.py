@@ -241,12 +241,15 @@ def test_a_small_step_and_the_origin_of_depth_are_noted():
     priors.statistics["cameras"] = {"translation": {"verdict": "small", "size_px": 1.25}}
     priors.statistics["depth"] = {"movers": [{"decided_by": name} for name in ("size", "size", "surroundings")]}
     assert "moves the picture by only 1.2 px" in notes()
-    assert (
-        "The depth of what moves is estimated from how its size changes (2), guessed from its surroundings" in notes()
-    )
+    assert "The depth of what moves is a guess from how its size changes (2), its surroundings" in notes()
     priors.statistics["depth"] = {"movers": [{"decided_by": "ground contact", "group": 0}]}
-    assert "The depth of what moves is estimated from where it touches the ground." in notes()
-    assert "guess" not in notes()
+    assert "The depth of what moves is a guess from where it touches the ground." in notes()
+    priors.statistics["depth"] = {
+        "movers": [{"decided_by": name} for name in ("size", "its own motion", "its own motion")]
+    }
+    assert "is a guess from how its size changes (1), and measured by its own motion (2)." in notes()
+    priors.statistics["depth"] = {"movers": [{"decided_by": "its own motion"}]}
+    assert "The depth of what moves is measured by its own motion." in notes() and "guess" not in notes()
 
 
 def resting(jumps: dict[int, float], drift: float = 0.0):
