@@ -27,9 +27,9 @@ from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file, sole_writer
 from ..fit.advice import about_cuts, quality, verdict
-from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, max_gaussians, within
+from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, max_gaussians, with_steps, within
 from ..fit.checkpoint import OtherSettingsError
-from ..fit.config import SETTINGS, FitConfig, for_frames, profile
+from ..fit.config import SETTINGS, FitConfig, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import CHECKPOINT, NOT_DECIDING, fit_clip
 from ..fit.settings import as_lines, list_settings, set_fields
@@ -159,14 +159,14 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
         parts = [window for shot in shots for window in shot.windows]
         first = read_clip(args.clip, known.part(0, 1), width_of(args))
         size = ClipSize(max(end - start for start, end in parts), first.width, first.height, len(parts))
-        config = granted(args, size, for_frames(config, size.frames), progress)
+        config = granted(args, size, config, progress)
         return fit_windows(args, known, shots, config, names, progress)
     clip = clip_of(args, progress)
     clip.require_enough()
     if not args.resume:
         forget(args.output)
     size = ClipSize(len(clip.supervised), clip.width, clip.height)
-    config = granted(args, size, for_frames(config, size.frames), progress)
+    config = granted(args, size, config, progress)
     try:
         result = fit_to_folder(clip, args.output, config, progress, args.resume)
     except OtherSettingsError:
@@ -186,13 +186,14 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
 def granted(args: argparse.Namespace, size: ClipSize, config: FitConfig, progress: Progress) -> FitConfig:
     """The configuration within what `--minutes` and `--memory` allow; prints what the fit of a clip of `size` costs.
 
-    An interrupted fit goes on with the Gaussians it was granted.
+    An interrupted fit goes on with the steps and Gaussians it was granted.
     """
     for name in ("minutes", "memory"):
         value = getattr(args, name)
         if value is not None and not (np.isfinite(value) and value > 0):
             raise F4xError(f"--{name} {value:g}: give a number above 0.")
     path, speed = args.output / GRANT, MachineSpeed.measured(config.kernels.threads)
+    config = with_steps(args.minutes, size, config, speed)
     if args.resume and path.is_file():
         allowed = set_fields(config, json.loads(path.read_text()))
     else:
@@ -210,11 +211,11 @@ def granted(args: argparse.Namespace, size: ClipSize, config: FitConfig, progres
 
 
 def _keep_grant(path: Path, config: FitConfig) -> None:
-    """Write how many Gaussians were granted, as `set_fields` reads it."""
+    """Write how many steps and Gaussians were granted, as `set_fields` reads it."""
     counts = [
         setting
         for setting in list_settings(config)
-        if setting.name.endswith(("max_count", "counts_from", "own_counts"))
+        if setting.name == "steps" or setting.name.endswith(("max_count", "counts_from", "own_counts"))
     ]
     path.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(path) as file:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 from ..errors import F4xError
 from ..native.kernels import torch_threads
-from .config import PROFILES, FitConfig, profile
+from .config import PROFILES, FitConfig, for_frames, profile
 
 STEP, STEP_PER_PIXEL, STEP_PER_GAUSSIAN = 1.0, 2.65e-5, 1.58e-5
 """Cost of a training step, of one of its pixels and of one Gaussian, in raster steps of two threads. Threads share the pixels: a
@@ -185,6 +185,19 @@ def cost(size: ClipSize, config: FitConfig, speed: MachineSpeed) -> Cost:
         _memory(size, config, count) / GIGABYTE,
         size.windows * GAUSSIAN_FILE * count / MEGABYTE,
     )
+
+
+def with_steps(minutes: float | None, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> FitConfig:
+    """The configuration with the steps that so many frames take (`for_frames`), or those of them that `minutes` have time for.
+
+    The profile's own steps are always taken: what has no time for these is thinned (`within`).
+    """
+    whole = for_frames(config, size.frames)
+    if minutes is None or whole is config:
+        return whole
+    least, most = (cost(size, one, speed).minutes for one in (config, whole))
+    part = min(max((minutes - least) / (most - least), 0.0), 1.0)
+    return replace(config, steps=config.steps + int(part * (whole.steps - config.steps)))
 
 
 def has_room(size: ClipSize, config: FitConfig, memory: float | None) -> bool:
