@@ -188,16 +188,16 @@ def cost(size: ClipSize, config: FitConfig, speed: MachineSpeed) -> Cost:
 
 
 def with_steps(minutes: float | None, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> FitConfig:
-    """The configuration with the steps that so many frames take (`for_frames`), or those of them that `minutes` have time for.
+    """The configuration for so many frames (`for_frames`), with those of its steps that `minutes` have time for.
 
     The profile's own steps are always taken: what has no time for these is thinned (`within`).
     """
     whole = for_frames(config, size.frames)
-    if minutes is None or whole is config:
+    if minutes is None or whole.steps == config.steps:
         return whole
-    least, most = (cost(size, one, speed).minutes for one in (config, whole))
+    least, most = (cost(size, replace(whole, steps=one.steps), speed).minutes for one in (config, whole))
     part = min(max((minutes - least) / (most - least), 0.0), 1.0)
-    return replace(config, steps=config.steps + int(part * (whole.steps - config.steps)))
+    return replace(whole, steps=config.steps + int(part * (whole.steps - config.steps)))
 
 
 def has_room(size: ClipSize, config: FitConfig, memory: float | None) -> bool:
@@ -217,7 +217,7 @@ def within(grant: Grant, size: ClipSize, config: FitConfig, speed: MachineSpeed)
     tightest = min(limits, key=lambda limit: limit.room)
     if grant == Grant() and tightest.room >= expected_gaussians(size, config):
         return config
-    least = _scaled(config, MIN_FRACTION)
+    least = _scaled(config, MIN_FRACTION, size.frames)
     short = [limit.option for limit in limits if limit.room < expected_gaussians(size, least)]
     if short:
         needed, there = cost(size, least, speed), machine_memory()
@@ -227,7 +227,7 @@ def within(grant: Grant, size: ClipSize, config: FitConfig, speed: MachineSpeed)
             f" {_up(needed.memory)} GB on this machine{has}; grant more ({' and '.join(short)}), or give fewer --frames, a"
             " smaller --width or another --profile."
         )
-    return replace(_scaled(config, tightest.room / max_gaussians(config)), counts_from=tightest.words)
+    return replace(_scaled(config, tightest.room / max_gaussians(config), size.frames), counts_from=tightest.words)
 
 
 @dataclass(frozen=True)
@@ -294,9 +294,9 @@ def _training_memory(size: ClipSize) -> float:
     return (PIXEL_MEMORY * size.frames + IMAGE_PIXEL_MEMORY) * size.pixels
 
 
-def _scaled(config: FitConfig, factor: float) -> FitConfig:
+def _scaled(config: FitConfig, factor: float, frames: int) -> FitConfig:
     """The configuration with room for `factor` times as many Gaussians; what was set by hand never becomes more."""
-    usual = profile(config.name) if config.name in PROFILES else config
+    usual = for_frames(profile(config.name), frames) if config.name in PROFILES else config
     changes, kept = {}, []
     for name in [f"{kind}_{which}" for kind in ("spawn", "density") for which in SETS]:
         own = getattr(config, name)

@@ -7,7 +7,7 @@ import dataclasses
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 from ..errors import F4xError
 from ..gaussians import DensityConfig, SpawnConfig
@@ -379,18 +379,26 @@ PROFILES = {"wild": FitConfig, "quick": _quick, "nvidia": _nvidia, "dycheck": _d
 
 
 USUAL_FRAMES = 100
-"""Used frames for which the steps of the profiles were chosen: none of the clips that they were chosen on has more."""
+"""Used frames for which the numbers of the profiles were chosen: none of the clips that they were chosen on has more."""
 
 
 def for_frames(config: FitConfig, frames: int) -> FitConfig:
-    """The configuration with as many steps for each of the used `frames` as a clip of `USUAL_FRAMES` has; fewer take no less.
+    """The configuration for so many used `frames`: each beyond `USUAL_FRAMES` adds its part of the steps, and of the room for moving
+    Gaussians, which come and go with what they show.
 
-    Steps that are no profile's were set by hand and stay.
+    Numbers that are no profile's were set by hand and stay.
     """
-    usual = profile(config.name).steps if config.name in PROFILES else None
-    if config.steps != usual or frames <= USUAL_FRAMES:
+    if config.name not in PROFILES or frames <= USUAL_FRAMES:
         return config
-    return replace(config, steps=round(config.steps * frames / USUAL_FRAMES))
+    usual, factor = profile(config.name), frames / USUAL_FRAMES
+    changes: dict[str, Any] = {}
+    if config.steps == usual.steps:
+        changes["steps"] = round(factor * config.steps)
+    for name in ("spawn_dynamic", "density_dynamic"):
+        own = getattr(config, name)
+        if own.max_count == getattr(usual, name).max_count:
+            changes[name] = replace(own, max_count=round(factor * own.max_count))
+    return replace(config, **changes)
 
 
 def profile(name: str) -> FitConfig:

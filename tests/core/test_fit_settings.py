@@ -122,7 +122,9 @@ def test_clips_of_many_frames_take_as_many_steps_for_each_and_numbers_set_by_han
     quick = profile("quick")
     assert [for_frames(quick, frames).steps for frames in (3, 100, 101, 300)] == [1200, 1200, 1212, 3600]
     assert for_frames(replace(quick, steps=50), 300).steps == 50
-    assert replace(for_frames(quick, 300), steps=1200) == quick
+    long = for_frames(replace(quick, spawn_dynamic=replace(quick.spawn_dynamic, max_count=7)), 300)
+    assert (long.spawn_dynamic.max_count, long.density_dynamic.max_count) == (7, 3 * quick.density_dynamic.max_count)
+    assert (long.spawn_static, long.density_static) == (quick.spawn_static, quick.density_static)
 
 
 def test_docstrings_of_fields_are_read_from_the_source():
