@@ -383,8 +383,8 @@ USUAL_FRAMES = 100
 
 
 def for_frames(config: FitConfig, frames: int) -> FitConfig:
-    """The configuration for so many used `frames`: each beyond `USUAL_FRAMES` adds its part of the steps, and of the room for moving
-    Gaussians, which come and go with what they show.
+    """The configuration for so many used `frames`: each beyond `USUAL_FRAMES` adds its part of the steps, and of the room for
+    moving Gaussians, which come and go with what they show.
 
     Numbers that are no profile's were set by hand and stay.
     """
