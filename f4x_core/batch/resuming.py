@@ -26,9 +26,10 @@ def remember(folder: Path, options: Mapping[str, str]) -> None:
 
 def window_of(folder: Path) -> int | None:
     """Frames of a window of the fit in `folder`, 0 for one at once; None where there is nothing to continue."""
-    if (folder / PLAN).is_file():
-        return int(json.loads((folder / PLAN).read_text())[WINDOW])
-    return 0 if (folder / "checkpoints").is_dir() else None
+    length = _made_with(folder).get(WINDOW)
+    if length is None:
+        return None
+    return 0 if length == AT_ONCE else int(length)
 
 
 def forget(folder: Path) -> None:
@@ -42,16 +43,20 @@ def require_same(folder: Path, options: Mapping[str, str]) -> None:
 
     Nothing if none is there; of a fit at once only that it is one, see `require_same_at_once`.
     """
-    if (folder / PLAN).is_file():
-        _require(folder, json.loads((folder / PLAN).read_text()), options)
-    elif (folder / "checkpoints").is_dir():
-        _require(folder, {WINDOW: AT_ONCE}, options)
+    _require(folder, _made_with(folder), options)
 
 
 def require_same_at_once(folder: Path, options: Mapping[str, str]) -> None:
     """The same for a fit at once whose checkpoint was refused; nothing where no option tells why."""
     if (folder / OPTIONS).is_file():
         _require(folder, json.loads((folder / OPTIONS).read_text()), options)
+
+
+def _made_with(folder: Path) -> dict[str, str]:
+    """The options of the windows in `folder`; of a fit at once only that it is one; nothing where none is there."""
+    if (folder / PLAN).is_file():
+        return json.loads((folder / PLAN).read_text())
+    return {WINDOW: AT_ONCE} if (folder / "checkpoints").is_dir() else {}
 
 
 def _require(folder: Path, made: Mapping[str, str], options: Mapping[str, str]) -> None:

@@ -69,9 +69,8 @@ def usual_length(size: ClipSize, config: FitConfig, memory: float | None) -> int
 
     `memory`: gigabytes that are granted, as in `fit.budget.Grant`.
     """
-    parts = (replace(size, frames=min(length, size.frames)) for length in LENGTHS)
-    fitting = (length for length, part in zip(LENGTHS, parts, strict=True) if has_room(part, config, memory))
-    length = next(fitting, LENGTHS[-1])
+    parts = {length: replace(size, frames=min(length, size.frames)) for length in LENGTHS}
+    length = next((length for length, part in parts.items() if has_room(part, config, memory)), LENGTHS[-1])
     return 0 if size.frames <= length else length
 
 

@@ -27,7 +27,7 @@ from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file, sole_writer
 from ..fit.advice import about_cuts, quality, verdict
-from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, max_gaussians, with_steps, within
+from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, for_clip, max_gaussians, within
 from ..fit.checkpoint import OtherSettingsError
 from ..fit.config import SETTINGS, FitConfig, profile
 from ..fit.distil_config import DistilConfig
@@ -157,7 +157,7 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
         remember(args.output, made_with)
         known, shots = windows
         parts = [window for shot in shots for window in shot.windows]
-        first = read_clip(args.clip, known.part(0, 1), width_of(args))
+        first = _first_picture(args, width_of(args))
         size = ClipSize(max(end - start for start, end in parts), first.width, first.height, len(parts))
         config = granted(args, size, config, progress)
         return fit_windows(args, known, shots, config, names, progress)
@@ -193,7 +193,7 @@ def granted(args: argparse.Namespace, size: ClipSize, config: FitConfig, progres
         if value is not None and not (np.isfinite(value) and value > 0):
             raise F4xError(f"--{name} {value:g}: give a number above 0.")
     path, speed = args.output / GRANT, MachineSpeed.measured(config.kernels.threads)
-    config = with_steps(args.minutes, size, config, speed)
+    config = for_clip(args.minutes, size, config, speed)
     if args.resume and path.is_file():
         allowed = set_fields(config, json.loads(path.read_text()))
     else:

@@ -339,7 +339,7 @@ def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 _OF_WHOLE = word_set("the a an that this my all every any")
 _CAST = word_set("shadow shadows reflection reflections")
-"""What is cast: it may be told without an article, "shadow of dog"."""
+"""What is cast: it may stand without an article, "shadow of dog"."""
 
 
 def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:

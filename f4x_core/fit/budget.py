@@ -187,7 +187,7 @@ def cost(size: ClipSize, config: FitConfig, speed: MachineSpeed) -> Cost:
     )
 
 
-def with_steps(minutes: float | None, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> FitConfig:
+def for_clip(minutes: float | None, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> FitConfig:
     """The configuration for so many frames (`for_frames`), with those of its steps that `minutes` have time for.
 
     The profile's own steps are always taken: what has no time for these is thinned (`within`).

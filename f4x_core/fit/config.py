@@ -13,6 +13,7 @@ from ..errors import F4xError
 from ..gaussians import DensityConfig, SpawnConfig
 from ..native.kernels import Kernels
 from ..priors import PriorsConfig, TracksConfig
+from ..priors.config import USUAL_FRAMES
 from ..raster import choose_backend
 from ..scaffold.graph import GraphConfig
 from ..scaffold.optimise import GeometryConfig
@@ -376,10 +377,6 @@ def _f4x_davis() -> FitConfig:
 
 
 PROFILES = {"wild": FitConfig, "quick": _quick, "nvidia": _nvidia, "dycheck": _dycheck, "f4x_davis": _f4x_davis}
-
-
-USUAL_FRAMES = 100
-"""Used frames for which the numbers of the profiles were chosen: none of the clips that they were chosen on has more."""
 
 
 def for_frames(config: FitConfig, frames: int) -> FitConfig:

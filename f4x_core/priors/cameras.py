@@ -26,7 +26,7 @@ from ..geometry.camera import CameraPath
 from ..parallel import in_threads, thread_count
 from ..progress import Progress
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, total_cost, triangulate
-from .config import CamerasConfig, PriorsConfig
+from .config import USUAL_FRAMES, CamerasConfig, PriorsConfig
 from .flow import grey, sample, texture
 from .folder import SEEN_DEPTH
 from .lens import measure
@@ -79,8 +79,8 @@ MAX_ERROR_PX = 1.5
 """A solution is accepted with at least this fraction of the frames and at most this reprojection error."""
 ADJUSTED_TRACKS = 2000
 """Largest number of tracks in the final adjustment; more cost time and do not improve the cameras."""
-TRACK_FRAMES, LONG_CLIP = 24, 100
-"""Frames of the pieces that tracks are cut into for the final adjustment of a clip of more than `LONG_CLIP` frames. Errors of
+TRACK_FRAMES = 24
+"""Frames of the pieces that tracks are cut into for the final adjustment of a clip of more than `USUAL_FRAMES`. Errors of
 chained flow add up, .35 px over 24 frames and 1.9 over 200, and the tracks that live longest are those that stick to the picture.
 By whole tracks a rendered walk of 200 frames whose noise stays in its place turns by .85 degrees (rms) too much or too little, by
 pieces of 60, 36 and 24 frames by .54, .37 and .25; a walk with noise as a camera's by .06 and .05 (36). A real clip of 80 frames,
@@ -274,7 +274,7 @@ def complete(
     the focal length is adjusted with them; held when left out.
     """
     lens = lens or BundleConfig(refine_focal=False)
-    longest = TRACK_FRAMES if len(tracks) > LONG_CLIP else None
+    longest = TRACK_FRAMES if len(tracks) > USUAL_FRAMES else None
     extra, order = sightings(tracks, visible, static, ADJUSTED_TRACKS, longest)
     bundle, own = solution.bundle, _limited_observations(solution, ADJUSTED_TRACKS)
     offset = len(bundle.points)

@@ -10,6 +10,9 @@ from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
+USUAL_FRAMES = 100
+"""Used frames for which settings and profiles were chosen: none of the clips that they were chosen on has more."""
+
 
 @dataclass(frozen=True)
 class FlowConfig:

@@ -18,9 +18,9 @@ from f4x_core.fit.budget import (
     MachineSpeed,
     cost,
     expected_gaussians,
+    for_clip,
     machine_memory,
     max_gaussians,
-    with_steps,
     within,
 )
 from f4x_core.fit.config import for_frames, profile
@@ -89,11 +89,11 @@ def test_a_small_machine_takes_fewer_gaussians_or_refuses(monkeypatch):
 
 def test_minutes_take_steps_of_long_clips_before_they_take_gaussians():
     quick, size = profile("quick"), dataclasses.replace(SIZE, frames=300)
-    assert with_steps(None, size, quick, SPEED).steps == with_steps(1000, size, quick, SPEED).steps == 3600
-    assert with_steps(0.1, size, quick, SPEED).steps == 1200 and with_steps(0.1, SIZE, quick, SPEED) is quick
+    assert for_clip(None, size, quick, SPEED).steps == for_clip(1000, size, quick, SPEED).steps == 3600
+    assert for_clip(0.1, size, quick, SPEED).steps == 1200 and for_clip(0.1, SIZE, quick, SPEED) is quick
     whole = for_frames(quick, 300)
     least = cost(size, dataclasses.replace(whole, steps=1200), SPEED).minutes
-    some = with_steps(least + 0.5, size, quick, SPEED)
+    some = for_clip(least + 0.5, size, quick, SPEED)
     assert 1200 < some.steps < 3600 and least + 0.45 < cost(size, some, SPEED).minutes <= least + 0.5
     allowed = within(Grant(minutes=least + 0.5), size, some, SPEED)
     assert max_gaussians(allowed) >= 0.99 * expected_gaussians(size, whole)
