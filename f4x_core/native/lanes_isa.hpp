@@ -141,7 +141,12 @@ F4X_HOT void transpose(f16* rows) {
         rows[i + 4] = (f16)_mm512_permutex2var_ps(fours[i], high, fours[i + 4]);
     }
 }
-F4X_HOT f16 permute(const f16& v, const i16& from) { return (f16)_mm512_permutexvar_ps((__m512i)from, (__m512)v); }
+// Lanes of `low` (numbers 0 to 15) and `high` (16 to 31).
+F4X_HOT f16 pick(const f16& low, const i16& from, const f16& high) {
+    return (f16)_mm512_permutex2var_ps((__m512)low, (__m512i)from, (__m512)high);
+}
+// Eight floats in both halves.
+F4X_HOT f16 twice(const float* from) { return (f16)_mm512_broadcast_f32x8(_mm256_loadu_ps(from)); }
 #endif
 
 template <class V>

@@ -8,7 +8,8 @@
 //   backward_tile the same chunks in reverse; writes one gradient row per (splat, tile) pair
 //   gather        sums each splat's rows and carries them back through the projection
 //
-// Rows are summed in a fixed order, so the result is the same bit for bit for every number of threads.
+// Sums have a fixed order, so the result is the same bit for bit for every number of threads, and for every instruction set that
+// multiplies and adds with one rounding (AVX2 with FMA, AVX-512 with eight or sixteen lanes).
 //
 // The second half is compiled once per instruction set (lanes.hpp); the processor picks at run time.
 
@@ -977,24 +978,39 @@ F4X_HOT void spread_columns(const Scratch& w, const uint8_t* list, int n, int fi
 }
 
 #if defined(F4X_WIDE)
-// The same for eight columns: two pixels a vector.
-F4X_HOT void spread_eight(const Scratch& w, const uint8_t* list, int n, int first) {
-    f16 gradient[PIXELS / 2];
-    i16 both[PIXELS / 2];  // number of the first pixel eight times, of the second eight times
+// The same for eight columns: two entries a vector, P vectors at once. Pixels are added one after the other, as by narrow vectors.
+template <int P>
+F4X_HOT void spread_eight(const Scratch& w, const uint8_t* list, const float* weights, int first) {
+    float* row[2 * P];
+    f16 sum[P], weight[2 * P];
     F4X_UNROLL
-    for (int pair = 0; pair < PIXELS / 2; ++pair) {
-        const float* rows = w.pixels + size_t(2 * pair) * w.stride + first;
-        gradient[pair] = join(load(rows), load(rows + w.stride));
-        both[pair] = (i16)join((f8)broadcast<i8>(2 * pair), (f8)broadcast<i8>(2 * pair + 1));
+    for (int k = 0; k < 2 * P; ++k) {
+        row[k] = row_of<float>(w.feature_gradient, w.stride, list[k]) + first;
+        weight[k] = load<f16>(weights + PIXELS * k);
     }
-    for (int k = 0; k < n; ++k) {
-        const f16 weights = load<f16>(w.weight + PIXELS * k);
-        f16 sum[2] = {};
+    F4X_UNROLL
+    for (int k = 0; k < P; ++k) sum[k] = join(load(row[2 * k]), load(row[2 * k + 1]));
+    const i16 entry = {0, 0, 0, 0, 0, 0, 0, 0, 16, 16, 16, 16, 16, 16, 16, 16};  // numbers of the first pixels of two entries
+    F4X_UNROLL
+    for (int pixel = 0; pixel < PIXELS; ++pixel) {
+        const f16 gradient = twice(w.pixels + size_t(pixel) * w.stride + first);
         F4X_UNROLL
-        for (int pair = 0; pair < PIXELS / 2; ++pair) sum[pair % 2] += permute(weights, both[pair]) * gradient[pair];
-        const f16 total = sum[0] + sum[1];
-        float* row = row_of<float>(w.feature_gradient, w.stride, list[k]) + first;
-        store(row, load(row) + lower(total) + upper(total));
+        for (int k = 0; k < P; ++k) sum[k] += pick(weight[2 * k], entry + pixel, weight[2 * k + 1]) * gradient;
+    }
+    F4X_UNROLL
+    for (int k = 0; k < P; ++k) {
+        store(row[2 * k], lower(sum[k]));
+        store(row[2 * k + 1], upper(sum[k]));
+    }
+}
+
+F4X_HOT void spread_eight_columns(const Scratch& w, const uint8_t* list, int n, int first) {
+    int k = 0;
+    constexpr int P = 4;  // enough sums to hide the latency of a multiply-add
+    for (; k + 2 * P <= n; k += 2 * P) spread_eight<P>(w, list + k, w.weight + PIXELS * k, first);
+    for (; k + 2 <= n; k += 2) spread_eight<1>(w, list + k, w.weight + PIXELS * k, first);
+    if (k < n) {
+        spread_group<f8, 1, 1>(w, list + k, w.weight + PIXELS * k, first);
     }
 }
 #endif
@@ -1006,7 +1022,7 @@ F4X_TARGET void spread(const Scratch& w, int block, int n) {
     for (; w.stride - first >= 48; first += 48) spread_columns<f16, 3>(w, list, n, first);
     for (; w.stride - first >= 32; first += 32) spread_columns<f16, 2>(w, list, n, first);
     for (; w.stride - first >= 16; first += 16) spread_columns<f16, 1>(w, list, n, first);
-    if (first < w.stride) spread_eight(w, list, n, first);
+    if (first < w.stride) spread_eight_columns(w, list, n, first);
 #else
     while (first < w.stride) {
         const int vectors = (w.stride - first) / 8;
@@ -1022,14 +1038,14 @@ F4X_TARGET void spread(const Scratch& w, int block, int n) {
 #endif
 }
 
-// Eight floats of one entry and, where vectors are wide, of the entry eight places later.
+// Eight floats; twice where vectors are wide, whose halves are the upper and the lower two rows of a block's pixels.
 #if defined(F4X_WIDE)
-F4X_HOT fp of_entries(const float* early, const float* late) { return join(load(early), load(late)); }
+F4X_HOT fp for_each_half(const float* from) { return twice(from); }
 #else
-F4X_HOT fp of_entries(const float* early, const float*) { return load(early); }
+F4X_HOT fp for_each_half(const float* from) { return load(from); }
 #endif
 
-// Sums over a block's pixels, a vector each and an entry a lane, of v (1, x, y, x^2, x y, y^2) about the block's centre.
+// Sums over eight pixels, a vector each and an entry a lane, of v (1, x, y, x^2, x y, y^2) about the centre of their two rows.
 struct BlockMoments {
     fp m0, mx, my, mxx, mxy, myy;
 };
@@ -1038,47 +1054,39 @@ F4X_HOT BlockMoments block_moments(const fp* pixel) {
     const fp half = broadcast<fp>(0.5f), quarter = broadcast<fp>(0.25f);
     fp sum[4], lean[4];  // per column x = -1.5, -0.5, 0.5, 1.5: sum over rows, and twice that of v y
     BlockMoments m;
-#if defined(F4X_WIDE)
-    m.myy = broadcast<fp>(0.0f);
-    for (int x = 0; x < 4; ++x) {
-        const fp outer = pixel[x] + pixel[12 + x], inner = pixel[4 + x] + pixel[8 + x];
-        sum[x] = outer + inner;
-        lean[x] = broadcast<fp>(3.0f) * (pixel[12 + x] - pixel[x]) + (pixel[8 + x] - pixel[4 + x]);
-        m.myy += broadcast<fp>(2.25f) * outer + quarter * inner;
-    }
-#else
     for (int x = 0; x < 4; ++x) {
         sum[x] = pixel[4 + x] + pixel[x];
         lean[x] = pixel[4 + x] - pixel[x];
     }
-#endif
     const fp outer = sum[0] + sum[3], inner = sum[1] + sum[2];
     m.m0 = outer + inner;
     m.mx = broadcast<fp>(1.5f) * (sum[3] - sum[0]) + half * (sum[2] - sum[1]);
     m.my = half * (lean[0] + lean[1] + lean[2] + lean[3]);
     m.mxx = broadcast<fp>(2.25f) * outer + quarter * inner;
     m.mxy = broadcast<fp>(0.75f) * (lean[3] - lean[0]) + quarter * (lean[2] - lean[1]);
-#if !defined(F4X_WIDE)
     m.myy = quarter * m.m0;
-#endif
     return m;
 }
 
-// moments[entry] += sum over pixels of v (1, u, dy, u^2, u dy, dy^2), u = dx - slope dy. As many entries at once as there are
-// lanes: the sums are taken about the block's centre, then sheared and moved to the mean.
-F4X_TARGET void add_moments(Scratch& w, int block, int n, float centre_x, float centre_y, const float* v) {
+// moments[entry] += sum over pixels of v (1, u, dy, u^2, u dy, dy^2), u = dx - slope dy. Eight entries at once, two rows of pixels
+// after the other, or both as the halves of wide vectors: the sums are taken about the centre of two rows, then sheared and
+// moved to the mean. Those of two rows are added before those of the next, so that wide vectors give the same bits.
+F4X_TARGET void add_moments(Scratch& w, int block, int n, float centre_x, float first_y, const float* v) {
     const uint8_t* list = w.list[block];
-    for (int first = 0; first < n; first += PIXELS) {
-        fp pixel[PIXELS], hot[8];  // entries behind the last hold anything: nothing of them is stored
+    fp centre_y = broadcast<fp>(first_y);
+#if defined(F4X_WIDE)
+    centre_y = join(broadcast(first_y), broadcast(first_y + STRIP_HEIGHT));
+#endif
+    for (int first = 0; first < n; first += 8) {
+        fp pixel[8], hot[8];  // entries behind the last hold anything: nothing of them is stored
         for (int k = 0; k < 8; ++k) {
-            const float* values = v + PIXELS * (first + k);
-            for (int part = 0; part < PIXELS; part += 8) pixel[part + k] = of_entries(values + part, values + 8 * PIXELS + part);
-            hot[k] = of_entries(&w.hot[list[first + k]].x, &w.hot[list[first + k + 8]].x);
+            pixel[k] = load<fp>(v + PIXELS * (first + k));
+            hot[k] = for_each_half(&w.hot[list[first + k]].x);
         }
-        for (int part = 0; part < PIXELS; part += 8) transpose(pixel + part);
+        transpose(pixel);
         transpose(hot);
         const BlockMoments m = block_moments(pixel);
-        const fp slope = hot[3], y = broadcast<fp>(centre_y) - hot[1], u = broadcast<fp>(centre_x) - hot[0] - slope * y;
+        const fp slope = hot[3], y = centre_y - hot[1], u = broadcast<fp>(centre_x) - hot[0] - slope * y;
         const fp mu = m.mx - slope * m.my, muy = m.mxy - slope * m.myy, muu = m.mxx - slope * (m.mxy + muy);
         const fp sum_u = mu + u * m.m0, two_my = m.my + m.my, zero = broadcast<fp>(0.0f);
         fp row[8] = {m.m0,
@@ -1090,19 +1098,14 @@ F4X_TARGET void add_moments(Scratch& w, int block, int n, float centre_x, float 
                      zero,
                      zero};
         transpose(row);
-        float rows[PIXELS][8];
-        for (int k = 0; k < 8; ++k) {
-#if defined(F4X_WIDE)
-            store(rows[k], lower(row[k]));
-            store(rows[8 + k], upper(row[k]));
-#else
-            store(rows[k], row[k]);
-#endif
-        }
-        const int last = std::min(n - first, PIXELS);
+        const int last = std::min(n - first, 8);
         for (int k = 0; k < last; ++k) {
             float* total = w.moments + 8 * list[first + k];
-            store(total, load(total) + load(rows[k]));
+#if defined(F4X_WIDE)
+            store(total, load(total) + lower(row[k]) + upper(row[k]));
+#else
+            store(total, load(total) + row[k]);
+#endif
         }
     }
 }
@@ -1145,7 +1148,7 @@ F4X_TARGET void backward_tile(const Problem& p, State& s, Scratch& w, int tile, 
                 later += share;
             }
             behind[block] = later;
-            add_moments(w, block, m, x + 2.0f, y + 0.5f * STRIP_HEIGHT * BLOCK_STRIPS, w.dot);
+            add_moments(w, block, m, x + 0.5f * BLOCK_WIDTH, y + 0.5f * STRIP_HEIGHT, w.dot);
             spread(w, block, m);
         }
         for (int k = 0; k < n; ++k) {

@@ -197,23 +197,26 @@ def ordered(watched):
     return order[:found].tolist()
 
 
+KINDS = {
+    "colours": colours,
+    "picture": picture_loss,
+    "frame": frame_losses,
+    "adam": adam,
+    "nodes": nodes_moved,
+    "moved": moved,
+    "arap": as_rigid_as_possible,
+    "bundle": adjusted,
+    "maps": looked_up,
+}
+"""Group of stored values -> function that computes it with the library."""
+
+
 def test_every_exported_function_gives_the_stored_values(native_library, monkeypatch):
     watched = Watched(native_library)
     monkeypatch.setattr(binder, "require_library", lambda: watched)
     with np.load(STORED) as file:
         stored = dict(file)
-    kinds = {
-        "colours": colours,
-        "picture": picture_loss,
-        "frame": frame_losses,
-        "adam": adam,
-        "nodes": nodes_moved,
-        "moved": moved,
-        "arap": as_rigid_as_possible,
-        "bundle": adjusted,
-        "maps": looked_up,
-    }
-    for kind, function in kinds.items():
+    for kind, function in KINDS.items():
         found = errors(function(part(stored, f"{kind}_in_")), part(stored, f"{kind}_out_"))
         assert found and max(found.values()) < ERROR, (kind, found)
     assert raster.self_check(watched) < raster.SELF_CHECK_ERROR
