@@ -29,7 +29,7 @@ from ..files import replace_file, sole_writer
 from ..fit.advice import about_cuts, quality, verdict
 from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, for_clip, max_gaussians, within
 from ..fit.checkpoint import OtherSettingsError
-from ..fit.config import SETTINGS, FitConfig, profile
+from ..fit.config import SETTINGS, THREADS, FitConfig, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import CHECKPOINT, NOT_DECIDING, fit_clip
 from ..fit.settings import as_lines, list_settings, set_fields
@@ -290,13 +290,13 @@ class Cut:
 def options_of(args: argparse.Namespace, config: FitConfig, cut: Cut) -> dict[str, str]:
     """The options that decide what a fit becomes, or the windows of a long clip, by name, as text."""
     span = parse_span(args.frames)
-    settings = [setting for setting in list_settings(config) if setting.settable]
+    settings = [s for s in list_settings(config) if s.settable and s.name.rpartition(".")[2] != THREADS]
     if cut.length:
         of_its_kind = {WINDOW: str(cut.length), "--overlap": str(cut.overlap)}
     else:
         of_its_kind = {WINDOW: AT_ONCE, "CLIP": str(args.clip), "--masks": str(args.masks or "none")}
         of_its_kind["--prior"] = " ".join(args.prior) or "none"
-        settings = [setting for setting in settings if setting.name not in (*NOT_DECIDING, "priors.threads")]
+        settings = [setting for setting in settings if setting.name not in NOT_DECIDING]
     return {
         **of_its_kind,
         "--frames": f"{span.start or 0}:{'' if span.stop is None else span.stop}:{span.step or 1}",

@@ -405,14 +405,19 @@ def profile(name: str) -> FitConfig:
     return PROFILES[name]()
 
 
+THREADS = "threads"
+"""Name of the settings that spread work over cores and change no bit of a result."""
+
+
 def resolved(config: FitConfig) -> dict:
-    """The configuration as plain JSON values, every default written out."""
+    """The settings that a result can depend on, as plain JSON values, every default written out; without `THREADS`."""
 
     def plain(value: object) -> object:
         if dataclasses.is_dataclass(value):
-            return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+            names = (f.name for f in dataclasses.fields(value) if f.name != THREADS)
+            return {name: plain(getattr(value, name)) for name in names}
         if isinstance(value, tuple):
             return [plain(item) for item in value]
         return dict(value) if isinstance(value, Mapping) else value
 
-    return {f.name: plain(getattr(config, f.name)) for f in dataclasses.fields(config)}
+    return plain(config)

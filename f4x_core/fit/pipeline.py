@@ -87,9 +87,9 @@ class ClipFit:
 
     def run(self) -> FitResult:
         """All stages, one after the other."""
-        kernels = self.config.kernels
-        # Torch's threads beside the compiled library's gain nothing and collapse when other work wants the cores.
-        with torch_threads(1 if kernels.native else kernels.threads):
+        # Torch's sums depend on its number of threads. They also gain nothing beside those of the raster and collapse when
+        # other work wants the cores.
+        with torch_threads(1):
             return self._run()
 
     def _run(self) -> FitResult:
@@ -123,7 +123,6 @@ class ClipFit:
     def settings_hash(self) -> str:
         """Hash of everything but the priors that decides what this fit finds."""
         settings = {name: value for name, value in resolved(self.config).items() if name not in NOT_DECIDING}
-        settings["priors"].pop("threads")  # no prior depends on them
         return config_hash(settings, self.clip.digest, self.clip.width, self.clip.height)
 
     def known_depth(self) -> np.ndarray | None:

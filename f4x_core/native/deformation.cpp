@@ -5,8 +5,8 @@
 //   deform   per Gaussian: pose in the world, skinning weights, dual-quaternion blend, moved pose
 //
 // Eight pairs or Gaussians at a time, one per lane. The backward pass repeats the forward pass of its eight Gaussians instead of reading what that one would have stored.
-// Table gradients are summed per part of the Gaussians, one part per thread, and the parts in order: the result is the
-// same bit for bit for an equal number of threads.
+// Table gradients are summed per part of the Gaussians, and the parts in order. The size of the problem decides how many parts
+// there are, so the result is the same bit for bit for every number of threads.
 
 #ifndef F4X_ISA
 
@@ -82,18 +82,31 @@ struct DeformationKernels {
 
 namespace {
 
+constexpr int64_t MAX_PARTS = 16;      // threads that a backward pass keeps busy
+constexpr int64_t SUMS_PER_ENTRY = 4;  // a part adds at least so many times more numbers than its table has
+
+// Parts of equal size that Gaussians are cut into, each with a table of `size` floats of its own.
+int64_t count_parts(const Deformation& d, int64_t size) {
+    const int64_t sums = d.count * d.slots * (1 + d.times) * ROW;
+    return std::max<int64_t>(1, std::min(MAX_PARTS, sums / std::max<int64_t>(1, SUMS_PER_ENTRY * size)));
+}
+
 void backward(const Deformation& d) {
-    const int64_t batches = (d.count + 7) / 8, size = (1 + d.times) * d.pairs * ROW;
-    const int64_t parts = std::max<int64_t>(1, std::min<int64_t>(d.threads, batches));
-    std::vector<float> more((parts - 1) * size);  // the first part adds to the result itself
-    parallel(int(parts), parts, [&](std::atomic<int64_t>& cursor) {
+    const int64_t batches = (d.count + 7) / 8, size = (1 + d.times) * d.pairs * ROW, parts = count_parts(d, size);
+    static thread_local Buffer<float> memory;  // kept: a training loop does not fault in fresh pages at every step
+    float* more = memory.resize((parts - 1) * size);  // the first part adds to the result itself
+    parallel(d.threads, parts, [&](std::atomic<int64_t>& cursor) {
         for (int64_t part; (part = cursor++) < parts;) {
             const int64_t begin = batches * part / parts * 8, end = std::min(d.count, batches * (part + 1) / parts * 8);
-            kernels().backward(d, begin, end, part ? &more[(part - 1) * size] : d.d_tables);
+            float* table = part ? more + (part - 1) * size : d.d_tables;
+            if (part) std::fill(table, table + size, 0.0f);
+            kernels().backward(d, begin, end, table);
         }
     });
-    for (int64_t part = 1; part < parts; ++part)
-        for (int64_t i = 0; i < size; ++i) d.d_tables[i] += more[(part - 1) * size + i];
+    parallel_ranges(d.threads, size, [&](int64_t begin, int64_t end) {
+        for (int64_t part = 1; part < parts; ++part)
+            for (int64_t i = begin; i < end; ++i) d.d_tables[i] += more[(part - 1) * size + i];
+    });
 }
 
 // Returns 1 when memory ran out, else 0.

@@ -50,7 +50,7 @@ class SkinningData:
         `xyz (N, 3)`, `quat (N, 4)` of any length and `dw (N, K)` or None are the Gaussians' parameters; `node_xyz (F, M, 3)`,
         `node_quat (F, M, 4)` of any length and `radius (M,)` those of the nodes; `now_xyz (T, M, 3)`, `now_quat (T, M, 4)`
         their poses at the T times. Strength is 1. The gradient of `now_quat` is right only across the quaternions, so they
-        must come from a normalisation. Gradients are bit-equal for an equal number of threads.
+        must come from a normalisation. Gradients are bit-equal for every number of threads.
         """
         times = len(now_xyz)
         moved = _Deformation.apply(self, xyz, quat, dw, node_xyz, node_quat, radius, now_xyz, now_quat)

@@ -153,7 +153,7 @@ def backward(
 ) -> dict[str, Any]:
     """Return the gradients of `xyz`, `quat`, `dw` and `tables` (nodes, then motions) of `forward` without given weights.
 
-    Bit-equal for an equal number of threads. The quaternions of `nodes` are taken for normalised ones: their gradients
+    Bit-equal for every number of threads. The quaternions of `nodes` are taken for normalised ones: their gradients
     are right across the quaternion and mean nothing along it, where a normalisation has none.
 
     Raises:
