@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -682,37 +681,3 @@ def test_ctrl_c_while_rendering_leaves_whole_pictures(tmp_path, capsys, monkeypa
     assert len(pictures) == 4 and not unfinished(tmp_path)  # the folder and three pictures
     for file in pictures[1:]:
         Image.open(file).load()
-
-
-@pytest.mark.usefixtures("ctrl_c", "bare_page")
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-def test_a_real_process_killed_or_interrupted_at_any_moment_resumes_bit_equal(tmp_path, fitted):
-    clip, _ = fitted
-    command = [sys.executable, "-m", "f4x_core", "fit", str(clip), *FAST]
-
-    def finish(out: Path, *options) -> dict[str, bytes]:
-        subprocess.run([*command, "-o", str(out), *options], cwd=ROOT, check=True, capture_output=True)
-        return arrays_of(out / "scene.f4x")
-
-    whole = finish(tmp_path / "whole")
-    seed = time.time_ns() % 2**32
-    rng = np.random.default_rng(seed)
-    out = tmp_path / "out"
-    kills = [signal.SIGKILL, signal.SIGINT, signal.SIGKILL]
-    for kill in kills:
-        child = subprocess.Popen(
-            [*command, "-o", str(out), "--resume"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        checkpoint, before = out / "checkpoints" / "photometric.pt", None
-        before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else None
-        while child.poll() is None and (not checkpoint.exists() or checkpoint.stat().st_mtime_ns == before):
-            time.sleep(0.01)
-        time.sleep(rng.uniform(0, 0.4))
-        child.send_signal(kill)
-        _, errors = child.communicate(timeout=60)
-        if child.returncode == 0:  # it was faster than the signal
-            break
-        assert child.returncode == (130 if kill == signal.SIGINT else -kill), (seed, errors)
-        assert len(errors.strip().splitlines()) == (kill == signal.SIGINT), errors
-    assert finish(out, "--resume") == whole, f"seed {seed}"
