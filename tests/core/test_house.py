@@ -2,8 +2,11 @@
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -94,9 +97,61 @@ def name_of(file: Path) -> str:
     return file.relative_to(ROOT).as_posix()
 
 
-def imports(tree: ast.AST, package: tuple[str, ...]) -> Iterator[tuple[int, str]]:
-    """(line, dotted module) of every import below `tree`; relative ones made absolute from `package`."""
-    for node in ast.walk(tree):
+@dataclass(frozen=True)
+class Facts:
+    """All that is asked of a file, found in one reading: trees of all files would fill the memory."""
+
+    imported: tuple[str, ...]
+    """Dotted modules of all imports; relative ones made absolute."""
+    loaded: frozenset[str]
+    """First parts of the modules that importing it imports."""
+    wrong_arrows: list[str]
+    laboratory_names: list[str]
+    unsafe: list[str]
+    docstring: str | None
+
+    @property
+    def tops(self) -> set[str]:
+        """First parts of all imported modules."""
+        return {module.split(".")[0] for module in self.imported}
+
+
+@lru_cache(None)
+def facts_of(file: Path) -> Facts:
+    name, nodes = name_of(file), Nodes(file.read_text(encoding="utf-8"))
+    package = tuple(name.removesuffix(".py").split("/")[:-1])
+    return Facts(
+        tuple(module for _, module in imports(nodes.all, package)),
+        frozenset(module.split(".")[0] for _, module in imports(at_import_time(nodes.tree), package)),
+        wrong_arrows(nodes, name) if package[0] == "f4x_core" else [],
+        laboratory_names(nodes, name),
+        unsafe(nodes),
+        ast.get_docstring(nodes.tree),
+    )
+
+
+class Nodes:
+    """The syntax of a file: its tree, and all nodes of it that are looked at."""
+
+    KINDS = (ast.Import, ast.ImportFrom, ast.Call, ast.Constant)
+
+    def __init__(self, source: str):
+        self.tree = ast.parse(source)
+        self.all = [node for node in ast.walk(self.tree) if isinstance(node, self.KINDS)]
+
+
+def room_of(file: Path) -> str:
+    return file.relative_to(ROOT / "f4x_core").parts[0].removesuffix(".py")
+
+
+def faults(files: Iterable[Path], check: Callable[[Path], Any]) -> dict[str, Any]:
+    """What `check` finds in each of `files`, by name; files in which it finds nothing are left out."""
+    return {name_of(file): found for file in files if (found := check(file))}
+
+
+def imports(nodes: Iterable[ast.AST], package: tuple[str, ...]) -> Iterator[tuple[int, str]]:
+    """(line, dotted module) of every import among `nodes`; relative ones made absolute from `package`."""
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
@@ -106,27 +161,22 @@ def imports(tree: ast.AST, package: tuple[str, ...]) -> Iterator[tuple[int, str]
             yield from ((node.lineno, ".".join(filter(None, (*base, alias.name)))) for alias in node.names)
 
 
-def at_import_time(tree: ast.Module) -> ast.Module:
-    """The module without its functions and what only type checkers read: what importing it runs."""
-
-    class Trim(ast.NodeTransformer):
-        def visit_FunctionDef(self, node):
-            return None
-
-        def visit_AsyncFunctionDef(self, node):
-            return None
-
-        def visit_If(self, node):
-            return None if "TYPE_CHECKING" in ast.dump(node.test) else self.generic_visit(node)
-
-    return Trim().visit(tree)
+def at_import_time(node: ast.AST) -> Iterator[ast.stmt]:
+    """Imports that importing the module runs: those in no function, and not for type checkers alone."""
+    for part in ("body", "orelse", "finalbody", "handlers"):
+        for inner in getattr(node, part, []):
+            if isinstance(inner, ast.Import | ast.ImportFrom):
+                yield inner
+            only_checked = isinstance(inner, ast.If) and "TYPE_CHECKING" in ast.dump(inner.test)
+            if not only_checked and not isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield from at_import_time(inner)
 
 
-def wrong_arrows(source: str, path: str) -> list[str]:
+def wrong_arrows(nodes: Nodes, path: str) -> list[str]:
     """Imports of `path` (inside f4x_core) that point to the right, or name the package absolutely."""
     parts = path.removesuffix(".py").split("/")
     room, wrong = parts[1], []
-    for line, module in imports(ast.parse(source), tuple(parts[:-1])):
+    for line, module in imports(nodes.all, tuple(parts[:-1])):
         target = module.split(".")
         if target[0] != "f4x_core" or len(target) == 1:
             continue
@@ -136,27 +186,25 @@ def wrong_arrows(source: str, path: str) -> list[str]:
             wrong.append(f"{path}:{line} imports {module}")
     wrong += [
         f"{path}:{node.lineno} imports the package by its absolute name"
-        for node in ast.walk(ast.parse(source))
+        for node in nodes.all
         if (isinstance(node, ast.Import) and any(a.name.split(".")[0] == "f4x_core" for a in node.names))
         or (isinstance(node, ast.ImportFrom) and node.level == 0 and (node.module or "").startswith("f4x_core"))
     ]
     return wrong
 
 
-def laboratory_names(source: str, path: str) -> list[str]:
+def laboratory_names(nodes: Nodes, path: str) -> list[str]:
     """Where a file of the core imports `benchmarks` or names a module of it; the door may do the latter."""
-    tree = ast.parse(source)
-    found = [f"{line}: {module}" for line, module in imports(tree, ("",)) if module.split(".")[0] == "benchmarks"]
-    texts = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    found = [f"{line}: {module}" for line, module in imports(nodes.all, ("",)) if module.split(".")[0] == "benchmarks"]
+    texts = [node for node in nodes.all if isinstance(node, ast.Constant) and isinstance(node.value, str)]
     modules = [node for node in texts if node.value == "benchmarks" or node.value.startswith("benchmarks.")]
     return found + [f"{node.lineno}: {node.value}" for node in modules if path != DOOR]
 
 
-def unsafe(source: str) -> list[str]:
-    """What may run bytes or text as code."""
-    tree, found = ast.parse(source), []
-    found += [f"{line}: {module}" for line, module in imports(tree, ()) if module.split(".")[0] in UNSAFE_MODULES]
-    for node in ast.walk(tree):
+def unsafe(nodes: Nodes) -> list[str]:
+    """Lines that may run bytes or text as code."""
+    found = [f"{line}: {module}" for line, module in imports(nodes.all, ()) if module.split(".")[0] in UNSAFE_MODULES]
+    for node in nodes.all:
         if not isinstance(node, ast.Call):
             continue
         called = ast.unparse(node.func)
@@ -170,54 +218,45 @@ def unsafe(source: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("file", CORE, ids=name_of)
-def test_arrows_point_to_the_left(file):
-    room = file.relative_to(ROOT / "f4x_core").parts[0].removesuffix(".py")
-    assert room in ROOMS or room in SHARED, f"{room} is no room of the house"
-    assert wrong_arrows(file.read_text(encoding="utf-8"), name_of(file)) == []
+def test_arrows_point_to_the_left():
+    assert {room_of(file) for file in CORE} <= {*ROOMS, *SHARED}
+    assert faults(CORE, lambda file: facts_of(file).wrong_arrows) == {}
 
 
 def test_the_door_for_programs_imports_no_room():
-    tree = at_import_time(ast.parse((ROOT / "f4x_core" / "__init__.py").read_text(encoding="utf-8")))
-    names = {module.removeprefix("f4x_core.") for _, module in imports(tree, ("f4x_core",))}
+    tree = ast.parse((ROOT / "f4x_core" / "__init__.py").read_text(encoding="utf-8"))
+    names = {module.removeprefix("f4x_core.") for _, module in imports(at_import_time(tree), ("f4x_core",))}
     assert names <= {"importlib", "typing", "versions"}
 
 
-@pytest.mark.parametrize("file", CORE, ids=name_of)
-def test_wheels_are_imported_where_they_are_allowed(file):
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    assert not [line for line, module in imports(tree, ()) if module.split(".")[0] == "bpy"], (
-        "bpy lives in the extension"
-    )
-    room = file.relative_to(ROOT / "f4x_core").parts[0].removesuffix(".py")
-    loaded = {module.split(".")[0] for _, module in imports(at_import_time(tree), ("",))}
-    banned = WHEELS if room in NUMPY_ONLY else {"torch"} if room in TORCH_FREE else set()
-    assert loaded & banned == set()
+def test_wheels_are_imported_where_they_are_allowed():
+    def banned(file: Path) -> set[str]:
+        facts, room = facts_of(file), room_of(file)
+        not_here = WHEELS if room in NUMPY_ONLY else {"torch"} if room in TORCH_FREE else set()
+        return facts.tops & {"bpy"} | facts.loaded & not_here  # bpy lives in the extension
+
+    assert faults(CORE, banned) == {}
 
 
-@pytest.mark.parametrize("file", CORE, ids=name_of)
-def test_nothing_in_the_core_knows_the_laboratory(file):
-    assert laboratory_names(file.read_text(encoding="utf-8"), name_of(file)) == []
+def test_nothing_in_the_core_knows_the_laboratory():
+    assert faults(CORE, lambda file: facts_of(file).laboratory_names) == {}
 
 
-@pytest.mark.parametrize("file", LABORATORY, ids=name_of)
-def test_the_laboratory_uses_the_core_and_nothing_of_the_addon(file):
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    modules = {module.split(".")[0] for _, module in imports(tree, file.relative_to(ROOT).parts[:-1])}
-    assert not modules & {"addon", "bpy", "ground_truth", "scripts", "tests"}
+def test_the_laboratory_uses_the_core_and_nothing_of_the_addon():
+    banned = {"addon", "bpy", "ground_truth", "scripts", "tests"}
+    assert faults(LABORATORY, lambda file: facts_of(file).tops & banned) == {}
 
 
-@pytest.mark.parametrize("file", sources("addon"), ids=name_of)
-def test_the_addon_uses_only_rooms_that_need_numpy_alone(file):
-    parts = name_of(file).removesuffix(".py").split("/")
-    modules = [module.split(".") for _, module in imports(ast.parse(file.read_text("utf-8")), ("", *parts[:-1]))]
-    rooms = {module[1] for module in modules if module[0] == "f4x_core" and len(module) > 1}
-    assert rooms - {*NUMPY_ONLY, "scaffold"} == set()
+def test_the_addon_uses_only_rooms_that_need_numpy_alone():
+    def other_rooms(file: Path) -> set[str]:
+        modules = [module.split(".") for module in facts_of(file).imported]
+        return {m[1] for m in modules if m[0] == "f4x_core" and len(m) > 1} - {*NUMPY_ONLY, "scaffold"}
+
+    assert faults(sources("addon"), other_rooms) == {}
 
 
-@pytest.mark.parametrize("file", EVERYTHING, ids=name_of)
-def test_nothing_runs_text_or_bytes_as_code(file):
-    assert unsafe(file.read_text(encoding="utf-8")) == []
+def test_nothing_runs_text_or_bytes_as_code():
+    assert faults(EVERYTHING, lambda file: facts_of(file).unsafe) == {}
 
 
 @pytest.mark.parametrize(
@@ -233,7 +272,7 @@ def test_nothing_runs_text_or_bytes_as_code(file):
     ],
 )
 def test_a_wrong_arrow_would_be_seen(source, path):
-    assert wrong_arrows(source, path)
+    assert wrong_arrows(Nodes(source), path)
 
 
 @pytest.mark.parametrize(
@@ -246,7 +285,7 @@ def test_a_wrong_arrow_would_be_seen(source, path):
     ],
 )
 def test_a_way_into_the_laboratory_would_be_seen(source):
-    assert laboratory_names(source, "f4x_core/fit/model.py")
+    assert laboratory_names(Nodes(source), "f4x_core/fit/model.py")
 
 
 @pytest.mark.parametrize(
@@ -263,8 +302,8 @@ def test_a_way_into_the_laboratory_would_be_seen(source):
     ],
 )
 def test_unsafe_code_would_be_seen(source):
-    assert unsafe(source)
-    assert not unsafe("model.eval(); torch.load(path, weights_only=True); subprocess.run([text])")
+    assert unsafe(Nodes(source))
+    assert not unsafe(Nodes("model.eval(); torch.load(path, weights_only=True); subprocess.run([text])"))
 
 
 def test_the_trimmed_module_keeps_what_import_runs():
@@ -283,17 +322,15 @@ def test_readme_names_the_two_commands():
         assert f"python3 scripts/dev.py {command}" in text
 
 
-@pytest.mark.parametrize("file", CORE, ids=name_of)
-def test_every_module_says_what_it_is(file):
+def test_every_module_says_what_it_is():
     """The pages of `scripts/dev.py docs` begin with it."""
-    assert ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or file.name == "__init__.py"
+    modules = [file for file in CORE if file.name != "__init__.py"]
+    assert faults(modules, lambda file: not facts_of(file).docstring) == {}
 
 
-@pytest.mark.parametrize("file", sources("addon"), ids=name_of)
-def test_the_extension_uses_nothing_that_it_leaves_out(file):
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    tops = {module.split(".")[0] for _, module in imports(tree, ("addon",))}
-    assert not tops & {"benchmarks", "ground_truth", "scripts", "tests"}
+def test_the_extension_uses_nothing_that_it_leaves_out():
+    left_out = {"benchmarks", "ground_truth", "scripts", "tests"}
+    assert faults(sources("addon"), lambda file: facts_of(file).tops & left_out) == {}
 
 
 def test_no_merge_was_left_half_done():
