@@ -243,7 +243,7 @@ def _provenance(trainer: Trainer) -> dict[str, Any]:
     Wall times stay out of the scene: the same clip, settings and seed give the same file.
     """
     clip, config = trainer.clip, trainer.config
-    left_out = ("key", "seconds")
+    left_out = ("key", "seconds", "previous")  # what depends on the machine, or on how often the fit was begun
     priors = trainer.priors.provenance
     return {
         "feature4x": __version__,

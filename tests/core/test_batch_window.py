@@ -24,7 +24,9 @@ def request_of(tmp_path):
     np.save(tmp_path / "depth.npy", priors.depth)
     priors.cameras.write(tmp_path / "cameras.json")
     files = {"depth": str(tmp_path / "depth.npy"), "cameras": str(tmp_path / "cameras.json")}
-    config = dataclasses.replace(profile("quick"), steps=40, checkpoint_every=10, threads=1)
+    quick = profile("quick")
+    scaffold = dataclasses.replace(quick.scaffold, geometry_steps=10, max_nodes=8)
+    config = dataclasses.replace(quick, steps=20, checkpoint_every=5, threads=1, scaffold=scaffold)
     config = dataclasses.replace(config, priors=dataclasses.replace(config.priors, files=files))
 
     def write(name, resume=False):
@@ -33,30 +35,24 @@ def request_of(tmp_path):
     return write
 
 
-def test_a_process_of_its_own_fits_a_window_to_the_same_bytes(request_of):
-    stages = set()
+def test_a_process_of_its_own_that_is_stopped_and_resumed_fits_a_window_to_the_same_bytes(request_of):
     here, apart = request_of("here"), request_of("apart")
     window.fit_here(here, lambda *_: None)
-    window.fit_apart(apart, lambda stage, *_: stages.add(stage))
-    assert (here.parent / window.SCENE).read_bytes() == (apart.parent / window.SCENE).read_bytes()
-    assert {"photometric", "evaluate"} < stages and "start" not in stages
+    stages = set()
 
     def stop(stage, done, total, message=""):
-        if stage == "photometric" and done >= 20:
+        stages.add(stage)
+        if stage == "photometric" and done >= 10:
             raise Cancelled
 
-    stopped = request_of("stopped")
     with pytest.raises(Cancelled):
-        window.fit_apart(stopped, stop)
-    assert not (stopped.parent / window.SCENE).exists()
-    assert (stopped.parent / "checkpoints" / "photometric.pt").is_file()
-    window.fit_apart(request_of("stopped", resume=True), lambda *_: None)
-    once, twice = (read_scene(request.parent / window.SCENE) for request in (here, stopped))
-    for one, other in ((once.static, twice.static), (once.dynamic, twice.dynamic)):
-        assert len(one) > 100
-        for name, array in one.arrays().items():
-            assert np.array_equal(array, other.arrays()[name]), name
-    assert once.metrics == twice.metrics
+        window.fit_apart(apart, stop)
+    assert not (apart.parent / window.SCENE).exists()
+    assert (apart.parent / "checkpoints" / "photometric.pt").is_file()
+    window.fit_apart(request_of("apart", resume=True), lambda stage, *_: stages.add(stage))
+    assert (here.parent / window.SCENE).read_bytes() == (apart.parent / window.SCENE).read_bytes()
+    assert {"photometric", "evaluate"} < stages and "start" not in stages
+    assert len(read_scene(here.parent / window.SCENE).static) > 100
 
 
 def test_what_is_wrong_in_a_window_is_one_sentence(tmp_path):
