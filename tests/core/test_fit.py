@@ -19,9 +19,17 @@ from f4x_core.fit.settings import set_fields
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
-def small(steps: int, **changes):
+def small(steps: int, geometry_steps: int = 15, **changes):
+    quick = profile("quick")
+    scaffold = dataclasses.replace(quick.scaffold, geometry_steps=geometry_steps)
     return dataclasses.replace(
-        profile("quick"), steps=steps, measure_every=20, checkpoint_every=20, threads=1, backend="torch", **changes
+        quick,
+        steps=steps,
+        measure_every=20,
+        checkpoint_every=20,
+        threads=1,
+        scaffold=scaffold,
+        **changes,
     )
 
 
@@ -38,7 +46,7 @@ def fit(monkeypatch):
 
 
 def test_moving_toy_gets_few_nodes_and_a_good_picture(fit, tmp_path):
-    result = fit(tmp_path, small(160), hold_out=4)
+    result = fit(tmp_path, small(160, geometry_steps=150), hold_out=4)
     assert result.history[-1]["psnr"] > 26
     scene = result.scene
     assert scene.scaffold is not None and len(scene.scaffold) <= 8, "one rigid mover needs few nodes"
@@ -124,7 +132,10 @@ def test_a_tight_cap_is_named_by_scene_and_result_after_a_resumed_fit_too(fit, t
     assert short.room.asked > 150 and (short.lacking > 0) == (setting == "density_static")
     (row,) = (need for need in result.scene.needs if need["what"] == "Gaussians")
     assert str(short) in row["chosen"] and f"asked for {short.room.asked} static and" in row["evidence"]
-    assert fit(tmp_path / "roomy", small(20)).shortages == ()
+
+
+def test_a_fit_with_room_for_all_names_no_cap(fit, tmp_path):
+    assert fit(tmp_path, small(20)).shortages == ()
 
 
 def test_checkpoint_of_other_settings_is_refused(fit, tmp_path, monkeypatch):
