@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from benchmarks.speed.deformation import benchmark
 from benchmarks.speed.raster import compare_decoding, measure_memory, measure_thread_ceiling
 from f4x_core.cli.main import main
@@ -28,6 +30,7 @@ def test_the_peak_is_one_of_a_processor():
         assert 1e8 < measure_peak(library, 0.02) < 1e13
 
 
+@pytest.mark.slow
 def test_a_latent_and_its_memory_are_measured():
     decoding = compare_decoding(50, 32, 24, repeats=1)
     assert abs(decoding["ratio"] - decoding["rendered_ms"] / decoding["decoded_ms"]) < 1e-9

@@ -339,6 +339,7 @@ def short(monkeypatch):
         monkeypatch.setattr(datasets, name, replace(protocol, known_cameras=True, **brief))
 
 
+@pytest.mark.slow
 def test_test_cameras_are_placed_by_the_fit_and_matching_takes_out_a_shift(tmp_path, data, short):
     """The fitted scene's own picture is the target: a camera put aside comes back to where it was drawn from."""
     context = Context(tmp_path, quick=True, data=data, threads=1)
@@ -399,6 +400,7 @@ def test_each_study_runs_end_to_end_and_again_from_its_steps(name, tmp_path, dat
         assert views[0]["J, frames"] > 0 and views[0]["J, scene"] >= 0 and views[0]["held out (dB)"] > 10
 
 
+@pytest.mark.slow
 def test_a_scene_that_cannot_be_read_costs_no_other(tmp_path, world, short):
     write_dycheck(tmp_path, world, "apple")
     (write_dycheck(tmp_path, world, "block") / "camera/0_00000.json").write_text("{}")

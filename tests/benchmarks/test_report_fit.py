@@ -310,6 +310,7 @@ def test_changes_are_those_of_pairs():
     assert toy_fits.spread("error (dB)", [2.0, 1.0]) == {"error low (dB)": 1.0, "error high (dB)": 2.0}
 
 
+@pytest.mark.slow
 def test_needs_tell_both_neighbours_and_are_the_same_again(tmp_path):
     record = report(tmp_path / "a", "needs-ladder")["needs-ladder"]
     found = tables(record)
@@ -324,6 +325,7 @@ def test_needs_tell_both_neighbours_and_are_the_same_again(tmp_path):
     assert untimed(record) == untimed(again) and record["words"] == again["words"]
 
 
+@pytest.mark.slow
 def test_fit_studies_rows(tmp_path, monkeypatch):
     monkeypatch.setattr(fit_studies, "lpips_missing", lambda: ["LPIPS: no weights"])
     found = report(tmp_path, "fit-profile", "fit-iterations", "fit-resolution", "fit-budget")
@@ -342,6 +344,7 @@ def test_fit_studies_rows(tmp_path, monkeypatch):
     assert f"{tables(found['fit-resolution'])['resolution'][0]['width (px)']}" in found["fit-resolution"]["words"][0]
 
 
+@pytest.mark.slow
 def test_widths_stand_beside_the_papers(tmp_path):
     record = report(tmp_path, "latent-width")["latent-width"]
     rows = tables(record)["widths"]
@@ -362,6 +365,7 @@ def test_papers_means_are_means():
             assert np.mean([row[column] for row in rows[:-1]]) == pytest.approx(rows[-1][column], rel=2e-3)
 
 
+@pytest.mark.slow
 def test_ablations_are_told_against_the_whole(tmp_path):
     record = report(tmp_path, "ablations")["ablations"]
     rows = tables(record)["ablations"]

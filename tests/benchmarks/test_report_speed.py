@@ -63,6 +63,7 @@ def tables(record):
     return {table["name"]: table["rows"] for table in record["tables"]}
 
 
+@pytest.mark.slow
 def test_every_study_measures_and_only_times_differ(tiny, tmp_path):
     first, again = (run(STUDIES, tmp_path / name) for name in ("first", "again"))
     for name in STUDIES:
