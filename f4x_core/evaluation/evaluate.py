@@ -19,6 +19,8 @@ from ..fit.losses import psnr, ssim
 from ..fit.model import CameraRig
 from ..gaussians import appearance
 from ..geometry.camera import Camera, CameraPath
+from ..native.kernels import torch_threads
+from ..parallel import in_threads, side_by_side
 from ..progress import Progress, silent
 from ..raster import rasterize
 from ..scene import Scene, write_scene
@@ -101,9 +103,9 @@ def evaluate(
             f" {cameras.width}x{cameras.height}; give the clip that was fitted{f', with --frames {fitted}' if fitted else ''}."
         )
     held_out = set(scene.held_out)
-    frames: list[dict[str, Any]] = []
-    for index in range(len(clip)):
-        progress("evaluate", index, len(clip))
+
+    def scores(index: int) -> dict[str, Any]:
+        """Scores of one frame."""
         moment = FrozenMoment(scene, float(cameras.times[index]), backend)
         target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
         rig = CameraRig(cameras.at_times([float(cameras.times[index])]))
@@ -130,8 +132,14 @@ def evaluate(
             row["psnr_refined"] = psnr(refine(moment, rig, target)[0], target)
         if row["held_out"] and baselines:
             row |= baseline_scores(clip, index, held_out)
-        frames.append(row)
-    progress("evaluate", len(clip), len(clip))
+        return row
+
+    def report(done: int) -> None:
+        progress("evaluate", done, len(clip))
+
+    # Torch's sums depend on its number of threads: a frame has one, and several frames are compared side by side.
+    with side_by_side(torch.get_num_threads()), torch_threads(1):
+        frames = in_threads(scores, range(len(clip)), report)
     return {"frames": frames, **summary(frames)}
 
 

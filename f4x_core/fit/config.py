@@ -412,7 +412,7 @@ THREADS = "threads"
 def resolved(config: FitConfig) -> dict:
     """The settings that a result can depend on, as plain JSON values, every default written out; without `THREADS`."""
 
-    def plain(value: object) -> object:
+    def plain(value: object) -> Any:
         if dataclasses.is_dataclass(value):
             names = (f.name for f in dataclasses.fields(value) if f.name != THREADS)
             return {name: plain(getattr(value, name)) for name in names}
