@@ -62,9 +62,10 @@ from .clauses import OF_ALL, Clause, Clauses, Search, arguments
 from .corrections import corrected, remarked, without_remarks
 from .description import in_words
 from .graded import QUALITIES, SATURATION
-from .making import BESIDE, COPY_DISTANCE, SHOWN, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
+from .making import BESIDE, COPY_DISTANCE, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
 from .misgivings import misgiving
 from .operations import (
+    SHOWN,
     Blur,
     Delete,
     Duplicate,
@@ -243,16 +244,10 @@ def _read_somehow(
     first: Read | Refusal | None = None
     reason = ""
     own_readings: list[Reading] = []
-    others = (
-        *opened(plain, _ASKED_FOR),
-        *remarked(plain, known),
-        *closed_up(plain, _PHRASAL),
-        *paraphrases(plain, COMMAND_VERBS),
-        *without_remarks(plain, known),
-    )
-    for ways in (own, dict.fromkeys(way for way in others if way not in own)):
-        if reason or not (own_readings or ways is own):
+    for as_said in (True, False):
+        if not as_said and (reason or not own_readings):
             break  # its own words fit, and what they ask for cannot be, or they ask a question
+        ways = own if as_said else dict.fromkeys(way for way in _other_ways(plain, known) if way not in own)
         readings: list[Reading] = []
         for way in ways:
             try:
@@ -279,6 +274,15 @@ def _read_somehow(
         raise first
     assert first is not None
     return replace(first, reason=reason)
+
+
+def _other_ways(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
+    """Other ways to say a sentence, likeliest first."""
+    yield from opened(sentence, _ASKED_FOR)
+    yield from remarked(sentence, known)
+    yield from closed_up(sentence, _PHRASAL)
+    yield from paraphrases(sentence, COMMAND_VERBS)
+    yield from without_remarks(sentence, known)
 
 
 def _matched(

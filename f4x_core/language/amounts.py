@@ -24,10 +24,8 @@ from .grammar import (
     unless,
     word_if,
 )
-from .lexicon import FRACTIONS, ONES, PICTURE, TENS, word_set
+from .lexicon import FRACTIONS, ONES, PICTURE, PLACES, TENS, word_set
 
-PLACES = 3
-"""Decimals that numbers worked out from words keep."""
 Vector = tuple[float, float, float]
 
 

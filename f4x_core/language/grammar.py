@@ -8,9 +8,10 @@ Rules are joined as in `the + colour | number`; `~rule` may be absent; `rule >> 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import count, groupby, product
+from functools import cache, cached_property
+from itertools import count, groupby
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeVar
 
@@ -155,10 +156,18 @@ class Rule:
     """Something that can be matched at a word."""
 
     def __init__(
-        self, match: Callable[[Reading, int], Ways], first: frozenset[str] | None = None, may_be_empty: bool = False
+        self,
+        match: Callable[[Reading, int], Ways],
+        first_words: Callable[[], frozenset[str] | None] = lambda: None,
+        may_be_empty: bool = False,
     ):
-        """`first`: the words that every match of a word or more begins with one of; None where that is not known."""
-        self.match, self.first, self.may_be_empty, self.number = match, first, may_be_empty, next(_NUMBERS)
+        """`first_words`: makes `first`, when that is first needed."""
+        self.match, self._first_words, self.may_be_empty, self.number = match, first_words, may_be_empty, next(_NUMBERS)
+
+    @cached_property
+    def first(self) -> frozenset[str] | None:
+        """The words that every match of a word or more begins with one of; None where that is not known."""
+        return self._first_words()
 
     def at(self, reading: Reading, at: int) -> Ways:
         """The ways to match at word `at`, best first."""
@@ -185,9 +194,9 @@ class Rule:
                     ways.setdefault(end, values + more)
             return ways
 
-        if self.first is None or not self.may_be_empty:
-            return Rule(match, self.first)
-        return Rule(match, None if other.first is None else self.first | other.first, other.may_be_empty)
+        if not self.may_be_empty:
+            return Rule(match, lambda: self.first)
+        return Rule(match, lambda: _any_of((self, other)), other.may_be_empty)
 
     def __or__(self, other: Rule) -> Rule:
         """Either; this one is preferred."""
@@ -200,7 +209,7 @@ class Rule:
             ways = self.at(reading, at)
             return ways if at in ways else {**ways, at: ()}
 
-        return Rule(match, self.first, True)
+        return Rule(match, lambda: self.first, True)
 
     def __rshift__(self, function: Callable[..., Any]) -> Rule:
         """One value made of the values; where the function raises `Mismatch`, no match."""
@@ -214,7 +223,7 @@ class Rule:
                     continue
             return ways
 
-        return Rule(match, self.first, self.may_be_empty)
+        return Rule(match, lambda: self.first, self.may_be_empty)
 
 
 class Refusal(F4xError):  # noqa: N818  # nothing went wrong
@@ -285,27 +294,24 @@ def table(entries: Mapping[str, Any], *, reserve: bool = True, words_of: set[str
     no names of things. `words_of`: the vocabulary of a language of its own, which its words go to instead.
     """
     vocabulary = words_of if words_of is not None else VOCABULARY if reserve else NAMES_TOO
-    by_first: dict[str, list[tuple[tuple[str, ...], Any]]] = {}
-    for spec, value in entries.items():
-        for words in (words for alternative in alternatives(spec) for words in _expanded(alternative)):
-            by_first.setdefault(words[0], []).append((words, value))
-            vocabulary.update(words)
-    for rows in by_first.values():
-        rows.sort(key=lambda row: -len(row[0]))
+    for spec in entries:
+        vocabulary.update(_WORD.findall(spec))
+
+    @cache  # most tables are asked for nothing but their first words, and many not even for those
+    def phrases() -> dict[str, list[tuple[Phrase, Any]]]:
+        return _by_first_word(
+            (phrase, () if value is None else (value,)) for spec, value in entries.items() for phrase in _phrases(spec)
+        )
 
     def match(reading: Reading, at: int) -> Ways:
         ways: Ways = {}
-        for words, value in by_first.get(reading.word(at), ()):
-            same = 1
-            while same < len(words) and reading.word(at + same) == words[same]:
-                same += 1
-            reading.farthest = max(reading.farthest, at + same)
-            if same == len(words):
-                ways.setdefault(at + same, () if value is None else (value,))
         reading.farthest = max(reading.farthest, at)
-        return ways
+        for phrase, values in phrases().get(reading.word(at), ()):
+            for end in _ends(phrase, reading, at):
+                ways.setdefault(end, values)
+        return dict(sorted(ways.items(), reverse=True))
 
-    return Rule(match, frozenset(by_first))
+    return Rule(match, lambda: frozenset(phrases()))
 
 
 def keyword(spec: str) -> Rule:
@@ -330,15 +336,15 @@ def word_if(condition: Callable[[Reading, int], Any]) -> Rule:
 
 def split(spec: str, at: str) -> list[str]:
     """Parts between the signs `at` that stand in no bracket."""
-    if "(" not in spec and "[" not in spec:  # nearly all: the grammar is built at import, while Blender starts
+    if "(" not in spec and "[" not in spec:
         return spec.split(at)
     parts, depth = [""], 0
-    for sign in spec:
-        depth += (sign in "([") - (sign in ")]")
-        if sign == at and not depth:
+    for piece in re.split(rf"([][()]|{re.escape(at)})", spec):
+        depth += (piece in ("(", "[")) - (piece in (")", "]"))
+        if piece == at and not depth:
             parts.append("")
         else:
-            parts[-1] += sign
+            parts[-1] += piece
     return parts
 
 
@@ -347,36 +353,81 @@ def alternatives(spec: str) -> list[str]:
     return split(spec, "|")
 
 
-def _expanded(spec: str) -> Iterator[tuple[str, ...]]:
-    """Word sequences of a phrase, brackets in brackets too: "to (the|my) left": to left, to the left, to my left."""
-    if "(" not in spec and "[" not in spec:
-        if words := tuple(spec.split()):
-            yield words
-        return
-    choices = [
-        [words for each in alternatives(part[1:-1]) for words in _expanded(each)] + [()] * (part[0] == "(")
-        if part[0] in "(["
-        else [(part,)]
-        for part in split(spec, " ")
-        if part
-    ]
-    for choice in product(*choices):
-        if words := tuple(word for words in choice for word in words):
-            yield words
+_WORD = re.compile(r"[^][()|\s]+")
+
+
+class Bracket(NamedTuple):
+    """One of the phrases in a bracket, or perhaps none."""
+
+    phrases: Mapping[str, Sequence[tuple[Phrase, Any]]]
+    """By first word."""
+    may_be_empty: bool
+
+
+Phrase = tuple[str | Bracket, ...]
+"""Words and brackets, one after the other. They are matched as they are: one phrase may stand for a million word sequences."""
+
+
+def _phrases(spec: str) -> Iterator[Phrase]:
+    """The alternatives of a specification."""
+    for alternative in alternatives(spec):
+        if "(" not in alternative and "[" not in alternative:
+            yield tuple(alternative.split())
+        else:
+            parts = filter(None, split(alternative, " "))
+            yield tuple(_bracket(part) if part[0] in "([" else part for part in parts)
+
+
+@cache
+def _bracket(spec: str) -> Bracket:
+    """The bracket that is written "[some|words]" or "(some|words)"."""
+    return Bracket(_by_first_word((phrase, ()) for phrase in _phrases(spec[1:-1])), spec[0] == "(")
+
+
+def _by_first_word(rows: Iterable[tuple[Phrase, Any]]) -> dict[str, list[tuple[Phrase, Any]]]:
+    """Word -> the rows whose phrase may begin with it."""
+    found: dict[str, list[tuple[Phrase, Any]]] = {}
+    for row in rows:
+        for part in row[0]:
+            for word in (part,) if isinstance(part, str) else part.phrases:
+                found.setdefault(word, []).append(row)
+            if isinstance(part, str) or not part.may_be_empty:
+                break
+    return found
+
+
+def _ends(phrase: Phrase, reading: Reading, at: int) -> set[int]:
+    """Where a phrase ends that begins at a word; it has one word at least."""
+    ends = {at}
+    for part in phrase:
+        if isinstance(part, str):
+            ends = {end + 1 for end in ends if reading.word(end) == part}
+        else:
+            further = {
+                last
+                for end in ends
+                for inner, _ in part.phrases.get(reading.word(end), ())
+                for last in _ends(inner, reading, end)
+            }
+            ends = ends | further if part.may_be_empty else further
+        if not ends:
+            return ends
+        reading.farthest = max(reading.farthest, *ends)
+    return ends - {at}
 
 
 def constant(value: Any) -> Rule:
     """Nothing, with a value."""
-    return Rule(lambda reading, at: {at: (value,)}, frozenset(), True)
+    return Rule(lambda reading, at: {at: (value,)}, frozenset, True)
 
 
-NOTHING = Rule(lambda reading, at: {at: ()}, frozenset(), True)
+NOTHING = Rule(lambda reading, at: {at: ()}, frozenset, True)
 """No word at all."""
 
 
 def silent(rule: Rule) -> Rule:
     """The rule without its values."""
-    return Rule(lambda reading, at: dict.fromkeys(rule.at(reading, at), ()), rule.first, rule.may_be_empty)
+    return Rule(lambda reading, at: dict.fromkeys(rule.at(reading, at), ()), lambda: rule.first, rule.may_be_empty)
 
 
 def either(*rules: Rule) -> Rule:
@@ -389,14 +440,18 @@ def either(*rules: Rule) -> Rule:
                 ways.setdefault(end, values)
         return ways
 
+    return Rule(match, lambda: _any_of(rules), any(rule.may_be_empty for rule in rules))
+
+
+def _any_of(rules: Sequence[Rule]) -> frozenset[str] | None:
+    """The first words of several rules; None where those of one are not known."""
     begins = [rule.first for rule in rules if rule.first is not None]
-    first = frozenset().union(*begins) if len(begins) == len(rules) else None
-    return Rule(match, first, any(rule.may_be_empty for rule in rules))
+    return frozenset().union(*begins) if len(begins) == len(rules) else None
 
 
 def here(condition: Callable[[Reading, int], Any]) -> Rule:
     """Nothing, where the condition holds."""
-    return Rule(lambda reading, at: {at: ()} if condition(reading, at) else {}, frozenset(), True)
+    return Rule(lambda reading, at: {at: ()} if condition(reading, at) else {}, frozenset, True)
 
 
 def unless(rule: Rule) -> Rule:
@@ -426,7 +481,7 @@ def listed(item: Rule, separator: Rule) -> Rule:
             front = following
         return {end: (ways[end],) for end in ways}
 
-    return Rule(match, item.first, item.may_be_empty)
+    return Rule(match, lambda: item.first, item.may_be_empty)
 
 
 Matches = dict[int, list[tuple[int, Any]]]
