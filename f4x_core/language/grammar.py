@@ -296,22 +296,37 @@ def table(entries: Mapping[str, Any], *, reserve: bool = True, words_of: set[str
     vocabulary = words_of if words_of is not None else VOCABULARY if reserve else NAMES_TOO
     for spec in entries:
         vocabulary.update(_WORD.findall(spec))
+    rows = _Table(entries)
+    return Rule(rows.match, rows.first_words)
 
-    @cache  # most tables are asked for nothing but their first words, and many not even for those
-    def phrases() -> dict[str, list[tuple[Phrase, Any]]]:
+
+class _Table:
+    """Phrases with their values. They are read at first use: most sentences need few of the two thousand tables."""
+
+    def __init__(self, entries: Mapping[str, Any]):
+        self.entries = entries
+
+    @cached_property
+    def rows(self) -> dict[str, list[tuple[Phrase, Any]]]:
+        """First word -> (phrase, its values)."""
         return _by_first_word(
-            (phrase, () if value is None else (value,)) for spec, value in entries.items() for phrase in _phrases(spec)
+            (_phrase(one), () if value is None else (value,))
+            for spec, value in self.entries.items()
+            for one in alternatives(spec)
         )
 
-    def match(reading: Reading, at: int) -> Ways:
+    def first_words(self) -> frozenset[str]:
+        """The words that some phrase begins with."""
+        return frozenset(self.rows)
+
+    def match(self, reading: Reading, at: int) -> Ways:
+        """The ends of the phrases at word `at`, the last first, with the value of the first entry that has it."""
         ways: Ways = {}
         reading.farthest = max(reading.farthest, at)
-        for phrase, values in phrases().get(reading.word(at), ()):
+        for phrase, values in self.rows.get(reading.word(at), ()):
             for end in _ends(phrase, reading, at):
                 ways.setdefault(end, values)
         return dict(sorted(ways.items(), reverse=True))
-
-    return Rule(match, lambda: frozenset(phrases()))
 
 
 def keyword(spec: str) -> Rule:
@@ -368,20 +383,15 @@ Phrase = tuple[str | Bracket, ...]
 """Words and brackets, one after the other. They are matched as they are: one phrase may stand for a million word sequences."""
 
 
-def _phrases(spec: str) -> Iterator[Phrase]:
-    """The alternatives of a specification."""
-    for alternative in alternatives(spec):
-        if "(" not in alternative and "[" not in alternative:
-            yield tuple(alternative.split())
-        else:
-            parts = filter(None, split(alternative, " "))
-            yield tuple(_bracket(part) if part[0] in "([" else part for part in parts)
+def _phrase(spec: str) -> Phrase:
+    """The phrase that is written "to (the|my) left"."""
+    return tuple(_bracket(part) if part[0] in "([" else part for part in split(spec, " ") if part)
 
 
 @cache
 def _bracket(spec: str) -> Bracket:
     """The bracket that is written "[some|words]" or "(some|words)"."""
-    return Bracket(_by_first_word((phrase, ()) for phrase in _phrases(spec[1:-1])), spec[0] == "(")
+    return Bracket(_by_first_word((_phrase(one), ()) for one in alternatives(spec[1:-1])), spec[0] == "(")
 
 
 def _by_first_word(rows: Iterable[tuple[Phrase, Any]]) -> dict[str, list[tuple[Phrase, Any]]]:
@@ -389,9 +399,12 @@ def _by_first_word(rows: Iterable[tuple[Phrase, Any]]) -> dict[str, list[tuple[P
     found: dict[str, list[tuple[Phrase, Any]]] = {}
     for row in rows:
         for part in row[0]:
-            for word in (part,) if isinstance(part, str) else part.phrases:
+            if isinstance(part, str):
+                found.setdefault(part, []).append(row)
+                break
+            for word in part.phrases:
                 found.setdefault(word, []).append(row)
-            if isinstance(part, str) or not part.may_be_empty:
+            if not part.may_be_empty:
                 break
     return found
 
