@@ -454,7 +454,9 @@ def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, next((label for label in EVERYBODY if (label,) in reading.known), EVERYBODY[0])
 
 
-_count = generated(lambda reading, at: ((end, int(x)) for end, x in number_at(reading, at) if x >= 2))
+_count = generated(
+    lambda reading, at: ((end, int(x)) for end, x in number_at(reading, at) if x >= 2), lambda: number.first
+)
 _several = silent(_count)
 _article = keyword(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|every|each|any|all|all (of) [the|these|those|my]|both|"

@@ -123,16 +123,24 @@ class Reading:
     """Number of a rule plus a word -> the ways to match it there."""
     places: dict[int, dict[int, list[tuple[int, Any]]]] = field(default_factory=dict)
     """Number of a rule that is a slot -> where it matches."""
+    asked: dict[int, list[Rule]] = field(default_factory=dict)
+    """Number of a rule that is one of several -> those of them that may match at some word."""
     barred: frozenset[int] = frozenset()
     """Ids of the commands that are not asked, because what they made of the sentence cannot be."""
     words: list[str] = field(init=False)
     """Texts of the tokens, and nothing behind them."""
+    openers: list[str] = field(init=False)
+    """The same as `opener` has them."""
+    opens: frozenset[str] = field(init=False)
+    """The same, each once."""
     farthest: int = 0
     """Last word that some rule was asked at: when nothing matches, the one that was not understood."""
 
     def __post_init__(self) -> None:
         """List the words."""
         self.words = [token.text for token in self.tokens] + [""] * (_MOST_AHEAD + 1)
+        self.openers = list(map(opener, self.words))
+        self.opens = frozenset(self.openers)
 
     @classmethod
     def of(cls, sentence: str, tokens: list[Token], known: Mapping[tuple[str, ...], str]) -> Reading:
@@ -148,6 +156,13 @@ class Reading:
         return " ".join(self.sentence[self.tokens[start].start : self.tokens[end - 1].end].split())
 
 
+def opener(word: str) -> str:
+    """What rules are told apart by at their first word: "0" for any number in digits, "#" for a colour in digits, or the word."""
+    if word[:1].isdecimal() or (word[:1] == "." and len(word) > 1):
+        return "0"
+    return "#" if word[:1] == "#" else word
+
+
 _NUMBERS = count(step=1 << 20)
 """Numbers of rules, farther apart than a sentence has words."""
 
@@ -160,20 +175,25 @@ class Rule:
         match: Callable[[Reading, int], Ways],
         first_words: Callable[[], frozenset[str] | None] = lambda: None,
         may_be_empty: bool = False,
+        steps: tuple[tuple[Rule, bool], ...] = (),
     ):
-        """`first_words`: makes `first`, when that is first needed."""
+        """`first_words`: makes `first`, when that is first needed; `steps`: (rule, may be absent) of each part of a sequence."""
         self.match, self._first_words, self.may_be_empty, self.number = match, first_words, may_be_empty, next(_NUMBERS)
+        self.steps = steps or ((self, False),)
 
     @cached_property
     def first(self) -> frozenset[str] | None:
-        """The words that every match of a word or more begins with one of; None where that is not known."""
+        """The words, as `opener` has them, that every match of a word or more begins with; None where that is not known."""
         return self._first_words()
+
+    @cached_property
+    def opening(self) -> frozenset[str] | None:
+        """The words at which it can match at all; None where that may be at any."""
+        return None if self.may_be_empty else self.first
 
     def at(self, reading: Reading, at: int) -> Ways:
         """The ways to match at word `at`, best first."""
-        if (
-            self.first is not None and not self.may_be_empty and reading.words[at] not in self.first
-        ):  # most, at most words
+        if self.opening is not None and reading.openers[at] not in self.opening:  # most, at most words
             if at > reading.farthest:
                 reading.farthest = at
             return {}
@@ -186,17 +206,24 @@ class Rule:
 
     def __add__(self, other: Rule) -> Rule:
         """Both, one after the other."""
+        steps = (*self.steps, *(other.steps if len(other.steps) == 1 else ((other, False),)))
 
         def match(reading: Reading, at: int) -> Ways:
-            ways: Ways = {}
-            for middle, values in self.at(reading, at).items():
-                for end, more in other.at(reading, middle).items():
-                    ways.setdefault(end, values + more)
+            ways: Ways = {at: ()}
+            for rule, may_be_absent in steps:
+                longer: Ways = {}
+                for middle, values in ways.items():
+                    found = rule.at(reading, middle)
+                    for end, more in found.items():
+                        if end not in longer:
+                            longer[end] = values + more
+                    if may_be_absent and middle not in longer:
+                        longer[middle] = values
+                ways = longer
             return ways
 
-        if not self.may_be_empty:
-            return Rule(match, lambda: self.first)
-        return Rule(match, lambda: _any_of((self, other)), other.may_be_empty)
+        first = [self, other] if self.may_be_empty else [self]
+        return Rule(match, lambda: _any_of(first), self.may_be_empty and other.may_be_empty, steps)
 
     def __or__(self, other: Rule) -> Rule:
         """Either; this one is preferred."""
@@ -209,7 +236,7 @@ class Rule:
             ways = self.at(reading, at)
             return ways if at in ways else {**ways, at: ()}
 
-        return Rule(match, lambda: self.first, True)
+        return Rule(match, lambda: self.first, True, ((self, True),))
 
     def __rshift__(self, function: Callable[..., Any]) -> Rule:
         """One value made of the values; where the function raises `Mismatch`, no match."""
@@ -317,7 +344,7 @@ class _Table:
 
     def first_words(self) -> frozenset[str]:
         """The words that some phrase begins with."""
-        return frozenset(self.rows)
+        return frozenset(map(opener, self.rows))
 
     def match(self, reading: Reading, at: int) -> Ways:
         """The ends of the phrases at word `at`, the last first, with the value of the first entry that has it."""
@@ -447,13 +474,21 @@ def either(*rules: Rule) -> Rule:
     """Any of the rules, earlier ones preferred."""
 
     def match(reading: Reading, at: int) -> Ways:
+        asked = reading.asked.get(one_of_them.number)
+        if asked is None:  # most rules begin with words that the sentence does not have
+            asked = [rule for rule in rules if rule.opening is None or not rule.opening.isdisjoint(reading.opens)]
+            reading.asked[one_of_them.number] = asked
+        if len(asked) < len(rules) and at > reading.farthest:
+            reading.farthest = at
         ways: Ways = {}
-        for rule in rules:
+        for rule in asked:
             for end, values in rule.at(reading, at).items():
-                ways.setdefault(end, values)
+                if end not in ways:
+                    ways[end] = values
         return ways
 
-    return Rule(match, lambda: _any_of(rules), any(rule.may_be_empty for rule in rules))
+    one_of_them = Rule(match, lambda: _any_of(rules), any(rule.may_be_empty for rule in rules))
+    return one_of_them
 
 
 def _any_of(rules: Sequence[Rule]) -> frozenset[str] | None:
@@ -515,7 +550,7 @@ def _places_of(rule: Rule, reading: Reading) -> Matches:
     found = reading.places.get(rule.number)
     if found is None:
         found = reading.places[rule.number] = {}
-        if rule.first is not None and rule.first.isdisjoint(reading.words):
+        if rule.first is not None and rule.first.isdisjoint(reading.opens):
             return found
         for at in range(len(reading.tokens)):
             ways = [(end, values[0] if values else None) for end, values in rule.at(reading, at).items() if end > at]
@@ -572,8 +607,11 @@ def later(rule: Callable[[], Rule]) -> Rule:
     return Rule(lambda reading, at: rule().at(reading, at))
 
 
-def generated(match: Callable[[Reading, int], Iterator[tuple[int, Any]]]) -> Rule:
-    """A rule from a generator of (end, value), best first."""
+def generated(
+    match: Callable[[Reading, int], Iterator[tuple[int, Any]]],
+    first_words: Callable[[], frozenset[str] | None] = lambda: None,
+) -> Rule:
+    """A rule from a generator of (end, value), best first; `first_words` as those of a rule."""
 
     def all_ways(reading: Reading, at: int) -> Ways:
         reading.farthest = max(reading.farthest, at)
@@ -582,4 +620,4 @@ def generated(match: Callable[[Reading, int], Iterator[tuple[int, Any]]]) -> Rul
             ways.setdefault(end, (found,))
         return ways
 
-    return Rule(all_ways)
+    return Rule(all_ways, first_words)
