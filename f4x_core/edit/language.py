@@ -10,6 +10,7 @@ import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from itertools import islice
 from typing import Any
 
@@ -122,7 +123,7 @@ def parse(
             f"The sentence has {len(request.sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
         )
     sentence = written(request.sentence)
-    known = _known((*request.labels, *request.names))
+    known = _known(tuple(request.labels), tuple(request.names))
 
     def settled(read: Read) -> tuple[Operation, ...]:
         context = SentenceContext(
@@ -528,17 +529,27 @@ _INFLECTED = ("er", "ing", "ed")
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
     parts = {word for words in reading.known for word in words}
-    lexicon = VOCABULARY | NAMES_TOO | FUNCTION_WORDS | NO_THINGS | EMPTY | COLOURS.keys() | SHADES.keys() | parts
-    lexicon |= _IMPOSSIBLE.keys()
+    lexicon = _lexicon()
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
         describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
         describes = describes or turned_round(token.text) is not None
-        if token.is_word and not describes and not {token.text, singular(token.text)} & lexicon:
-            meant = misspelt(token.text, parts | _SPOKEN_OF) or (None if understood else misspelt(token.text, lexicon))
+        if (
+            token.is_word
+            and not describes
+            and all({token.text, singular(token.text)}.isdisjoint(words) for words in (lexicon, parts))
+        ):
+            meant = misspelt(token.text, parts | _SPOKEN_OF)
+            meant = meant or (None if understood else misspelt(token.text, lexicon | parts))
             if meant and (is_slip(token.text, meant) or not token.text.endswith(_INFLECTED)):
                 return token, meant
     return None
+
+
+@cache
+def _lexicon() -> frozenset[str]:
+    """Every word that means something in whatever sentence."""
+    return frozenset().union(VOCABULARY, NAMES_TOO, FUNCTION_WORDS, NO_THINGS, EMPTY, COLOURS, SHADES, _IMPOSSIBLE)
 
 
 def _selected(operation: Operation) -> Iterator[SelectKind]:
@@ -590,10 +601,11 @@ def _statements(tokens: list[Token]) -> list[Token]:
     return statements
 
 
-def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
-    """Labels by their words, and by those of their singular."""
+@lru_cache(8)  # of the scenes that are spoken of
+def _known(labels: tuple[str, ...], names: tuple[str, ...] = ()) -> Mapping[tuple[str, ...], str]:
+    """Labels and names by their words, and by those of their singular."""
     known: dict[tuple[str, ...], str] = {}
-    for label in labels:
+    for label in (*labels, *names):
         words = tuple(token.text for token in tokenise(label))
         if words:
             known.setdefault(words, label)
@@ -1371,7 +1383,7 @@ MOST_EXAMPLES = 3
 
 def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     """The commands that are nearest in meaning to a sentence, about the things `there`, if any are given."""
-    known = _known(there)
+    known = _known(tuple(there))
     plain = _plainly(written(sentence), known)[0]
     tokens = tokenise(plain)[:MAX_WORDS]
     examples = meaning.nearest(sentence, Reading.of(plain, tokens, known), there) if tokens else ()
