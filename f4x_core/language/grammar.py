@@ -123,8 +123,8 @@ class Reading:
     """Number of a rule plus a word -> the ways to match it there."""
     places: dict[int, dict[int, list[tuple[int, Any]]]] = field(default_factory=dict)
     """Number of a rule that is a slot -> where it matches."""
-    asked: dict[int, list[Rule]] = field(default_factory=dict)
-    """Number of a rule that is one of several -> those of them that may match at some word."""
+    asked: dict[int, list[tuple[frozenset[str] | None, Rule]]] = field(default_factory=dict)
+    """Number of a rule that is one of several -> those of them that may match at some word, behind their openings."""
     barred: frozenset[int] = frozenset()
     """Ids of the commands that are not asked, because what they made of the sentence cannot be."""
     words: list[str] = field(init=False)
@@ -193,10 +193,15 @@ class Rule:
 
     def at(self, reading: Reading, at: int) -> Ways:
         """The ways to match at word `at`, best first."""
-        if self.opening is not None and reading.openers[at] not in self.opening:  # most, at most words
+        opening = self.opening
+        if opening is not None and reading.openers[at] not in opening:  # most, at most words
             if at > reading.farthest:
                 reading.farthest = at
             return {}
+        return self.behind_opening(reading, at)
+
+    def behind_opening(self, reading: Reading, at: int) -> Ways:
+        """As `at`, at a word that it may begin with."""
         memo, key = reading.memo, self.number + at
         ways = memo.get(key)
         if ways is None:
@@ -212,11 +217,14 @@ class Rule:
             ways: Ways = {at: ()}
             for rule, may_be_absent in steps:
                 longer: Ways = {}
+                opening = rule.opening
                 for middle, values in ways.items():
-                    found = rule.at(reading, middle)
-                    for end, more in found.items():
-                        if end not in longer:
-                            longer[end] = values + more
+                    if opening is None or reading.openers[middle] in opening:
+                        for end, more in rule.behind_opening(reading, middle).items():
+                            if end not in longer:
+                                longer[end] = values + more
+                    elif middle > reading.farthest:
+                        reading.farthest = middle
                     if may_be_absent and middle not in longer:
                         longer[middle] = values
                 ways = longer
@@ -350,10 +358,10 @@ class _Table:
         """The ends of the phrases at word `at`, the last first, with the value of the first entry that has it."""
         ways: Ways = {}
         reading.farthest = max(reading.farthest, at)
-        for phrase, values in self.rows.get(reading.word(at), ()):
+        for phrase, values in self.rows.get(reading.words[at], ()):
             for end in _ends(phrase, reading, at):
                 ways.setdefault(end, values)
-        return dict(sorted(ways.items(), reverse=True))
+        return dict(sorted(ways.items(), reverse=True)) if len(ways) > 1 else ways
 
 
 def keyword(spec: str) -> Rule:
@@ -441,19 +449,20 @@ def _ends(phrase: Phrase, reading: Reading, at: int) -> set[int]:
     ends = {at}
     for part in phrase:
         if isinstance(part, str):
-            ends = {end + 1 for end in ends if reading.word(end) == part}
+            ends = {end + 1 for end in ends if reading.words[end] == part}
         else:
             further = {
                 last
                 for end in ends
-                for inner, _ in part.phrases.get(reading.word(end), ())
+                for inner, _ in part.phrases.get(reading.words[end], ())
                 for last in _ends(inner, reading, end)
             }
             ends = ends | further if part.may_be_empty else further
         if not ends:
             return ends
-        reading.farthest = max(reading.farthest, *ends)
-    return ends - {at}
+        if (last := max(ends)) > reading.farthest:
+            reading.farthest = last
+    return ends - {at} if at in ends else ends
 
 
 def constant(value: Any) -> Rule:
@@ -476,15 +485,19 @@ def either(*rules: Rule) -> Rule:
     def match(reading: Reading, at: int) -> Ways:
         asked = reading.asked.get(one_of_them.number)
         if asked is None:  # most rules begin with words that the sentence does not have
-            asked = [rule for rule in rules if rule.opening is None or not rule.opening.isdisjoint(reading.opens)]
+            openings = ((rule.opening, rule) for rule in rules)
+            asked = [one for one in openings if one[0] is None or not one[0].isdisjoint(reading.opens)]
             reading.asked[one_of_them.number] = asked
-        if len(asked) < len(rules) and at > reading.farthest:
+        word, all_asked, ways = reading.openers[at], len(asked) == len(rules), {}
+        for opening, rule in asked:
+            if opening is None or word in opening:
+                for end, values in rule.behind_opening(reading, at).items():
+                    if end not in ways:
+                        ways[end] = values
+            else:
+                all_asked = False
+        if not all_asked and at > reading.farthest:
             reading.farthest = at
-        ways: Ways = {}
-        for rule in asked:
-            for end, values in rule.at(reading, at).items():
-                if end not in ways:
-                    ways[end] = values
         return ways
 
     one_of_them = Rule(match, lambda: _any_of(rules), any(rule.may_be_empty for rule in rules))
