@@ -39,6 +39,7 @@ from ..language.grammar import (
     tokenise,
     unless,
     word_if,
+    words_of_label,
 )
 from ..language.idle import EMPTY, UNKNOWN
 from ..language.lexicon import (
@@ -606,8 +607,7 @@ def _known(labels: tuple[str, ...], names: tuple[str, ...] = ()) -> Mapping[tupl
     """Labels and names by their words, and by those of their singular."""
     known: dict[tuple[str, ...], str] = {}
     for label in (*labels, *names):
-        words = tuple(token.text for token in tokenise(label))
-        if words:
+        if words := words_of_label(label):
             known.setdefault(words, label)
             known.setdefault((*words[:-1], singular(words[-1])), label)
     for word, meant in SYNONYMS.items():

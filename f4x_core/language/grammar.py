@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from itertools import count, groupby
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeVar
@@ -64,6 +64,12 @@ def tokenise(sentence: str) -> list[Token]:
             tokens += [Token(text[:cut], start, start + cut), Token(text[cut:], start + cut, end)]
     runs = [list(run) for _, run in groupby(tokens, key=lambda token: token.text)]
     return [t for run in runs for t in ([replace(run[0], end=run[-1].end)] if _is_stressed(run) else run)]
+
+
+@lru_cache(4096)  # of the everyday words, which most scenes have
+def words_of_label(label: str) -> tuple[str, ...]:
+    """The tokens of a label or name."""
+    return tuple(token.text for token in tokenise(label))
 
 
 def _is_stressed(run: list[Token]) -> bool:
