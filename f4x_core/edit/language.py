@@ -1241,7 +1241,8 @@ _UNKNOWN_WAYS = (
 
 def _not_understood(read: Read) -> tuple[str, bool]:
     """The sentence about the words that nobody knows, or at which every way to read ended; whether examples help."""
-    reading = read.reading
+    reading = Reading.of(read.reading.sentence, read.reading.tokens, read.reading.known, thorough=True)
+    Search(reading, {words[-1] for words in reading.known}).sentence()
     if reason := _no_edit(reading) or _new_thing(reading):
         return reason, False
     lacking = _lacking(reading)

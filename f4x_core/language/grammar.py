@@ -125,10 +125,14 @@ class Reading:
     """Words of a label or name -> as it is spelled."""
     longest: int = 1
     """Words of the longest of them."""
+    thorough: bool = False
+    """Rules are asked as far as they match, also those that lack a word, which tells where a sentence goes wrong."""
     memo: dict[int, Ways] = field(default_factory=dict)
     """Number of a rule plus a word -> the ways to match it there."""
     places: dict[int, dict[int, list[tuple[int, Any]]]] = field(default_factory=dict)
     """Number of a rule that is a slot -> where it matches."""
+    possible: dict[int, bool] = field(default_factory=dict)
+    """Number of a rule -> whether the sentence has the words that it needs."""
     asked: dict[int, list[tuple[frozenset[str] | None, Rule]]] = field(default_factory=dict)
     """Number of a rule that is one of several -> those of them that may match at some word, behind their openings."""
     barred: frozenset[int] = frozenset()
@@ -140,7 +144,7 @@ class Reading:
     opens: frozenset[str] = field(init=False)
     """The same, each once."""
     farthest: int = 0
-    """Last word that some rule was asked at: when nothing matches, the one that was not understood."""
+    """Last word that some rule was asked at: of a `thorough` reading where nothing matches, the one that was not understood."""
 
     def __post_init__(self) -> None:
         """List the words."""
@@ -149,9 +153,11 @@ class Reading:
         self.opens = frozenset(self.openers)
 
     @classmethod
-    def of(cls, sentence: str, tokens: list[Token], known: Mapping[tuple[str, ...], str]) -> Reading:
+    def of(
+        cls, sentence: str, tokens: list[Token], known: Mapping[tuple[str, ...], str], thorough: bool = False
+    ) -> Reading:
         """A reading of `tokens`."""
-        return cls(sentence, tokens, known, max(map(len, known), default=1))
+        return cls(sentence, tokens, known, max(map(len, known), default=1), thorough)
 
     def word(self, at: int) -> str:
         """Text of a token; nothing behind the last."""
@@ -182,10 +188,13 @@ class Rule:
         first_words: Callable[[], frozenset[str] | None] = lambda: None,
         may_be_empty: bool = False,
         steps: tuple[tuple[Rule, bool], ...] = (),
+        of: Rule | None = None,
     ):
-        """`first_words`: makes `first`, when that is first needed; `steps`: (rule, may be absent) of each part of a sequence."""
+        """`first_words`: makes `first`, when that is first needed; `steps`: (rule, may be absent) of each part of a sequence; `of`:
+        the rule of which this has another value."""
         self.match, self._first_words, self.may_be_empty, self.number = match, first_words, may_be_empty, next(_NUMBERS)
         self.steps = steps or ((self, False),)
+        self.of = of
 
     @cached_property
     def first(self) -> frozenset[str] | None:
@@ -196,6 +205,22 @@ class Rule:
     def opening(self) -> frozenset[str] | None:
         """The words at which it can match at all; None where that may be at any."""
         return None if self.may_be_empty else self.first
+
+    @cached_property
+    def needed(self) -> tuple[frozenset[str], ...]:
+        """Words, as `opener` has them, of each set of which a sentence has one where this matches; small sets first."""
+        sets = set() if self.opening is None else {self.opening}
+        inner = [rule for rule, may_be_absent in self.steps if not may_be_absent and rule is not self]
+        sets.update(*(rule.needed for rule in inner + ([self.of] if self.of else [])))
+        return tuple(sorted(sets, key=len))
+
+    def can_match(self, reading: Reading) -> bool:
+        """Whether a sentence has the words without which this matches nowhere in it."""
+        known = reading.possible.get(self.number)
+        if known is None:
+            sets = self.needed if not reading.thorough else [] if self.opening is None else [self.opening]
+            known = reading.possible[self.number] = not any(map(reading.opens.isdisjoint, sets))
+        return known
 
     def at(self, reading: Reading, at: int) -> Ways:
         """The ways to match at word `at`, best first."""
@@ -264,7 +289,7 @@ class Rule:
                     continue
             return ways
 
-        return Rule(match, lambda: self.first, self.may_be_empty)
+        return Rule(match, lambda: self.first, self.may_be_empty, of=self)
 
 
 class Refusal(F4xError):  # noqa: N818  # nothing went wrong
@@ -491,8 +516,7 @@ def either(*rules: Rule) -> Rule:
     def match(reading: Reading, at: int) -> Ways:
         asked = reading.asked.get(one_of_them.number)
         if asked is None:  # most rules begin with words that the sentence does not have
-            openings = ((rule.opening, rule) for rule in rules)
-            asked = [one for one in openings if one[0] is None or not one[0].isdisjoint(reading.opens)]
+            asked = [(rule.opening, rule) for rule in rules if rule.can_match(reading)]
             reading.asked[one_of_them.number] = asked
         word, all_asked, ways = reading.openers[at], len(asked) == len(rules), {}
         for opening, rule in asked:
@@ -569,7 +593,7 @@ def _places_of(rule: Rule, reading: Reading) -> Matches:
     found = reading.places.get(rule.number)
     if found is None:
         found = reading.places[rule.number] = {}
-        if rule.first is not None and rule.first.isdisjoint(reading.opens):
+        if not rule.can_match(reading):
             return found
         for at in range(len(reading.tokens)):
             ways = [(end, values[0] if values else None) for end, values in rule.at(reading, at).items() if end > at]
