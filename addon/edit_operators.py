@@ -33,7 +33,6 @@ from ..f4x_core.edit.operations import (
     Transform,
     Vector,
 )
-from ..f4x_core.edit.phrases import refuse_as_name
 from ..f4x_core.edit.plan_lines import plan_lines
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.errors import F4xError
@@ -278,6 +277,8 @@ class F4X_OT_name_selection(_Dialog, bpy.types.Operator):  # noqa: N801
 
     def operation(self, scene_object):
         """Names travel with the scene file."""
+        from ..f4x_core.edit.phrases import refuse_as_name  # a part of the grammar, which waits until somebody speaks
+
         refuse_as_name(self.called)
         return Name(scene_object.selected_ids, self.called)
 
@@ -365,7 +366,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
         try:
             scene_object.prepared()
             scene, edit_context = scene_object.edited, scene_object.context
-            # Not above: the grammar takes a quarter of a second to build, and Blender starts more often than somebody speaks.
+            # Not above: Blender starts more often than somebody speaks.
             from ..f4x_core.edit.plan import propose
 
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)

@@ -7,20 +7,19 @@ words are read by the grammar and questions are answered by computing, on this m
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .edit import plan
 from .edit.apply import edited
-from .edit.naming import by_words, together
-from .edit.resolve import EditorState, named
 from .geometry.camera import Camera
-from .query.labels import encode_labels, words_of
-from .query.questions import Answer, answer
 from .query.score import THRESHOLD
-from .query.selection import Selection
 from .scene import Scene, view
 from .scene.posing import require_time
+
+if TYPE_CHECKING:  # each function imports what it alone needs: the grammar of edits takes ten times what drawing does
+    from .query.questions import Answer
+    from .query.selection import Selection
 
 __all__ = ["ask", "edit_scene", "render", "select"]
 
@@ -79,6 +78,9 @@ def select(
     Raises:
         F4xError: an empty text, a scene without words, a word that nobody knows, or a threshold outside 0..1.
     """
+    from .edit.naming import by_words, together
+    from .query.labels import encode_labels, words_of
+
     weighed = None if negatives is None else words_of(negatives)
     found = by_words(edited(scene), words_of(text), weighed, threshold, encode=encode_labels, span=span)
     return together(found)
@@ -99,6 +101,10 @@ def ask(scene: Scene, question: str, selection: Selection | None = None, *, back
     Raises:
         F4xError: an empty question, one that cannot be computed, a word that nobody knows, or a time outside the clip.
     """
+    from .edit.resolve import named
+    from .query.labels import encode_labels
+    from .query.questions import answer
+
     scene = edited(scene)
     return answer(scene, question, encode=encode_labels, names=named(scene, selection), backend=backend)
 
@@ -120,5 +126,9 @@ def edit_scene(scene: Scene, sentence: str, selection: Selection | None = None, 
         F4xError: a sentence that is not understood (it names the nearest commands), nothing that answers to its words, or
             a time outside the clip.
     """
-    proposal = plan.propose(scene, sentence, EditorState(selection, time), encode=encode_labels)
-    return plan.preview(scene, proposal.chosen)
+    from .edit.plan import preview, propose
+    from .edit.resolve import EditorState
+    from .query.labels import encode_labels
+
+    proposal = propose(scene, sentence, EditorState(selection, time), encode=encode_labels)
+    return preview(scene, proposal.chosen)

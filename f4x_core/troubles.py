@@ -140,13 +140,13 @@ TROUBLES = (
         "F4X-QUERY",
         "A word, point, box, mask or question finds nothing in this scene, or is not understood.",
         "`f4x info SCENE` lists the words it knows; `--vocabulary` of `f4x distill` adds more.",
-        ("f4x_core.query", "f4x_core.cli.querying", "f4x_core.features.models.prompt"),
+        ("f4x_core.query", "f4x_core.cli.querying", "f4x_core.cli.asking", "f4x_core.features.models.prompt"),
     ),
     Trouble(
         "F4X-EDIT",
         "An edit has a value out of range, does not belong to this scene, or there is nothing to undo.",
         "`f4x history SCENE` shows the edits; docs/edits.md what each takes.",
-        ("f4x_core.edit", "f4x_core.cli.editing"),
+        ("f4x_core.edit", "f4x_core.cli.editing", "f4x_core.cli.history"),
     ),
     Trouble(
         "F4X-LANGUAGE",

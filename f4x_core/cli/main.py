@@ -33,8 +33,8 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
 
     modules = {"eval": "measuring", "render": "rendering", "export": "rendering"}
     modules |= dict.fromkeys(("fit", "window", "priors"), "fitting")
-    modules |= {"open": "opening", "mesh": "meshing", "query": "querying", "ask": "querying", "name": "querying"}
-    modules |= dict.fromkeys(("edit", "history", "undo", "redo", "bake"), "editing")
+    modules |= {"open": "opening", "mesh": "meshing", "query": "querying", "name": "querying", "ask": "asking"}
+    modules |= {"edit": "editing", "undo": "history", "redo": "history", "bake": "history"}
     modules |= {"models": "features", "distill": "distilling"}
     modules |= {"bench": "laboratory", "report": "laboratory"}
     module = import_module(f".{modules.get(name, name)}", __package__)

@@ -1,10 +1,9 @@
-"""`f4x query`, `f4x name` and `f4x ask`."""
+"""`f4x query` and `f4x name`."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +15,17 @@ from ..edit.apply import open_scene, with_operations
 from ..edit.json_files import read_json
 from ..edit.naming import by_names, by_words, together
 from ..edit.operations import Name
-from ..edit.phrases import refuse_as_name
-from ..edit.resolve import named
 from ..edit.selects import Ids
 from ..edit.stack import of, write_stack
 from ..errors import F4xError
 from ..files import json_text, replace_file
-from ..language.grammar import Doubt
 from ..language.lexicon import spellings
 from ..progress import Progress
-from ..query.chat import ChatServer
 from ..query.inventory import instead, labels_of
 from ..query.labels import Encode, words_of
 from ..query.marks import Box, Brush, Lasso, Mark, Mask, Point
 from ..query.pixels import coverage_image, heat_map, mask_video
 from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
-from ..query.questions import Answer, answer, ask_features
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene
@@ -89,6 +83,8 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def run_name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Make a word of a selection: a `name` edit, which words in queries, questions and sentences then mean."""
+    from ..edit.phrases import refuse_as_name  # the grammar: no query needs it
+
     scene = open_scene(args.scene)
     word = " ".join(args.word.split())
     refuse_as_name(word)
@@ -105,42 +101,6 @@ def run_name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         before = "an earlier edit called so" if replaced == "name" else "the scene's own word meant"
         text += f", in place of what {before}; `f4x undo` brings that back"
     return {"name": word, "chosen": len(chosen), "replaced": replaced, "text": text}
-
-
-def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Answer a question about a scene, and say whether a model or a computation answered."""
-    scene = open_scene(args.scene, args.edits)
-    views = trajectory_of(scene, args.path, args.degrees)
-    if args.select is not None and (args.model is not None or args.endpoint is not None):
-        raise F4xError(
-            "--select tells a computed answer what 'it' is; a model sees whole pictures, so leave out one of them."
-        )
-    selected = None if args.select is None else read_selection(args.select)
-    if args.model is not None:
-        from ..features.models.smolvlm import SmolVlm
-
-        found: Answer = ask_features(scene, args.question, views, SmolVlm(args.model), args.backend, progress)
-    else:
-        server = ChatServer.from_environment(args.endpoint)
-        options: dict[str, Any] = {"encode": encoder(progress), "backend": args.backend, "progress": progress}
-        options |= {"server": server, "names": named(scene, selected), "agreed": args.yes}
-        with asking_for_yes():
-            found = answer(scene, args.question, views, **options)
-    return {
-        "answer": found.text,
-        "answered_by": found.answered_by,
-        "evidence": found.evidence,
-        "text": f"[{found.answered_by}] {found.text}",
-    }
-
-
-@contextmanager
-def asking_for_yes() -> Iterator[None]:
-    """Say with a `Doubt` how to agree."""
-    try:
-        yield
-    except Doubt as doubt:
-        raise Doubt(f"{doubt} Say '{doubt.instead}', or add --yes.", doubt.instead) from doubt
 
 
 def read_masks(folder: Path, scene: Scene) -> dict[int, np.ndarray]:

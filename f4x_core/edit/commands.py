@@ -58,6 +58,7 @@ from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form, asked_
 from . import making, qualities
 from .graded import BRIGHTNESS, LENGTH, OPACITY, QUALITIES, SATURATION, SIZE, SPEED, Quality
 from .making import Value
+from .operations import SHOWN
 from .phrases import (
     brought_to,
     colors,
@@ -319,7 +320,7 @@ def _command(example: str, make: Any, needed: str, use: Use = USUAL) -> Callable
     return add
 
 
-_nobody = Rule(lambda reading, at: {}, frozenset())
+_nobody = Rule(lambda reading, at: {}, frozenset)
 """Whom a command is for that names nobody."""
 
 
@@ -618,10 +619,10 @@ def _changed(
             raise Mismatch
         return changed(Amount("as", times), of_it)
     if to is not None:
-        to = to / 100 if to > making.SHOWN else to
+        to = to / 100 if to > SHOWN else to
         if quality[0] is not OPACITY and way and to < 1:
             raise Mismatch
-        if (way is not None and how is not None) or to > making.SHOWN:
+        if (way is not None and how is not None) or to > SHOWN:
             raise Mismatch
         return changed(Amount("as", to if of_it else 1 - to), True)
     upward = way if way is not None else too
@@ -865,7 +866,7 @@ _again = literal("again|once more|back|back again|back in")
 _command("show the dog again", making.shown, "verb", NAMED)(
     verb=literal(any_form("show")), again=_again >> (lambda: True)
 )
-_command("bring the dog back", always(making.opacity(making.SHOWN)), "verb back")(
+_command("bring the dog back", always(making.opacity(SHOWN)), "verb back")(
     verb=literal(every_form("bring|come|be")), back=_again
 )
 # Turning

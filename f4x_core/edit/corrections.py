@@ -106,13 +106,12 @@ _REMARK = (
     rf"(?:it|that|this|he|she|there|which|who|what)(?:'s|'ll|'d| (?:[a-z]+ly )?(?!{_CHANGES}\b)(?:{_FINITE}|[a-z]+s))\b.*?|"
     rf"{_AFTER_A_LOOK})"
 )
-_REMARKED = re.compile(
-    rf"^(?P<remark>{_REMARK}|[^,;:.!?]+(?=, (?:so|hence|therefore)\b))"
+_REMARKED = (
+    rf"(?i)^(?P<remark>{_REMARK}|[^,;:.!?]+(?=, (?:so|hence|therefore)\b))"
     r"(?:\s*(?:[,;:.!]+|\s-+|–|—|…)\s*(?:(?:so|and|then|hence|therefore|please)\b)?,?\s*|\s+so "
     r"(?:please )?|\s+(?=(?:please )?(?:make|turn|get|take|put|let|move|remove|delete|hide|lose|paint|blur|kill|bring|give|slow|"
     r"speed) "
-    r"(?:it|him|her|them|that) ))(?P<command>[^\s].*)$",
-    re.IGNORECASE,
+    r"(?:it|him|her|them|that) ))(?P<command>[^\s].*)$"
 )
 """What says how it is, and the command behind it."""
 _IN_OTHER_WORDS = re.compile(
@@ -145,11 +144,11 @@ def _is_remark(text: str, headline: bool = False) -> bool:
 
 def remarked(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
     """The command behind a remark, with the thing of the remark in front: "the pole: get rid of it"."""
-    match = _IN_OTHER_WORDS.match(sentence) or _REMARKED.match(sentence.strip())
+    match = _IN_OTHER_WORDS.match(sentence) or re.match(_REMARKED, sentence.strip())
     if match is None:
         return
     headline = sentence.strip()[match.end("remark") :].startswith(":")
-    if match.re is _REMARKED and not _is_remark(match["remark"], headline):
+    if match.re is not _IN_OTHER_WORDS and not _is_remark(match["remark"], headline):
         return
     remark, command = (
         Reading.of(text, tokenise(text), known) for text in (_IN_PICTURE.sub("", match["remark"]), match["command"])
@@ -173,7 +172,7 @@ _BREAK = re.compile(
     r"(\s*(?:[,;:.!?…()]+(?=\s|$)|\s[-–—]+(?=\s)|\s\(|\s(?=(?:so(?: that)?|because|since|as) (?:it|this|that|everything|they|he|"
     r"she|i|we|you|people|nobody|the|my|our)\b))\s*)"
 )
-_BESIDE = re.compile(rf"(?:and |but |because |since |as |so (?:that )?|well,? )?(?:{_REMARK})", re.IGNORECASE)
+_BESIDE = rf"(?i)(?:and |but |because |since |as |so (?:that )?|well,? )?(?:{_REMARK})"
 """What is said beside the command and tells how it is, or what it will look like."""
 
 
@@ -184,7 +183,7 @@ def without_remarks(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iter
     for sign, part in zip(others[::2], others[1::2], strict=True):
         if sign.strip() == ":" and kept == [first] and not _means_something(first, known):
             kept, left_out = [part], True
-        elif part and _BESIDE.fullmatch(part) and _is_remark(part) and _is_harmless(part, known):
+        elif part and re.fullmatch(_BESIDE, part) and _is_remark(part) and _is_harmless(part, known):
             left_out = True
         else:
             kept += [sign, part]

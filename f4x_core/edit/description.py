@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import singledispatch
 
-from ..language.amounts import PLACES
 from ..language.colour_names import COLOURS, Colour, name_of
-from ..language.lexicon import plural
-from .making import SHOWN, STANDING
+from ..language.lexicon import PLACES, plural
 from .operations import (
+    SHOWN,
+    STANDING,
     Blur,
     Delete,
     Duplicate,
@@ -32,8 +32,9 @@ from .operations import (
     Transform,
     Vector,
 )
-from .phrases import COPY, SHARES
 from .selects import (
+    COPY,
+    SHARES,
     All,
     And,
     Beside,

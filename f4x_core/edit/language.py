@@ -10,6 +10,7 @@ import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from itertools import islice
 from typing import Any
 
@@ -38,6 +39,7 @@ from ..language.grammar import (
     tokenise,
     unless,
     word_if,
+    words_of_label,
 )
 from ..language.idle import EMPTY, UNKNOWN
 from ..language.lexicon import (
@@ -62,9 +64,10 @@ from .clauses import OF_ALL, Clause, Clauses, Search, arguments
 from .corrections import corrected, remarked, without_remarks
 from .description import in_words
 from .graded import QUALITIES, SATURATION
-from .making import BESIDE, COPY_DISTANCE, SHOWN, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
+from .making import BESIDE, COPY_DISTANCE, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
 from .misgivings import misgiving
 from .operations import (
+    SHOWN,
     Blur,
     Delete,
     Duplicate,
@@ -121,7 +124,7 @@ def parse(
             f"The sentence has {len(request.sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
         )
     sentence = written(request.sentence)
-    known = _known((*request.labels, *request.names))
+    known = _known(tuple(request.labels), tuple(request.names))
 
     def settled(read: Read) -> tuple[Operation, ...]:
         context = SentenceContext(
@@ -243,16 +246,10 @@ def _read_somehow(
     first: Read | Refusal | None = None
     reason = ""
     own_readings: list[Reading] = []
-    others = (
-        *opened(plain, _ASKED_FOR),
-        *remarked(plain, known),
-        *closed_up(plain, _PHRASAL),
-        *paraphrases(plain, COMMAND_VERBS),
-        *without_remarks(plain, known),
-    )
-    for ways in (own, dict.fromkeys(way for way in others if way not in own)):
-        if reason or not (own_readings or ways is own):
+    for as_said in (True, False):
+        if not as_said and (reason or not own_readings):
             break  # its own words fit, and what they ask for cannot be, or they ask a question
+        ways = own if as_said else dict.fromkeys(way for way in _other_ways(plain, known) if way not in own)
         readings: list[Reading] = []
         for way in ways:
             try:
@@ -279,6 +276,15 @@ def _read_somehow(
         raise first
     assert first is not None
     return replace(first, reason=reason)
+
+
+def _other_ways(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
+    """Other ways to say a sentence, likeliest first."""
+    yield from opened(sentence, _ASKED_FOR)
+    yield from remarked(sentence, known)
+    yield from closed_up(sentence, _PHRASAL)
+    yield from paraphrases(sentence, COMMAND_VERBS)
+    yield from without_remarks(sentence, known)
 
 
 def _matched(
@@ -524,17 +530,27 @@ _INFLECTED = ("er", "ing", "ed")
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
     parts = {word for words in reading.known for word in words}
-    lexicon = VOCABULARY | NAMES_TOO | FUNCTION_WORDS | NO_THINGS | EMPTY | COLOURS.keys() | SHADES.keys() | parts
-    lexicon |= _IMPOSSIBLE.keys()
+    lexicon = _lexicon()
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
         describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
         describes = describes or turned_round(token.text) is not None
-        if token.is_word and not describes and not {token.text, singular(token.text)} & lexicon:
-            meant = misspelt(token.text, parts | _SPOKEN_OF) or (None if understood else misspelt(token.text, lexicon))
+        if (
+            token.is_word
+            and not describes
+            and all({token.text, singular(token.text)}.isdisjoint(words) for words in (lexicon, parts))
+        ):
+            meant = misspelt(token.text, parts | _SPOKEN_OF)
+            meant = meant or (None if understood else misspelt(token.text, lexicon | parts))
             if meant and (is_slip(token.text, meant) or not token.text.endswith(_INFLECTED)):
                 return token, meant
     return None
+
+
+@cache
+def _lexicon() -> frozenset[str]:
+    """Every word that means something in whatever sentence."""
+    return frozenset().union(VOCABULARY, NAMES_TOO, FUNCTION_WORDS, NO_THINGS, EMPTY, COLOURS, SHADES, _IMPOSSIBLE)
 
 
 def _selected(operation: Operation) -> Iterator[SelectKind]:
@@ -586,12 +602,12 @@ def _statements(tokens: list[Token]) -> list[Token]:
     return statements
 
 
-def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
-    """Labels by their words, and by those of their singular."""
+@lru_cache(8)  # of the scenes that are spoken of
+def _known(labels: tuple[str, ...], names: tuple[str, ...] = ()) -> Mapping[tuple[str, ...], str]:
+    """Labels and names by their words, and by those of their singular."""
     known: dict[tuple[str, ...], str] = {}
-    for label in labels:
-        words = tuple(token.text for token in tokenise(label))
-        if words:
+    for label in (*labels, *names):
+        if words := words_of_label(label):
             known.setdefault(words, label)
             known.setdefault((*words[:-1], singular(words[-1])), label)
     for word, meant in SYNONYMS.items():
@@ -1225,7 +1241,8 @@ _UNKNOWN_WAYS = (
 
 def _not_understood(read: Read) -> tuple[str, bool]:
     """The sentence about the words that nobody knows, or at which every way to read ended; whether examples help."""
-    reading = read.reading
+    reading = Reading.of(read.reading.sentence, read.reading.tokens, read.reading.known, thorough=True)
+    Search(reading, {words[-1] for words in reading.known}).sentence()
     if reason := _no_edit(reading) or _new_thing(reading):
         return reason, False
     lacking = _lacking(reading)
@@ -1367,7 +1384,7 @@ MOST_EXAMPLES = 3
 
 def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     """The commands that are nearest in meaning to a sentence, about the things `there`, if any are given."""
-    known = _known(there)
+    known = _known(tuple(there))
     plain = _plainly(written(sentence), known)[0]
     tokens = tokenise(plain)[:MAX_WORDS]
     examples = meaning.nearest(sentence, Reading.of(plain, tokens, known), there) if tokens else ()

@@ -9,7 +9,6 @@ from typing import Any
 
 from ..language.amounts import (
     DEGREES,
-    PLACES,
     Amount,
     Degree,
     Distance,
@@ -22,8 +21,11 @@ from ..language.amounts import (
 from ..language.colour_names import Colour
 from ..language.colours import GRAY
 from ..language.grammar import Final, Mismatch, Refusal
+from ..language.lexicon import PLACES
 from ..language.times import TimeExpression
 from .operations import (
+    SHOWN,
+    STANDING,
     Blur,
     Delete,
     Duplicate,
@@ -44,7 +46,7 @@ from .operations import (
     Transform,
 )
 from .phrases import Place, SentenceContext, When, Who, refuse_as_name
-from .selects import All, Instance, Named, Not, Or, SelectKind, Text, Where
+from .selects import All, Instance, Named, Not, Or, SelectKind, Text
 
 Value = Callable[[SelectKind, When, SentenceContext], Operation]
 """What "red" or "twice as big" does to somebody at some time."""
@@ -59,8 +61,6 @@ A_BIT = 0.5
 """Strength of a tint."""
 MORE_COLOUR = 0.3
 """How far "redder" goes from gray to red."""
-SHOWN = 10.0
-"""Factor that makes anything opaque that is there at all."""
 WARMER = 0.5
 """Warmth of "warmer", the usual degree of it."""
 BLUR, GLOW = 0.02, 0.5
@@ -367,13 +367,6 @@ def moved(way: Steps, far: Distance | None = None) -> Value:
     """Steps, the last by `far` where it has no distance of its own."""
     vector, unit = displacement(way, far, 1.0)
     return lambda who, when, _: Transform(who, translate=vector, unit=unit, axes="camera", **when.growth)
-
-
-STANDING: dict[Where, Vector] = {
-    "near": (0.0, 0.0, 0.0), "left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "above": (0.0, -1.0, 0.0),
-    "below": (0.0, 1.0, 0.0), "behind": (0.0, 0.0, 1.0), "front": (0.0, 0.0, -1.0),
-}  # fmt: skip
-"""Which way a thing stands from another, along the camera's axes."""
 
 
 def placed(place: Place) -> Value:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import F4xError
 from .records import Record, near, read_record
-from .selects import All, Moving, Named, SelectKind
+from .selects import All, Moving, Named, SelectKind, Where
 from .styles import STYLES
 
 Vector = tuple[float, float, float]
@@ -32,6 +32,13 @@ MAX_SCALE = 1e3
 """A size, speed or factor beyond it, or below its inverse, is a slip of the pen."""
 MAX_COPIES = 100
 """Copies one operation makes at most: memory grows with every one."""
+SHOWN = 10.0
+"""`Opacity.factor` that makes anything opaque that is there at all."""
+STANDING: dict[Where, Vector] = {
+    "near": (0.0, 0.0, 0.0), "left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "above": (0.0, -1.0, 0.0),
+    "below": (0.0, 1.0, 0.0), "behind": (0.0, 0.0, 1.0), "front": (0.0, 0.0, -1.0),
+}  # fmt: skip
+"""Which way a thing stands from another, along the camera's axes."""
 
 
 class Change(Record):

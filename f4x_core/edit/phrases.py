@@ -48,7 +48,24 @@ from ..language.lexicon import (
 from ..language.times import END, START, Clip, Span, no_such_time
 from ..language.verbs import IMPERATIVES, any_form
 from .operations import Duplicate, Operation
-from .selects import All, And, Beside, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text, Where
+from .selects import (
+    COPY,
+    SHARES,
+    All,
+    And,
+    Beside,
+    Current,
+    Instance,
+    Moving,
+    Named,
+    Not,
+    Or,
+    Part,
+    Point,
+    SelectKind,
+    Text,
+    Where,
+)
 
 HIM_OR_HER = {"'him'": ("man", "boy", "person", "people"), "'her'": ("woman", "girl", "person", "people")}
 """Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
@@ -437,7 +454,9 @@ def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, next((label for label in EVERYBODY if (label,) in reading.known), EVERYBODY[0])
 
 
-_count = generated(lambda reading, at: ((end, int(x)) for end, x in number_at(reading, at) if x >= 2))
+_count = generated(
+    lambda reading, at: ((end, int(x)) for end, x in number_at(reading, at) if x >= 2), lambda: number.first
+)
 _several = silent(_count)
 _article = keyword(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|every|each|any|all|all (of) [the|these|those|my]|both|"
@@ -691,7 +710,6 @@ _SIDE_OF = {
 
 _whole = later(lambda: _whole_thing)
 """A thing that has parts; by name, because things are made of parts of things."""
-SHARES = {"half": 0.5, "third": 0.333, "quarter": 0.25, "two thirds": 0.667, "part|portion|side|section": 0.5}
 _part_of = ~keyword("the|its") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
 
 
@@ -717,8 +735,6 @@ _they = keyword(
     "them|these|those|they|themselves|[these|those|the] [things|ones|objects]|all of [them|these|those]|them [all|both]|"
     "both (of them|of these|of those)"
 ) >> (lambda: lambda context: context.they or context.it("'they'"))
-COPY = "copy"
-"""The name by which "the copy" is selected after "copy the dog"."""
 _copy = keyword(
     "[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the [new|second|extra|added] one"
 ) >> (lambda: _the_copy)

@@ -33,6 +33,7 @@ from ..language.idle import is_strange
 from ..language.lexicon import FUNCTION_WORDS, word_set
 from . import making
 from .graded import BLUR, BRIGHTNESS, CONTRAST, GLOW, OPACITY, QUALITIES, SATURATION, SPEED, WARMTH
+from .operations import SHOWN
 from .phrases import known_thing
 from .styles import STYLES
 
@@ -155,7 +156,7 @@ _as_opaque = either(
             "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|"
             "disappeared": 0.0,
             "(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|(completely|fully) solid again|"
-            "reappear": making.SHOWN,
+            "reappear": SHOWN,
         }
     ),
     table({"semi|partly|partially": 0.5, "mostly|almost|nearly": 0.2, "completely|fully|totally|entirely": 0.0})

@@ -187,6 +187,10 @@ class Part(Select):
             raise F4xError(f"share is {self.share:g}; give a fraction from 0 to 1.")
 
 
+SHARES = {"half": 0.5, "third": 0.333, "quarter": 0.25, "two thirds": 0.667, "part|portion|side|section": 0.5}
+"""Words for the fraction of a thing that a part is -> the fraction."""
+COPY = "copy"
+"""The name by which "the copy" is selected after "copy the dog"."""
 Where = Literal["near", "left", "right", "above", "below", "behind", "front"]
 """How a thing stands to another, in the picture and in depth."""
 

@@ -138,10 +138,14 @@ def taken_back(reading: Reading) -> TakenBack | None:
 
 def turned_round(word: str) -> tuple[str, Kinds] | None:
     """The change that a word takes back ("unfreeze"), so that it is no slip of it; None where it takes none."""
-    found = _PREFIXED.fullmatch(word)
-    change = found["rest"] if found else ""
-    ways = either(_CHANGES, _QUALITIES).at(Reading.of(change, tokenise(change), {}), 0)
+    if not (found := _PREFIXED.fullmatch(word)):
+        return None
+    change = found["rest"]
+    ways = _TURNED.at(Reading.of(change, tokenise(change), {}), 0)
     return (change, ways[1][0]) if 1 in ways else None
+
+
+_TURNED = either(_CHANGES, _QUALITIES)
 
 
 def _marks(reading: Reading, at: int, end: int, markers: Rule) -> set[str]:

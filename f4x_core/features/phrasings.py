@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -76,6 +76,7 @@ def ranked(table: Path, sentence: str, phrasing: str) -> list[str]:
     return [name for score, name in found if score > found[0][0] * LIKE_THE_FIRST]
 
 
+@lru_cache(8)  # a sentence that is refused is ranked for a question, then for the examples in the refusal
 def _scores(table: Path, sentence: str, phrasing: str) -> tuple[np.ndarray, float]:
     """(meanings,) scores of a sentence, and by how much the first of them has to lead."""
     by_both = _by_both(table, {sentence: phrasing})

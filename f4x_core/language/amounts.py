@@ -24,10 +24,8 @@ from .grammar import (
     unless,
     word_if,
 )
-from .lexicon import FRACTIONS, ONES, PICTURE, TENS, word_set
+from .lexicon import FRACTIONS, ONES, PICTURE, PLACES, TENS, word_set
 
-PLACES = 3
-"""Decimals that numbers worked out from words keep."""
 Vector = tuple[float, float, float]
 
 
@@ -85,14 +83,16 @@ def _counted_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
         yield end + (reading.word(end) == "of"), 2.0
 
 
-number = generated(number_at)
+_NUMBER_WORDS = frozenset((*TENS, *ONES, *_MANY, "0", "a", "half", "couple"))
+number = generated(number_at, lambda: _NUMBER_WORDS)
 signed = (keyword("-|minus") + number >> (lambda x: -x)) | number
 VOCABULARY.update(ONES, TENS, FRACTIONS, _MANY)
 
 _percent_sign = keyword("%|percent|per cent|pct")
 percent = number + _percent_sign >> (lambda x: x / 100)
 fraction = _fraction_word | generated(
-    lambda reading, at: ((end, x) for end, x in number_at(reading, at) if reading.word(at + 1) == "/" and 0 < x < 1)
+    lambda reading, at: ((end, x) for end, x in number_at(reading, at) if reading.word(at + 1) == "/" and 0 < x < 1),
+    lambda: frozenset("0"),
 )
 multiple = either(
     number + keyword("times|x|fold"),

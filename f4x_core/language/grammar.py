@@ -8,9 +8,10 @@ Rules are joined as in `the + colour | number`; `~rule` may be absent; `rule >> 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import count, groupby, product
+from functools import cache, cached_property, lru_cache
+from itertools import count, groupby
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeVar
 
@@ -63,6 +64,12 @@ def tokenise(sentence: str) -> list[Token]:
             tokens += [Token(text[:cut], start, start + cut), Token(text[cut:], start + cut, end)]
     runs = [list(run) for _, run in groupby(tokens, key=lambda token: token.text)]
     return [t for run in runs for t in ([replace(run[0], end=run[-1].end)] if _is_stressed(run) else run)]
+
+
+@lru_cache(4096)  # of the everyday words, which most scenes have
+def words_of_label(label: str) -> tuple[str, ...]:
+    """The tokens of a label or name."""
+    return tuple(token.text for token in tokenise(label))
 
 
 def _is_stressed(run: list[Token]) -> bool:
@@ -118,25 +125,39 @@ class Reading:
     """Words of a label or name -> as it is spelled."""
     longest: int = 1
     """Words of the longest of them."""
+    thorough: bool = False
+    """Rules are asked as far as they match, also those that lack a word, which tells where a sentence goes wrong."""
     memo: dict[int, Ways] = field(default_factory=dict)
     """Number of a rule plus a word -> the ways to match it there."""
     places: dict[int, dict[int, list[tuple[int, Any]]]] = field(default_factory=dict)
     """Number of a rule that is a slot -> where it matches."""
+    possible: dict[int, bool] = field(default_factory=dict)
+    """Number of a rule -> whether the sentence has the words that it needs."""
+    asked: dict[int, list[tuple[frozenset[str] | None, Rule]]] = field(default_factory=dict)
+    """Number of a rule that is one of several -> those of them that may match at some word, behind their openings."""
     barred: frozenset[int] = frozenset()
     """Ids of the commands that are not asked, because what they made of the sentence cannot be."""
     words: list[str] = field(init=False)
     """Texts of the tokens, and nothing behind them."""
+    openers: list[str] = field(init=False)
+    """The same as `opener` has them."""
+    opens: frozenset[str] = field(init=False)
+    """The same, each once."""
     farthest: int = 0
-    """Last word that some rule was asked at: when nothing matches, the one that was not understood."""
+    """Last word that some rule was asked at: of a `thorough` reading where nothing matches, the one that was not understood."""
 
     def __post_init__(self) -> None:
         """List the words."""
         self.words = [token.text for token in self.tokens] + [""] * (_MOST_AHEAD + 1)
+        self.openers = list(map(opener, self.words))
+        self.opens = frozenset(self.openers)
 
     @classmethod
-    def of(cls, sentence: str, tokens: list[Token], known: Mapping[tuple[str, ...], str]) -> Reading:
+    def of(
+        cls, sentence: str, tokens: list[Token], known: Mapping[tuple[str, ...], str], thorough: bool = False
+    ) -> Reading:
         """A reading of `tokens`."""
-        return cls(sentence, tokens, known, max(map(len, known), default=1))
+        return cls(sentence, tokens, known, max(map(len, known), default=1), thorough)
 
     def word(self, at: int) -> str:
         """Text of a token; nothing behind the last."""
@@ -147,6 +168,13 @@ class Reading:
         return " ".join(self.sentence[self.tokens[start].start : self.tokens[end - 1].end].split())
 
 
+def opener(word: str) -> str:
+    """What rules are told apart by at their first word: "0" for any number in digits, "#" for a colour in digits, or the word."""
+    if word[:1].isdecimal() or (word[:1] == "." and len(word) > 1):
+        return "0"
+    return "#" if word[:1] == "#" else word
+
+
 _NUMBERS = count(step=1 << 20)
 """Numbers of rules, farther apart than a sentence has words."""
 
@@ -155,19 +183,56 @@ class Rule:
     """Something that can be matched at a word."""
 
     def __init__(
-        self, match: Callable[[Reading, int], Ways], first: frozenset[str] | None = None, may_be_empty: bool = False
+        self,
+        match: Callable[[Reading, int], Ways],
+        first_words: Callable[[], frozenset[str] | None] = lambda: None,
+        may_be_empty: bool = False,
+        steps: tuple[tuple[Rule, bool], ...] = (),
+        of: Rule | None = None,
     ):
-        """`first`: the words that every match of a word or more begins with one of; None where that is not known."""
-        self.match, self.first, self.may_be_empty, self.number = match, first, may_be_empty, next(_NUMBERS)
+        """`first_words`: makes `first`, when that is first needed; `steps`: (rule, may be absent) of each part of a sequence; `of`:
+        the rule of which this has another value."""
+        self.match, self._first_words, self.may_be_empty, self.number = match, first_words, may_be_empty, next(_NUMBERS)
+        self.steps = steps or ((self, False),)
+        self.of = of
+
+    @cached_property
+    def first(self) -> frozenset[str] | None:
+        """The words, as `opener` has them, that every match of a word or more begins with; None where that is not known."""
+        return self._first_words()
+
+    @cached_property
+    def opening(self) -> frozenset[str] | None:
+        """The words at which it can match at all; None where that may be at any."""
+        return None if self.may_be_empty else self.first
+
+    @cached_property
+    def needed(self) -> tuple[frozenset[str], ...]:
+        """Words, as `opener` has them, of each set of which a sentence has one where this matches; small sets first."""
+        sets = set() if self.opening is None else {self.opening}
+        inner = [rule for rule, may_be_absent in self.steps if not may_be_absent and rule is not self]
+        sets.update(*(rule.needed for rule in inner + ([self.of] if self.of else [])))
+        return tuple(sorted(sets, key=len))
+
+    def can_match(self, reading: Reading) -> bool:
+        """Whether a sentence has the words without which this matches nowhere in it."""
+        known = reading.possible.get(self.number)
+        if known is None:
+            sets = self.needed if not reading.thorough else [] if self.opening is None else [self.opening]
+            known = reading.possible[self.number] = not any(map(reading.opens.isdisjoint, sets))
+        return known
 
     def at(self, reading: Reading, at: int) -> Ways:
         """The ways to match at word `at`, best first."""
-        if (
-            self.first is not None and not self.may_be_empty and reading.words[at] not in self.first
-        ):  # most, at most words
+        opening = self.opening
+        if opening is not None and reading.openers[at] not in opening:  # most, at most words
             if at > reading.farthest:
                 reading.farthest = at
             return {}
+        return self.behind_opening(reading, at)
+
+    def behind_opening(self, reading: Reading, at: int) -> Ways:
+        """As `at`, at a word that it may begin with."""
         memo, key = reading.memo, self.number + at
         ways = memo.get(key)
         if ways is None:
@@ -177,17 +242,27 @@ class Rule:
 
     def __add__(self, other: Rule) -> Rule:
         """Both, one after the other."""
+        steps = (*self.steps, *(other.steps if len(other.steps) == 1 else ((other, False),)))
 
         def match(reading: Reading, at: int) -> Ways:
-            ways: Ways = {}
-            for middle, values in self.at(reading, at).items():
-                for end, more in other.at(reading, middle).items():
-                    ways.setdefault(end, values + more)
+            ways: Ways = {at: ()}
+            for rule, may_be_absent in steps:
+                longer: Ways = {}
+                opening = rule.opening
+                for middle, values in ways.items():
+                    if opening is None or reading.openers[middle] in opening:
+                        for end, more in rule.behind_opening(reading, middle).items():
+                            if end not in longer:
+                                longer[end] = values + more
+                    elif middle > reading.farthest:
+                        reading.farthest = middle
+                    if may_be_absent and middle not in longer:
+                        longer[middle] = values
+                ways = longer
             return ways
 
-        if self.first is None or not self.may_be_empty:
-            return Rule(match, self.first)
-        return Rule(match, None if other.first is None else self.first | other.first, other.may_be_empty)
+        first = [self, other] if self.may_be_empty else [self]
+        return Rule(match, lambda: _any_of(first), self.may_be_empty and other.may_be_empty, steps)
 
     def __or__(self, other: Rule) -> Rule:
         """Either; this one is preferred."""
@@ -200,7 +275,7 @@ class Rule:
             ways = self.at(reading, at)
             return ways if at in ways else {**ways, at: ()}
 
-        return Rule(match, self.first, True)
+        return Rule(match, lambda: self.first, True, ((self, True),))
 
     def __rshift__(self, function: Callable[..., Any]) -> Rule:
         """One value made of the values; where the function raises `Mismatch`, no match."""
@@ -214,7 +289,7 @@ class Rule:
                     continue
             return ways
 
-        return Rule(match, self.first, self.may_be_empty)
+        return Rule(match, lambda: self.first, self.may_be_empty, of=self)
 
 
 class Refusal(F4xError):  # noqa: N818  # nothing went wrong
@@ -285,27 +360,39 @@ def table(entries: Mapping[str, Any], *, reserve: bool = True, words_of: set[str
     no names of things. `words_of`: the vocabulary of a language of its own, which its words go to instead.
     """
     vocabulary = words_of if words_of is not None else VOCABULARY if reserve else NAMES_TOO
-    by_first: dict[str, list[tuple[tuple[str, ...], Any]]] = {}
-    for spec, value in entries.items():
-        for words in (words for alternative in alternatives(spec) for words in _expanded(alternative)):
-            by_first.setdefault(words[0], []).append((words, value))
-            vocabulary.update(words)
-    for rows in by_first.values():
-        rows.sort(key=lambda row: -len(row[0]))
+    for spec in entries:
+        vocabulary.update(_WORD.findall(spec))
+    rows = _Table(entries)
+    return Rule(rows.match, rows.first_words)
 
-    def match(reading: Reading, at: int) -> Ways:
+
+class _Table:
+    """Phrases with their values. They are read at first use: most sentences need few of the two thousand tables."""
+
+    def __init__(self, entries: Mapping[str, Any]):
+        self.entries = entries
+
+    @cached_property
+    def rows(self) -> dict[str, list[tuple[Phrase, Any]]]:
+        """First word -> (phrase, its values)."""
+        return _by_first_word(
+            (_phrase(one), () if value is None else (value,))
+            for spec, value in self.entries.items()
+            for one in alternatives(spec)
+        )
+
+    def first_words(self) -> frozenset[str]:
+        """The words that some phrase begins with."""
+        return frozenset(map(opener, self.rows))
+
+    def match(self, reading: Reading, at: int) -> Ways:
+        """The ends of the phrases at word `at`, the last first, with the value of the first entry that has it."""
         ways: Ways = {}
-        for words, value in by_first.get(reading.word(at), ()):
-            same = 1
-            while same < len(words) and reading.word(at + same) == words[same]:
-                same += 1
-            reading.farthest = max(reading.farthest, at + same)
-            if same == len(words):
-                ways.setdefault(at + same, () if value is None else (value,))
         reading.farthest = max(reading.farthest, at)
-        return ways
-
-    return Rule(match, frozenset(by_first))
+        for phrase, values in self.rows.get(reading.words[at], ()):
+            for end in _ends(phrase, reading, at):
+                ways.setdefault(end, values)
+        return dict(sorted(ways.items(), reverse=True)) if len(ways) > 1 else ways
 
 
 def keyword(spec: str) -> Rule:
@@ -330,15 +417,15 @@ def word_if(condition: Callable[[Reading, int], Any]) -> Rule:
 
 def split(spec: str, at: str) -> list[str]:
     """Parts between the signs `at` that stand in no bracket."""
-    if "(" not in spec and "[" not in spec:  # nearly all: the grammar is built at import, while Blender starts
+    if "(" not in spec and "[" not in spec:
         return spec.split(at)
     parts, depth = [""], 0
-    for sign in spec:
-        depth += (sign in "([") - (sign in ")]")
-        if sign == at and not depth:
+    for piece in re.split(rf"([][()]|{re.escape(at)})", spec):
+        depth += (piece in ("(", "[")) - (piece in (")", "]"))
+        if piece == at and not depth:
             parts.append("")
         else:
-            parts[-1] += sign
+            parts[-1] += piece
     return parts
 
 
@@ -347,56 +434,115 @@ def alternatives(spec: str) -> list[str]:
     return split(spec, "|")
 
 
-def _expanded(spec: str) -> Iterator[tuple[str, ...]]:
-    """Word sequences of a phrase, brackets in brackets too: "to (the|my) left": to left, to the left, to my left."""
-    if "(" not in spec and "[" not in spec:
-        if words := tuple(spec.split()):
-            yield words
-        return
-    choices = [
-        [words for each in alternatives(part[1:-1]) for words in _expanded(each)] + [()] * (part[0] == "(")
-        if part[0] in "(["
-        else [(part,)]
-        for part in split(spec, " ")
-        if part
-    ]
-    for choice in product(*choices):
-        if words := tuple(word for words in choice for word in words):
-            yield words
+_WORD = re.compile(r"[^][()|\s]+")
+
+
+class Bracket(NamedTuple):
+    """One of the phrases in a bracket, or perhaps none."""
+
+    phrases: Mapping[str, Sequence[tuple[Phrase, Any]]]
+    """By first word."""
+    may_be_empty: bool
+
+
+Phrase = tuple[str | Bracket, ...]
+"""Words and brackets, one after the other. They are matched as they are: one phrase may stand for a million word sequences."""
+
+
+def _phrase(spec: str) -> Phrase:
+    """The phrase that is written "to (the|my) left"."""
+    return tuple(_bracket(part) if part[0] in "([" else part for part in split(spec, " ") if part)
+
+
+@cache
+def _bracket(spec: str) -> Bracket:
+    """The bracket that is written "[some|words]" or "(some|words)"."""
+    return Bracket(_by_first_word((_phrase(one), ()) for one in alternatives(spec[1:-1])), spec[0] == "(")
+
+
+def _by_first_word(rows: Iterable[tuple[Phrase, Any]]) -> dict[str, list[tuple[Phrase, Any]]]:
+    """Word -> the rows whose phrase may begin with it."""
+    found: dict[str, list[tuple[Phrase, Any]]] = {}
+    for row in rows:
+        for part in row[0]:
+            if isinstance(part, str):
+                found.setdefault(part, []).append(row)
+                break
+            for word in part.phrases:
+                found.setdefault(word, []).append(row)
+            if not part.may_be_empty:
+                break
+    return found
+
+
+def _ends(phrase: Phrase, reading: Reading, at: int) -> set[int]:
+    """Where a phrase ends that begins at a word; it has one word at least."""
+    ends = {at}
+    for part in phrase:
+        if isinstance(part, str):
+            ends = {end + 1 for end in ends if reading.words[end] == part}
+        else:
+            further = {
+                last
+                for end in ends
+                for inner, _ in part.phrases.get(reading.words[end], ())
+                for last in _ends(inner, reading, end)
+            }
+            ends = ends | further if part.may_be_empty else further
+        if not ends:
+            return ends
+        if (last := max(ends)) > reading.farthest:
+            reading.farthest = last
+    return ends - {at} if at in ends else ends
 
 
 def constant(value: Any) -> Rule:
     """Nothing, with a value."""
-    return Rule(lambda reading, at: {at: (value,)}, frozenset(), True)
+    return Rule(lambda reading, at: {at: (value,)}, frozenset, True)
 
 
-NOTHING = Rule(lambda reading, at: {at: ()}, frozenset(), True)
+NOTHING = Rule(lambda reading, at: {at: ()}, frozenset, True)
 """No word at all."""
 
 
 def silent(rule: Rule) -> Rule:
     """The rule without its values."""
-    return Rule(lambda reading, at: dict.fromkeys(rule.at(reading, at), ()), rule.first, rule.may_be_empty)
+    return Rule(lambda reading, at: dict.fromkeys(rule.at(reading, at), ()), lambda: rule.first, rule.may_be_empty)
 
 
 def either(*rules: Rule) -> Rule:
     """Any of the rules, earlier ones preferred."""
 
     def match(reading: Reading, at: int) -> Ways:
-        ways: Ways = {}
-        for rule in rules:
-            for end, values in rule.at(reading, at).items():
-                ways.setdefault(end, values)
+        asked = reading.asked.get(one_of_them.number)
+        if asked is None:  # most rules begin with words that the sentence does not have
+            asked = [(rule.opening, rule) for rule in rules if rule.can_match(reading)]
+            reading.asked[one_of_them.number] = asked
+        word, all_asked, ways = reading.openers[at], len(asked) == len(rules), {}
+        for opening, rule in asked:
+            if opening is None or word in opening:
+                for end, values in rule.behind_opening(reading, at).items():
+                    if end not in ways:
+                        ways[end] = values
+            else:
+                all_asked = False
+        if not all_asked and at > reading.farthest:
+            reading.farthest = at
         return ways
 
+    one_of_them = Rule(match, lambda: _any_of(rules), any(rule.may_be_empty for rule in rules))
+    return one_of_them
+
+
+def _any_of(rules: Sequence[Rule]) -> frozenset[str] | None:
+    """The first words of several rules; None where those of one are not known."""
     begins = [rule.first for rule in rules if rule.first is not None]
-    first = frozenset().union(*begins) if len(begins) == len(rules) else None
-    return Rule(match, first, any(rule.may_be_empty for rule in rules))
+    return frozenset().union(*begins) if len(begins) == len(rules) else None
 
 
 def here(condition: Callable[[Reading, int], Any]) -> Rule:
     """Nothing, where the condition holds."""
-    return Rule(lambda reading, at: {at: ()} if condition(reading, at) else {}, frozenset(), True)
+    return Rule(lambda reading, at: {at: ()} if condition(reading, at) else {}, frozenset, True)
 
 
 def unless(rule: Rule) -> Rule:
@@ -426,7 +572,7 @@ def listed(item: Rule, separator: Rule) -> Rule:
             front = following
         return {end: (ways[end],) for end in ways}
 
-    return Rule(match, item.first, item.may_be_empty)
+    return Rule(match, lambda: item.first, item.may_be_empty)
 
 
 Matches = dict[int, list[tuple[int, Any]]]
@@ -447,7 +593,7 @@ def _places_of(rule: Rule, reading: Reading) -> Matches:
     found = reading.places.get(rule.number)
     if found is None:
         found = reading.places[rule.number] = {}
-        if rule.first is not None and rule.first.isdisjoint(reading.words):
+        if not rule.can_match(reading):
             return found
         for at in range(len(reading.tokens)):
             ways = [(end, values[0] if values else None) for end, values in rule.at(reading, at).items() if end > at]
@@ -504,8 +650,11 @@ def later(rule: Callable[[], Rule]) -> Rule:
     return Rule(lambda reading, at: rule().at(reading, at))
 
 
-def generated(match: Callable[[Reading, int], Iterator[tuple[int, Any]]]) -> Rule:
-    """A rule from a generator of (end, value), best first."""
+def generated(
+    match: Callable[[Reading, int], Iterator[tuple[int, Any]]],
+    first_words: Callable[[], frozenset[str] | None] = lambda: None,
+) -> Rule:
+    """A rule from a generator of (end, value), best first; `first_words` as those of a rule."""
 
     def all_ways(reading: Reading, at: int) -> Ways:
         reading.farthest = max(reading.farthest, at)
@@ -514,4 +663,4 @@ def generated(match: Callable[[Reading, int], Iterator[tuple[int, Any]]]) -> Rul
             ways.setdefault(end, (found,))
         return ways
 
-    return Rule(all_ways)
+    return Rule(all_ways, first_words)

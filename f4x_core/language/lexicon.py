@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator
+from functools import cache
 
 
 def word_set(text: str) -> frozenset[str]:
@@ -145,6 +146,8 @@ CONTRACTIONS |= {
 }
 """Words that stand for several, their apostrophe written or left out; any other `'s` is possessive."""
 
+PLACES = 3
+"""Decimals that numbers worked out from words keep."""
 _ONES = (
     "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "
     "eighteen nineteen"
@@ -334,14 +337,19 @@ def forms(verb: str) -> tuple[str, str]:
 
 def inflected(verbs: str, which: int) -> Iterator[str]:
     """Return the verbs of "get rid of|remove" unchanged (0), with "-ing" too (1), or as participles (2)."""
-    for phrase in verbs.split("|"):
-        head, *rest = phrase.split()
-        ing, participle = forms(head)
-        for form in ((head,), (head, ing), (participle,))[which]:
-            yield " ".join([form, *rest])
+    wanted = (slice(1), slice(2), slice(2, 3))[which]
+    return (form for phrase in verbs.split("|") for form in _conjugated(phrase)[wanted])
 
 
-def stated(verb: str) -> str:
+@cache  # many commands share their verbs
+def _conjugated(phrase: str) -> tuple[str, str, str, str]:
+    """(a verb with what follows it, the same with "-ing", as participle, as stated)."""
+    head, *rest = phrase.split()
+    ing, participle = (" ".join([form, *rest]) for form in forms(head))
+    return " ".join([head, *rest]), ing, participle, _stated(phrase)
+
+
+def _stated(verb: str) -> str:
     """The verb as in "the dog vanishes", "the dog turns around"."""
     head, *rest = verb.split()
     form = {"not": "does", "be": "is", "have": "has"}.get(head, head)
@@ -353,7 +361,7 @@ def stated(verb: str) -> str:
 
 def every_form(verbs: str) -> str:
     """The verbs of "get rid of|remove" in each of their forms, as alternatives with `|`."""
-    forms_of = (*inflected(verbs, 1), *inflected(verbs, 2), *map(stated, verbs.split("|")))
+    forms_of = (*inflected(verbs, 1), *inflected(verbs, 2), *(_conjugated(phrase)[3] for phrase in verbs.split("|")))
     return "|".join(dict.fromkeys(forms_of))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
+from functools import cache
 
 from .asides import WISHING
 from .colour_names import COLOURS
@@ -81,6 +82,7 @@ _ORDERS = r"""
 """Sentences whose second part is done first."""
 
 
+@cache  # compiled when first needed: a sentence that is understood as it stands needs none of the rewritings
 def _patterns(rows: str) -> tuple[tuple[re.Pattern[str], str], ...]:
     """(pattern, what is said instead) of each row."""
     for name, part in _PARTS.items():
@@ -89,12 +91,9 @@ def _patterns(rows: str) -> tuple[tuple[re.Pattern[str], str], ...]:
     return tuple((re.compile(pattern, re.IGNORECASE), instead) for pattern, instead in pairs)
 
 
-_ORDER_PATTERNS, _PATTERNS = _patterns(_ORDERS), _patterns(_REWRITINGS)
-
-
 def in_order(sentence: str) -> Iterator[str]:
     """What the sentence means for sure where its own words would mislead: "before you delete the fence, make the horse gray"."""
-    for pattern, instead in _ORDER_PATTERNS:
+    for pattern, instead in _patterns(_ORDERS):
         if match := pattern.match(sentence.strip()):
             yield match.expand(instead)
 
@@ -146,7 +145,7 @@ def paraphrases(sentence: str, verbs: Collection[str] = ()) -> Iterator[str]:
         yield plain
     if len(plain.split()) < _MOST_FRAGMENTED and "." in plain:
         yield re.sub(r"\.(?= )", ",", plain)
-    for pattern, instead in _PATTERNS:
+    for pattern, instead in _patterns(_REWRITINGS):
         match = pattern.match(plain)
         if match and "noun" in match.groupdict() and plain.split()[0].lower() in verbs:
             continue

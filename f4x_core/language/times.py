@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from .amounts import PLACES, fraction, number, percent
+from .amounts import fraction, number, percent
 from .grammar import either, here, keyword, literal, optional, table, unless
-from .lexicon import FRACTIONS, PICTURE
+from .lexicon import FRACTIONS, PICTURE, PLACES
 
 
 @dataclass

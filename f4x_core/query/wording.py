@@ -29,6 +29,7 @@ from ..language.grammar import (
     silent,
     table,
     tokenise,
+    words_of_label,
 )
 from ..language.idle import BINDING, EMPTY, PREPOSITIONS
 from ..language.lexicon import (
@@ -445,7 +446,7 @@ def read_question(
     def called(words: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(label_of(word, labels) for word in words)
 
-    clip = _Shown(fps, frames, known={tuple(token.text for token in tokenise(label)): label for label in labels})
+    clip = _Shown(fps, frames, known={words_of_label(label): label for label in labels})
     text = plainly(question, bool(selected))
     parts = re.split(rf"[?!;]+ *|\. |,?(?<!^who) and (?={_ASKING}\b)", text)
     parts = [part for part in parts if not (_matches(_adds_nothing, part) or _SAID_AFTER.match(part))] or parts

@@ -47,7 +47,7 @@ def examples() -> list[Example]:
 
 def _example(row: dict[str, Any]) -> Example | None:
     labels = sorted({*EVERYDAY, *sentence_cases._things(row)})
-    known = language._known(labels)
+    known = language._known(tuple(labels))
     try:
         reading = language._words_of(language._plainly(row["text"], known)[0], known)
     except F4xError:

@@ -150,9 +150,10 @@ def sentences(quality: str, words: Words) -> Iterator[tuple[str, bool, float | s
 
     for upward, comparatives in ((True, words.more), (False, words.less)):
         for at, word in enumerate(comparatives.split("/")):
-            for phrase in (*DEGREES, USUAL, *SHARES, *MULTIPLES)[:: 1 + (at > 1)]:
+            some = slice(at % 3, None, 3 if at else 1)  # all with the first word; with each other one a third of them
+            for phrase in (*DEGREES, USUAL, *SHARES, *MULTIPLES)[some]:
                 yield f"make the dog {phrase.words} {word}", upward, much(phrase, upward)
-            for phrase in BEHIND[:: 1 + (at > 1)]:
+            for phrase in BEHIND[some]:
                 shape = ("make the dog {} {}", "the dog {} {}", "the dog should be {} {}")[at % 3]
                 yield shape.format(word, phrase.words), upward, much(phrase, upward)
         for verb in filter(None, (words.increase if upward else words.decrease).split("/")):

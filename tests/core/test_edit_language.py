@@ -103,11 +103,9 @@ def test_a_refusal_names_the_word_and_offers_commands():
         say("delte the dog")
 
 
-@pytest.mark.parametrize(
-    "example", sorted({command.example for command in COMMANDS if command.make not in (REMARK, AGAIN)})
-)
-def test_every_example_is_understood(example):
-    assert say(example)
+def test_every_example_is_understood():
+    for example in {command.example for command in COMMANDS if command.make not in (REMARK, AGAIN)}:
+        assert say(example), example
 
 
 @pytest.mark.parametrize(
@@ -139,18 +137,13 @@ def test_a_plan_says_how_much_and_is_read_as_itself(sentence, plan):
     assert in_words(made) == plan and say(plan) == made
 
 
-@pytest.mark.parametrize("number", range(len(PHRASES)))
-def test_words_of_an_operation_mean_it(number):
-    for operation in wanted(PHRASES[number]):
-        if (
-            isinstance(operation, Delete)
-            and isinstance(operation.select, Not)
-            and describe(operation) != "remove the background"
-        ):
-            continue  # "everything except" is an extraction, and "else" needs a sentence before it
-        names = ["rex", "fido", "copy", "twin"]
-        (again,) = say(describe(operation), selected=True, names=names)
-        assert again == operation, describe(operation)
+def test_words_of_an_operation_mean_it():
+    described = {describe(operation): operation for phrase in PHRASES for operation in wanted(phrase)}
+    assert len(described) > 250
+    for words, operation in described.items():
+        others = isinstance(operation, Delete) and isinstance(operation.select, Not)
+        if not others or words == "remove the background":  # else an extraction, or "else" needs a sentence before it
+            assert say(words, selected=True, names=["rex", "fido", "copy", "twin"]) == (operation,), words
 
 
 def test_words_that_are_no_sentence_are_still_words():
@@ -264,8 +257,8 @@ WORDS = st.sampled_from(
 )
 
 
-@settings(max_examples=150, deadline=None)
-@given(st.one_of(st.text(max_size=200), st.lists(WORDS, max_size=30).map(" ".join)), st.booleans())
+@settings(max_examples=100, deadline=None)
+@given(st.one_of(st.text(max_size=100), st.lists(WORDS, max_size=12).map(" ".join)), st.booleans())
 def test_any_text_gives_operations_or_a_refusal(text, selected):
     try:
         operations = say(text, selected=selected)

@@ -40,10 +40,10 @@ def told(sentence, labels=LABELS, **state):
     return [describe(one) for one in parse(Request(sentence, labels, fps=24.0, frames=72, **state))]
 
 
-@pytest.mark.parametrize("aside", ASIDES)
-@pytest.mark.parametrize(("command", "expected"), COMMANDS)
-def test_what_adds_nothing_is_left_out_unasked(command, expected, aside):
-    assert told(aside.format(command)) == told(command)
+@pytest.mark.parametrize("command", [command for command, _ in COMMANDS])
+def test_what_adds_nothing_is_left_out_unasked(command):
+    plain = told(command)
+    assert {aside: told(aside.format(command)) for aside in ASIDES} == dict.fromkeys(ASIDES, plain)
 
 
 @pytest.mark.parametrize(
