@@ -17,17 +17,27 @@ from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
 from ..edit.uncovered import summary_of, takes_away, uncovered
 from ..errors import F4xError
-from ..files import replace_file
+from ..files import replace_file, same_file
 from ..language.lexicon import plural
 from ..progress import Progress
 from ..query.chat import ChatServer
-from ..scene import Scene, read_scene, write_scene
+from ..scene import Scene, read_scene, updating, write_scene
 from .encoding import encoder
 from .querying import asking_for_yes, read_selection
 
 
 def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Append the edits of a sentence or of a JSON file to the scene's stack, in place or in another file, or only show them."""
+    if args.output is not None and same_file(args.output, args.scene):
+        args.output = None
+    if args.output is not None or args.dry_run:
+        return _edit(args, progress)
+    with updating(args.scene):  # what another writes between reading and writing would be lost
+        return _edit(args, progress)
+
+
+def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Read the scene, append the edits and write it where that is asked for."""
     scene = unedited = open_scene(args.scene)
     before = len(scene.edits)
     if args.say is not None:
@@ -78,22 +88,24 @@ def run_history(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def run_undo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Undo the last edits."""
-    before = len(read_stack(args.scene))
-    stack = undo(args.scene, args.count)
+    with updating(args.scene):
+        before = len(read_stack(args.scene))
+        stack = undo(args.scene, args.count)
     return _stack_result(args, stack, before - len(stack), "undone")
 
 
 def run_redo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Redo the edits that were undone last."""
-    before = len(read_stack(args.scene))
-    stack = redo(args.scene, args.count)
+    with updating(args.scene):
+        before = len(read_stack(args.scene))
+        stack = redo(args.scene, args.count)
     return _stack_result(args, stack, len(stack) - before, "redone")
 
 
 def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Fold the edits into the arrays of a new scene file."""
     scene = read_scene(args.scene)
-    if args.output.exists() and args.output.samefile(args.scene):
+    if same_file(args.output, args.scene):
         raise F4xError(
             f"{args.output}: it is the scene itself, whose edits could not be undone any more; give another file."
         )

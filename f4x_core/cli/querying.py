@@ -34,7 +34,7 @@ from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, sel
 from ..query.questions import Answer, answer, ask_features
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
-from ..scene import Scene
+from ..scene import Scene, updating
 from ..scene.posing import require_time
 from ..scene.view import render
 from .encoding import encoder
@@ -89,6 +89,12 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def run_name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Make a word of a selection: a `name` edit, which words in queries, questions and sentences then mean."""
+    with updating(args.scene):
+        return _name(args, progress)
+
+
+def _name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Read the scene, append the name and write it."""
     scene = open_scene(args.scene)
     word = " ".join(args.word.split())
     refuse_as_name(word)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import logging
 import signal
-import sys
 from typing import Any
 
 from ..errors import F4xError
+from ..printing import print_error
 from ..progress import Progress
 
 
@@ -34,7 +34,8 @@ def run_serve(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     token, is_new = read_token()
 
     def announce(url: str) -> None:
-        print(f"{url}\nAuthorization: Bearer {token if is_new else '$F4X_TOKEN'}", file=sys.stderr, flush=True)
+        print_error(url)
+        print_error(f"Authorization: Bearer {token if is_new else '$F4X_TOKEN'}")
 
     serve_http(session, _address(args.http), token, announce)
     return {}

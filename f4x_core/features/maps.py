@@ -29,6 +29,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ..errors import F4xError
+from ..files import link_target, neighbour
 from ..progress import Progress, silent
 from .spec import FeatureSpec
 
@@ -101,8 +102,8 @@ def write_maps(
     rank = None if rank is None or rank >= spec.dim else rank
     if rank is not None and rank < 1:
         raise F4xError(f"rank {rank}: keep at least one direction of '{spec.name}'.")
-    folder, stage = Path(folder), f"features {spec.name}"
-    unfinished = folder.with_name(f".{folder.name}.unfinished") if callable(frames) else None
+    folder, stage = link_target(folder), f"features {spec.name}"
+    unfinished = neighbour(folder, "unfinished") if callable(frames) else None
     with replace_folder(folder, SPEC, unfinished) as part:
         _follow(part, {"spec": spec.to_json(), "count": count, "rank": rank, "settings": settings})
         written, shape = part / ("full.npy" if rank else "maps.npy"), (count, *spec.grid, spec.dim)
@@ -179,15 +180,17 @@ def replace_folder(folder: Path, mark: str, unfinished: Path | None = None) -> I
     """Yield a temporary neighbour that becomes `folder` when the block ends well, in place of what was there.
 
     Only a folder that holds the file `mark`, or nothing, is replaced; anything else is an F4xError, as is a failing disk.
-    The neighbour is called `unfinished`, if given, and then stays when the block ends otherwise, but for a failing disk.
+    A symbolic link stays, and the folder that it leads to is replaced. The neighbour is called `unfinished`, if given, and then
+    stays when the block ends otherwise, but for a failing disk.
     """
+    folder = link_target(folder)
     if folder.exists() and not (folder / mark).is_file() and (not folder.is_dir() or any(folder.iterdir())):
         raise F4xError(f"{folder} exists and holds something else; choose another folder.")
     part, leave = unfinished, unfinished is not None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         if part is None:
-            part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
+            part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=neighbour(folder, "").name, suffix=".part"))
         part.mkdir(exist_ok=True)
         yield part
         part.chmod(0o755)  # mkdtemp gives 0700

@@ -27,6 +27,7 @@ from ..geometry.camera import CameraPath
 from ..scaffold import Scaffold
 from ..versions import SCENE_FILE
 from .field import FeatureField
+from .locking import updating
 from .model import (
     CAMERA_ARRAYS,
     DYNAMIC_ARRAYS,
@@ -116,7 +117,8 @@ def read_header(path: Path | str) -> dict[str, Any]:
 def write_scene(scene: Scene, path: Path | str) -> None:
     """Write a scene so that `path` holds either its old content or all of the new one; equal scenes give equal bytes.
 
-    Numbers in the JSON parts that are NaN or infinite become null. Raises F4xError when the disk or a field refuses.
+    Numbers in the JSON parts that are NaN or infinite become null. It waits for another writer of the file (see `updating`).
+    Raises F4xError when the disk or a field refuses.
     """
     path = Path(path)
     arrays = fold(_scene_arrays(scene))
@@ -143,7 +145,7 @@ def write_scene(scene: Scene, path: Path | str) -> None:
     }
     header |= {name: value for name, value in scene.extra_fields.items() if name not in header}
     text = _json_bytes(header, path)
-    with replace_file(path) as file, zipfile.ZipFile(file, "w") as archive:
+    with updating(path), replace_file(path) as file, zipfile.ZipFile(file, "w") as archive:
         archive.writestr(_member(HEADER, len(text)), text)
         for name, array in arrays.items():
             npy = _npy_header(array)
@@ -162,13 +164,20 @@ def write_edits(
 
     Every other member is copied byte for byte, unknown ones too.
 
-    `fields` are further fields of scene.json to be set, None takes one out. The last of two simultaneous writers wins.
-    Raises F4xError and leaves the file as it was when anything is wrong.
+    `fields` are further fields of scene.json to be set, None takes one out. Who made `edits` from those of the file holds
+    `updating` from reading to here. Raises F4xError and leaves the file as it was when anything is wrong.
     """
     path = Path(path)
+    with updating(path):
+        _write_edits(path, edits, next_id, fields or {})
+
+
+def _write_edits(
+    path: Path, edits: Sequence[Mapping[str, Any]], next_id: int | None, fields: Mapping[str, Any]
+) -> None:
+    """Copy the file with another stack, while no one else writes it."""
     with _opened(path) as source:
         header = _read_header(source, path)
-    fields = fields or {}
     header |= {"edits": list(edits), "next_id": max(header["next_id"], next_id or 0), **fields}
     header = {name: value for name, value in header.items() if value is not None or name not in fields}
     text = _json_bytes(header, path)

@@ -80,7 +80,7 @@ def test_an_edit_saved_while_words_are_added_stays(scene, monkeypatch):
 
 def test_a_scene_that_stays_busy_is_refused(scene, monkeypatch):
     monkeypatch.setattr(distilling, "PATIENCE", 0.2)
-    with lock_file(distilling.lock_of(scene), "busy"), pytest.raises(F4xError, match="another `f4x distill`"):
+    with distilling.only_distiller(scene), pytest.raises(F4xError, match="another `f4x distill`"):
         distill(scene, "--vocabulary", "boat")
 
 

@@ -1,0 +1,38 @@
+"""One writer at a time for each scene file, so that no change is lost when several programs work on one scene."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..files import link_target, lock_file, neighbour
+
+PATIENCE = 60.0
+"""Seconds to wait for another writer by default: longer than an edit takes, a language model's answer included."""
+
+_held = threading.local()  # `files`: the scene files whose locks this thread holds
+
+
+@contextmanager
+def updating(path: Path | str, patience: float = PATIENCE) -> Iterator[None]:
+    """Keep other writers out of the scene file at `path`; who changes a scene holds this from reading to writing.
+
+    `write_scene` and `write_edits` take the same lock; within the block, in the same thread, they go on at once. Readers need none: a
+    file is always a whole scene. All links to a file share its lock. The lock is an empty hidden file beside the scene that is gone
+    afterwards; where a process was killed, the next writer takes the lock over (see `lock_file`).
+    Raises F4xError if another writer holds the lock for longer than `patience` seconds.
+    """
+    file = link_target(path).absolute()
+    held: set[Path] = _held.__dict__.setdefault("files", set())
+    if file in held:
+        yield
+        return
+    busy = f"{path}: another program is changing this scene, and nothing was written; try again when it is done"
+    with lock_file(neighbour(file, "lock"), busy, patience):
+        held.add(file)
+        try:
+            yield
+        finally:
+            held.discard(file)
