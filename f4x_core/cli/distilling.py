@@ -112,8 +112,9 @@ def write_distilled(
 ) -> dict[str, Any]:
     """Add the vocabulary, write the scene to `path` and return the result of the verb.
 
-    `arrays` is what `_read` found where the scene was read from `path`: edits that others put into the file meanwhile stay. None: the
-    scene is from another file. A new head with a text encoder also gets a vocabulary of everyday words if that encoder is here.
+    `arrays` is what `_read` found where the scene was read from `path`: edits that others put into the file meanwhile stay.
+    None: the scene is from another file. A new head with a text encoder also gets a vocabulary of everyday words if that encoder
+    is installed.
     """
     field = scene.require_field()
     new = sorted({encoder for name in names if (encoder := field.spec(name).text_encoder)} - field.vocabularies.keys())

@@ -6,7 +6,7 @@ import argparse
 import re
 from difflib import get_close_matches
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import F4xError
@@ -34,7 +34,7 @@ from .options import (
 class Parser(argparse.ArgumentParser):
     """Reports a wrong command line like every other bad input: in one sentence."""
 
-    def _print_message(self, message: str, file: IO[str] | None = None) -> None:
+    def _print_message(self, message: str, file: Any = None) -> None:
         """Print help and version as everything else is printed; nothing of it goes to standard error."""
         print_text(message.rstrip("\n"))
 

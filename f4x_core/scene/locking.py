@@ -19,9 +19,9 @@ _held = threading.local()  # `files`: the scene files whose locks this thread ho
 def updating(path: Path | str, patience: float = PATIENCE) -> Iterator[None]:
     """Keep other writers out of the scene file at `path`; who changes a scene holds this from reading to writing.
 
-    `write_scene` and `write_edits` take the same lock; within the block, in the same thread, they go on at once. Readers need none: a
-    file is always a whole scene. All links to a file share its lock. The lock is an empty hidden file beside the scene that is gone
-    afterwards; where a process was killed, the next writer takes the lock over (see `lock_file`).
+    `write_scene` and `write_edits` take the same lock; within the block, in the same thread, they go on at once. Readers need no
+    lock: a file is always a whole scene. All links to a file share its lock. The lock is an empty hidden file beside the scene that
+    is gone afterwards; where a process was killed, the next writer takes the lock over (see `lock_file`).
     Raises F4xError if another writer holds the lock for longer than `patience` seconds.
     """
     file = link_target(path).absolute()
