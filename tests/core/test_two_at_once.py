@@ -85,7 +85,7 @@ def verb(*arguments):
 WRITERS = {
     "edit": verb("edit", "{}", "--ops", "{folder}/ops.json"),
     "undo": verb("undo", "{}"),
-    "name": verb("name", "{}", "thing", "--text", "square"),
+    "name": verb("name", "{}", "gizmo", "--text", "square"),
     "distill": verb("distill", "{}", "--vocabulary", "boat"),
     "say": verb("edit", "{}", "--say", "make the square red", "-o", "{}"),
     "redo": verb("redo", "{}"),
@@ -121,6 +121,7 @@ def serial(base, folder, first, second):
     """What the scene holds after one writer and then another."""
     shutil.copytree(base, folder, symlinks=True)
     WRITERS[first](folder / "scene.f4x")
+    assert held_by(folder) != held_by(base), first
     WRITERS[second](folder / "scene.f4x")
     return held_by(folder)
 
