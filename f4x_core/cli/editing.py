@@ -19,6 +19,7 @@ from ..edit.uncovered import summary_of, takes_away, uncovered
 from ..errors import F4xError
 from ..files import replace_file, same_file
 from ..language.lexicon import plural
+from ..printing import one_line
 from ..progress import Progress
 from ..query.chat import ChatServer
 from ..scene import Scene, read_scene, updating, write_scene
@@ -193,7 +194,7 @@ def edit_line(edit: Edit) -> str:
     """One line: the edit in words and the sentence that it came from."""
     does = describe(edit.operation)
     sentence = f' ("{edit.sentence}")' if edit.sentence not in ("", does) else ""
-    return f"{does}{sentence}{'' if edit.enabled else ' [off]'}"
+    return one_line(f"{does}{sentence}{'' if edit.enabled else ' [off]'}")
 
 
 def _stack_result(args: argparse.Namespace, stack: EditStack, moved: int, verb: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any
 from .. import __version__
 from ..errors import Cancelled, F4xError
 from ..files import json_text
-from ..printing import OUTPUT, open_streams, print_error, print_text
+from ..printing import OUTPUT, one_line, open_streams, print_error, print_text
 from ..processes import EXIT_INTERRUPTED, START, LineProgress, stop_with_parent
 from ..troubles import EXPECTED, with_code
 from .checks import output_folder, require_backend, require_folder, require_given, why_slow
@@ -88,6 +88,8 @@ def _report(args: argparse.Namespace, lines: LineProgress | None, result: dict[s
         elif args.json:
             print_text(json_text(result))
         elif text:
+            for name in filter(lambda name: "\n" in name, map(str, vars(args).values())):
+                text = text.replace(name, one_line(name))  # a name stays within its line
             print_text(text)
     except BrokenPipeError:
         raise

@@ -43,6 +43,10 @@ class ErrorConsole(Console):
         except OSError:
             discard(sys.stderr)
 
+    def on_broken_pipe(self) -> None:
+        """Go on where the reader of standard error has gone; rich would end the process."""
+        discard(sys.stderr)
+
 
 class TerminalProgress:
     """A `Progress` that draws bars, as a context manager. `quiet` draws nothing; `lines` receives every report too.

@@ -436,7 +436,10 @@ def _json_bytes(header: Mapping[str, Any], path: Path) -> bytes:
     header = json_data(header)
     _check_header(header, path)
     try:
-        text = json.dumps(header, allow_nan=False, ensure_ascii=False, indent=1).encode("utf-8")
+        readable = json.dumps(header, allow_nan=False, ensure_ascii=False, indent=1)
+        text = re.sub(
+            "[\ud800-\udfff]", lambda half: f"\\u{ord(half[0]):04x}", readable
+        ).encode()  # of names that are no UTF-8
     except (TypeError, ValueError, RecursionError) as error:
         raise F4xError(f"{path}: a field of the scene cannot be written as JSON ({error})") from error
     if len(text) > MAX_HEADER_BYTES:
