@@ -184,7 +184,7 @@ def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
         merged = EditStack(tuple(next(kept) if edit.id in was else edit for edit in merged.edits))
     renamed: dict[int, int] = {}
     for edit in theirs.edits:
-        if edit.id not in was and edit not in merged.edits:
+        if edit.id not in was and edit not in ours.edits:
             if isinstance(edit.operation, TakeBack) and edit.operation.edit in renamed:
                 edit = replace(edit, operation=replace(edit.operation, edit=renamed[edit.operation.edit]))
             taken = [e.id for e in merged.edits]

@@ -22,7 +22,7 @@ from f4x_core.edit.apply import edited, stack_of
 from f4x_core.edit.merging import merge_edits
 from f4x_core.edit.operations import Duplicate, Opacity, TakeBack
 from f4x_core.edit.selects import All, Ids
-from f4x_core.edit.stack import EditStack, read_stack, undo, with_stack, write_stack
+from f4x_core.edit.stack import EditStack, merge, read_stack, undo, with_stack, write_stack
 from f4x_core.errors import F4xError
 from f4x_core.files import lock_file, sole_writer
 from f4x_core.fit.vocabulary import with_vocabulary
@@ -193,6 +193,19 @@ def test_what_was_learnt_from_other_gaussians_is_not_written(scene, monkeypatch)
     with pytest.raises(F4xError, match="meanwhile"):
         distill(scene, "--vocabulary", "boat")
     assert read_scene(scene).features is None
+
+
+def test_equal_edits_of_another_writer_all_stay():
+    def stack(*operations):
+        found = EditStack()
+        for operation in operations:
+            found = found.append(operation)
+        return found
+
+    ours, theirs = stack(Opacity(All(), 0.1)), stack(*[Opacity(All(), 0.9)] * 3)
+    merged = merge(EditStack(), ours, theirs)  # the first one's new id is the old one of the second
+    assert [edit.operation.factor for edit in merged.edits] == [0.1, 0.9, 0.9, 0.9]
+    assert merge(EditStack(), theirs, theirs) == theirs
 
 
 def test_copies_that_two_made_at_once_both_stay():
