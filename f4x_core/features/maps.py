@@ -29,7 +29,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ..errors import F4xError
-from ..files import link_target, neighbour
+from ..files import link_target, lock_file, neighbour
 from ..progress import Progress, silent
 from .spec import FeatureSpec
 
@@ -95,16 +95,16 @@ def write_maps(
     `rank` keeps the k directions of largest variance over all cells and frames; below C it makes the files smaller.
     `glob` may be a function, called after the last frame. The folder takes its name when everything is written; an error
     or a cancelled `progress` leaves whatever was there before. Where `frames` is a function of the first frame wanted, what
-    was written stays beside it, and the next call with the same spec, count, rank and `settings` goes on from there; one
-    such call at a time. F4xError: wrong shapes or counts, values that are not finite in float16, a full disk, a folder that
-    holds something else.
+    was written stays beside it, and the next call with the same spec, count, rank and `settings` goes on from there. F4xError:
+    wrong shapes or counts, values that are not finite in float16, a full disk, a folder that holds something else or that another
+    call is writing.
     """
     rank = None if rank is None or rank >= spec.dim else rank
     if rank is not None and rank < 1:
         raise F4xError(f"rank {rank}: keep at least one direction of '{spec.name}'.")
     folder, stage = link_target(folder), f"features {spec.name}"
     unfinished = neighbour(folder, "unfinished") if callable(frames) else None
-    with replace_folder(folder, SPEC, unfinished) as part:
+    with _sole_writer(folder), replace_folder(folder, SPEC, unfinished) as part:
         _follow(part, {"spec": spec.to_json(), "count": count, "rank": rank, "settings": settings})
         written, shape = part / ("full.npy" if rank else "maps.npy"), (count, *spec.grid, spec.dim)
         done = _rows_in(written, shape)
@@ -173,6 +173,15 @@ def read_stored(folder: Path) -> dict[str, Any]:
     """`stored.json` of a folder, empty where a foreign tool wrote none."""
     path = folder / STORED
     return _read_json(path) if path.is_file() else {}
+
+
+@contextmanager
+def _sole_writer(folder: Path) -> Iterator[None]:
+    """Keep other calls out of the maps `folder`: both would write into one unfinished neighbour."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    busy = f"{folder}: another program is writing these feature maps; wait until it is done, or choose another folder"
+    with lock_file(neighbour(folder, "lock"), busy):
+        yield
 
 
 @contextmanager
