@@ -87,7 +87,7 @@ def same_file(one: Path, other: Path) -> bool:
 def user_path(path: Path | str) -> Path:
     """`path` with a leading `~` or `~user` replaced by that home folder, unless a file has that name or there is no such user."""
     path = Path(path)
-    if path.exists():
+    if os.path.exists(path):
         return path
     try:
         return path.expanduser()

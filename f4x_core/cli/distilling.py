@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -18,7 +19,7 @@ from ..features.spectrum import WIDTHS
 from ..features.teachers import extract
 from ..features.text import TEXT_ENCODERS, find_text_encoder
 from ..features.weights import require_path
-from ..files import link_target, lock_file, neighbour, same_file
+from ..files import link_target, lock_file, neighbour, same_file, user_path
 from ..fit.distil import distil
 from ..fit.distil_config import DistilConfig
 from ..fit.vocabulary import EVERYDAY, with_vocabulary
@@ -192,11 +193,12 @@ def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | ClipStream | Non
 
 def read_labels(text: str) -> list[str]:
     """Labels of a file with one per line, or of a list with commas."""
-    path = Path(text)
-    if not path.is_file() and (path.suffix.lower() in (".txt", ".csv") or len(path.parts) > 1):
+    path = user_path(text)
+    is_file = os.path.isfile(path)  # False for a list of words that is longer than a name may be
+    if not is_file and (path.suffix.lower() in (".txt", ".csv") or len(path.parts) > 1):
         raise F4xError(f"--vocabulary {text}: there is no such file; check the path, or write words with commas.")
     try:
-        words = path.read_text(encoding="utf-8").splitlines() if path.is_file() else text.split(",")
+        words = path.read_text(encoding="utf-8").splitlines() if is_file else text.split(",")
     except (OSError, UnicodeDecodeError) as error:
         raise F4xError(
             f"--vocabulary {text}: cannot be read ({error}); give a text file with one label per line."

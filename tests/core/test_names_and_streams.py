@@ -7,10 +7,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from labelled_scene import labelled_scene
+from PIL import Image
 
+from f4x_core.cli.distilling import read_labels
 from f4x_core.cli.main import EXIT_UNREAD, main
+from f4x_core.cli.rendering import trajectory_of
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.clip import read_clip
 from f4x_core.edit.stack import read_stack
@@ -19,8 +23,10 @@ from f4x_core.features.maps import replace_folder
 from f4x_core.files import link_target, replace_file, user_path
 from f4x_core.page import document
 from f4x_core.printing import escaped, one_line
+from f4x_core.priors.files import _read_array as read_prior_file
 from f4x_core.scene import read_scene, write_edits, write_scene
 from f4x_core.scene.formats import export
+from f4x_core.scene.layers import write_exr
 
 ROOT = Path(__file__).parents[2]
 CODES = "\x1b]0;title\x07\x1b[31m\u202e\r\x9b2J\n"
@@ -120,6 +126,26 @@ def test_a_tilde_is_a_home_only_where_there_is_one(tmp_path, monkeypatch):
     assert user_path("~") == Path("~")
     with pytest.raises(F4xError, match="does not exist"):
         read_clip("~nobody-of-that-name.mp4")
+
+
+def test_lists_and_paths_that_only_look_like_something_else(scene, monkeypatch):
+    monkeypatch.chdir(scene.parent)
+    words = [f"word{number}" for number in range(100)]
+    assert read_labels(",".join(words)) == words  # longer than a name may be
+    found = labelled_scene()
+    found.cameras.write("slow:x.json")
+    assert len(trajectory_of(found, "slow:x.json", 5.0)) == len(found.cameras)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no such names")
+def test_libraries_meet_names_that_are_no_text(tmp_path):
+    folder = tmp_path / os.fsdecode(b"\xff")
+    folder.mkdir()
+    Image.new("L", (4, 3), 200).save(folder / "00000.png")
+    assert read_prior_file("mask", folder / "00000.png").shape == (3, 4)
+    with pytest.raises(F4xError, match="OpenEXR cannot write"):
+        write_exr(folder / "a.exr", {"Depth": (np.zeros((2, 2, 1), np.float32), "Z")})
+    assert [file.name for file in folder.iterdir()] == ["00000.png"]
 
 
 def test_a_name_that_is_no_text_is_kept_in_a_scene_and_shown_on_a_page(tmp_path):
