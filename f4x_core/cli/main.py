@@ -55,9 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
         if lines is not None:
             stop_with_parent()
             lines(START, 0, 0, f"f4x {__version__}")
-        from .parser import build_parser  # loads numpy: here an early Ctrl-C is answered already
-
-        args = build_parser().parse_args(arguments)
+        args = _parsed(arguments)
         if args.verb == "fit" and not args.show_config:
             require_given(args, clip="clip", output="-o/--output")
         quiet = lines is not None or (args.json and not sys.stderr.isatty())
@@ -77,6 +75,21 @@ def main(arguments: list[str] | None = None) -> int:
         return _fail(args, lines, sentence, EXIT_BAD_INPUT, getattr(error, "instead", ""))
     except (KeyboardInterrupt, Cancelled):
         return _fail(args, lines, f"Stopped{_again(args)}.", EXIT_INTERRUPTED)
+
+
+def _parsed(arguments: list[str]) -> argparse.Namespace:
+    """What the command line asks for. Raises F4xError, which says how to write the name of a file that looks like an option."""
+    from .parser import build_parser  # loads numpy: here an early Ctrl-C is answered already
+
+    try:
+        return build_parser().parse_args(arguments)
+    except F4xError as error:
+        dashed = [name for name in arguments if name.startswith("-") and os.path.isfile(name)]
+        if not dashed:
+            raise
+        raise F4xError(
+            f"{error} The file {dashed[0]} is written ./{dashed[0]}, as its name begins with a dash."
+        ) from error
 
 
 def _report(args: argparse.Namespace, lines: LineProgress | None, result: dict[str, Any]) -> int:

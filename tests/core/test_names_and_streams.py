@@ -112,6 +112,8 @@ def test_scenes_of_any_name_are_edited(scene, monkeypatch, capsys, name):
     assert main(["edit", file, "--ops", "ops.json"]) == main(["info", file]) == 0
     assert len(read_stack(file)) == 1
     assert main(["undo", file]) == 0 and main(["bake", file, "-o", "./baked.f4x"]) == 2  # nothing to bake any more
+    if name == "-x":
+        assert main(["info", "-x.f4x"]) == 2 and "is written ./-x.f4x" in printed(capsys)
     assert sorted(os.listdir()) == sorted(["ops.json", os.path.basename(file)])
     printed(capsys)
 
