@@ -1,6 +1,7 @@
 """Atomic writing of files: a name always holds either the old content or the complete new one. Conversion to plain JSON data."""
 
 import errno
+import glob
 import json
 import math
 import os
@@ -19,6 +20,10 @@ LOOK = 0.05
 """Seconds between two attempts at a lock that another process holds."""
 _HELD = {errno.EAGAIN, errno.EACCES, errno.EDEADLK, errno.ENOENT}
 """Errors that say that another process holds a lock, or has just removed its file; any other: the file system has no locks."""
+UNFINISHED = ".part"
+"""End of the name of a file that is being written."""
+RANDOM_LETTERS = 8
+"""Letters that `tempfile` makes up for such a name."""
 MAX_NAME_BYTES = 200
 """Bytes of a file's name in the name of a neighbour; the rest of the 255 that file systems allow is for what is added."""
 
@@ -37,7 +42,7 @@ def replace_file(path: Path | str) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def replace_path(path: Path | str, suffix: str = ".part") -> Iterator[Path]:
+def replace_path(path: Path | str, suffix: str = UNFINISHED) -> Iterator[Path]:
     """Yield the path of a new file that becomes `path` when the block ends, for libraries that open files themselves.
 
     As `replace_file`; they see a name that ends in `suffix`. A symbolic link stays, and the file that it leads to is replaced.
@@ -195,6 +200,16 @@ def _mode_of(path: Path) -> int:
         return path.stat().st_mode & 0o777
     except FileNotFoundError:
         return 0o644
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove what killed writers of `path` left of its new content; whoever calls this is the only writer."""
+    beginning = neighbour(path, "").name
+    if beginning != f".{path.name}.":  # cut off: another name may begin so, too
+        return
+    for left in path.parent.glob(f"{glob.escape(beginning)}{'?' * RANDOM_LETTERS}{UNFINISHED}"):
+        with suppress(OSError):
+            left.unlink()
 
 
 def _flush_folder(folder: Path) -> None:

@@ -52,6 +52,8 @@ MAX_HEADER_BYTES = 256 << 20
 """scene.json holds selections of edits as lists of ids, so it may grow, but it is parsed in memory."""
 MEMBER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*(/[A-Za-z0-9_-][A-Za-z0-9_.-]*)*")
 """No absolute path, drive, backslash or `..`: a scene can be unpacked by any tool without leaving its folder."""
+_NAME_BYTE = re.compile("[\udc80-\udcff]")
+"""How Python reads a byte of a file's name that is no UTF-8; JSON has an escape for it."""
 MAX_SIDE = 1 << 15
 """Pixels of a picture's side; whoever renders allocates by it."""
 CHUNK = 1 << 20
@@ -437,9 +439,7 @@ def _json_bytes(header: Mapping[str, Any], path: Path) -> bytes:
     _check_header(header, path)
     try:
         readable = json.dumps(header, allow_nan=False, ensure_ascii=False, indent=1)
-        text = re.sub(
-            "[\ud800-\udfff]", lambda half: f"\\u{ord(half[0]):04x}", readable
-        ).encode()  # of names that are no UTF-8
+        text = _NAME_BYTE.sub(lambda byte: f"\\u{ord(byte[0]):04x}", readable).encode()
     except (TypeError, ValueError, RecursionError) as error:
         raise F4xError(f"{path}: a field of the scene cannot be written as JSON ({error})") from error
     if len(text) > MAX_HEADER_BYTES:

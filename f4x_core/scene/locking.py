@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..files import link_target, lock_file, neighbour
+from ..files import link_target, lock_file, neighbour, remove_unfinished
 
 PATIENCE = 60.0
 """Seconds to wait for another writer by default: longer than an edit takes, a language model's answer included."""
@@ -21,7 +21,8 @@ def updating(path: Path | str, patience: float = PATIENCE) -> Iterator[None]:
 
     `write_scene` and `write_edits` take the same lock; within the block, in the same thread, they go on at once. Readers need no
     lock: a file is always a whole scene. All links to a file share its lock. The lock is an empty hidden file beside the scene that
-    is gone afterwards; where a process was killed, the next writer takes the lock over (see `lock_file`).
+    is gone afterwards; where a process was killed, the next writer takes the lock over (see `lock_file`) and removes what that one
+    had begun to write.
     Raises F4xError if another writer holds the lock for longer than `patience` seconds.
     """
     file = link_target(path).absolute()
@@ -31,6 +32,7 @@ def updating(path: Path | str, patience: float = PATIENCE) -> Iterator[None]:
         return
     busy = f"{path}: another program is changing this scene, and nothing was written; try again when it is done"
     with lock_file(neighbour(file, "lock"), busy, patience):
+        remove_unfinished(file)
         held.add(file)
         try:
             yield

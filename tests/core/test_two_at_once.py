@@ -41,8 +41,9 @@ with lock_file(Path(sys.argv[1]), "busy"):
 
 UPDATE = """
 import sys, time
+from f4x_core.files import replace_file
 from f4x_core.scene import updating
-with updating(sys.argv[1]):
+with updating(sys.argv[1]), replace_file(sys.argv[1]):
     print("held", flush=True)
     time.sleep(60)
 """
