@@ -135,7 +135,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
     """Make `folder` and keep other fits out of it; it goes again if nothing is written into it. F4xError if one is there."""
     new = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        link_target(folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise F4xError(f"{folder}: cannot be created ({error.strerror}); choose another output folder.") from error
     busy = f"{folder}: another fit is writing into this folder; wait until it is done, or choose another folder."

@@ -77,8 +77,10 @@ def open_streams() -> None:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
 
 
-def discard(file: TextIO) -> None:
+def discard(file: TextIO | None) -> None:
     """Let what `file` still holds, and what comes, go nowhere, so that the interpreter's end does not fail at it again."""
+    if file is None:
+        return
     with contextlib.suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, file.fileno())

@@ -38,8 +38,9 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if not names and not labels:
         raise F4xError("there is nothing to do; give --teacher NAME, --vocabulary WORDS, or both.")
     config = config_of(args)
+    args.features = args.features or args.scene.parent / "features"
     if args.output is not None and same_file(args.output, args.scene):
-        args.output = None
+        args.scene, args.output = args.output, None  # in place, under the name that is to be written
     with only_distiller(args.output or args.scene):
         return _distill(args, names, labels, config, progress)
 
@@ -53,9 +54,8 @@ def _distill(
     there = [name for name in names if labels and scene.features is not None and name in scene.features.names]
     names = [name for name in names if name not in there]
     if names:
-        folder = args.features or args.scene.parent / "features"
         clip = reel_of_scene(scene, args.clip, args.frames) if args.clip else None
-        maps = [maps_of(scene, folder / name, name, clip, progress) for name in names]
+        maps = [maps_of(scene, args.features / name, name, clip, progress) for name in names]
         for encoder in {each.spec.text_encoder for each in maps} - {None} if labels else ():
             require_path(find_text_encoder(encoder).weights)  # before the work, not after it
         scene = distil(scene, maps, config, progress)

@@ -30,7 +30,7 @@ from .querying import asking_for_yes, read_selection
 def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Append the edits of a sentence or of a JSON file to the scene's stack, in place or in another file, or only show them."""
     if args.output is not None and same_file(args.output, args.scene):
-        args.output = None
+        args.scene, args.output = args.output, None  # in place, under the name that is to be written
     if args.output is not None or args.dry_run:
         return _edit(args, progress)
     with updating(args.scene):  # what another writes between reading and writing would be lost

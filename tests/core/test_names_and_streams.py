@@ -1,6 +1,7 @@
 """Names that people and files bring along, links, and standard streams that are full or closed: nothing crashes."""
 
 import ast
+import errno
 import os
 import subprocess
 import sys
@@ -11,7 +12,9 @@ import numpy as np
 import pytest
 from labelled_scene import labelled_scene
 from PIL import Image
+from rich.table import Table
 
+from f4x_core.cli import serve
 from f4x_core.cli.distilling import read_labels
 from f4x_core.cli.main import EXIT_UNREAD, main
 from f4x_core.cli.rendering import trajectory_of
@@ -22,7 +25,7 @@ from f4x_core.errors import F4xError
 from f4x_core.features.maps import replace_folder
 from f4x_core.files import link_target, replace_file, user_path
 from f4x_core.page import document
-from f4x_core.printing import escaped, one_line
+from f4x_core.printing import OUTPUT, escaped, one_line
 from f4x_core.priors.files import _read_array as read_prior_file
 from f4x_core.scene import read_scene, write_edits, write_scene
 from f4x_core.scene.formats import export
@@ -284,7 +287,20 @@ def test_progress_of_odd_names_steers_no_terminal(capsys):
     with TerminalProgress() as progress:
         progress(f"stage {CODES}", 0, 2, f"message {CODES}")
         progress.console.print(f"line {CODES}")
-    assert printed(capsys).count("\n") == 2
+        table = Table(f"head {CODES}", show_footer=True)
+        table.add_row(f"cell {CODES}")
+        progress.console.print(table)
+    assert printed(capsys).count(r"\x1b[31m") == 5
+
+
+def test_an_agent_that_has_gone_ends_its_server_quietly(monkeypatch):
+    gone = BrokenPipeError(errno.EPIPE, "Broken pipe")
+    with unread() as stream, monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", stream)
+        reason = serve._reason(ExceptionGroup("tasks", [ExceptionGroup("more", [gone])]))
+        print("what is left", file=stream)  # goes nowhere
+    assert isinstance(reason, BrokenPipeError) and reason.filename == OUTPUT
+    assert isinstance(serve._reason(ExceptionGroup("tasks", [ZeroDivisionError()])), ZeroDivisionError)
 
 
 def test_the_command_line_prints_by_one_door():
