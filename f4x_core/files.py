@@ -18,7 +18,7 @@ LOCK = ".f4x-lock"
 """Name of the file that keeps a second fit out of a folder."""
 LOOK = 0.05
 """Seconds between two attempts at a lock that another process holds."""
-_HELD = {errno.EAGAIN, errno.EACCES, errno.EDEADLK, errno.ENOENT}
+_HELD = {errno.EAGAIN, errno.EACCES, errno.EDEADLK, errno.ENOENT, errno.ESTALE}
 """Errors that say that another process holds a lock, or has just removed its file; any other: the file system has no locks."""
 UNFINISHED = ".part"
 """End of the name of a file that is being written."""

@@ -27,7 +27,9 @@ def updating(path: Path | str, patience: float = PATIENCE) -> Iterator[None]:
     """
     file = link_target(path).absolute()
     held: set[Path] = _held.__dict__.setdefault("files", set())
-    if file in held:
+    if (
+        file in held or not file.parent.is_dir()
+    ):  # without a folder there is nothing to keep: reading and writing say so
         yield
         return
     busy = f"{path}: another program is changing this scene, and nothing was written; try again when it is done"

@@ -185,6 +185,14 @@ def test_the_lock_of_a_killed_writer_is_taken_over(scene):
     assert len(read_stack(scene)) == 1 and list(scene.parent.iterdir()) == [scene]
 
 
+@pytest.mark.parametrize("verb", ["undo", "redo", "name"])
+def test_a_scene_that_is_not_there_is_said_to_be_missing(tmp_path, capsys, verb):
+    for path in (tmp_path / "a.f4x", tmp_path / "nowhere" / "a.f4x"):
+        assert main([verb, str(path)] + ["gizmo", "--text", "square"] * (verb == "name")) == 2
+        assert f"{path}: there is no such file" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_was_learnt_from_other_gaussians_is_not_written(scene, monkeypatch):
     def add(found, labels, **options):
         write_scene(labelled_scene(features=False), scene)  # somebody else, meanwhile
