@@ -27,15 +27,16 @@ import numpy as np
 
 from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.edit.display import Display
+from ..f4x_core.edit.merging import merge_edits
 from ..f4x_core.edit.operations import Operation, read_operation
 from ..f4x_core.edit.resolve import EditorState, resolve
 from ..f4x_core.edit.selects import MAX_WORDS_LENGTH, Ids
-from ..f4x_core.edit.stack import EditStack, merge, read_stack, with_stack, write_stack
+from ..f4x_core.edit.stack import EditStack, read_stack, with_stack, write_stack
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.query.gesture import View
 from ..f4x_core.query.selection import Selection
-from ..f4x_core.scene import Scene
+from ..f4x_core.scene import Scene, updating
 from . import packing, scene_cache
 from .axes import Eye
 from .packing import PACKED, pack, unpacked
@@ -50,6 +51,8 @@ HIDDEN = "f4x_hidden"
 """Point attribute, BOOLEAN: points that no picture shows."""
 TIMED = "f4x_timed"
 """Property of a root whose edits change over time, so that its clouds are updated at every frame."""
+PATIENCE = 1.0
+"""Seconds that the window waits for another program that is changing the scene file; then it says so."""
 MOVED = 3
 """Number of folders above a .blend in which a moved scene file is searched."""
 
@@ -202,15 +205,17 @@ class SceneObject:
         """Write the pending edits into the scene file, atomically, merged with what others wrote there in between.
 
         What the scene once had in the file and has no more, by undo too, is taken out of the file.
-        Raises F4xError: the file is missing or holds other Gaussians, or both sides changed the same edit.
+        Raises F4xError: the file is missing, holds other Gaussians or is being changed, or both sides changed the same edit.
         """
         path = self._checked_path()
-        ours, met, theirs = self.stack, scene_cache.stack_from(self._met, self.name), read_stack(path)
-        stack = ours if theirs.edits == met.edits else merge(met, ours, theirs)
-        if stack.edits != theirs.edits:
-            write_stack(path, stack)
-            if PACKED in self.root:
-                pack(self.root, path)
+        with updating(path, PATIENCE):
+            self._checked_path()  # again: the file may have been replaced before it was locked
+            ours, met, theirs = self.stack, scene_cache.stack_from(self._met, self.name), read_stack(path)
+            stack = ours if theirs.edits == met.edits else merge_edits(self.base, met, ours, theirs)
+            if stack.edits != theirs.edits:
+                write_stack(path, stack)
+        if stack.edits != theirs.edits and PACKED in self.root:
+            pack(self.root, path)
         self.set_stack(stack)
         self._meet(self.root[EDITS])
         return stack

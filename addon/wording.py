@@ -6,6 +6,7 @@ from functools import wraps
 
 import bpy
 
+from ..f4x_core.printing import one_line
 from ..f4x_core.troubles import EXPECTED, with_code
 
 _PANEL_WORDS = (
@@ -41,7 +42,7 @@ def panel_words(sentence: str) -> str:
 
 def error_line(error: BaseException) -> str:
     """What is shown of an expected error, wherever a user meets it: its sentence in the panels' words, its code behind it."""
-    return panel_words(with_code(error))
+    return one_line(panel_words(with_code(error)))  # Blender prints it on its terminal, too
 
 
 def refuse(operator: bpy.types.Operator | bpy.types.RenderEngine, error: BaseException) -> set[str]:

@@ -1,6 +1,7 @@
 """Atomic writing of files: a name always holds either the old content or the complete new one. Conversion to plain JSON data."""
 
 import errno
+import glob
 import json
 import math
 import os
@@ -15,10 +16,16 @@ from .errors import F4xError
 
 LOCK = ".f4x-lock"
 """Name of the file that keeps a second fit out of a folder."""
-LOOK = 0.1
+LOOK = 0.05
 """Seconds between two attempts at a lock that another process holds."""
-_NO_LOCKS = {errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS}
-"""Errors of file systems without locks."""
+_HELD = {errno.EAGAIN, errno.EACCES, errno.EDEADLK, errno.ENOENT, errno.ESTALE}
+"""Errors that say that another process holds a lock, or has just removed its file; any other: the file system has no locks."""
+UNFINISHED = ".part"
+"""End of the name of a file that is being written."""
+RANDOM_LETTERS = 8
+"""Letters that `tempfile` makes up for such a name."""
+MAX_NAME_BYTES = 200
+"""Bytes of a file's name in the name of a neighbour; the rest of the 255 that file systems allow is for what is added."""
 
 
 @contextmanager
@@ -35,26 +42,27 @@ def replace_file(path: Path | str) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def replace_path(path: Path | str, suffix: str = ".part") -> Iterator[Path]:
+def replace_path(path: Path | str, suffix: str = UNFINISHED) -> Iterator[Path]:
     """Yield the path of a new file that becomes `path` when the block ends, for libraries that open files themselves.
 
-    As `replace_file`; they see a name that ends in `suffix`. What is no ordinary file is never replaced: a rename onto /dev/null
-    would take that device from the whole machine. Raises F4xError.
+    As `replace_file`; they see a name that ends in `suffix`. A symbolic link stays, and the file that it leads to is replaced.
+    What is no ordinary file is never replaced: a rename onto /dev/null would take that device from the whole machine.
+    Raises F4xError.
     """
     path, temporary = Path(path), None
     if path.exists() and not path.is_file():
         raise F4xError(
             f"{path}: {'a folder' if path.is_dir() else 'no ordinary file'}; give the name of a file to write"
         )
+    file = link_target(path)
     try:
         try:
-            descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:80]}.", suffix=suffix)
-            os.close(descriptor)
-            yield Path(temporary)
-            os.chmod(temporary, _mode_of(path))
-            os.replace(temporary, path)
+            temporary = _new_neighbour(file, suffix)
+            yield temporary
+            os.chmod(temporary, _mode_of(file))
+            os.replace(temporary, file)
             temporary = None
-            _flush_folder(path.parent)
+            _flush_folder(file.parent)
         finally:
             if temporary is not None:
                 os.unlink(temporary)
@@ -65,11 +73,45 @@ def replace_path(path: Path | str, suffix: str = ".part") -> Iterator[Path]:
         ) from error
 
 
+def link_target(path: Path | str) -> Path:
+    """The place that `path` leads to through all symbolic links, `path` itself if it is no link. F4xError for a loop of links."""
+    path = Path(path)
+    if not path.is_symlink():
+        return path
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():
+        raise F4xError(f"{path}: a link that leads back to itself; remove it, or give another name")
+    return target
+
+
+def same_file(one: Path, other: Path) -> bool:
+    """Whether two paths lead to one file that is there, by links or by other names of its folder."""
+    return one.exists() and other.exists() and one.samefile(other)
+
+
+def user_path(path: Path | str) -> Path:
+    """`path` with a leading `~` or `~user` replaced by that home folder, unless a file has that name or there is no such user."""
+    path = Path(path)
+    if os.path.exists(path):
+        return path
+    try:
+        return path.expanduser()
+    except RuntimeError:  # no such user, or no home: an ordinary name
+        return path
+
+
+def neighbour(path: Path, end: str) -> Path:
+    """The hidden file `.NAME.end` beside `path`, its name cut to what file systems allow."""
+    name = path.name.encode("utf-8", "surrogateescape")[:MAX_NAME_BYTES].decode("utf-8", "ignore")
+    return path.with_name(f".{name}.{end}")
+
+
 @contextmanager
 def lock_file(path: Path, busy: str, patience: float = 0.0) -> Iterator[None]:
     """Keep other processes and threads out of what `path`, an empty file that is there meanwhile, stands for.
 
-    The system lets go of the lock when this process ends, however it ends. Where the file system knows no locks there is none.
+    The system lets go of the lock when this process ends, however it ends: a file that a killed process leaves behind keeps nobody
+    out, and the next holder removes it. Where the file system knows no locks there is none.
     Raises F4xError with the sentence `busy` if another one holds the lock for longer than `patience` seconds.
     """
     deadline = time.monotonic() + patience
@@ -93,7 +135,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
     """Make `folder` and keep other fits out of it; it goes again if nothing is written into it. F4xError if one is there."""
     new = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        link_target(folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise F4xError(f"{folder}: cannot be created ({error.strerror}); choose another output folder.") from error
     busy = f"{folder}: another fit is writing into this folder; wait until it is done, or choose another folder."
@@ -109,9 +151,13 @@ def sole_writer(folder: Path) -> Iterator[None]:
 def _locked(path: Path) -> int | None:
     """A descriptor that holds the lock of `path`; None if another one does."""
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        descriptor = _opened_lock(path)
     except OSError as error:
-        raise F4xError(f"{path}: cannot be written ({error.strerror}); check the folder and its rights") from error
+        if os.name == "nt" and isinstance(error, PermissionError):  # its last holder is removing it
+            return None
+        raise F4xError(
+            f"{path.parent}: cannot be written ({error.strerror}); check the folder and its rights"
+        ) from error
     try:
         if os.name == "nt":
             import msvcrt
@@ -122,13 +168,30 @@ def _locked(path: Path) -> int | None:
 
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.stat(path).st_ino != os.fstat(descriptor).st_ino:  # its last holder removed it in between
-                raise FileNotFoundError
+                raise FileNotFoundError(errno.ENOENT, "removed")
     except OSError as error:
-        if error.errno in _NO_LOCKS:
+        if error.errno not in _HELD:
             return descriptor
         os.close(descriptor)
         return None
     return descriptor
+
+
+def _opened_lock(path: Path) -> int:
+    """Open the lock file, which is made where there is none; one that another user's killed process left is only read."""
+    try:
+        return os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    except PermissionError:
+        if not path.exists():
+            raise
+        return os.open(path, os.O_RDONLY)
+
+
+def _new_neighbour(path: Path, suffix: str) -> Path:
+    """Create an empty hidden file beside `path` whose name ends in `suffix`."""
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=neighbour(path, "").name, suffix=suffix)
+    os.close(descriptor)
+    return Path(name)
 
 
 def _mode_of(path: Path) -> int:
@@ -137,6 +200,16 @@ def _mode_of(path: Path) -> int:
         return path.stat().st_mode & 0o777
     except FileNotFoundError:
         return 0o644
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove what killed writers of `path` left of its new content; whoever calls this is the only writer."""
+    beginning = neighbour(path, "").name
+    if beginning != f".{path.name}.":  # cut off: another name may begin so, too
+        return
+    for left in path.parent.glob(f"{glob.escape(beginning)}{'?' * RANDOM_LETTERS}{UNFINISHED}"):
+        with suppress(OSError):
+            left.unlink()
 
 
 def _flush_folder(folder: Path) -> None:

@@ -59,7 +59,7 @@ def document(title: str, body: Sequence[str]) -> bytes:
         *body,
         "</body></html>\n",
     ]
-    return "\n".join(lines).encode()
+    return "\n".join(lines).encode(errors="backslashreplace")  # a file's name may be no UTF-8
 
 
 def section(title: str, content: str) -> str:

@@ -28,6 +28,7 @@ from typing import Any, TextIO
 
 from .errors import Cancelled, F4xError
 from .files import json_text
+from .printing import write
 from .progress import Progress, silent
 
 EXIT_INTERRUPTED = 130
@@ -61,9 +62,9 @@ class LineProgress:
         self.tell(stage=stage, done=done, total=total, message=message, cpu_seconds=used)
 
     def tell(self, **line: Any) -> None:
-        """Write one line; raises Cancelled when nobody reads any more."""
+        """Write one line; raises Cancelled when nobody reads any more, OSError when there is no room for it."""
         try:
-            print(json_text(line), file=self.file, flush=True)
+            write(self.file, json_text(line))
         except BrokenPipeError as error:
             raise Cancelled from error
 

@@ -53,6 +53,7 @@ def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
     """
     load_extension()
     from feature4x.f4x_core.files import json_text
+    from feature4x.f4x_core.printing import print_error, print_text
     from feature4x.f4x_core.troubles import EXPECTED, with_code
 
     code = 0
@@ -60,7 +61,7 @@ def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
         result = main(arguments())
     except EXPECTED as error:
         sentence = with_code(error)
-        print(f"error: {sentence}", file=sys.stderr)
+        print_error(f"error: {sentence}")
         result, code = {"error": sentence}, 2
     except SystemExit as exit_request:  # argparse: --help or a usage error
         result, code = None, exit_request.code if isinstance(exit_request.code, int) else 1
@@ -68,7 +69,11 @@ def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
         sys.excepthook(*sys.exc_info())
         result, code = None, 1
     if result is not None:
-        print(json_text(result))
+        try:
+            print_text(json_text(result))
+        except OSError as error:
+            print_error(f"error: {with_code(error)}")
+            code = 2
     end(code)
 
 

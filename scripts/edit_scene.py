@@ -34,6 +34,14 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 def main(arguments: list[str]) -> dict[str, Any]:
     """Resolve, append, write; then import what was written."""
     options = parse(arguments)
+    from feature4x.f4x_core.scene import updating
+
+    with updating(options.scene):  # what another writes between reading and writing would be lost
+        return edit(options)
+
+
+def edit(options: argparse.Namespace) -> dict[str, Any]:
+    """Read the scene, append the edits, write it and import what was written."""
     from feature4x.f4x_core.edit.apply import base_of, open_scene, with_operations
     from feature4x.f4x_core.edit.json_files import read_operations
     from feature4x.f4x_core.edit.plan import preview, propose

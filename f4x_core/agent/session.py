@@ -41,7 +41,7 @@ from ..query.prompts import select_by_box, select_by_points
 from ..query.questions import answer
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
-from ..scene import Scene
+from ..scene import Scene, updating
 from ..scene.formats import FORMATS, choose_format, export
 from ..scene.view import render
 from ..scene.visualise import colour_depth, colour_motion, depth_range, labelled_grid
@@ -124,7 +124,7 @@ class Session:
         """`backend` renders. The caller may set `progress` before a call."""
         self.folder, self.read_only, self.backend = folder, read_only, backend
         self.progress: Progress = silent
-        self._scenes: dict[tuple[Path, int, int], Scene] = {}
+        self._scenes: dict[tuple[Path, int, int, int], Scene] = {}
         self._found: dict[str, StoredSelection] = {}
         self._proposed: dict[str, StoredProposal] = {}
         self._made = 0
@@ -300,8 +300,9 @@ class Session:
 
     def apply_edit(self, proposal: ProposalName, candidate: Which = -1) -> ToolResult:
         """Write a candidate of a proposal into the scene's stack of edits; undo takes it back."""
-        path, opened, chosen = self._candidate(proposal, candidate)
-        stack = plan.apply(path, chosen)
+        with updating(self._candidate(proposal, candidate)[0]):
+            path, opened, chosen = self._candidate(proposal, candidate)  # again: another may have written meanwhile
+            stack = plan.apply(path, chosen)
         new = [edit.id for edit in stack.edits[len(of(opened)) :]]
         return ToolResult({"scene": self.folder.name(path), "edits": len(stack), "new": new})
 
@@ -339,7 +340,7 @@ class Session:
         """(path, scene with its edits); the scene stays in memory until its file changes."""
         path = self.folder.scene(name)
         state = path.stat()
-        key = (path, state.st_mtime_ns, state.st_size)
+        key = (path, state.st_ino, state.st_mtime_ns, state.st_size)
         if key not in self._scenes:
             self._scenes = {known: scene for known, scene in self._scenes.items() if known[0] != path}
             _keep(self._scenes, key, open_scene(path), KEPT_SCENES)

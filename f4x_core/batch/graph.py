@@ -8,11 +8,12 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 
 from .. import __version__
 from ..clip.stream import reported_frame_count
 from ..errors import F4xError
+from ..files import user_path
 from ..scene.formats import FORMATS
 from .manifest import Row
 from .storage import URL
@@ -166,7 +167,7 @@ def fitted_in_windows(row: Row) -> bool:
 
 def declared_frames(row: Row) -> tuple[int, str]:
     """(number of frames that the row uses, why the clip cannot be read). Uses the file header only; 0 frames if unknown."""
-    if URL not in row.clip and Path(row.clip).expanduser().exists():
+    if URL not in row.clip and user_path(row.clip).exists():
         try:
             return reported_frame_count(row.clip, row.frames), ""
         except F4xError as error:
@@ -184,7 +185,7 @@ def _options(**options: object) -> list[str]:
 
 
 def _absolute(path: str) -> str:
-    return path if URL in path else str(Path(path).expanduser().absolute())
+    return path if URL in path else str(user_path(path).absolute())
 
 
 def slug(text: str) -> str:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..errors import F4xError
-from ..files import replace_file
+from ..files import link_target, neighbour, replace_file, user_path
 
 CHUNK = 1 << 20
 """Bytes that are hashed at a time."""
@@ -68,7 +68,7 @@ class FolderStore:
 
     def __init__(self, path: Path):
         """The folder is created with its first file."""
-        self.root = self.local = path.expanduser().absolute()
+        self.root = self.local = user_path(path).absolute()
         self.url = str(self.root)
 
     def read(self, name: str) -> bytes | None:
@@ -103,8 +103,8 @@ class FolderStore:
 
     def publish(self, path: Path, name: str) -> None:
         """See `Store.publish`."""
-        place = self._place(name)
-        beside = place.with_name(f".{place.name[:80]}.{uuid.uuid4().hex}.part")
+        place = link_target(self._place(name))
+        beside = neighbour(place, f"{uuid.uuid4().hex}.part")
         try:
             _link_or_copy(path, beside)
             os.replace(beside, place)
@@ -264,7 +264,7 @@ class Digests:
         """
         if URL in place:
             return _remote_digest(place)
-        root = Path(place).expanduser()
+        root = user_path(place)
         files = sorted(file for file in root.rglob("*") if file.is_file()) if root.is_dir() else [root]
         try:
             stats = [(file.relative_to(root).as_posix(), file.stat()) for file in files]

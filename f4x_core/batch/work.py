@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Literal, TextIO
 
 from ..errors import Cancelled, F4xError
+from ..printing import one_line
 from ..processes import run_child
 from ..progress import Progress, silent
 from .graph import CLIP, Task, slug
@@ -230,7 +231,7 @@ class Attempt:
         self, words: Sequence[str], work: Path, log: TextIO, progress: Progress, stopped: Callable[[], bool]
     ) -> None:
         """Run one command in a child process. Raises F4xError with its error message, or Cancelled."""
-        print("$ f4x", *words, file=log, flush=True)
+        print("$ f4x", *map(one_line, words), file=log, flush=True)
         program = self.settings.program or (sys.executable, "-m", __package__.split(".")[0])
         threads = dict.fromkeys(THREAD_VARIABLES, str(self.task.threads))
         start, busy, cpu = time.perf_counter(), self.busy, self.cpu

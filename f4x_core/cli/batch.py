@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
@@ -45,6 +44,7 @@ from ..batch.work import Outcome, Settings
 from ..errors import F4xError
 from ..progress import Progress
 from .checks import require_folder, why_slow
+from .terminal import ErrorConsole
 
 MAX_EXIT_CODE = 100
 """The exit code is the number of failed rows, at most this: shells give higher codes other meanings."""
@@ -140,7 +140,7 @@ class Screen:
         """Prepare without drawing anything."""
         self.title, self.progress = args.manifest, progress
         self.for_programs = args.progress_json or args.json
-        self.console = Console(stderr=True, quiet=self.for_programs, markup=False, highlight=False, soft_wrap=True)
+        self.console = ErrorConsole(quiet=self.for_programs)
         drawn = self.console.is_terminal and not self.for_programs
         self.live = Live(console=self.console, auto_refresh=False, transient=True) if drawn else None
 

@@ -6,16 +6,20 @@ import argparse
 from pathlib import Path
 
 from ..errors import F4xError
+from ..files import user_path
 
 SLOWER = 6
 """Times that the torch backend takes longer than the compiled kernels, on one thread (docs/results.md)."""
 
 
 def path_argument(text: str) -> Path:
-    """The path that a person gave. An empty one, which is what an unset shell variable gives, is not the current folder."""
+    """The path that a person gave. An empty one, which is what an unset shell variable gives, is not the current folder.
+
+    One that begins with - becomes absolute: verbs of other processes, which get it, would take it for an option.
+    """
     if not text:
         raise argparse.ArgumentTypeError("the path is empty; write one, or . for the current folder")
-    return Path(text)
+    return Path(text).absolute() if text.startswith(("-", "./-")) else user_path(text)
 
 
 def scene_argument(text: str) -> Path:

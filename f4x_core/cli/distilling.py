@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +19,12 @@ from ..features.spectrum import WIDTHS
 from ..features.teachers import extract
 from ..features.text import TEXT_ENCODERS, find_text_encoder
 from ..features.weights import require_path
-from ..files import lock_file
+from ..files import link_target, lock_file, neighbour, same_file, user_path
 from ..fit.distil import distil
 from ..fit.distil_config import DistilConfig
 from ..fit.vocabulary import EVERYDAY, with_vocabulary
 from ..progress import Progress
-from ..scene import Scene, read_scene, write_scene
+from ..scene import Scene, read_header, read_scene, updating, write_scene
 from .checks import listed_teachers
 
 PATIENCE = 60.0
@@ -35,9 +38,10 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if not names and not labels:
         raise F4xError("there is nothing to do; give --teacher NAME, --vocabulary WORDS, or both.")
     config = config_of(args)
-    target = args.output or args.scene
-    busy = f"{target}: another `f4x distill` is adding to this scene; try again when it is done."
-    with lock_file(lock_of(target), busy, PATIENCE):
+    args.features = args.features or args.scene.parent / "features"
+    if args.output is not None and same_file(args.output, args.scene):
+        args.scene, args.output = args.output, None  # in place, under the name that is to be written
+    with only_distiller(args.output or args.scene):
         return _distill(args, names, labels, config, progress)
 
 
@@ -45,18 +49,17 @@ def _distill(
     args: argparse.Namespace, names: list[str], labels: list[str], config: DistilConfig, progress: Progress
 ) -> dict[str, Any]:
     """Read the scene, add heads and words, and write it."""
-    scene = read_scene(args.scene)
+    scene, arrays = _read(args.scene)
     # With --vocabulary only the new words are wanted; --teacher alone learns an existing head again.
     there = [name for name in names if labels and scene.features is not None and name in scene.features.names]
     names = [name for name in names if name not in there]
     if names:
-        folder = args.features or args.scene.parent / "features"
         clip = reel_of_scene(scene, args.clip, args.frames) if args.clip else None
-        maps = [maps_of(scene, folder / name, name, clip, progress) for name in names]
+        maps = [maps_of(scene, args.features / name, name, clip, progress) for name in names]
         for encoder in {each.spec.text_encoder for each in maps} - {None} if labels else ():
             require_path(find_text_encoder(encoder).weights)  # before the work, not after it
         scene = distil(scene, maps, config, progress)
-    result = write_distilled(scene, args.output or args.scene, args.scene, names, labels)
+    result = write_distilled(scene, args.output or args.scene, None if args.output else arrays, names, labels)
     if there:
         result["text"] += f"\n  {', '.join(there)}: kept as learnt; --teacher without --vocabulary learns anew"
     return result
@@ -66,24 +69,53 @@ def distill_into(
     path: Path, source: Path, names: Sequence[str], folder: Path, config: DistilConfig, progress: Progress
 ) -> dict[str, Any]:
     """Extract the maps of teachers from the scene's clip at `source` into `folder`, and distil them into the file at `path`."""
-    scene = read_scene(path)
-    clip = reel_of_scene(scene, source, scene.provenance.get("frames"))
-    maps = [extract(clip, name, folder / name, progress=progress) for name in names]
-    return write_distilled(distil(scene, maps, config, progress), path, path, names, [])
+    with only_distiller(path):
+        scene, arrays = _read(path)
+        clip = reel_of_scene(scene, source, scene.provenance.get("frames"))
+        maps = [extract(clip, name, folder / name, progress=progress) for name in names]
+        return write_distilled(distil(scene, maps, config, progress), path, arrays, names, [])
 
 
-def lock_of(path: Path) -> Path:
-    """The file that keeps two `f4x distill` from writing the scene file `path`, each without what the other adds."""
-    return path.with_name(f".{path.name[:80]}.lock")
+@contextmanager
+def only_distiller(path: Path) -> Iterator[None]:
+    """Keep two `f4x distill` from writing the scene file `path`, each without what the other adds.
+
+    It is held for minutes, so it is no lock of the scene: others edit it meanwhile, and `write_distilled` keeps their edits.
+    """
+    busy = f"{path}: another `f4x distill` is adding to this scene; try again when it is done."
+    with lock_file(neighbour(link_target(path), "distill-lock"), busy, PATIENCE):
+        yield
+
+
+def _read(path: Path) -> tuple[Scene, dict[str, Any]]:
+    """(scene, what its header says of arrays and features)."""
+    with updating(path):  # both of one file
+        return read_scene(path), _arrays_of(read_header(path))
+
+
+def _arrays_of(header: dict[str, Any]) -> dict[str, Any]:
+    return {name: header.get(name) for name in ("arrays", "features")}
+
+
+def _with_edits_since(scene: Scene, path: Path, arrays: dict[str, Any]) -> Scene:
+    """The scene with the edits that its file has by now; F4xError if others have put other arrays there than it was read with."""
+    header = read_header(path)
+    if _arrays_of(header) != arrays:
+        raise F4xError(
+            f"{path}: another program wrote other Gaussians or features into this scene meanwhile, so what was learnt here was"
+            " not written; run it again."
+        )
+    return with_stack(replace(scene, next_id=max(scene.next_id, header["next_id"])), read_stack(path))
 
 
 def write_distilled(
-    scene: Scene, path: Path, source: Path, names: Sequence[str], labels: Sequence[str]
+    scene: Scene, path: Path, arrays: dict[str, Any] | None, names: Sequence[str], labels: Sequence[str]
 ) -> dict[str, Any]:
-    """Add the vocabulary, write the scene, which was read from `source`, to `path` and return the result of the verb.
+    """Add the vocabulary, write the scene to `path` and return the result of the verb.
 
-    A new head with a text encoder also gets a vocabulary of everyday words if that encoder is installed. Edits that others put
-    into the file meanwhile stay.
+    `arrays` is what `_read` found where the scene was read from `path`: edits that others put into the file meanwhile stay.
+    None: the scene is from another file. A new head with a text encoder also gets a vocabulary of everyday words if that encoder
+    is installed.
     """
     field = scene.require_field()
     new = sorted({encoder for name in names if (encoder := field.spec(name).text_encoder)} - field.vocabularies.keys())
@@ -92,7 +124,8 @@ def write_distilled(
     scene = with_vocabulary(scene, labels) if labels else scene
     wordless = [name for name in new if name not in here and not labels]
     assert scene.features is not None
-    write_scene(with_stack(scene, read_stack(source)) if path == source else scene, path)
+    with updating(path):
+        write_scene(scene if arrays is None else _with_edits_since(scene, path, arrays), path)
     field, megabytes = scene.features, scene.info()["megabytes"]
     heads = {head.spec.name: dict(head.report) for head in field.heads}
     fraction = megabytes["features"] / max(sum(megabytes.values()) - megabytes["features"], 1e-9)
@@ -160,11 +193,12 @@ def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | ClipStream | Non
 
 def read_labels(text: str) -> list[str]:
     """Labels of a file with one per line, or of a list with commas."""
-    path = Path(text)
-    if not path.is_file() and (path.suffix.lower() in (".txt", ".csv") or len(path.parts) > 1):
+    path = user_path(text)
+    is_file = os.path.isfile(path)  # False for a list of words that is longer than a name may be
+    if not is_file and (path.suffix.lower() in (".txt", ".csv") or len(path.parts) > 1):
         raise F4xError(f"--vocabulary {text}: there is no such file; check the path, or write words with commas.")
     try:
-        words = path.read_text(encoding="utf-8").splitlines() if path.is_file() else text.split(",")
+        words = path.read_text(encoding="utf-8").splitlines() if is_file else text.split(",")
     except (OSError, UnicodeDecodeError) as error:
         raise F4xError(
             f"--vocabulary {text}: cannot be read ({error}); give a text file with one label per line."

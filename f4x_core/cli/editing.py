@@ -15,10 +15,10 @@ from ..edit.resolve import EditorState, resolve
 from ..edit.stack import of, write_stack
 from ..edit.uncovered import summary_of, takes_away, uncovered
 from ..errors import F4xError
-from ..files import replace_file
+from ..files import replace_file, same_file
 from ..progress import Progress
 from ..query.chat import ChatServer
-from ..scene import Scene, write_scene
+from ..scene import Scene, updating, write_scene
 from .doubts import asking_for_yes
 from .encoding import encoder
 from .history import count_of
@@ -27,6 +27,16 @@ from .querying import read_selection
 
 def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Append the edits of a sentence or of a JSON file to the scene's stack, in place or in another file, or only show them."""
+    if args.output is not None and same_file(args.output, args.scene):
+        args.scene, args.output = args.output, None  # in place, under the name that is to be written
+    if args.output is not None or args.dry_run:
+        return _edit(args, progress)
+    with updating(args.scene):  # what another writes between reading and writing would be lost
+        return _edit(args, progress)
+
+
+def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Read the scene, append the edits and write it where that is asked for."""
     scene = unedited = open_scene(args.scene)
     before = len(scene.edits)
     if args.say is not None:

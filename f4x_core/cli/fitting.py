@@ -25,7 +25,7 @@ from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, keep_measured
 from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
-from ..files import replace_file, sole_writer
+from ..files import replace_file, sole_writer, user_path
 from ..fit.advice import about_cuts, quality, verdict
 from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, for_clip, max_gaussians, within
 from ..fit.checkpoint import OtherSettingsError
@@ -68,7 +68,7 @@ def config_of(args: argparse.Namespace) -> FitConfig:
         name, separator, path = entry.partition("=")
         if not (separator and path):
             raise F4xError(f"--prior {entry}: write NAME=PATH, for example depth=my_depth_folder.")
-        files[name] = path
+        files[name] = str(user_path(path))
     priors = config.priors.with_provider(args.provider)
     offer_models()
     for stage, name in (("cameras", args.cameras), ("depth", args.depth)):

@@ -10,9 +10,11 @@ from ..edit.description import describe
 from ..edit.operations import Name
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo
 from ..errors import F4xError
+from ..files import same_file
 from ..language.lexicon import plural
+from ..printing import one_line
 from ..progress import Progress
-from ..scene import Scene, read_scene, write_scene
+from ..scene import Scene, read_scene, updating, write_scene
 
 
 def run_history(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -31,22 +33,24 @@ def run_history(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def run_undo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Undo the last edits."""
-    before = len(read_stack(args.scene))
-    stack = undo(args.scene, args.count)
+    with updating(args.scene):
+        before = len(read_stack(args.scene))
+        stack = undo(args.scene, args.count)
     return _stack_result(args, stack, before - len(stack), "undone")
 
 
 def run_redo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Redo the edits that were undone last."""
-    before = len(read_stack(args.scene))
-    stack = redo(args.scene, args.count)
+    with updating(args.scene):
+        before = len(read_stack(args.scene))
+        stack = redo(args.scene, args.count)
     return _stack_result(args, stack, len(stack) - before, "redone")
 
 
 def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Fold the edits into the arrays of a new scene file."""
     scene = read_scene(args.scene)
-    if args.output.exists() and args.output.samefile(args.scene):
+    if same_file(args.output, args.scene):
         raise F4xError(
             f"{args.output}: it is the scene itself, whose edits could not be undone any more; give another file."
         )
@@ -83,7 +87,7 @@ def edit_line(edit: Edit) -> str:
     """One line: the edit in words and the sentence that it came from."""
     does = describe(edit.operation)
     sentence = f' ("{edit.sentence}")' if edit.sentence not in ("", does) else ""
-    return f"{does}{sentence}{'' if edit.enabled else ' [off]'}"
+    return one_line(f"{does}{sentence}{'' if edit.enabled else ' [off]'}")
 
 
 def _stack_result(args: argparse.Namespace, stack: EditStack, moved: int, verb: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from ..edit.apply import open_scene
 from ..edit.uncovered import summary_of, uncovered
+from ..printing import one_line
 from ..progress import Progress
 from ..query.inventory import labels_of
 from ..scene.runs import run_lengths
@@ -26,7 +27,7 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         runs = run_lengths([scene.scaffold.xyz, scene.scaffold.quat, scene.scaffold.certain])
         info["poses"] = {"all": scene.scaffold.certain.size, "kept": len(runs)}
     info["words"] = labels_of(scene)
-    lines = [f"{name + ':':<{MARGIN}}{value}" for name, value in summary(info).items()]
+    lines = [f"{name + ':':<{MARGIN}}{one_line(value)}" for name, value in summary(info).items()]
     shows = uncovered(scene)
     if shows is not None:
         info["uncovered"] = shows.to_json()

@@ -10,14 +10,17 @@ from collections.abc import Callable
 from typing import Any
 
 from .. import __version__
-from ..errors import Cancelled
+from ..errors import Cancelled, F4xError
 from ..files import json_text
+from ..printing import OUTPUT, one_line, open_streams, print_error, print_text
 from ..processes import EXIT_INTERRUPTED, START, LineProgress, stop_with_parent
 from ..troubles import EXPECTED, with_code
 from .checks import output_folder, require_backend, require_folder, require_given, why_slow
 from .terminal import TerminalProgress
 
 EXIT_BAD_INPUT = 2
+EXIT_UNREAD = 141
+"""Exit code where the reader of standard output has gone, as `head -1` does: that of a program that SIGPIPE ends."""
 IDLE_THREADS = ("OMP_WAIT_POLICY", "PASSIVE")
 """How torch's threads wait for work, where nobody said otherwise: asleep. By default they spin and take the cores from each other
 and from Blender: beside three busy programs `f4x eval` then takes 35 s in place of 21 on two cores; alone it is the same."""
@@ -44,6 +47,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    open_streams()
     os.environ.setdefault(*IDLE_THREADS)  # read when torch is imported
     args = argparse.Namespace(verb=(*arguments, "")[0], json="--json" in arguments)  # until it is parsed
     lines = LineProgress(sys.stdout) if "--progress-json" in arguments else None
@@ -51,9 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
         if lines is not None:
             stop_with_parent()
             lines(START, 0, 0, f"f4x {__version__}")
-        from .parser import build_parser  # loads numpy: here an early Ctrl-C is answered already
-
-        args = build_parser().parse_args(arguments)
+        args = _parsed(arguments)
         if args.verb == "fit" and not args.show_config:
             require_given(args, clip="clip", output="-o/--output")
         quiet = lines is not None or (args.json and not sys.stderr.isatty())
@@ -65,18 +67,49 @@ def main(arguments: list[str] | None = None) -> int:
                 if args.backend == "auto" and (slow := why_slow()):
                     progress.console.print(slow)
             result = find_verb(args.verb)(args, progress)
+        return _report(args, lines, result)
     except EXPECTED as error:
+        if isinstance(error, BrokenPipeError) and error.filename == OUTPUT:
+            return EXIT_UNREAD
         sentence = with_code(error, getattr(args, "output", None) or "the output folder")
         return _fail(args, lines, sentence, EXIT_BAD_INPUT, getattr(error, "instead", ""))
     except (KeyboardInterrupt, Cancelled):
         return _fail(args, lines, f"Stopped{_again(args)}.", EXIT_INTERRUPTED)
+
+
+def _parsed(arguments: list[str]) -> argparse.Namespace:
+    """What the command line asks for. Raises F4xError, which says how to write the name of a file that looks like an option."""
+    from .parser import build_parser  # loads numpy: here an early Ctrl-C is answered already
+
+    try:
+        return build_parser().parse_args(arguments)
+    except F4xError as error:
+        dashed = [name for name in arguments if name.startswith("-") and os.path.isfile(name)]
+        if not dashed:
+            raise
+        raise F4xError(
+            f"{error} The file {dashed[0]} is written ./{dashed[0]}, as its name begins with a dash."
+        ) from error
+
+
+def _report(args: argparse.Namespace, lines: LineProgress | None, result: dict[str, Any]) -> int:
+    """Print the result of a verb; returns its exit code. F4xError where there is no room for it."""
     code, text = result.pop("exit_code", 0), result.pop("text", None)
-    if lines is not None:
-        lines.tell(result=result, text=text or "")
-    elif args.json:
-        print(json_text(result))
-    elif text:
-        print(text)
+    try:
+        if lines is not None:
+            lines.tell(result=result, text=text or "")
+        elif args.json:
+            print_text(json_text(result))
+        elif text:
+            for name in filter(lambda name: "\n" in name, map(str, vars(args).values())):
+                text = text.replace(name, one_line(name))  # a name stays within its line
+            print_text(text)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise F4xError(
+            f"{OUTPUT}: {error.strerror}; the command is done, but its result could not be printed"
+        ) from error
     return code
 
 
@@ -91,10 +124,10 @@ def _again(args: argparse.Namespace) -> str:
 def _fail(args: argparse.Namespace, lines: LineProgress | None, sentence: str, code: int, instead: str = "") -> int:
     """Report why a command ended, and what was probably meant where it asks; returns the exit code."""
     failure = {"error": sentence} | ({"instead": instead} if instead else {})
-    print(f"f4x {args.verb}".rstrip() + f": {sentence}", file=sys.stderr)
-    if lines is not None:
-        with contextlib.suppress(Cancelled):  # nobody listens: the exit code remains
+    print_error(f"f4x {args.verb}".rstrip() + f": {sentence}")
+    with contextlib.suppress(Cancelled, OSError):  # nobody listens: the exit code remains
+        if lines is not None:
             lines.tell(**failure)
-    elif args.json:
-        print(json_text(failure))
+        elif args.json:
+            print_text(json_text(failure))
     return code

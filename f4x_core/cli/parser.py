@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from .. import __version__
 from ..errors import F4xError
 from ..fit.distil_config import DistilConfig
+from ..printing import print_text
 from ..scene.formats import FORMATS
 from ..scene.mesh import MeshConfig
 from .checks import path_argument, scene_argument
@@ -32,6 +33,10 @@ from .options import (
 
 class Parser(argparse.ArgumentParser):
     """Reports a wrong command line like every other bad input: in one sentence."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Print help and version as everything else is printed; nothing of it goes to standard error."""
+        print_text(message.rstrip("\n"))
 
     def error(self, message: str) -> NoReturn:
         """Raise F4xError in place of printing the usage."""

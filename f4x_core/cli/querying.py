@@ -28,7 +28,7 @@ from ..query.pixels import coverage_image, heat_map, mask_video
 from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
-from ..scene import Scene
+from ..scene import Scene, updating
 from ..scene.posing import require_time
 from ..scene.view import render
 from .encoding import encoder
@@ -83,6 +83,12 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def run_name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Make a word of a selection: a `name` edit, which words in queries, questions and sentences then mean."""
+    with updating(args.scene):
+        return _name(args, progress)
+
+
+def _name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Read the scene, append the name and write it."""
     from ..edit.phrases import refuse_as_name  # the grammar: no query needs it
 
     scene = open_scene(args.scene)

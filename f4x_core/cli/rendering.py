@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -62,7 +63,7 @@ def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
     if path == "stabilise":
         return trajectory.stabilised(cameras)
     kind, colon, number = path.partition(":")
-    if colon and kind in NUMBERED:
+    if colon and kind in NUMBERED and not os.path.isfile(path):
         try:
             value = float(number)
         except ValueError as error:
@@ -76,7 +77,7 @@ def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
                 raise F4xError(f"--path {path}: give a factor from 1 to {MAX_SLOWER}.")
             return trajectory.slow_motion(cameras, value)
         return trajectory.frozen(cameras, value)
-    if not Path(path).is_file():
+    if not os.path.isfile(path):
         raise F4xError(
             f"--path {path}: there is no such file; give original, orbit, stabilise, slow:FACTOR, bullet:T or frozen:T"
             f" with T a clip frame (0 to {len(cameras) - 1}), or a camera path file."

@@ -9,6 +9,7 @@ import sys
 from typing import Any
 
 from ..errors import F4xError
+from ..printing import OUTPUT, discard, print_error
 from ..progress import Progress
 
 
@@ -29,15 +30,29 @@ def run_serve(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         if args.json:
             raise F4xError("--json prints on standard output, which belongs to the client here; leave it out.")
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing else wakes the thread that waits for input
-        serve_stdio(session)
+        try:
+            serve_stdio(session)
+        except BaseExceptionGroup as group:  # of the package's tasks
+            raise _reason(group) from group
         return {}
     token, is_new = read_token()
 
     def announce(url: str) -> None:
-        print(f"{url}\nAuthorization: Bearer {token if is_new else '$F4X_TOKEN'}", file=sys.stderr, flush=True)
+        print_error(url)
+        print_error(f"Authorization: Bearer {token if is_new else '$F4X_TOKEN'}")
 
     serve_http(session, _address(args.http), token, announce)
     return {}
+
+
+def _reason(error: BaseException) -> BaseException:
+    """The first error of a group; one of standard output names it, and nothing more is written there."""
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    if not isinstance(error, OSError):
+        return error
+    discard(sys.stdout)
+    return OSError(error.errno, error.strerror, OUTPUT)
 
 
 def _address(text: str) -> tuple[str, int]:

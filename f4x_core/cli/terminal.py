@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 import time
 from datetime import timedelta
@@ -13,13 +14,38 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 from rich.table import Column
+from rich.text import Text
 
+from ..printing import discard, one_line
 from ..processes import LineProgress
 
 # Narrow enough to leave a terminal of 80 columns room for a message.
 BAR_WIDTH = 14
 # In a log, a running stage gets a line at each tenth of its steps, but not more often than this (seconds).
 LOG_EVERY = 10.0
+
+
+class ErrorConsole(Console):
+    """Standard error for lines, bars and tables. Names cannot steer it; what it cannot take is left out, for work goes on."""
+
+    def __init__(self, quiet: bool = False):
+        """Text is printed as it is: no markup, no highlighting, no wrapping."""
+        super().__init__(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return a string as rich draws it, be it a line or the cell of a table."""
+        return super().render_str(one_line(text), **options)
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print, unless standard error is full or closed."""
+        try:
+            super().print(*objects, **options)
+        except OSError:
+            discard(sys.stderr)
+
+    def on_broken_pipe(self) -> None:
+        """Go on where the reader of standard error has gone; rich would end the process."""
+        discard(sys.stderr)
 
 
 class TerminalProgress:
@@ -33,7 +59,7 @@ class TerminalProgress:
     def __init__(self, quiet: bool = False, lines: LineProgress | None = None):
         """Prepare the bars."""
         self.lines = lines
-        self.console = Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
+        self.console = ErrorConsole(quiet)
         self.bars = Bars(
             TextColumn("{task.description}", markup=False),
             BarColumn(BAR_WIDTH),
@@ -78,10 +104,11 @@ class TerminalProgress:
         """Draw the state of one stage; raises KeyboardInterrupt after Ctrl-C."""
         if self.interrupted:
             raise KeyboardInterrupt
-        if stage not in self.tasks:
-            self.tasks[stage] = self.bars.add_task(stage, total=total, message="")
         if self.lines is not None:
             self.lines(stage, done, total, message)
+        stage, message = one_line(stage), one_line(message)
+        if stage not in self.tasks:
+            self.tasks[stage] = self.bars.add_task(stage, total=total, message="")
         if not self.console.is_terminal:
             self._log(stage, done, total, message)
             return

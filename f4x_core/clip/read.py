@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import F4xError
+from ..files import user_path
 from ..geometry.camera import CameraPath
 from ..progress import Progress, silent
 from .bars import picture_of
@@ -40,7 +41,7 @@ def read_clip(
     selection; "layout" takes those of the source's own layout; none when None.
     Black bars around the picture are cut off, of masks too (`clip.bars`). Raises F4xError for whatever cannot be read.
     """
-    source = Path(source).expanduser()
+    source = user_path(source)
     span = parse_span(frames)
     if width is not None and width < 2:
         raise F4xError(f"--width {width} is too small; give at least 2 pixels")
@@ -205,7 +206,7 @@ def mask_files(masks: str | Path, layout: Layout | None, source: Path, indices: 
         if not files:
             raise F4xError(f"{source} comes without masks; give a folder of masks, or none")
     else:
-        files = list_images(Path(masks).expanduser())
+        files = list_images(user_path(masks))
         if not files:
             raise F4xError(f"{masks} holds no masks; give a folder with one picture per frame")
     if len(files) == total:

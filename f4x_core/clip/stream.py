@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import F4xError
+from ..files import user_path
 from ..progress import Progress, silent
 from .bars import picture_of
 from .changes import find_changes
@@ -103,7 +104,7 @@ class ClipStream:
 
 def reported_frame_count(source: str | Path, frames: str | None = None) -> int:
     """Number of frames that `read_clip` would read, from the metadata of the source; 0 where those do not give it."""
-    source = Path(source).expanduser()
+    source = user_path(source)
     total = describe(source)[1] if source.is_file() else len(find_layout(source).images)
     return len(frame_indices(frames, total, source)) if total else 0
 
@@ -115,7 +116,7 @@ def survey(
 
     The arguments are those of `read_clip`. Raises F4xError for whatever cannot be read.
     """
-    source = Path(source).expanduser()
+    source = user_path(source)
     seconds: list[float] = []
     tick = 0.0
 
@@ -140,7 +141,7 @@ def _opened(
     source: Path, frames: str | None, size: Callable[[int, int], tuple[int, int]]
 ) -> tuple[int, int, Iterator[Shown]]:
     """(First frame of the source, step, pictures (H,W,3) uint8 one by one, resized to `size` of their width and height)."""
-    source = Path(source).expanduser()
+    source = user_path(source)
     if source.is_file():
         span = parse_span(frames)
         # `islice` over the decoder and not a list: a film decodes to more than any memory

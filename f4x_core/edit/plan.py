@@ -15,7 +15,7 @@ from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.inventory import words_there
 from ..query.labels import Encode
-from ..scene import Scene, read_scene
+from ..scene import Scene, read_scene, updating
 from . import endpoint, language
 from .apply import edited, stack_of, with_operations
 from .description import describe
@@ -209,8 +209,9 @@ def preview(scene: Scene, candidate: Candidate) -> Scene:
 
 def apply(path: Path | str, candidate: Candidate) -> EditStack:
     """Append a candidate to the stack of the scene file at `path`, atomically; F4xError leaves the file as it was."""
-    stack = stack_of(read_scene(path), *candidate.operations, sentence=candidate.sentence)
-    write_stack(path, stack)
+    with updating(path):
+        stack = stack_of(read_scene(path), *candidate.operations, sentence=candidate.sentence)
+        write_stack(path, stack)
     return stack
 
 

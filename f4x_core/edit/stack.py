@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import F4xError
-from ..scene import Scene, read_header, write_edits
+from ..scene import Scene, read_header, updating, write_edits
 from .operations import Operation, TakeBack, read_operation
 
 UNDONE = "undone"
@@ -182,10 +182,15 @@ def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
         order = {id: place for place, id in enumerate(other)}
         kept = iter(sorted((e for e in merged.edits if e.id in was), key=lambda edit: order[edit.id]))
         merged = EditStack(tuple(next(kept) if edit.id in was else edit for edit in merged.edits))
+    renamed: dict[int, int] = {}
     for edit in theirs.edits:
-        if edit.id not in was and edit not in merged.edits:
+        if edit.id not in was and edit not in ours.edits:
+            if isinstance(edit.operation, TakeBack) and edit.operation.edit in renamed:
+                edit = replace(edit, operation=replace(edit.operation, edit=renamed[edit.operation.edit]))
             taken = [e.id for e in merged.edits]
-            merged = merged.insert(replace(edit, id=1 + max(taken)) if edit.id in taken else edit, len(merged))
+            if edit.id in taken:
+                renamed[edit.id] = 1 + max(taken)
+            merged = merged.insert(replace(edit, id=renamed.get(edit.id, edit.id)), len(merged))
     return merged
 
 
@@ -207,7 +212,7 @@ def read_stack(path: Path | str) -> EditStack:
 
 
 def write_stack(path: Path | str, stack: EditStack) -> None:
-    """Put `stack` into a scene file, atomically; nothing else in it changes."""
+    """Put `stack` into a scene file, atomically; nothing else in it changes. Hold `updating` from reading it to here."""
     write_edits(path, stack.to_json(), fields={UNDONE: None, **_undone(stack)})
 
 
@@ -224,15 +229,16 @@ def redo(path: Path | str, count: int = 1) -> EditStack:
 def _stepped(
     path: Path | str, step: Callable[[EditStack], EditStack], max_steps: Callable[[EditStack], int], count: int
 ) -> EditStack:
-    stack = read_stack(path)
     if count < 1:
         raise F4xError(f"{path}: {count} steps are asked for; give 1 or more.")
-    try:
-        for _ in range(min(count, max(max_steps(stack), 1))):
-            stack = step(stack)
-    except F4xError as error:
-        raise F4xError(f"{path}: {error}") from error
-    write_stack(path, stack)
+    with updating(path):
+        stack = read_stack(path)
+        try:
+            for _ in range(min(count, max(max_steps(stack), 1))):
+                stack = step(stack)
+        except F4xError as error:
+            raise F4xError(f"{path}: {error}") from error
+        write_stack(path, stack)
     return stack
 
 

@@ -29,6 +29,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ..errors import F4xError
+from ..files import link_target, lock_file, neighbour
 from ..progress import Progress, silent
 from .spec import FeatureSpec
 
@@ -94,16 +95,16 @@ def write_maps(
     `rank` keeps the k directions of largest variance over all cells and frames; below C it makes the files smaller.
     `glob` may be a function, called after the last frame. The folder takes its name when everything is written; an error
     or a cancelled `progress` leaves whatever was there before. Where `frames` is a function of the first frame wanted, what
-    was written stays beside it, and the next call with the same spec, count, rank and `settings` goes on from there; one
-    such call at a time. F4xError: wrong shapes or counts, values that are not finite in float16, a full disk, a folder that
-    holds something else.
+    was written stays beside it, and the next call with the same spec, count, rank and `settings` goes on from there. F4xError:
+    wrong shapes or counts, values that are not finite in float16, a full disk, a folder that holds something else or that another
+    call is writing.
     """
     rank = None if rank is None or rank >= spec.dim else rank
     if rank is not None and rank < 1:
         raise F4xError(f"rank {rank}: keep at least one direction of '{spec.name}'.")
-    folder, stage = Path(folder), f"features {spec.name}"
-    unfinished = folder.with_name(f".{folder.name}.unfinished") if callable(frames) else None
-    with replace_folder(folder, SPEC, unfinished) as part:
+    folder, stage = link_target(folder), f"features {spec.name}"
+    unfinished = neighbour(folder, "unfinished") if callable(frames) else None
+    with _sole_writer(folder), replace_folder(folder, SPEC, unfinished) as part:
         _follow(part, {"spec": spec.to_json(), "count": count, "rank": rank, "settings": settings})
         written, shape = part / ("full.npy" if rank else "maps.npy"), (count, *spec.grid, spec.dim)
         done = _rows_in(written, shape)
@@ -175,19 +176,30 @@ def read_stored(folder: Path) -> dict[str, Any]:
 
 
 @contextmanager
+def _sole_writer(folder: Path) -> Iterator[None]:
+    """Keep other calls out of the maps `folder`: both would write into one unfinished neighbour."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    busy = f"{folder}: another program is writing these feature maps; wait until it is done, or choose another folder"
+    with lock_file(neighbour(folder, "lock"), busy):
+        yield
+
+
+@contextmanager
 def replace_folder(folder: Path, mark: str, unfinished: Path | None = None) -> Iterator[Path]:
     """Yield a temporary neighbour that becomes `folder` when the block ends well, in place of what was there.
 
     Only a folder that holds the file `mark`, or nothing, is replaced; anything else is an F4xError, as is a failing disk.
-    The neighbour is called `unfinished`, if given, and then stays when the block ends otherwise, but for a failing disk.
+    A symbolic link stays, and the folder that it leads to is replaced. The neighbour is called `unfinished`, if given, and then
+    stays when the block ends otherwise, but for a failing disk.
     """
+    folder = link_target(folder)
     if folder.exists() and not (folder / mark).is_file() and (not folder.is_dir() or any(folder.iterdir())):
         raise F4xError(f"{folder} exists and holds something else; choose another folder.")
     part, leave = unfinished, unfinished is not None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         if part is None:
-            part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
+            part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=neighbour(folder, "").name, suffix=".part"))
         part.mkdir(exist_ok=True)
         yield part
         part.chmod(0o755)  # mkdtemp gives 0700

@@ -89,7 +89,8 @@ def _read_array(name: str, path: Path) -> np.ndarray:
     if suffix == ".png":
         import cv2
 
-        picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        data = np.fromfile(path, np.uint8)  # not by its name: OpenCV ends the process where that is no UTF-8
+        picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
         if picture is None:
             raise F4xError(f"{path} is not a readable PNG; write it again.")
         if name == "mask":

@@ -2,6 +2,7 @@
 
 from .field import FeatureField, FieldHead, Vocabulary
 from .file import read_header, read_scene, write_edits, write_scene
+from .locking import updating
 from .model import EARLIER, MADE_UP, DynamicSet, PosedSplats, Scene, StaticSet
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "Vocabulary",
     "read_header",
     "read_scene",
+    "updating",
     "write_edits",
     "write_scene",
 ]

@@ -27,6 +27,7 @@ from ..geometry.camera import CameraPath
 from ..scaffold import Scaffold
 from ..versions import SCENE_FILE
 from .field import FeatureField
+from .locking import updating
 from .model import (
     CAMERA_ARRAYS,
     DYNAMIC_ARRAYS,
@@ -51,6 +52,8 @@ MAX_HEADER_BYTES = 256 << 20
 """scene.json holds selections of edits as lists of ids, so it may grow, but it is parsed in memory."""
 MEMBER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*(/[A-Za-z0-9_-][A-Za-z0-9_.-]*)*")
 """No absolute path, drive, backslash or `..`: a scene can be unpacked by any tool without leaving its folder."""
+_NAME_BYTE = re.compile("[\udc80-\udcff]")
+"""How Python reads a byte of a file's name that is no UTF-8; JSON has an escape for it."""
 MAX_SIDE = 1 << 15
 """Pixels of a picture's side; whoever renders allocates by it."""
 CHUNK = 1 << 20
@@ -116,7 +119,8 @@ def read_header(path: Path | str) -> dict[str, Any]:
 def write_scene(scene: Scene, path: Path | str) -> None:
     """Write a scene so that `path` holds either its old content or all of the new one; equal scenes give equal bytes.
 
-    Numbers in the JSON parts that are NaN or infinite become null. Raises F4xError when the disk or a field refuses.
+    Numbers in the JSON parts that are NaN or infinite become null. It waits for another writer of the file (see `updating`).
+    Raises F4xError when the disk or a field refuses.
     """
     path = Path(path)
     arrays = fold(_scene_arrays(scene))
@@ -143,7 +147,7 @@ def write_scene(scene: Scene, path: Path | str) -> None:
     }
     header |= {name: value for name, value in scene.extra_fields.items() if name not in header}
     text = _json_bytes(header, path)
-    with replace_file(path) as file, zipfile.ZipFile(file, "w") as archive:
+    with updating(path), replace_file(path) as file, zipfile.ZipFile(file, "w") as archive:
         archive.writestr(_member(HEADER, len(text)), text)
         for name, array in arrays.items():
             npy = _npy_header(array)
@@ -162,13 +166,20 @@ def write_edits(
 
     Every other member is copied byte for byte, unknown ones too.
 
-    `fields` are further fields of scene.json to be set, None takes one out. The last of two simultaneous writers wins.
-    Raises F4xError and leaves the file as it was when anything is wrong.
+    `fields` are further fields of scene.json to be set, None takes one out. Who made `edits` from those of the file holds
+    `updating` from reading to here. Raises F4xError and leaves the file as it was when anything is wrong.
     """
     path = Path(path)
+    with updating(path):
+        _write_edits(path, edits, next_id, fields or {})
+
+
+def _write_edits(
+    path: Path, edits: Sequence[Mapping[str, Any]], next_id: int | None, fields: Mapping[str, Any]
+) -> None:
+    """Copy the file with another stack, while no one else writes it."""
     with _opened(path) as source:
         header = _read_header(source, path)
-    fields = fields or {}
     header |= {"edits": list(edits), "next_id": max(header["next_id"], next_id or 0), **fields}
     header = {name: value for name, value in header.items() if value is not None or name not in fields}
     text = _json_bytes(header, path)
@@ -427,7 +438,8 @@ def _json_bytes(header: Mapping[str, Any], path: Path) -> bytes:
     header = json_data(header)
     _check_header(header, path)
     try:
-        text = json.dumps(header, allow_nan=False, ensure_ascii=False, indent=1).encode("utf-8")
+        readable = json.dumps(header, allow_nan=False, ensure_ascii=False, indent=1)
+        text = _NAME_BYTE.sub(lambda byte: f"\\u{ord(byte[0]):04x}", readable).encode()
     except (TypeError, ValueError, RecursionError) as error:
         raise F4xError(f"{path}: a field of the scene cannot be written as JSON ({error})") from error
     if len(text) > MAX_HEADER_BYTES:

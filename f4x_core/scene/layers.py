@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import F4xError
 from ..files import replace_path
 from .cryptomatte import metadata, ranked
 from .stage import MATTE
@@ -75,3 +76,5 @@ def write_exr(
         except RuntimeError as error:  # what OpenEXR makes of a full disk
             code = next((number for number in errno.errorcode if os.strerror(number) in str(error)), None)
             raise (OSError(str(error)) if code is None else OSError(code, os.strerror(code))) from error
+        except ValueError as error:  # a name that is no UTF-8
+            raise F4xError(f"{file}: OpenEXR cannot write to this name ({error}); choose another folder") from error

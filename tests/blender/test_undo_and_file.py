@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from labelled_scene import labelled_scene
 
+from f4x_core.edit.apply import open_scene
 from f4x_core.scene import read_scene, write_scene
 
 from .artist import perform
@@ -147,3 +148,57 @@ noted["saved"], noted["left"] = scene_object().is_saved, [image.name for image i
 """
     noted, _ = perform(tmp_path, START + script)
     assert not noted["before"] and noted["saved"] and noted["file"] == 1 and len(noted["left"]) == 1
+
+
+OTHER = """
+import subprocess
+other = '''
+import sys, time
+sys.path.insert(0, sys.argv[1])
+from f4x_core.edit.apply import stack_of
+from f4x_core.edit.operations import Duplicate, Opacity
+from f4x_core.edit.selects import All, Ids
+from f4x_core.edit.stack import write_stack
+from f4x_core.scene import read_scene, updating
+file, what = sys.argv[2:]
+for _ in range(20):
+    with updating(file):
+        print("holds it", flush=True)
+        time.sleep(60 if what == "hold" else 0)
+        operation = Duplicate(Ids.of([0, 1, 2]), (1, 0, 0)) if what == "copy" else Opacity(All(), 0.9)
+        write_stack(file, stack_of(read_scene(file), operation))
+    if what == "copy":
+        break
+'''
+
+def start(what):
+    command = [sys.executable, "-c", other, sys.argv[1], str(folder / "scene.f4x"), what]
+    found = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    found.stdout.readline()
+    return found
+"""
+
+
+def test_saving_beside_other_writers_loses_nothing(tmp_path):
+    """Refused where another writer holds the file, also when that one dies; copies of both sides stay; no round loses an edit."""
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    script = """
+ops.query_text(text="square"); ops.duplicate()
+child = start("hold")
+noted["refused"] = refused(ops.save_edits)
+child.kill(); child.wait()
+start("copy").wait()
+ops.save_edits(); note("copies")
+child = start("often")
+for _ in range(20):
+    ops.recolour(rgb=(0, 1, 0)); ops.save_edits()
+child.wait()
+ops.save_edits(); note("often")
+noted["left"] = sorted(file.name for file in folder.iterdir())
+"""
+    noted, _ = perform(tmp_path, START + OTHER + script)
+    assert "another program is changing this scene" in noted["refused"]
+    assert noted["copies"]["file"] == noted["copies"]["stack"] == ["duplicate"] * 2
+    counts = {tag: noted["often"]["file"].count(tag) for tag in ("duplicate", "recolour", "opacity")}
+    assert counts == {"duplicate": 2, "recolour": 20, "opacity": 20} and noted["often"]["saved"]
+    assert noted["left"] == ["scene.f4x"] and len(open_scene(tmp_path / "scene.f4x").edits) == 42

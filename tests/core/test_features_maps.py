@@ -151,6 +151,16 @@ except F4xError as error:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_second_writer_of_one_folder_is_refused(tmp_path):
+    def frames(first):
+        with pytest.raises(F4xError, match="another program is writing"):
+            write_maps(tmp_path / "maps", PLAIN, lambda _: low_rank(), 5)
+        yield from low_rank()[first:]
+
+    write_maps(tmp_path / "maps", PLAIN, frames, 5)
+    assert [file.name for file in tmp_path.iterdir()] == ["maps"]
+
+
 def test_a_foreign_folder_is_not_replaced(tmp_path):
     (tmp_path / "plain").mkdir()
     (tmp_path / "plain" / "thesis.txt").write_text("years of work")

@@ -32,7 +32,18 @@ ROOMS = (
 )
 """In the order data flows: a room imports itself and rooms to its left."""
 SHARED = (
-    *("errors", "files", "page", "progress", "processes", "parallel", "installation", "troubles", "versions"),
+    *(
+        "errors",
+        "files",
+        "page",
+        "progress",
+        "processes",
+        "parallel",
+        "printing",
+        "installation",
+        "troubles",
+        "versions",
+    ),
     *("__init__", "__main__"),
 )
 """Common ground below all rooms, and the two doors."""
@@ -55,6 +66,7 @@ TORCH_FREE = (
     "progress",
     "processes",
     "parallel",
+    "printing",
     "installation",
     "troubles",
     "versions",
@@ -72,6 +84,7 @@ NUMPY_ONLY = (
     "files",
     "progress",
     "processes",
+    "printing",
     "installation",
     "troubles",
     "versions",

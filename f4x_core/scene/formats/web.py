@@ -73,7 +73,7 @@ def write_page(scene: Scene, path: Path | str, options: PageOptions | None = Non
         script=(room / "viewer.js").read_text(encoding="utf-8"),
     )
     with replace_file(path) as file:
-        file.write(page.encode())
+        file.write(page.encode(errors="backslashreplace"))
 
 
 def believed_degrees(scene: Scene) -> float:
