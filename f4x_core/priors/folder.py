@@ -244,6 +244,8 @@ class Priors:
         for path, data in [(folder / "priors.json", _encode(head))] + [
             (file_of(folder, name), data) for name, data in content.items()
         ]:
+            if path.is_symlink():  # a person's file elsewhere, which stays as it is
+                path.unlink()
             with replace_file(path) as file:
                 file.write(data)
 

@@ -5,6 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
+from toy import clip_and_priors
 
 from f4x_core.clip import Clip
 from f4x_core.errors import Cancelled, F4xError
@@ -362,3 +363,16 @@ def test_head_is_plain_json(tmp_path):
     full().write(tmp_path)
     head = json.loads((tmp_path / "priors.json").read_text())
     assert head["version"] == 1 and head["width"] == W and head["frames"] == [0, 1, 2, 4, 5]
+
+
+def test_a_linked_file_is_never_written_through_its_link(tmp_path):
+    _, priors = clip_and_priors(6)
+    elsewhere = tmp_path / "mine.npy"
+    np.save(elsewhere, priors.depth + 1)
+    before = elsewhere.read_bytes()
+    folder = tmp_path / "priors"
+    folder.mkdir()
+    (folder / "depth.npy").symlink_to(elsewhere)
+    priors.write(folder)
+    assert elsewhere.read_bytes() == before and not (folder / "depth.npy").is_symlink()
+    np.testing.assert_array_equal(np.load(folder / "depth.npy"), priors.depth)
