@@ -41,9 +41,9 @@ DRAW = "import f4x_core as f; f.render, f.read_scene, f.write_scene"
 REPORT = """
 import json, time
 report = {"modules": sorted(sys.modules), "seconds": time.process_time()}
-if sys.platform == "linux":
-    import resource
-    report["megabytes"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+if sys.platform == "linux":  # getrusage would count what the process was forked from
+    with open("/proc/self/status") as status:
+        report["megabytes"] = next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmHWM"))
 print("\\n" + json.dumps(report))
 """
 SAID = """
