@@ -50,18 +50,18 @@ def _between(one: Colour, other: Colour, share: float) -> Colour:
 
 _TINGE = 0.25
 """How far "reddish brown" is from brown to red."""
-colour = generated(
-    _mixed_at,
-    lambda: frozenset(name[:end] for name in COLOURS for end in range(1, len(name) + 1)).union(
-        SHADES, _COMPARED, "#", colourish.first or ()
-    ),
-)
 GRAY: Colour = COLOURS["gray"]
 _REDDER = {name + "er": name for name in ("green", "yellow", "pink", "brown", "black", "gray")}
 _REDDER |= {"redder": "red", "bluer": "blue", "whiter": "white", "purpler": "purple", "oranger": "orange"}
 _REDDISH = {name + "ish": name for name in ("green", "yellow", "pink", "brown", "gray", "black", "orange")}
 _REDDISH |= {"reddish": "red", "bluish|blueish": "blue", "whitish": "white", "purplish": "purple", "goldish": "gold"}
 colourish = table({word: COLOURS[name] for word, name in _REDDISH.items()})
+colour = generated(
+    _mixed_at,
+    lambda: frozenset(name[:end] for name in COLOURS for end in range(1, len(name) + 1)).union(
+        SHADES, _COMPARED, "#", colourish.first or ()
+    ),
+)
 more_colour = either(
     table({word: COLOURS[name] for word, name in _REDDER.items()}) >> (lambda rgb: (rgb, 1)),
     keyword("more") + colour >> (lambda rgb: (rgb, 1)),

@@ -179,6 +179,13 @@ _NUMBERS = count(step=1 << 20)
 """Numbers of rules, farther apart than a sentence has words."""
 
 
+class Step(NamedTuple):
+    """A part of a sequence."""
+
+    rule: Rule
+    may_be_absent: bool = False
+
+
 class Rule:
     """Something that can be matched at a word."""
 
@@ -187,13 +194,13 @@ class Rule:
         match: Callable[[Reading, int], Ways],
         first_words: Callable[[], frozenset[str] | None] = lambda: None,
         may_be_empty: bool = False,
-        steps: tuple[tuple[Rule, bool], ...] = (),
+        steps: tuple[Step, ...] = (),
         of: Rule | None = None,
     ):
-        """`first_words`: makes `first`, when that is first needed; `steps`: (rule, may be absent) of each part of a sequence; `of`:
-        the rule of which this has another value."""
+        """`first_words`: makes `first`, when that is first needed; `steps`: those of a sequence; `of`: the rule whose matches have
+        another value here."""
         self.match, self._first_words, self.may_be_empty, self.number = match, first_words, may_be_empty, next(_NUMBERS)
-        self.steps = steps or ((self, False),)
+        self.steps = steps or (Step(self),)
         self.of = of
 
     @cached_property
@@ -210,8 +217,8 @@ class Rule:
     def needed(self) -> tuple[frozenset[str], ...]:
         """Words, as `opener` has them, of each set of which a sentence has one where this matches; small sets first."""
         sets = set() if self.opening is None else {self.opening}
-        inner = [rule for rule, may_be_absent in self.steps if not may_be_absent and rule is not self]
-        sets.update(*(rule.needed for rule in inner + ([self.of] if self.of else [])))
+        parts = [step.rule for step in self.steps if not step.may_be_absent and step.rule is not self]
+        sets.update(*(rule.needed for rule in (*parts, *([self.of] if self.of else ()))))
         return tuple(sorted(sets, key=len))
 
     def can_match(self, reading: Reading) -> bool:
@@ -242,7 +249,7 @@ class Rule:
 
     def __add__(self, other: Rule) -> Rule:
         """Both, one after the other."""
-        steps = (*self.steps, *(other.steps if len(other.steps) == 1 else ((other, False),)))
+        steps = (*self.steps, *(other.steps if len(other.steps) == 1 else (Step(other),)))
 
         def match(reading: Reading, at: int) -> Ways:
             ways: Ways = {at: ()}
@@ -275,7 +282,7 @@ class Rule:
             ways = self.at(reading, at)
             return ways if at in ways else {**ways, at: ()}
 
-        return Rule(match, lambda: self.first, True, ((self, True),))
+        return Rule(match, lambda: self.first, True, (Step(self, may_be_absent=True),))
 
     def __rshift__(self, function: Callable[..., Any]) -> Rule:
         """One value made of the values; where the function raises `Mismatch`, no match."""
