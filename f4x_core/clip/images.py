@@ -3,12 +3,18 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import F4xError
+from .pixels import SEEN, WHITE, as_8_bit
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}
+ORIENTATION = 274
+"""EXIF tag: how the camera was held."""
+ASPECT_TOLERANCE = 0.01
+"""Relative; rounding to even sizes changes the aspect of a 200-pixel frame by this much."""
 
 
 def list_images(folder: Path) -> list[Path]:
@@ -24,12 +30,57 @@ def natural_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part.lower()) for part in re.split(r"([0-9]+)", name)]
 
 
+class Color(NamedTuple):
+    """A picture from a file, turned upright as the camera's EXIF says."""
+
+    pixels: np.ndarray
+    """(H, W, 3) uint8 sRGB."""
+    alpha: np.ndarray | None
+    """(H, W) uint8, 0 where the picture hides its colours; None where it hides nothing."""
+
+
 def read_color(file: Path) -> np.ndarray:
-    """Return `(H, W, 3)` uint8 sRGB, turned upright as the camera's EXIF says; raises F4xError."""
-    from PIL import ImageOps
+    """Return `(H, W, 3)` uint8 sRGB, also of what alpha hides, turned upright as the camera's EXIF says; raises F4xError."""
+    return read_picture(file).pixels
+
+
+def read_picture(file: Path, white: int = WHITE) -> Color:
+    """Return the colours and the alpha of a picture of any type; `white` is that of 16 bits. Raises F4xError."""
+    from PIL import Image, ImageOps
 
     with _opened(file) as image:
-        return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
+        if is_deep(image):
+            try:
+                shallow = Image.fromarray(as_8_bit(read_deep(file), white))
+            except ValueError as error:
+                raise F4xError(f"{file} holds {error}; write it as a PNG of 8 or 16 bits.") from error
+            orientation = image.getexif().get(ORIENTATION)
+            if orientation and image.format != "TIFF":
+                shallow.getexif()[ORIENTATION] = orientation
+            image = shallow
+        upright = ImageOps.exif_transpose(image)
+        if not upright.has_transparency_data:
+            return Color(np.asarray(upright.convert("RGB")), None)
+        pixels = np.asarray(upright.convert("RGBA"))
+    alpha = np.ascontiguousarray(pixels[..., 3])
+    return Color(np.ascontiguousarray(pixels[..., :3]), None if (alpha >= SEEN).all() else alpha)
+
+
+def is_deep(image) -> bool:
+    """Whether a PIL image, just opened, has more than 8 bits, which PIL cuts off or does not scale."""
+    return image.mode.startswith(("I", "F")) or any(";16" in str(tile.args) for tile in image.tile)
+
+
+def read_deep(file: Path) -> np.ndarray:
+    """Return `(H, W)`, or `(H, W, 3 or 4)` RGB or RGBA, of the type in which the file has them; raises F4xError."""
+    import cv2
+
+    values = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
+    if values is None:
+        raise F4xError(f"{file} cannot be read as a picture (its numbers are of an unusual kind); write it as a PNG.")
+    if values.ndim == 2:
+        return values
+    return values[..., [2, 1, 0, 3][: values.shape[2]]]
 
 
 def read_mask(file: Path, colours: bool = True) -> np.ndarray:
@@ -51,12 +102,13 @@ def read_labels(file: Path) -> np.ndarray:
 
 
 def _opened(file: Path):
-    """Open and decode completely, so that a truncated picture is an error here and not grey pixels later."""
+    """Open and decode completely, so that a truncated picture is an error here and not grey pixels later; deep ones are not."""
     from PIL import Image
 
     try:
         image = Image.open(file)
-        image.load()
+        if not is_deep(image):
+            image.load()
     except FileNotFoundError as error:
         raise F4xError(f"{file} does not exist; give a picture.") from error
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
@@ -87,6 +139,16 @@ def resize_color(image: np.ndarray, width: int, height: int) -> np.ndarray:
     )
 
 
+def alike(width: int, height: int, other_width: int, other_height: int) -> bool:
+    """Whether pictures of two sizes have the same aspect."""
+    return abs(width * other_height / (height * other_width) - 1) <= ASPECT_TOLERANCE
+
+
+def scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Return `(height, width, 3)` of a larger or a smaller image."""
+    return (enlarge_color if image.shape[1] < width else resize_color)(image, width, height)
+
+
 def enlarge_color(image: np.ndarray, width: int, height: int) -> np.ndarray:
     """Return `(height, width, 3)`, smooth between the pixels of a smaller image."""
     import cv2
@@ -103,7 +165,8 @@ def resize_nearest(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def resize_linear(image: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Return `(height, width)` float32, linear between the pixels of `image (H, W)`: for smooth maps that are enlarged."""
+    """Return `(height, width, ...)` float32, linear between the pixels of `image (H, W, ...)`: for smooth maps that are
+    enlarged."""
     import cv2
 
     return cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
