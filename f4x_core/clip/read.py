@@ -58,7 +58,7 @@ def read_clip(
     if by_alpha and pictures.alpha is None:
         raise F4xError(f"{source} has no alpha in the chosen frames; give a folder of masks, or none")
     height, width = pictures.frames.shape[1:3]
-    hidden = None if by_alpha else pictures.alpha
+    matte, hidden = (pictures.alpha, None) if by_alpha else (None, pictures.alpha)
     return Clip(
         name=found.name,
         frames=pictures.frames,
@@ -68,7 +68,7 @@ def read_clip(
         source=str(source),
         picked=f"{indices[0]}:{indices[-1] + 1}:{step}",
         cameras=_cameras(layout, indices, width, height) if layout else None,
-        masks=pictures.alpha if by_alpha else masks and _read_masks(masks, found, pictures),
+        masks=matte if by_alpha or masks is None else _read_masks(masks, found, pictures),
         depth=stack_like_frames([layout.depth[index] for index in indices], _load_depth, width, height)
         if layout and layout.depth
         else None,

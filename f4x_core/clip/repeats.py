@@ -26,7 +26,7 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
     """Mean absolute difference of two pictures (H,W,3) uint8 in levels; infinite where their sizes differ."""
     import cv2
 
-    return float(cv2.mean(cv2.absdiff(a, b))[0]) if a.shape == b.shape else np.inf
+    return sum(cv2.mean(cv2.absdiff(a, b))[:3]) / 3 if a.shape == b.shape else np.inf
 
 
 @dataclass

@@ -81,7 +81,9 @@ class Source:
         """
         if self.layout is None:
             # `islice` over the decoder and not a list: a film decodes to more than any memory
-            found = islice(self._counted(decode(self.path, self.notes)), span.start, span.stop, span.step)
+            found: Iterator[Shown] = islice(
+                self._counted(decode(self.path, self.notes)), span.start, span.stop, span.step
+            )
         else:
             self.kept = len(self.layout.images)
             found = self._pictures(self.layout, range(self.kept)[span])
