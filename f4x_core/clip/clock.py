@@ -7,6 +7,8 @@ import numpy as np
 
 from .notes import Note, gaps
 
+DEFAULT_FPS = 24.0
+"""Of folders and films that do not tell; also the rate of DAVIS."""
 RATE_TOLERANCE = 0.01
 """Relative; where the file's own frame rate is off by more, its time stamps are believed: a file cut short keeps the rate of the
 whole, and some formats only guess one."""
@@ -50,12 +52,12 @@ class Clock(NamedTuple):
     """Time stamps that were not believed, by clip frame, and long gaps."""
 
 
-def read_clock(seconds: Sequence[float] | np.ndarray, tick: float, rate: float, film_rate: float = 0.0) -> Clock:
+def read_clock(seconds: Sequence[float] | np.ndarray, tick: float, rate: float, slower: float = 0.0) -> Clock:
     """Return the clock of frames shown at `seconds (T,)`, rounded to `tick` seconds, of a file that says `rate` frames per second.
 
     The unit is the mean interval. A few stamps out of order are put between their neighbours; frames without stamps, or with
-    many out of order, are taken for evenly spaced. `film_rate`: frames per second of a film of which repeated frames were left
-    out, so that the others may stand for a lower constant rate; 0 where none was.
+    many out of order, are taken for evenly spaced. `slower`: the constant rate that frames stand for whose repeats were left
+    out (`rate_without_repeats`); 0: none is known.
     """
     count = len(seconds)
     even = np.arange(count, dtype=np.float64)
@@ -68,7 +70,7 @@ def read_clock(seconds: Sequence[float] | np.ndarray, tick: float, rate: float, 
     mended = np.flatnonzero(~np.isin(stamps, given))
     notes = tuple(Note("stamp", int(frame), stamps[frame]) for frame in mended)
     interval = float(stamps[-1] - stamps[0]) / (count - 1)
-    if film_rate and (slower := _slower_rate(stamps, film_rate)):
+    if slower:
         return Clock(even, slower, notes)
     times = np.round((stamps - stamps[0]) / interval * GRID) / GRID
     if np.abs(times - even).max() > STEADY + min(tick / interval, ROUNDING):
@@ -103,16 +105,19 @@ def _without(stamps: np.ndarray, frame: int) -> np.ndarray:
     if 0 < frame < len(stamps) - 1:
         new[frame] = np.interp(frame, others, stamps[others])
     else:
-        inward = 1 if frame == 0 else -1
-        new[frame] = stamps[frame + inward] - inward * np.median(np.diff(stamps[others]))
+        beside, next_to_it = others[:2] if frame == 0 else others[:-3:-1]
+        new[frame] = 2 * stamps[beside] - stamps[next_to_it]
     return new
 
 
-def _slower_rate(stamps: np.ndarray, rate: float) -> float:
-    """The constant rate whose frames a film of `rate` shows first at `stamps (T,)`, each for one or more of its own; 0: none is."""
-    if len(stamps) < 3:
+def rate_without_repeats(seconds: Sequence[float] | np.ndarray, rate: float) -> float:
+    """The constant rate whose frames a source of `rate` shows first at `seconds (T,)`, each for one or more of its own; 0: none.
+
+    24 frames a second shown as 30 are such: every fourth is shown twice.
+    """
+    if len(seconds) < 3 or not np.isfinite(seconds).all():
         return 0.0
-    shown = np.round((stamps - stamps[0]) * rate)
+    shown = np.round((np.asarray(seconds) - seconds[0]) * rate)
     steps = np.diff(shown)
     longer = np.flatnonzero(steps > steps.min())
     each = steps.min()
@@ -121,4 +126,4 @@ def _slower_rate(stamps: np.ndarray, rate: float) -> float:
             return 0.0
         each = (shown[longer[-1]] - shown[longer[0]]) / (longer[-1] - longer[0])
     off = shown - each * np.arange(len(shown))
-    return rate / float(each) if np.ptp(off) < 1 + STEADY else 0.0
+    return rate / float(each) if each > 0 and np.ptp(off) < 1 + STEADY else 0.0

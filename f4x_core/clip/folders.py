@@ -15,7 +15,7 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..language.lexicon import plural
 from .clock import Shown
-from .images import SUFFIXES, is_deep, natural_key, read_color, read_deep, resize_color
+from .images import SUFFIXES, natural_key, read_color, read_deep, resize_color
 from .notes import Note
 from .pixels import WHITE, white_of
 from .repeats import without_repeats
@@ -49,6 +49,8 @@ COLOUR_WORDS = {"rgb", "color", "colour", "image", "img", "frame", "picture", "p
 """Words that tell nothing."""
 LOOKS = 12
 """Pictures, evenly over the folder, that tell how bright white is in 16 bits."""
+SHALLOW = {"1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK", "YCbCr"}
+"""Modes of PIL whose values convert to 8 bits without a scale."""
 LOOK_WIDTH = 640
 """Pixels of the pictures in which repeats are looked for."""
 
@@ -167,26 +169,28 @@ class Review(NamedTuple):
     notes: tuple[Note, ...]
 
 
-def review(files: Sequence[Path]) -> Review:
-    """Look at all pictures of a folder for repeats, and at some for the value of white; remembers the last folders."""
-    return _review(tuple(files), max((file.stat().st_mtime_ns for file in files), default=0))
+def review(files: Sequence[Path], repeats: bool = True) -> Review:
+    """Look at some pictures of a folder for the value of white, and at all for repeats; remembers the last folders."""
+    return _review(tuple(files), max((file.stat().st_mtime_ns for file in files), default=0), repeats)
 
 
 @lru_cache(maxsize=8)
-def _review(files: tuple[Path, ...], changed: int) -> Review:
+def _review(files: tuple[Path, ...], changed: int, repeats: bool) -> Review:
     white, notes = _white(files)
-    repeats: list[Note] = []
-    kept = [shown.number for shown in without_repeats(map(_small, range(len(files)), files), repeats)]
-    return Review(np.array(kept, np.int64), white, (*notes, *repeats))
+    if not repeats:
+        return Review(np.arange(len(files)), white, tuple(notes))
+    kept = [shown.number for shown in without_repeats(map(_small, range(len(files)), files), notes)]
+    return Review(np.array(kept, np.int64), white, tuple(notes))
 
 
 def _white(files: tuple[Path, ...]) -> tuple[int, list[Note]]:
     """The value of white in 16-bit pictures, and what has to be said of it."""
     largest, kinds = 0, set()
     for index in evenly_spaced(len(files), LOOKS):
-        values = _deep(files[index])
-        if values is None:
+        deep = read_deep(files[index])
+        if deep is None:
             continue
+        values = deep.values
         kinds.add(values.dtype.kind)
         if values.dtype == np.uint16:
             largest = max(largest, int(values[..., :3].max() if values.ndim == 3 else values.max()))
@@ -202,28 +206,16 @@ def _white(files: tuple[Path, ...]) -> tuple[int, list[Note]]:
     return white, notes
 
 
-def _deep(file: Path) -> np.ndarray | None:
-    """The values of a picture of more than 8 bits; None for others, and for files that are no pictures: reading says why."""
-    from PIL import Image
-
-    try:
-        with Image.open(file) as image:
-            deep = is_deep(image)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        return None
-    return read_deep(file) if deep else None
-
-
 def _small(row: int, file: Path) -> Shown:
     """A picture to compare with others, of one pixel where it cannot be read."""
     from PIL import Image
 
     try:
         with Image.open(file) as image:
-            deep = is_deep(image)
             image.draft("RGB", (LOOK_WIDTH, LOOK_WIDTH))  # a JPEG is decoded no larger than wanted
-            size = min(LOOK_WIDTH, image.width), max(1, image.height * min(LOOK_WIDTH, image.width) // image.width)
-            pixels = resize_color(read_color(file) if deep else np.asarray(image.convert("RGB")), *size)
+            pixels = np.asarray(image.convert("RGB")) if image.mode in SHALLOW else read_color(file)
     except (F4xError, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         pixels = np.zeros((1, 1, 3), np.uint8)
-    return Shown(pixels, np.nan, 0.0, row)
+    height, width = pixels.shape[:2]
+    size = min(LOOK_WIDTH, width), max(1, height * min(LOOK_WIDTH, width) // width)
+    return Shown(resize_color(pixels, *size), np.nan, 0.0, row)

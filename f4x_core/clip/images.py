@@ -48,16 +48,16 @@ def read_picture(file: Path, white: int = WHITE) -> Color:
     """Return the colours and the alpha of a picture of any type; `white` is that of 16 bits. Raises F4xError."""
     from PIL import Image, ImageOps
 
-    with _opened(file) as image:
-        if is_deep(image):
-            try:
-                shallow = Image.fromarray(as_8_bit(read_deep(file), white))
-            except ValueError as error:
-                raise F4xError(f"{file} holds {error}; write it as a PNG of 8 or 16 bits.") from error
-            orientation = image.getexif().get(ORIENTATION)
-            if orientation and image.format != "TIFF":
-                shallow.getexif()[ORIENTATION] = orientation
-            image = shallow
+    deep = read_deep(file)
+    if deep is None:
+        image = _opened(file)
+    else:
+        try:
+            image = Image.fromarray(as_8_bit(deep.values, white))
+        except ValueError as error:
+            raise F4xError(f"{file} holds {error}; write it as a PNG of 8 or 16 bits.") from error
+        image.getexif()[ORIENTATION] = deep.orientation
+    with image:
         upright = ImageOps.exif_transpose(image)
         if not upright.has_transparency_data:
             return Color(np.asarray(upright.convert("RGB")), None)
@@ -66,21 +66,34 @@ def read_picture(file: Path, white: int = WHITE) -> Color:
     return Color(np.ascontiguousarray(pixels[..., :3]), None if (alpha >= SEEN).all() else alpha)
 
 
-def is_deep(image) -> bool:
-    """Whether a PIL image, just opened, has more than 8 bits, which PIL cuts off or does not scale."""
-    return image.mode.startswith(("I", "F")) or any(";16" in str(tile.args) for tile in image.tile)
+class Deep(NamedTuple):
+    """A picture of more than 8 bits, which PIL cuts off, does not scale, or does not read."""
+
+    values: np.ndarray
+    """(H, W), or (H, W, 3 or 4) RGB or RGBA, of the type in which the file has them."""
+    orientation: int
+    """How the camera was held, as EXIF says it."""
 
 
-def read_deep(file: Path) -> np.ndarray:
-    """Return `(H, W)`, or `(H, W, 3 or 4)` RGB or RGBA, of the type in which the file has them; raises F4xError."""
+def read_deep(file: Path) -> Deep | None:
+    """Return a picture that has more than 8 bits; None for all other files."""
     import cv2
+    from PIL import Image
 
-    values = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
+    orientation = 1
+    try:
+        with Image.open(file) as image:
+            if not image.mode.startswith(("I", "F")) and not any(";16" in str(tile.args) for tile in image.tile):
+                return None
+            orientation = image.getexif().get(ORIENTATION, 1)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        if file.suffix.lower() not in (".tif", ".tiff") or not file.is_file():  # PIL knows no colours of float there
+            return None
+    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+    values = cv2.imdecode(np.fromfile(file, np.uint8), flags)
     if values is None:
-        raise F4xError(f"{file} cannot be read as a picture (its numbers are of an unusual kind); write it as a PNG.")
-    if values.ndim == 2:
-        return values
-    return values[..., [2, 1, 0, 3][: values.shape[2]]]
+        return None
+    return Deep(values if values.ndim == 2 else values[..., [2, 1, 0, 3][: values.shape[2]]], orientation)
 
 
 def read_mask(file: Path, colours: bool = True) -> np.ndarray:
@@ -102,13 +115,12 @@ def read_labels(file: Path) -> np.ndarray:
 
 
 def _opened(file: Path):
-    """Open and decode completely, so that a truncated picture is an error here and not grey pixels later; deep ones are not."""
+    """Open and decode completely, so that a truncated picture is an error here and not grey pixels later."""
     from PIL import Image
 
     try:
         image = Image.open(file)
-        if not is_deep(image):
-            image.load()
+        image.load()
     except FileNotFoundError as error:
         raise F4xError(f"{file} does not exist; give a picture.") from error
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:

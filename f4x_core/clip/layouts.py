@@ -18,11 +18,11 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry import quaternion
+from .clock import DEFAULT_FPS
 from .folders import Frames, frames_in, unreadable_kinds
 from .images import list_images
 from .notes import Note
 
-DEFAULT_FPS = 24.0  # of image folders, which do not tell; also the rate of DAVIS
 DYCHECK_FPS = 30.0  # what the iPhone of DyCheck recorded, unless its extra.json tells
 DYCHECK_SPLITS = (("train", "val"), ("train_mono", "val_mono"))
 """Files of `splits/` of one hand-held camera and of the others: DyCheck's own captures, and what it made of Nerfies."""

@@ -46,7 +46,7 @@ def remarks(notes: Iterable[Note], first: int, end: int, step: int) -> tuple[Rem
     """The notes of the frames `first` to `end` (not included), one remark for each kind; frames are named as clip frames."""
     chosen: dict[Kind, list[Note]] = {}
     sources: list[Note] = []
-    for note in dict.fromkeys(notes):
+    for note in notes:
         if note.kind == "source":
             sources.append(note)
         elif first <= note.frame <= end:

@@ -149,7 +149,7 @@ def _read(source: Source, span: slice, size: Size, alpha_is_mask: bool, progress
         numbers.append(shown.number)
         tick = shown.tick
     progress(STAGE, len(kept), len(kept))
-    indices = _select(span, source.kept, source.path)
+    indices = _select(span, len(source.stamps), source.path)
     frames = _stacked(kept, source.path)
     alpha = None
     if any(one is not None for one in alphas):

@@ -50,12 +50,16 @@ class SoundFrames:
         """Frames in order of presentation that a packet in the decoder may spoil."""
         self.entered = False
         """The decoder has found its way in: a film may begin in the middle of another one."""
+        self.end = 0.0
+        """Seconds until which a whole packet is shown."""
+        self.error: Exception | None = None
+        """The first of the decoder."""
         self.lost_before: int | None = None
         """Packet before which some were lost in transmission."""
         self.count = self.kept = 0
 
     def __iter__(self) -> Iterator[Numbered]:
-        """Yield the frames; raises FFmpegError where the container ends too early, or the decoder cannot read such films."""
+        """Yield the frames; raises FFmpegError where the container ends too early."""
         for serial, packet in enumerate(self.container.demux(self.stream)):
             if packet.size and packet.is_keyframe:
                 self.keys.append(serial)
@@ -73,10 +77,13 @@ class SoundFrames:
         packet.opaque = serial
         if packet.size:
             self.open.add(serial)
+        if packet.pts is not None and not packet.is_corrupt:
+            self.end = max(self.end, float((packet.pts + packet.duration) * packet.time_base))
         try:
             for frame in self.decoder.decode(packet):
                 self._hold(frame, serial if frame.opaque is None else frame.opaque)
-        except av.error.InvalidDataError:  # of one of the packets in the decoder: threads tell later
+        except av.FFmpegError as error:  # of one of the packets in the decoder: threads tell later
+            self.error = self.error or error
             self.damaged.append(min((one for one in self.open if one > serial - HOLD), default=serial))
             self._leave_out(np.nan)
         if packet.is_corrupt:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import F4xError
 from .bars import picture_of
-from .clock import Clock, Shown, read_clock
+from .clock import Clock, Shown, rate_without_repeats, read_clock
 from .folders import review
 from .hidden import shrunk
 from .images import alike, read_picture, resize_color, scaled
@@ -34,12 +34,10 @@ class Source:
     layout: Layout | None
     white: int = WHITE
     """Of pictures of 16 bits."""
-    repeats: bool = False
-    """Frames of the folder were left out as they repeat the one before."""
     notes: list[Note] = field(default_factory=list)
     """What was left out, mended or guessed so far."""
-    kept: int = 0
-    """Frames that were decoded and not left out, chosen or not."""
+    stamps: list[float] = field(default_factory=list)
+    """Seconds of the frames that are kept, chosen or not, as far as they are decoded; of all in a folder."""
 
     @classmethod
     def of(cls, path: str | Path) -> Source:
@@ -48,12 +46,13 @@ class Source:
         if path.is_file():
             return cls(path, None)
         layout = find_layout(path)
-        if layout.intrinsics is not None:  # cameras tell where each picture was taken, twice or not
-            return cls(path, layout, notes=list(layout.notes))
-        found = review(layout.images)
+        # Cameras tell where each picture was taken, twice or not.
+        found = review(layout.images, repeats=layout.intrinsics is None)
         notes = [*layout.notes, *found.notes]
+        if layout.intrinsics is not None:
+            return cls(path, layout, found.white, notes)
         places = np.arange(len(layout.images)) if layout.places is None else layout.places
-        return cls(path, kept_of(layout, found.kept, places), found.white, len(found.kept) < len(places), notes)
+        return cls(path, kept_of(layout, found.kept, places), found.white, notes)
 
     @property
     def name(self) -> str:
@@ -85,8 +84,9 @@ class Source:
                 self._counted(decode(self.path, self.notes)), span.start, span.stop, span.step
             )
         else:
-            self.kept = len(self.layout.images)
-            found = self._pictures(self.layout, range(self.kept)[span])
+            count = len(self.layout.images)
+            self.stamps = [self._stamp(self.layout, row) for row in range(count)]
+            found = self._pictures(self.layout, range(count)[span])
         for shown in found:
             pixels = cut(shown.pixels, self.picture)
             alpha = None if shown.alpha is None else cut(shown.alpha, self.picture)
@@ -100,9 +100,10 @@ class Source:
 
     def clock(self, seconds: list[float] | np.ndarray, tick: float, step: int) -> Clock:
         """The clock of frames of the source that are `step` apart."""
-        rate = self.claimed[0]
-        repeats = self.repeats or any(note.kind == "repeated" for note in self.notes)
-        return read_clock(seconds, tick, rate / step, rate if repeats else 0.0)
+        rate, slower = self.claimed[0], 0.0
+        if any(note.kind == "repeated" for note in self.notes):
+            slower = rate_without_repeats(self.stamps, rate) / step
+        return read_clock(seconds, tick, rate / step, slower)
 
     def remarks(self, indices: np.ndarray, clock: Clock, hidden: float) -> tuple[Remark, ...]:
         """What is to be said of the clip of frames `indices` with this clock, of whose pixels alpha hides a fraction `hidden`."""
@@ -117,10 +118,13 @@ class Source:
         return (*found, Remark(words, "Where it marks what moves, and not what is seen, give --masks alpha."))
 
     def _counted(self, frames: Iterator[Shown]) -> Iterator[Shown]:
-        self.kept = 0
+        self.stamps = []
         for shown in frames:
-            self.kept += 1
+            self.stamps.append(shown.seconds)
             yield shown
+
+    def _stamp(self, layout: Layout, row: int) -> float:
+        return float(row if layout.places is None else layout.places[row]) / layout.fps
 
     def _pictures(self, layout: Layout, rows: range) -> Iterator[Shown]:
         """The pictures `rows` of a folder, undistorted; F4xError where their aspects differ."""
@@ -138,8 +142,7 @@ class Source:
                 image, alpha = scaled(image, *native), None if alpha is None else scaled(alpha, *native)
             if layout.distortions and layout.size:
                 image = undistort(image, layout.distortions[row], layout.size)
-            place = row if layout.places is None else int(layout.places[row])
-            yield Shown(image, place / layout.fps, 0.0, layout.file_of(row), alpha)
+            yield Shown(image, self._stamp(layout, row), 0.0, layout.file_of(row), alpha)
 
 
 def expanded(path: str | Path) -> Path:

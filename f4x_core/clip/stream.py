@@ -134,7 +134,7 @@ def survey(
     expected = reported_frame_count(source, frames)
     cuts = find_changes(counted(found.frames(span, partial(even_size, new_width=width)))).cuts
     progress(STAGE, len(seconds), len(seconds))
-    indices = frame_indices(frames, found.kept, found.path)
+    indices = frame_indices(frames, len(found.stamps), found.path)
     clock = found.clock(seconds, tick, span.step or 1)
     told = found.remarks(indices, clock, hidden / len(seconds))
     rate = found.claimed[0] / (span.step or 1)

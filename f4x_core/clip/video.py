@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..files import replace_file
-from .clock import GRID, Shown
+from .clock import DEFAULT_FPS, GRID, Shown
 from .hdr import Transfer, to_srgb
 from .images import alike, as_bytes, resize_nearest, scaled
 from .notes import Note
@@ -30,6 +30,8 @@ UNREADABLE = {
     14: "ICtCp",
 }  # matrix coefficients
 ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own leave the alpha of WebM out
+THREADED = {"hevc", "vvc", "vp8", "vp9", "libvpx", "libvpx-vp9", "av1", "libdav1d", "prores", "dnxhd", "cfhd", "ffv1"}
+TELL_BY_ERROR = {"mjpeg", "mjpegb"}  # decoders that do not mark damaged frames
 PATTERNS = {".gif": "gif", ".png": "apng"}  # in names of these FFmpeg takes %03d for a counter of pictures
 COUNTED = 600  # packets that tell which stream is the film
 HDR: dict[int, Transfer] = {16: "pq", 18: "hlg"}  # transfer characteristics, ITU-T H.273
@@ -61,7 +63,7 @@ def decode(file: Path, notes: list[Note] | None = None) -> Iterator[Shown]:
 def _decoded(file: Path, notes: list[Note]) -> Iterator[Shown]:
     import av
 
-    whole, end = 0, 0.0
+    whole = 0
     with _opened(file) as container:
         stream = _film(container)
         several = len(_candidates(container))
@@ -71,26 +73,27 @@ def _decoded(file: Path, notes: list[Note]) -> Iterator[Shown]:
                 Note("source", 0, text=f"The file holds {several} films; this is the fullest of them ({place}).")
             )
         frames = SoundFrames(container, stream, _decoder(stream), notes)
+        interval = 1 / float(stream.average_rate or DEFAULT_FPS)
         try:
             for frame, number in _whole_frames(frames):
                 pixels, alpha = _upright(frame, stream)
-                end = (frame.time or 0.0) + float(frame.duration * frame.time_base)
-                seconds = np.nan if frame.time is None else frame.time
-                yield Shown(pixels, seconds, float(stream.time_base), number, alpha)
+                seconds, tick = (
+                    (number * interval, 0.0) if frame.time is None else (frame.time, float(stream.time_base))
+                )
+                yield Shown(pixels, seconds, tick, number, alpha)
                 whole += 1
         except av.FFmpegError as error:
-            if not isinstance(error, av.error.InvalidDataError | av.error.EOFError):
-                raise F4xError(f"{file} cannot be decoded ({error.strerror}); convert it to H.264") from error
             advice = (
                 f"give --frames 0:{whole} for what comes before" if whole else "copy it again from where it was made"
             )
             raise F4xError(f"{file} is damaged after {whole} frames ({error.strerror}); {advice}") from error
-        if whole and not frames.damaged and _breaks_off(container, stream, end):
+        if whole and _breaks_off(container, stream, frames.end):
             raise F4xError(
                 f"{file} breaks off after {whole} frames; copy it again, or give --frames 0:{whole} for those"
             )
     if whole == 0:
-        raise F4xError(f"{file} has no frame that can be shown whole; export it again from where it was made")
+        why = "" if frames.error is None else f" ({frames.error.strerror})"
+        raise F4xError(f"{file} has no frame that can be shown whole{why}; export it again from where it was made")
 
 
 def _is_webp(file: Path) -> bool:
@@ -204,7 +207,7 @@ def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
 
 
 def _breaks_off(container, stream, end: float) -> bool:
-    """Whether a film whose last frame is shown until `end` (seconds) lacks more than that frame; MP4 and MOV tell in advance."""
+    """Whether a film whose last packet is shown until `end` (seconds) lacks more than that; MP4 and MOV tell in advance."""
     if "mp4" not in container.format.name or not stream.duration or not stream.average_rate:
         return False
     return end + 1.5 / stream.average_rate < ((stream.start_time or 0) + stream.duration) * stream.time_base
@@ -346,8 +349,11 @@ def _decoder(stream):
     decoder, alpha = stream.codec_context, ALPHA_DECODERS.get(stream.codec_context.name)
     if alpha and stream.metadata.get("alpha_mode") == "1":
         decoder = CodecContext.create(Codec(alpha, "r"))
-    decoder.thread_type = "AUTO"
+    # Threads of other decoders hand a frame out before those that decode it, and what it is built on, have marked the damage.
+    decoder.thread_type = "AUTO" if decoder.name in THREADED else "NONE"
     decoder.flags |= Flags.copy_opaque
+    if decoder.name in TELL_BY_ERROR:
+        decoder.options = {"err_detect": "explode"}
     return decoder
 
 
