@@ -17,10 +17,6 @@ TRACK_MOTION = 0.5
 MIN_SHARED_TRACKS = 8
 
 
-UNDECIDED = 0.5
-"""Moving score that says nothing."""
-
-
 @dataclass
 class FrameData:
     """Supervision at one resolution: tensors of F frames, H x W pixels."""
@@ -54,7 +50,7 @@ class FrameData:
             return cls(rgb, depth, confidence, motion, priors.width, priors.height)
         hidden = torch.from_numpy(clip.hidden[priors.frames])
         depth, confidence = depth.masked_fill(hidden, torch.nan), confidence.masked_fill(hidden, 0)
-        motion = motion.masked_fill(hidden, UNDECIDED)
+        motion = motion.masked_fill(hidden, 0)
         return cls(rgb, depth, confidence, motion, priors.width, priors.height, hidden)
 
     def halved(self) -> FrameData:

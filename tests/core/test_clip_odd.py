@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from f4x_core.cli.info import sentences
 from f4x_core.clip import read_clip, write_video
 from f4x_core.clip.clock import Shown, read_clock
 from f4x_core.clip.notes import Note, remarks
@@ -186,6 +187,11 @@ def test_remarks_are_of_the_chosen_frames_alone():
     notes = [Note("damaged", frame, frame / 24) for frame in (3, 4, 9)] + [Note("source", 0, text="Told.")]
     sentences = [str(remark) for remark in remarks(notes, 8, 12, 1)]
     assert sentences[0] == "Told." and sentences[1].startswith("1 frame of the film (0.38 to 0.38 s) is damaged")
+
+
+def test_a_scene_file_tells_how_its_clip_was_read():
+    assert sentences(["One.", 2, "Three."]) == ["One.", "Three."]
+    assert sentences(None) == sentences("One.") == sentences({"a": 1}) == []
 
 
 # --- pixels -----------------------------------------------------------------------------------------------------------
