@@ -12,6 +12,8 @@ from ..language.lexicon import plural
 
 Kind = Literal["damaged", "repeated", "resized", "stamp", "unordered", "gap", "source"]
 
+LEAVE_OUT = ("damaged", "repeated")
+"""Kinds of notes of frames that are not in the clip."""
 LONG_GAP = 8.0
 """Times the usual interval between two frames from which an interval is told."""
 NAMED = 8
@@ -23,7 +25,7 @@ class Note(NamedTuple):
 
     kind: Kind
     frame: int
-    """Index of the first frame, of those that are kept, at or after it; 0 for the whole source."""
+    """Which frame: its number among all of the source, with those that are left out; 0 for the whole source."""
     seconds: float = np.nan
     """When it happened, by the time stamps; NaN = unknown."""
     text: str = ""
@@ -42,16 +44,29 @@ class Remark:
         return f"{self.what} {self.advice}".strip()
 
 
-def remarks(notes: Iterable[Note], first: int, end: int, step: int) -> tuple[Remark, ...]:
-    """The notes of the frames `first` to `end` (not included), one remark for each kind; frames are named as clip frames."""
+def remarks(
+    notes: Iterable[Note], numbers: np.ndarray, whole: tuple[bool, bool] = (False, False)
+) -> tuple[Remark, ...]:
+    """One remark for each kind of notes, as far as they are of the clip whose frames have these `numbers (T,)` in the source.
+
+    `whole`: whether the clip begins and ends with the source, so that what was left out there is told. The remarks name clip
+    frames: of what was left out, the first frame behind it. A gap where frames were left out is not told again.
+    """
     chosen: dict[Kind, list[Note]] = {}
     sources: list[Note] = []
     for note in notes:
+        frame = int(np.searchsorted(numbers, note.frame))
+        kept = frame < len(numbers) and numbers[frame] == note.frame
+        inside = (frame > 0 or whole[0]) and (frame < len(numbers) or whole[1])
         if note.kind == "source":
             sources.append(note)
-        elif first <= note.frame <= end:
-            chosen.setdefault(note.kind, []).append(note._replace(frame=(note.frame - first) // step))
-    return (*(Remark(note.text) for note in sources), *(SENTENCES[kind](found) for kind, found in chosen.items()))
+        elif kept or (inside and note.kind in LEAVE_OUT):
+            chosen.setdefault(note.kind, []).append(note._replace(frame=frame))
+    left_out = {note.frame for note in chosen.get("damaged", ())}
+    if "gap" in chosen:
+        chosen["gap"] = [note for note in chosen["gap"] if note.frame not in left_out]
+    told = (SENTENCES[kind](found) for kind, found in chosen.items() if found)
+    return (*(Remark(note.text) for note in sources), *told)
 
 
 def gaps(times: np.ndarray, fps: float) -> list[Note]:
@@ -110,7 +125,7 @@ def _gap(notes: Sequence[Note]) -> Remark:
     return Remark(
         f"Between frames {longest.frame - 1} and {longest.frame} nothing is shown for {longest.seconds:.1f} s, {longest.text}"
         f" times the usual interval{more}.",
-        f"How things moved there is a guess: give one side of it, for example with --frames {longest.frame}: .",
+        "How things moved there is a guess: give one side of the gap alone, with --frames.",
     )
 
 

@@ -50,11 +50,10 @@ def without_repeats(frames: Iterable[Shown], notes: list[Note]) -> Iterator[Show
     frames wait for the one after them.
     """
     run: _Run | None = None
-    count, repeated = 0, False
+    repeated = False
     for shown in frames:
         if run is None:
             run = _Run(shown.pixels)
-            count += 1
             yield shown
             continue
         step = difference(run.kept, shown.pixels)
@@ -63,20 +62,17 @@ def without_repeats(frames: Iterable[Shown], notes: list[Note]) -> Iterator[Show
             run.most = max(run.most, step)
             run.still = run.still or len(run.waiting) > MAX_REPEATS
             if run.still:
-                count += len(run.waiting)
                 yield from run.waiting
                 run.waiting.clear()
             continue
         if run.waiting and run.most <= FRACTION * step:
             repeated = True
-            notes += (Note("repeated", count, one.seconds) for one in run.waiting)
+            notes += (Note("repeated", one.number, one.seconds) for one in run.waiting)
         else:
-            count += len(run.waiting)
             yield from run.waiting
         run = _Run(shown.pixels, step)
-        count += 1
         yield shown
     if run is not None and repeated and run.waiting:
-        notes += (Note("repeated", count, one.seconds) for one in run.waiting)
+        notes += (Note("repeated", one.number, one.seconds) for one in run.waiting)
     elif run is not None:
         yield from run.waiting

@@ -52,11 +52,11 @@ class SoundFrames:
         """The decoder has found its way in: a film may begin in the middle of another one."""
         self.end = 0.0
         """Seconds until which a whole packet is shown."""
-        self.error: Exception | None = None
+        self.error = ""
         """The first of the decoder."""
         self.lost_before: int | None = None
         """Packet before which some were lost in transmission."""
-        self.count = self.kept = 0
+        self.count = 0
 
     def __iter__(self) -> Iterator[Numbered]:
         """Yield the frames; raises FFmpegError where the container ends too early."""
@@ -83,7 +83,7 @@ class SoundFrames:
             for frame in self.decoder.decode(packet):
                 self._hold(frame, serial if frame.opaque is None else frame.opaque)
         except av.FFmpegError as error:  # of one of the packets in the decoder: threads tell later
-            self.error = self.error or error
+            self.error = self.error or error.strerror
             self.damaged.append(min((one for one in self.open if one > serial - HOLD), default=serial))
             self._leave_out(np.nan)
         if packet.is_corrupt:
@@ -110,7 +110,7 @@ class SoundFrames:
                 self._leave_out(np.nan if frame.time is None else frame.time)
             else:
                 yield Numbered(frame, self.count)
-                self.count, self.kept = self.count + 1, self.kept + 1
+                self.count += 1
 
     def _spoilt(self, serial: int, stamp: int | None) -> bool:
         group = bisect_right(self.keys, serial) - 1
@@ -120,5 +120,5 @@ class SoundFrames:
         return any(first <= one <= serial for one in self.damaged)
 
     def _leave_out(self, seconds: float) -> None:
-        self.notes.append(Note("damaged", self.kept, seconds))
+        self.notes.append(Note("damaged", self.count, seconds))
         self.count += 1

@@ -38,6 +38,10 @@ class Source:
     """What was left out, mended or guessed so far."""
     stamps: list[float] = field(default_factory=list)
     """Seconds of the frames that are kept, chosen or not, as far as they are decoded; of all in a folder."""
+    numbers: list[int] = field(default_factory=list)
+    """Their places among all frames of the source."""
+    ended: bool = False
+    """There are no more."""
 
     @classmethod
     def of(cls, path: str | Path) -> Source:
@@ -86,6 +90,7 @@ class Source:
         else:
             count = len(self.layout.images)
             self.stamps = [self._stamp(self.layout, row) for row in range(count)]
+            self.numbers, self.ended = [self.layout.file_of(row) for row in range(count)], True
             found = self._pictures(self.layout, range(count)[span])
         for shown in found:
             pixels = cut(shown.pixels, self.picture)
@@ -107,21 +112,22 @@ class Source:
 
     def remarks(self, indices: np.ndarray, clock: Clock, hidden: float) -> tuple[Remark, ...]:
         """What is to be said of the clip of frames `indices` with this clock, of whose pixels alpha hides a fraction `hidden`."""
-        first, step = int(indices[0]), int(indices[1] - indices[0]) if len(indices) > 1 else 1
-        damaged = {note.frame for note in self.notes if note.kind == "damaged"}
-        timed = [note._replace(frame=int(indices[note.frame])) for note in clock.notes]
-        timed = [note for note in timed if note.kind != "gap" or note.frame not in damaged]
-        found = remarks([*self.notes, *timed], first, int(indices[-1]) + 1, step)
+        numbers = np.array(self.numbers)[indices]
+        timed = [note._replace(frame=int(numbers[note.frame])) for note in clock.notes]
+        whole = int(indices[0]) == 0, self.ended and int(indices[-1]) == len(self.numbers) - 1
+        found = remarks([*self.notes, *timed], numbers, whole)
         if not hidden:
             return found
         words = f"Alpha hides {hidden:.1%} of the pixels, which are neither fitted nor measured."
         return (*found, Remark(words, "Where it marks what moves, and not what is seen, give --masks alpha."))
 
     def _counted(self, frames: Iterator[Shown]) -> Iterator[Shown]:
-        self.stamps = []
+        self.stamps, self.numbers = [], []
         for shown in frames:
             self.stamps.append(shown.seconds)
+            self.numbers.append(shown.number)
             yield shown
+        self.ended = True
 
     def _stamp(self, layout: Layout, row: int) -> float:
         return float(row if layout.places is None else layout.places[row]) / layout.fps
@@ -138,7 +144,7 @@ class Source:
                 if not alike(*size, *native):
                     sizes = f"{size[0]}x{size[1]}, the first frame is {native[0]}x{native[1]}"
                     raise F4xError(f"{file} is {sizes}; make all frames the same size")
-                self.notes.append(Note("resized", row, text=f"{size[0]}x{size[1]}"))
+                self.notes.append(Note("resized", layout.file_of(row), text=f"{size[0]}x{size[1]}"))
                 image, alpha = scaled(image, *native), None if alpha is None else scaled(alpha, *native)
             if layout.distortions and layout.size:
                 image = undistort(image, layout.distortions[row], layout.size)

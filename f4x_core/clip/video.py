@@ -92,7 +92,7 @@ def _decoded(file: Path, notes: list[Note]) -> Iterator[Shown]:
                 f"{file} breaks off after {whole} frames; copy it again, or give --frames 0:{whole} for those"
             )
     if whole == 0:
-        why = "" if frames.error is None else f" ({frames.error.strerror})"
+        why = f" ({frames.error})" if frames.error else ""
         raise F4xError(f"{file} has no frame that can be shown whole{why}; export it again from where it was made")
 
 
@@ -129,7 +129,7 @@ def _of_one_size(frames: Iterable[Shown], file: Path, notes: list[Note]) -> Iter
                     f"{file}: from frame {index} on the picture is {width}x{height}, before it is {size[0]}x{size[1]}; give one"
                     f" part of it, for example --frames 0:{index}."
                 )
-            notes.append(Note("resized", index, shown.seconds, f"{width}x{height}"))
+            notes.append(Note("resized", shown.number, shown.seconds, f"{width}x{height}"))
             alpha = None if shown.alpha is None else resize_nearest(shown.alpha, *size)
             shown = shown._replace(pixels=scaled(shown.pixels, *size), alpha=alpha)
         yield shown

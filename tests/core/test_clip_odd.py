@@ -183,10 +183,13 @@ def test_a_long_gap_is_told(tmp_path):
     assert not read_clip(tmp_path / "a.mkv", "1:").remarks
 
 
-def test_remarks_are_of_the_chosen_frames_alone():
-    notes = [Note("damaged", frame, frame / 24) for frame in (3, 4, 9)] + [Note("source", 0, text="Told.")]
-    sentences = [str(remark) for remark in remarks(notes, 8, 12, 1)]
-    assert sentences[0] == "Told." and sentences[1].startswith("1 frame of the film (0.38 to 0.38 s) is damaged")
+@pytest.mark.parametrize(("numbers", "whole", "count"), [((5, 6, 8, 10), (False, False), 1), ((5, 8), (True, True), 4)])
+def test_remarks_are_of_the_chosen_frames_alone(numbers, whole, count):
+    notes = [Note("damaged", frame, frame / 24) for frame in (3, 4, 7, 12)] + [Note("source", 0, text="Told.")]
+    sentences = [str(remark) for remark in remarks(notes, np.array(numbers), whole)]
+    assert sentences[0] == "Told." and sentences[1].startswith(f"{count} frame")
+    left = [Note("damaged", 7, 0.3), Note("gap", 8, 0.4, "9"), Note("gap", 10, 0.5, "9")]
+    assert ["frames 2 and 3" in str(each) for each in remarks(left, np.array([5, 6, 8, 10]))] == [False, True]
 
 
 def test_a_scene_file_tells_how_its_clip_was_read():
