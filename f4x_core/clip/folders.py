@@ -91,11 +91,16 @@ def frames_in(folder: Path) -> Frames:
     return Frames(images, masks, places, tuple(notes))
 
 
-def unreadable_kinds(folder: Path) -> str:
-    """Endings of the pictures in a folder that cannot be read, in words; empty where there are none."""
+def why_unreadable(folder: Path) -> str:
+    """What to do about a folder that has pictures or films and no frame that can be read; empty where it has none."""
     files = folder.iterdir() if folder.is_dir() else ()
     kinds = {file.suffix.lower() for file in files if not file.name.startswith(".")} & OTHERS
-    return ", ".join(sorted(kinds))
+    listed = ", ".join(sorted(kinds))
+    if not kinds:
+        return ""
+    if kinds <= FILMS:
+        return f"{folder} holds films ({listed}) and no pictures; give one of the files"
+    return f"{folder} holds only {listed} files, which are not read as frames; convert them to JPEG or PNG"
 
 
 def _told(sentence: str) -> Note:

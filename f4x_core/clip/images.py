@@ -99,13 +99,20 @@ def read_deep(file: Path) -> Deep | None:
 def read_mask(file: Path, colours: bool = True) -> np.ndarray:
     """Return `(H, W)` bool, true where the picture (grey, colour or palette index) is not 0; raises F4xError.
 
+    What alpha hides is not marked; alpha alone decides where all colours are the same.
     With `colours` False one whose channels differ is refused: a photo given by mistake would mark nearly every pixel.
     """
+    shown = None
     with _opened(file) as image:
-        values = np.asarray(image.convert(image.mode.removesuffix("A")) if image.mode in ("RGBA", "LA") else image)
+        if image.mode in ("RGBA", "LA"):
+            shown = np.asarray(image.getchannel("A")) >= SEEN
+        values = np.asarray(image if shown is None else image.convert(image.mode.removesuffix("A")))
     if not colours and values.ndim == 3 and (values != values[..., :1]).any():
         raise F4xError(f"{file} is a colour picture and no mask; make the thing white and all else black.")
-    return values.any(axis=-1) if values.ndim == 3 else values != 0
+    marked = values.any(axis=-1) if values.ndim == 3 else values != 0
+    if shown is None or shown.all():
+        return marked
+    return shown if (values == values[0, 0]).all() else marked & shown
 
 
 def read_labels(file: Path) -> np.ndarray:

@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry import quaternion
 from .clock import DEFAULT_FPS
-from .folders import Frames, frames_in, unreadable_kinds
+from .folders import Frames, frames_in, why_unreadable
 from .images import list_images
 from .notes import Note
 
@@ -102,9 +102,9 @@ def find_layout(folder: Path) -> Layout:
             return found
     if not folder.exists():  # asked last: ROOT/NAME of a DAVIS root is a clip that is no folder
         raise F4xError(f"{folder} does not exist; give a video file or a folder of frames")
-    kinds = unreadable_kinds(folder) or unreadable_kinds(folder / "images")
-    if kinds:
-        raise F4xError(f"{folder} holds only {kinds} files, which are not read as frames; convert them to JPEG or PNG")
+    why = why_unreadable(folder) or why_unreadable(folder / "images")
+    if why:
+        raise F4xError(why)
     raise F4xError(
         f"{folder} holds no pictures, neither itself nor in images/; give a folder of frames or a video file"
     )

@@ -14,7 +14,7 @@ from .clock import Clock
 from .images import alike, even_size, list_images, read_mask, resize_nearest
 from .layouts import Layout
 from .model import Clip, cut
-from .source import Size, Source
+from .source import Size, Source, expanded
 
 LAYOUT, ALPHA = "layout", "alpha"
 """In place of a folder of masks: those that the source comes with, and its alpha."""
@@ -57,6 +57,8 @@ def read_clip(
         )
     if by_alpha and pictures.alpha is None:
         raise F4xError(f"{source} has no alpha in the chosen frames; give a folder of masks, or none")
+    if pictures.alpha is not None and not by_alpha and pictures.alpha.all():
+        raise F4xError(f"{source}: alpha hides all of the chosen frames; give --masks alpha, or a clip without it")
     height, width = pictures.frames.shape[1:3]
     matte, hidden = (pictures.alpha, None) if by_alpha else (None, pictures.alpha)
     return Clip(
@@ -202,7 +204,7 @@ def mask_files(masks: str | Path, layout: Layout | None, source: Path, indices: 
         if not files:
             raise F4xError(f"{source} comes without masks; give a folder of masks, or none")
     else:
-        files = list_images(Path(masks).expanduser())
+        files = list_images(expanded(masks))
         if not files:
             raise F4xError(f"{masks} holds no masks; give a folder with one picture per frame")
     if len(files) == total:

@@ -83,7 +83,7 @@ class SoundFrames:
             for frame in self.decoder.decode(packet):
                 self._hold(frame, serial if frame.opaque is None else frame.opaque)
         except av.FFmpegError as error:  # of one of the packets in the decoder: threads tell later
-            self.error = self.error or error.strerror
+            self.error = self.error or str(error.strerror)
             self.damaged.append(min((one for one in self.open if one > serial - HOLD), default=serial))
             self._leave_out(np.nan)
         if packet.is_corrupt:
@@ -91,10 +91,9 @@ class SoundFrames:
 
     def _hold(self, frame: Any, serial: int) -> None:
         self.open.discard(serial)
-        whole_key = serial in self.keys and frame.pict_type == INTRA
         if not frame.is_corrupt:
             self.entered = True
-        elif self.entered or whole_key:
+        elif self.entered or (frame.pict_type == INTRA and serial in self.keys):
             self.damaged.append(serial)
         self.held.append((serial, frame))
 

@@ -308,7 +308,7 @@ class Trainer:
         frames = evenly_spaced(len(self.model.times), MEASURED_FRAMES).tolist()
         full = self.levels[0]
         scores = [psnr(self.picture(frame), full.rgb[frame].float() / 255, full.seen(frame)) for frame in frames]
-        point = {"step": self.step, "loss": self.loss, "psnr": float(np.mean(scores))}
+        point = {"step": self.step, "loss": self.loss, "psnr": float(np.nanmean(scores))}
         self.history.append({**point, "gaussians": float(len(self.model))})
 
     def picture(self, frame: int) -> Tensor:

@@ -12,6 +12,7 @@ from PIL import Image
 from f4x_core.cli.info import sentences
 from f4x_core.clip import read_clip, write_video
 from f4x_core.clip.clock import Shown, read_clock
+from f4x_core.clip.images import read_mask
 from f4x_core.clip.notes import Note, remarks
 from f4x_core.clip.pixels import as_8_bit
 from f4x_core.clip.repeats import without_repeats
@@ -478,6 +479,29 @@ def test_files_of_other_kinds_are_told_and_leave_their_time(tmp_path):
 def test_a_folder_of_other_kinds_alone_is_refused_with_the_reason(tmp_path):
     (tmp_path / "IMG_1.HEIC").write_bytes(b"\0\0\0\x18ftypheic")
     with pytest.raises(F4xError, match=r"holds only \.heic files, which are not read as frames; convert them to JPEG"):
+        read_clip(tmp_path)
+    (tmp_path / "IMG_1.HEIC").rename(tmp_path / "IMG_1.MOV")
+    with pytest.raises(F4xError, match=r"holds films \(\.mov\) and no pictures; give one of the files"):
+        read_clip(tmp_path)
+
+
+@pytest.mark.parametrize("colour", ["same", "marks"])
+def test_alpha_of_a_mask_hides_what_it_covers(tmp_path, colour):
+    values = np.full((HEIGHT, WIDTH, 4), 255, np.uint8)
+    values[:, 48:, 3] = 0
+    if colour == "marks":
+        values[32:, :, :3] = 0
+    Image.fromarray(values).save(tmp_path / "mask.png")
+    mask = read_mask(tmp_path / "mask.png")
+    assert mask[:32, :48].all() and not mask[:, 48:].any() and mask[32:, :48].all() == (colour == "same")
+
+
+def test_a_clip_that_is_hidden_whole_is_refused(tmp_path):
+    for index in range(3):
+        Image.fromarray(np.dstack([SCENES[index], np.zeros_like(SCENES[index][..., 0])])).save(
+            tmp_path / f"{index}.png"
+        )
+    with pytest.raises(F4xError, match="alpha hides all of the chosen frames"):
         read_clip(tmp_path)
 
 
