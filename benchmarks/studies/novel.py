@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from f4x_core.clip.images import read_color, read_labels, read_mask, resize_nearest
+from f4x_core.clip.images import alike, read_color, read_labels, read_mask, resize_nearest
 from f4x_core.clip.layouts import Layout, dycheck_keypoints, find_layout, find_novel
 from f4x_core.clip.model import Clip
-from f4x_core.clip.read import ASPECT_TOLERANCE, frame_indices, mask_files, read_pictures, stack_like_frames, undistort
+from f4x_core.clip.read import frame_indices, mask_files, stack_like_frames
+from f4x_core.clip.source import read_pictures, undistort
 from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import CameraPath
 
@@ -39,7 +40,7 @@ def read_novel_cameras(clip: Clip) -> list[NovelCamera]:
     folder, frames = _folder_and_frames(clip)
 
     def size(width: int, height: int) -> tuple[int, int]:
-        if abs(width * clip.height / (height * clip.width) - 1) > ASPECT_TOLERANCE:
+        if not alike(width, height, clip.width, clip.height):
             raise F4xError(
                 f"{folder}: pictures for measuring are {width}x{height}, the clip's {clip.width}x{clip.height}; their"
                 " aspect should be the same"

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 
 from .. import __version__
+from ..clip.read import ALPHA, LAYOUT
 from ..clip.stream import reported_frame_count
 from ..errors import F4xError
 from ..files import user_path
@@ -107,9 +108,9 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
             memory=MEMORY.get(kind, 1) * GIGABYTE,
         )
 
-    masks = _absolute(row.masks) if row.masks not in (None, "layout") else row.masks
+    masks = _absolute(row.masks) if row.masks not in (None, LAYOUT, ALPHA) else row.masks
     prior = [entry.partition("=") for entry in row.prior]
-    mine = [*([row.masks] if row.masks not in (None, "layout") else []), *(path for _, _, path in prior)]
+    mine = [*([row.masks] if row.masks not in (None, LAYOUT, ALPHA) else []), *(path for _, _, path in prior)]
     frames = _options(frames=row.frames)
     drawn, costs = _options(backend=row.backend), _options(seed=row.seed, threads=row.threads)
     clip = [*frames, *_options(width=row.width, hold_out=row.hold_out, masks=masks)]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import PurePosixPath
 from typing import Any, get_args, get_type_hints
 
-from ..clip.read import parse_span
+from ..clip.read import ALPHA, LAYOUT, parse_span
 from ..edit.records import Record, near, read_record
 from ..errors import F4xError
 from ..features.teachers import TEACHERS
@@ -68,7 +68,7 @@ class Row(Record):
     overlap: int | None = None
     """Frames that neighbouring windows share."""
     masks: str | None = None
-    """Folder with masks of moving objects, or `layout`."""
+    """Folder with masks of moving objects, `layout`, or `alpha`."""
     provider: str | None = None
     """Provider of all priors."""
     cameras: str | None = None
@@ -242,7 +242,7 @@ def _located(row: Row, folder: str) -> Row:
     return replace(
         row,
         clip=file(row.clip),
-        masks=file(row.masks) if row.masks not in (None, "layout") else row.masks,
+        masks=file(row.masks) if row.masks not in (None, LAYOUT, ALPHA) else row.masks,
         prior=tuple("=".join((name, file(path))) for name, _, path in (entry.partition("=") for entry in row.prior)),
         edits=tuple(map(json_file, row.edits)),
         paths=tuple(map(json_file, row.paths)),

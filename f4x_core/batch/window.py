@@ -17,6 +17,7 @@ import numpy as np
 
 from ..clip import Clip
 from ..clip.model import Picture
+from ..clip.notes import Remark
 from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, without_frames
 from ..files import replace_file
@@ -38,7 +39,7 @@ SCENE = "scene.f4x"
 BESIDE = 1.0
 """Pictures on every side that cameras beside the path may see: those of held-out frames, found again, and views aside."""
 WORDS = ("name", "fps", "source", "picked")
-ARRAYS = ("frames", "times", "held_out", "masks", "depth")
+ARRAYS = ("frames", "times", "held_out", "masks", "depth", "hidden")
 """Fields of a clip in a request: as JSON, and as arrays."""
 
 
@@ -85,7 +86,8 @@ class WindowRequest:
     def key(self) -> str:
         """Hash of everything that decides what this window becomes."""
         clip, state = self.clip, hashlib.blake2b(digest_size=16)
-        for array in (clip.frames, clip.held_out, *(() if clip.steady else (clip.times,))):
+        hidden = () if clip.hidden is None else (clip.hidden,)
+        for array in (clip.frames, clip.held_out, *hidden, *(() if clip.steady else (clip.times,))):
             state.update(np.ascontiguousarray(array).data)  # no copy of all pictures
         return config_hash(resolved(self.config), state.hexdigest(), "" if self.before is None else self.before.digest)
 
@@ -108,6 +110,7 @@ class WindowRequest:
             "clip": {name: getattr(clip, name) for name in WORDS},
             "cameras": None if clip.cameras is None else clip.cameras.to_json(),
             "picture": None if clip.picture is None else asdict(clip.picture),
+            "remarks": [asdict(remark) for remark in clip.remarks],
             "config": [f"{setting.name}={setting.text}" for setting in list_settings(config) if setting.settable],
             "files": {**config.priors.files},
             "before": None if before is None else {**asdict(before), "path": str(before.path)},
@@ -128,7 +131,9 @@ class WindowRequest:
             fields = json.loads(str(file["fields"]))
         cameras, before = fields["cameras"], fields["before"]
         cameras = None if cameras is None else CameraPath.from_json(cameras, path)
-        clip = Clip(**fields["clip"], **arrays, cameras=cameras, picture=Picture.read(fields["picture"]))
+        remarks = tuple(Remark(**entry) for entry in fields["remarks"])
+        picture = Picture.read(fields["picture"])
+        clip = Clip(**fields["clip"], **arrays, cameras=cameras, picture=picture, remarks=remarks)
         config = set_fields(FitConfig(), fields["config"])
         config = replace(config, priors=replace(config.priors, files=fields["files"]))
         known = None if before is None else WindowBefore(**{**before, "path": Path(before["path"])})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from ..batch.windows import LENGTHS, Shot, fit_long, plan_shots, plan_windows, u
 from ..clip import Clip, read_clip, usual_width
 from ..clip.images import enlarge_color, even_size, resize_color
 from ..clip.model import MIN_FRAMES
+from ..clip.notes import Remark
 from ..clip.read import parse_span
 from ..clip.stream import Survey, reported_frame_count, survey
 from ..errors import F4xError
@@ -107,7 +109,7 @@ def _priors(args: argparse.Namespace, config: FitConfig, progress: Progress) -> 
         "camera_kind": priors.camera_kind,
         "min_moving_fraction": moving,
         "warnings": priors.warnings,
-        "text": "\n".join(lines + [f"! {warning}" for warning in priors.warnings]),
+        "text": "\n".join([*lines, *remark_lines(clip.remarks), *(f"! {warning}" for warning in priors.warnings)]),
     }
 
 
@@ -340,10 +342,10 @@ def fit_windows(
         clip = read_clip(args.clip, known.part(start, end), width, None, args.masks, progress)
         step = args.hold_out
         held_out = np.arange(start, end) % step == step - 1 if step else clip.held_out
-        return dataclasses.replace(clip, held_out=held_out, times=times - times[0], fps=fps)
+        return dataclasses.replace(clip, held_out=held_out, times=times - times[0], fps=fps, remarks=known.remarks)
 
     fitted_shots = fit_long(shots, read, args.output, config, progress, args.resume)
-    lines = []
+    lines = remark_lines(known.remarks)
     for shot in fitted_shots:
         figures = shot["metrics"]
         lines.append(
@@ -398,11 +400,17 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     found = write_diagnostics(report, clip, result, metrics, images)
     summary: dict[str, Any] = {"scene": str(path), "metrics": figures, "needs": list(scene.needs)}
     summary["quality"] = quality(metrics, found)
-    lines = [_summary(path, scene, figures), f"{verdict(metrics, found)} Why, and what you can supply: {report}"]
+    lines = [_summary(path, scene, figures), *remark_lines(clip.remarks)]
+    lines += [f"{verdict(metrics, found)} Why, and what you can supply: {report}"]
     for cut in about_cuts(result.priors, clip.picked):
         summary["note"] = f"{cut.what} {cut.advice}"
         lines.append(f"! {summary['note']}")
     return {**summary, "text": "\n".join(lines)}
+
+
+def remark_lines(remarks: Iterable[Remark]) -> list[str]:
+    """Lines for the terminal of what was left out, mended or guessed while a clip was read."""
+    return [f"! {remark}" for remark in remarks]
 
 
 def _summary(path: Path, scene: Scene, figures: dict[str, Any]) -> str:

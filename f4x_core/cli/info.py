@@ -31,11 +31,17 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     shows = uncovered(scene)
     if shows is not None:
         info["uncovered"] = shows.to_json()
-    long = {"uncovered": summary_of(shows), "words": ", ".join(info["words"]) or "none"}
-    for title, text in long.items():
+    long = [("uncovered", summary_of(shows)), ("words", ", ".join(info["words"]) or "none")]
+    long += [("reading", sentence) for sentence in sentences(info["provenance"].get("reading"))]
+    for title, text in long:
         first = f"{title + ':':<{MARGIN}}"
         lines += textwrap.wrap(text, LINE, initial_indent=first, subsequent_indent=" " * MARGIN)
     return {**info, "text": "\n".join(lines)}
+
+
+def sentences(reading: object) -> list[str]:
+    """What a scene file says was left out, mended or guessed while its clip was read; a file may say anything."""
+    return [each for each in reading if isinstance(each, str)] if isinstance(reading, list) else []
 
 
 def summary(info: dict[str, Any]) -> dict[str, str]:

@@ -53,7 +53,11 @@ def clip_options(sub: argparse.ArgumentParser) -> None:
         help="fit at this picture width in pixels (default: 480 along the longer side); pictures are never enlarged",
     )
     sub.add_argument("--hold-out", type=int, metavar="N", help="keep frames with index %% N == N-1 for measuring")
-    sub.add_argument("--masks", metavar="DIR", help="folder of masks of what moves, or 'layout' for the data set's own")
+    sub.add_argument(
+        "--masks",
+        metavar="DIR",
+        help="folder of masks of what moves, 'layout' for the data set's own, or 'alpha' for the clip's own alpha",
+    )
 
 
 def edits_option(sub: argparse.ArgumentParser) -> None:

@@ -3,12 +3,18 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import F4xError
+from .pixels import SEEN, WHITE, as_8_bit
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}
+ORIENTATION = 274
+"""EXIF tag: how the camera was held."""
+ASPECT_TOLERANCE = 0.01
+"""Relative; rounding to even sizes changes the aspect of a 200-pixel frame by this much."""
 
 
 def list_images(folder: Path) -> list[Path]:
@@ -24,24 +30,89 @@ def natural_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part.lower()) for part in re.split(r"([0-9]+)", name)]
 
 
-def read_color(file: Path) -> np.ndarray:
-    """Return `(H, W, 3)` uint8 sRGB, turned upright as the camera's EXIF says; raises F4xError."""
-    from PIL import ImageOps
+class Color(NamedTuple):
+    """A picture from a file, turned upright as the camera's EXIF says."""
 
-    with _opened(file) as image:
-        return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
+    pixels: np.ndarray
+    """(H, W, 3) uint8 sRGB."""
+    alpha: np.ndarray | None
+    """(H, W) uint8, 0 where the picture hides its colours; None where it hides nothing."""
+
+
+def read_color(file: Path) -> np.ndarray:
+    """Return `(H, W, 3)` uint8 sRGB, also of what alpha hides, turned upright as the camera's EXIF says; raises F4xError."""
+    return read_picture(file).pixels
+
+
+def read_picture(file: Path, white: int = WHITE) -> Color:
+    """Return the colours and the alpha of a picture of any type; `white` is that of 16 bits. Raises F4xError."""
+    from PIL import Image, ImageOps
+
+    deep = read_deep(file)
+    if deep is None:
+        image = _opened(file)
+    else:
+        try:
+            image = Image.fromarray(as_8_bit(deep.values, white))
+        except ValueError as error:
+            raise F4xError(f"{file} holds {error}; write it as a PNG of 8 or 16 bits.") from error
+        image.getexif()[ORIENTATION] = deep.orientation
+    with image:
+        upright = ImageOps.exif_transpose(image)
+        if not upright.has_transparency_data:
+            return Color(np.asarray(upright.convert("RGB")), None)
+        pixels = np.asarray(upright.convert("RGBA"))
+    alpha = np.ascontiguousarray(pixels[..., 3])
+    return Color(np.ascontiguousarray(pixels[..., :3]), None if (alpha >= SEEN).all() else alpha)
+
+
+class Deep(NamedTuple):
+    """A picture of more than 8 bits, which PIL cuts off, does not scale, or does not read."""
+
+    values: np.ndarray
+    """(H, W), or (H, W, 3 or 4) RGB or RGBA, of the type in which the file has them."""
+    orientation: int
+    """How the camera was held, as EXIF says it."""
+
+
+def read_deep(file: Path) -> Deep | None:
+    """Return a picture that has more than 8 bits; None for all other files."""
+    import cv2
+    from PIL import Image
+
+    orientation = 1
+    try:
+        with Image.open(file) as image:
+            if not image.mode.startswith(("I", "F")) and not any(";16" in str(tile.args) for tile in image.tile):
+                return None
+            orientation = image.getexif().get(ORIENTATION, 1)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        if file.suffix.lower() not in (".tif", ".tiff") or not file.is_file():  # PIL knows no colours of float there
+            return None
+    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+    values = cv2.imdecode(np.fromfile(file, np.uint8), flags)
+    if values is None:
+        return None
+    return Deep(values if values.ndim == 2 else values[..., [2, 1, 0, 3][: values.shape[2]]], orientation)
 
 
 def read_mask(file: Path, colours: bool = True) -> np.ndarray:
     """Return `(H, W)` bool, true where the picture (grey, colour or palette index) is not 0; raises F4xError.
 
+    What alpha hides is not marked; alpha alone decides where all colours are the same.
     With `colours` False one whose channels differ is refused: a photo given by mistake would mark nearly every pixel.
     """
+    shown = None
     with _opened(file) as image:
-        values = np.asarray(image.convert(image.mode.removesuffix("A")) if image.mode in ("RGBA", "LA") else image)
+        if image.mode in ("RGBA", "LA"):
+            shown = np.asarray(image.getchannel("A")) >= SEEN
+        values = np.asarray(image if shown is None else image.convert(image.mode.removesuffix("A")))
     if not colours and values.ndim == 3 and (values != values[..., :1]).any():
         raise F4xError(f"{file} is a colour picture and no mask; make the thing white and all else black.")
-    return values.any(axis=-1) if values.ndim == 3 else values != 0
+    marked = values.any(axis=-1) if values.ndim == 3 else values != 0
+    if shown is None or shown.all():
+        return marked
+    return shown if (values == values[0, 0]).all() else marked & shown
 
 
 def read_labels(file: Path) -> np.ndarray:
@@ -87,6 +158,16 @@ def resize_color(image: np.ndarray, width: int, height: int) -> np.ndarray:
     )
 
 
+def alike(width: int, height: int, other_width: int, other_height: int) -> bool:
+    """Whether pictures of two sizes have the same aspect."""
+    return abs(width * other_height / (height * other_width) - 1) <= ASPECT_TOLERANCE
+
+
+def scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Return `(height, width, 3)` of a larger or a smaller image."""
+    return (enlarge_color if image.shape[1] < width else resize_color)(image, width, height)
+
+
 def enlarge_color(image: np.ndarray, width: int, height: int) -> np.ndarray:
     """Return `(height, width, 3)`, smooth between the pixels of a smaller image."""
     import cv2
@@ -103,7 +184,8 @@ def resize_nearest(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def resize_linear(image: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Return `(height, width)` float32, linear between the pixels of `image (H, W)`: for smooth maps that are enlarged."""
+    """Return `(height, width, ...)` float32, linear between the pixels of `image (H, W, ...)`: for smooth maps that are
+    enlarged."""
     import cv2
 
     return cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)

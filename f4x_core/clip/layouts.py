@@ -4,6 +4,8 @@ A layout function returns a `Layout` when the folder is of its kind, otherwise N
 is of its kind but broken. What a data set keeps back for measuring is a layout too (`find_novel`). Nothing is decoded here.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import re
@@ -16,14 +18,17 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry import quaternion
+from .clock import DEFAULT_FPS
+from .folders import Frames, frames_in, why_unreadable
 from .images import list_images
+from .notes import Note
 
-DEFAULT_FPS = 24.0  # of image folders, which do not tell; also the rate of DAVIS
 DYCHECK_FPS = 30.0  # what the iPhone of DyCheck recorded, unless its extra.json tells
 DYCHECK_SPLITS = (("train", "val"), ("train_mono", "val_mono"))
 """Files of `splits/` of one hand-held camera and of the others: DyCheck's own captures, and what it made of Nerfies."""
 SCALES = (1, 2, 4, 8, 16)
 """Downsampling factors that name folders like `rgb/2x`."""
+NVIDIA_FOLDERS = ("images", "rgb", "images_2", "images_4")
 NVIDIA_PICTURE = re.compile(r"v(\d+)_t(\d+)")
 """Names of the true pictures of view v at time t in the evaluation results of DynamicNeRF and RoDynRF."""
 
@@ -61,6 +66,23 @@ class Layout:
     """(T,) frames of the clip in whose folder it lies, when it is a camera kept back for measuring."""
     factor: int | None = None
     """By how much its authors shrink pictures of `size` before they measure, where they tell."""
+    places: np.ndarray | None = None
+    """(T,) int64 places of the images in time, where some between them are left out; None: 0, 1, 2, ..."""
+    rows: np.ndarray | None = None
+    """(T,) int64 places of the images among all pictures of the folder, where some are left out as repeats; None: all are here."""
+    total: int = 0
+    """Pictures with those that are left out; 0: none is."""
+    notes: tuple[Note, ...] = ()
+    """What was left out."""
+
+    def file_of(self, row: int) -> int:
+        """Place of image `row` among all pictures of the folder."""
+        return row if self.rows is None else int(self.rows[row])
+
+    @classmethod
+    def of(cls, name: str, frames: Frames, masks: list[Path]) -> Layout:
+        """The layout of a folder that has its `frames` and perhaps `masks` of its own; else those beside the frames."""
+        return cls(name, frames.images, masks=masks or frames.masks, places=frames.places, notes=frames.notes)
 
 
 class Item(NamedTuple):
@@ -80,6 +102,9 @@ def find_layout(folder: Path) -> Layout:
             return found
     if not folder.exists():  # asked last: ROOT/NAME of a DAVIS root is a clip that is no folder
         raise F4xError(f"{folder} does not exist; give a video file or a folder of frames")
+    why = why_unreadable(folder) or why_unreadable(folder / "images")
+    if why:
+        raise F4xError(why)
     raise F4xError(
         f"{folder} holds no pictures, neither itself nor in images/; give a folder of frames or a video file"
     )
@@ -105,7 +130,7 @@ def davis(folder: Path) -> Layout | None:
     else:
         return None
     annotations = sequence.parents[2] / "Annotations" / sequence.parent.name / sequence.name
-    return Layout(sequence.name, list_images(sequence), masks=list_images(annotations))
+    return Layout.of(sequence.name, frames_in(sequence), list_images(annotations))
 
 
 def dycheck(folder: Path) -> Layout | None:
@@ -170,9 +195,10 @@ def nvidia(folder: Path) -> Layout | None:
     file = folder / "poses_bounds.npy"
     if not file.exists():
         return None
-    images = next(
-        (found for name in ("images", "rgb", "images_2", "images_4") if (found := list_images(folder / name))), []
+    frames = next(
+        (found for name in NVIDIA_FOLDERS if (found := frames_in(folder / name)).images), frames_in(folder / "images")
     )
+    images = frames.images
     try:
         poses = np.load(file, allow_pickle=False)
         poses = poses[:, :15].reshape(-1, 3, 5)
@@ -188,7 +214,8 @@ def nvidia(folder: Path) -> Layout | None:
     return Layout(
         folder.name,
         images,
-        masks=_masks_beside(folder),
+        masks=_masks_beside(folder) or frames.masks,
+        notes=frames.notes,
         intrinsics=intrinsics,
         world_to_camera=_world_to_camera(np.stack([right, down, -back], axis=1), centers),
         size=(round(width), round(height)),
@@ -197,14 +224,14 @@ def nvidia(folder: Path) -> Layout | None:
 
 def plain(folder: Path) -> Layout | None:
     """A folder of pictures, or one that contains `images/` (then `masks/` beside it are the masks)."""
-    inside = list_images(folder / "images")
-    if inside:
-        return Layout(folder.name, inside, masks=_masks_beside(folder))
-    images = list_images(folder)
-    name = folder.parent.name if folder.name == "images" else folder.name
-    return (
-        Layout(name, images, masks=_masks_beside(folder.parent) if folder.name == "images" else []) if images else None
-    )
+    inside = frames_in(folder / "images")
+    if inside.images:
+        return Layout.of(folder.name, inside, _masks_beside(folder))
+    own = frames_in(folder)
+    if not own.images:
+        return None
+    named = folder.name == "images"
+    return Layout.of(folder.parent.name if named else folder.name, own, _masks_beside(folder.parent) if named else [])
 
 
 def find_novel(folder: Path) -> list[Layout]:

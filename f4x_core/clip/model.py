@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.arrays import are_indices
 from ..geometry.camera import CameraPath
+from .notes import Remark
 
 MIN_FRAMES = 3
 """With fewer supervised frames nothing about motion or parallax can be told apart."""
@@ -84,6 +85,10 @@ class Clip:
     """(T, H, W) float32, z depth in the units of `cameras`, NaN = unknown."""
     picture: Picture | None = None
     """Which part of the frames of the source these are, where black bars were cut off (`clip.bars`); None: all of them."""
+    hidden: np.ndarray | None = None
+    """(T, H, W) bool: pixels that nobody saw, as alpha hides them; they have the colours around them. None: all are seen."""
+    remarks: tuple[Remark, ...] = ()
+    """What was left out, mended or guessed while the source was read."""
 
     def __post_init__(self):
         """Refuse arrays that do not belong together."""
@@ -93,7 +98,7 @@ class Clip:
             value = getattr(self, name)
             if value is not None and len(value) != len(self):
                 raise F4xError(f"{self.source}: {len(self)} frames but {len(value)} entries in {name}")
-        for name in ("masks", "depth"):
+        for name in ("masks", "depth", "hidden"):
             value = getattr(self, name)
             if value is not None and value.shape != self.frames.shape[:3]:
                 raise F4xError(f"{self.source}: frames {self.frames.shape[:3]} but {name} {value.shape}")
@@ -141,4 +146,6 @@ class Clip:
             state.update(np.ascontiguousarray(self.frames[frame]).tobytes())
         if not self.steady:
             state.update(self.times.astype(np.float64).tobytes())
+        if self.hidden is not None:
+            state.update(np.packbits(self.hidden[self.supervised]).tobytes())
         return state.hexdigest()

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 from functools import partial
-from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,17 +11,17 @@ from ..errors import F4xError
 from ..files import user_path
 from ..geometry.camera import CameraPath
 from ..progress import Progress, silent
-from .bars import picture_of
-from .clock import Clock, read_clock
-from .images import even_size, list_images, read_color, read_mask, resize_color, resize_nearest
-from .layouts import DEFAULT_FPS, Distortion, Layout, find_layout
-from .model import Clip, Picture, cut
-from .video import decode, describe
+from .clock import Clock
+from .images import alike, even_size, list_images, read_mask, resize_nearest
+from .layouts import Layout
+from .model import Clip, cut
+from .source import Size, Source
 
+LAYOUT, ALPHA = "layout", "alpha"
+"""In place of a folder of masks: those that the source comes with, and its alpha."""
 STAGE = "reading clip"
 USUAL_SIDE = 480
 """Pixels along the longer side of a picture, unless a width is given: what all figures of the project were measured at."""
-ASPECT_TOLERANCE = 0.01  # relative; rounding to even sizes changes the aspect of a 200-pixel frame by this much
 
 
 def read_clip(
@@ -38,49 +38,46 @@ def read_clip(
     `width`: frames are averaged down to this many pixels a row (even sizes, same aspect), never enlarged.
     `hold_out`: with N, frames N-1, 2N-1, ... are kept back from the fit.
     `masks`: a folder of pictures, not 0 where something moves by itself, one for each frame of the source or of the
-    selection; "layout" takes those of the source's own layout; none when None.
-    Black bars around the picture are cut off, of masks too (`clip.bars`). Raises F4xError for whatever cannot be read.
+    selection; "layout" takes those of the source's own layout, "alpha" what its alpha shows; none when None.
+    Black bars around the picture are cut off, of masks too (`clip.bars`). Frames that are damaged or repeat the one before are
+    left out, and `Clip.remarks` says so. Raises F4xError for whatever cannot be read.
     """
-    source = user_path(source)
     span = parse_span(frames)
     if width is not None and width < 2:
         raise F4xError(f"--width {width} is too small; give at least 2 pixels")
     if hold_out is not None and hold_out < 2:
         raise F4xError(f"--hold-out {hold_out} would leave no frame to learn from; give 2 or more")
-    layout = None if source.is_file() else find_layout(source)
-    picture = picture_of(source, layout)
-    if layout is None:
-        name = source.stem
-        indices, pictures, clock, total = _read_video(source, span, width, picture, progress)
-    else:
-        name, total = layout.name, len(layout.images)
-        indices = _select(span, total, source)
-        pictures = read_pictures(layout, indices, partial(even_size, new_width=width), picture, progress)
-        clock = Clock(np.arange(len(indices), dtype=np.float64), layout.fps / (span.step or 1))
+    found, by_alpha = Source.of(source), str(masks) == ALPHA
+    layout = found.layout
+    pictures = _read(found, span, partial(even_size, new_width=width), by_alpha, progress)
+    indices, clock, step = pictures.indices, pictures.clock, span.step or 1
     if hold_out is not None and hold_out > len(indices):
         raise F4xError(
             f"--hold-out {hold_out} holds out none of the {len(indices)} frames of {source}; give a smaller number, or"
             " leave it out"
         )
-    height, width = pictures.shape[1:3]
+    if by_alpha and pictures.alpha is None:
+        raise F4xError(f"{source} has no alpha in the chosen frames; give a folder of masks, or none")
+    if pictures.alpha is not None and not by_alpha and pictures.alpha.all():
+        raise F4xError(f"{source}: alpha hides all of the chosen frames; give --masks alpha, or a clip without it")
+    height, width = pictures.frames.shape[1:3]
+    matte, hidden = (pictures.alpha, None) if by_alpha else (None, pictures.alpha)
     return Clip(
-        name=name,
-        frames=pictures,
+        name=found.name,
+        frames=pictures.frames,
         times=clock.times,
         fps=clock.fps,
         held_out=np.arange(len(indices)) % hold_out == hold_out - 1 if hold_out else np.zeros(len(indices), bool),
         source=str(source),
-        picked=f"{indices[0]}:{indices[-1] + 1}:{span.step or 1}",
+        picked=f"{indices[0]}:{indices[-1] + 1}:{step}",
         cameras=_cameras(layout, indices, width, height) if layout else None,
-        masks=stack_like_frames(
-            mask_files(masks, layout, source, indices, total), lambda file: cut(read_mask(file), picture), width, height
-        )
-        if masks is not None
-        else None,
+        masks=matte if by_alpha or masks is None else _read_masks(masks, found, pictures),
         depth=stack_like_frames([layout.depth[index] for index in indices], _load_depth, width, height)
         if layout and layout.depth
         else None,
-        picture=picture,
+        picture=found.picture,
+        hidden=hidden,
+        remarks=found.remarks(indices, clock, 0.0 if hidden is None else float(hidden.mean())),
     )
 
 
@@ -121,25 +118,49 @@ def _select(span: slice, count: int, source: Path) -> np.ndarray:
     return np.arange(count)[span]
 
 
-def _read_video(
-    file: Path, span: slice, width: int | None, picture: Picture | None, progress: Progress
-) -> tuple[np.ndarray, np.ndarray, Clock, int]:
-    """Return (indices, frames, their clock, number of frames of the file); keeps only selected frames, already small."""
+class _Pictures(NamedTuple):
+    """The frames of a selection."""
+
+    indices: np.ndarray
+    """(T,) places among those that the source keeps."""
+    numbers: np.ndarray
+    """(T,) places among all of the source."""
+    total: int
+    """Frames of the source, as far as it is known."""
+    frames: np.ndarray
+    """(T,H,W,3) uint8."""
+    alpha: np.ndarray | None
+    """(T,H,W) bool: hidden by alpha, or shown by it where it is a mask; None where nothing is hidden."""
+    clock: Clock
+
+
+def _read(source: Source, span: slice, size: Size, alpha_is_mask: bool, progress: Progress) -> _Pictures:
+    """Read the frames of `span`; keeps only those, already small."""
     kept: list[np.ndarray] = []
+    alphas: list[np.ndarray | None] = []
     seconds: list[float] = []
-    rate, claimed = describe(file)
-    count, tick, expected = 0, 0.0, min(filter(None, (span.stop, claimed)), default=0)
-    for count, shown in enumerate(islice(decode(file), span.stop), start=1):
-        progress(STAGE, count - 1, max(count, expected))
-        index, tick = count - 1 - (span.start or 0), shown.tick
-        if index >= 0 and index % (span.step or 1) == 0:
-            pixels = cut(shown.pixels, picture)
-            kept.append(resize_color(pixels, *even_size(pixels.shape[1], pixels.shape[0], width)))
-            seconds.append(shown.seconds)
-    progress(STAGE, count, count)
-    indices = _select(span, count, file)
-    clock = read_clock(seconds, tick, (rate or DEFAULT_FPS) / (span.step or 1))
-    return indices, _stacked(kept, file), clock, max(count, claimed)
+    numbers: list[int] = []
+    claimed, tick, step = source.claimed[1], 0.0, span.step or 1
+    if source.layout is not None:
+        _select(span, len(source.layout.images), source.path)  # before any picture is read
+    expected = len(range(span.start or 0, min(filter(None, (span.stop, claimed)), default=0), step))
+    for shown in source.frames(span, size, alpha_is_mask):
+        progress(STAGE, len(kept), max(len(kept) + 1, expected))
+        kept.append(shown.pixels)
+        alphas.append(shown.alpha)
+        seconds.append(shown.seconds)
+        numbers.append(shown.number)
+        tick = shown.tick
+    progress(STAGE, len(kept), len(kept))
+    indices = _select(span, len(source.stamps), source.path)
+    frames = _stacked(kept, source.path)
+    alpha = None
+    if any(one is not None for one in alphas):
+        plain = np.full(frames.shape[1:3], alpha_is_mask)
+        alpha = np.stack([plain if one is None else one for one in alphas])
+    return _Pictures(
+        indices, np.array(numbers), max(claimed, numbers[-1] + 1), frames, alpha, source.clock(seconds, tick, step)
+    )
 
 
 def _stacked(kept: list[np.ndarray], file: Path) -> np.ndarray:
@@ -156,39 +177,14 @@ def _stacked(kept: list[np.ndarray], file: Path) -> np.ndarray:
     return frames
 
 
-def read_pictures(
-    layout: Layout,
-    indices: np.ndarray,
-    new_size: Callable[[int, int], tuple[int, int]],
-    picture: Picture | None = None,
-    progress: Progress = silent,
-) -> np.ndarray:
-    """Return `(T, H, W, 3)`, undistorted, without bars and resized to `new_size(W, H)`; raises F4xError for several sizes."""
-    kept: list[np.ndarray] = []
-    native: tuple[int, ...] = ()
-    for done, index in enumerate(indices):
-        progress(STAGE, done, len(indices))
-        image = read_color(layout.images[index])
-        native = native or image.shape
-        if image.shape != native:
-            sizes = f"{image.shape[1]}x{image.shape[0]}, the first frame is {native[1]}x{native[0]}"
-            raise F4xError(f"{layout.images[index]} is {sizes}; make all frames the same size")
-        if layout.distortions and layout.size:
-            image = undistort(image, layout.distortions[index], layout.size)
-        image = cut(image, picture)
-        kept.append(resize_color(image, *new_size(image.shape[1], image.shape[0])))
-    progress(STAGE, len(indices), len(indices))
-    return np.stack(kept)
-
-
-def undistort(image: np.ndarray, lens: Distortion, size: tuple[int, int]) -> np.ndarray:
-    """Return the picture a pinhole with the same intrinsics would have taken; black where the lens saw nothing."""
-    import cv2
-
-    scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1], 1.0])[:, None]
-    intrinsics = lens.intrinsics * scale
-    intrinsics[:2, 2] -= 0.5  # OpenCV counts pixel centres at whole numbers
-    return cv2.undistort(image, intrinsics, lens.coefficients)
+def _read_masks(masks: str | Path, source: Source, pictures: _Pictures) -> np.ndarray:
+    """The masks of the frames, cut and resized as they are."""
+    layout, (height, width) = source.layout, pictures.frames.shape[1:3]
+    if str(masks) == LAYOUT and layout is not None and len(layout.masks) == len(layout.images):
+        files = [layout.masks[index] for index in pictures.indices]
+    else:
+        files = mask_files(masks, layout, source.path, pictures.numbers, pictures.total)
+    return stack_like_frames(files, lambda file: cut(read_mask(file), source.picture), width, height)
 
 
 def _cameras(layout: Layout, indices: np.ndarray, width: int, height: int) -> CameraPath | None:
@@ -200,8 +196,11 @@ def _cameras(layout: Layout, indices: np.ndarray, width: int, height: int) -> Ca
 
 
 def mask_files(masks: str | Path, layout: Layout | None, source: Path, indices: np.ndarray, total: int) -> list[Path]:
-    """Return one mask file per selected frame; the folder may hold one per frame of the source or of the selection."""
-    if str(masks) == "layout":
+    """Return one mask file per selected frame; the folder may hold one per frame of the source or of the selection.
+
+    `indices` count among the `total` frames of the source, those that are left out included.
+    """
+    if str(masks) == LAYOUT:
         files = layout.masks if layout else []
         if not files:
             raise F4xError(f"{source} comes without masks; give a folder of masks, or none")
@@ -236,7 +235,7 @@ def stack_like_frames(files: list[Path], load: Callable[[Path], np.ndarray], wid
     stack = []
     for file in files:
         image = load(file)
-        if image.ndim != 2 or abs(image.shape[1] * height / (image.shape[0] * width) - 1) > ASPECT_TOLERANCE:
+        if image.ndim != 2 or not alike(image.shape[1], image.shape[0], width, height):
             sizes = f"{image.shape[1]}x{image.shape[0]} beside frames of {width}x{height}"
             raise F4xError(f"{file} is {sizes}; it should have the same aspect")
         stack.append(resize_nearest(image, width, height))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +12,14 @@ import numpy as np
 from ..errors import F4xError
 from ..files import user_path
 from ..progress import Progress, silent
-from .bars import picture_of
 from .changes import find_changes
-from .clock import Clock, Shown, read_clock
-from .images import even_size, resize_color
+from .clock import Clock, Shown
+from .images import even_size
 from .layouts import DEFAULT_FPS, find_layout
-from .model import cut
-from .read import frame_indices, parse_span, read_pictures
-from .video import decode, describe
+from .notes import Remark
+from .read import frame_indices, parse_span
+from .source import Source
+from .video import describe
 
 STAGE = "surveying clip"
 
@@ -40,9 +39,13 @@ class Survey:
     rate: float = DEFAULT_FPS
     """Clip frames per second, as the source says."""
     seconds: np.ndarray | None = None
-    """(T,) time stamps of the clip frames, of a film."""
+    """(T,) time stamps of the clip frames."""
     tick: float = 0.0
     """Seconds to which they are rounded."""
+    source: Source | None = None
+    """What was read."""
+    remarks: tuple[Remark, ...] = ()
+    """What was left out, mended or guessed."""
 
     def part(self, start: int, end: int) -> str:
         """Clip frames `start` to `end` (not included) as the `frames` of `read_clip`."""
@@ -50,9 +53,9 @@ class Survey:
 
     def clock(self, start: int, end: int) -> Clock:
         """The clock of a clip of the frames `start` to `end` (not included)."""
-        if self.seconds is None:
+        if self.seconds is None or self.source is None:
             return Clock(np.arange(end - start, dtype=np.float64), self.rate)
-        return read_clock(self.seconds[start:end], self.tick, self.rate)
+        return self.source.clock(self.seconds[start:end], self.tick, self.step)
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ class ClipStream:
 
     def __iter__(self) -> Iterator[np.ndarray]:
         seen, (high, wide) = 0, (self.height, self.width)
-        for shown in _opened(self.source, self.picked, self._size)[2]:
+        for shown in Source.of(self.source).frames(parse_span(self.picked), self._size):
             seen, (high, wide) = seen + 1, shown.pixels.shape[:2]
             if seen > self.count or (high, wide) != (self.height, self.width):
                 break
@@ -116,46 +119,26 @@ def survey(
 
     The arguments are those of `read_clip`. Raises F4xError for whatever cannot be read.
     """
-    source = user_path(source)
+    found, span = Source.of(source), parse_span(frames)
     seconds: list[float] = []
-    tick = 0.0
+    tick, hidden = 0.0, 0.0
 
     def counted(pictures: Iterator[Shown]) -> Iterator[np.ndarray]:
-        nonlocal tick
+        nonlocal tick, hidden
         for shown in pictures:
             progress(STAGE, len(seconds), expected)
             seconds.append(shown.seconds)
             tick = shown.tick
+            hidden += 0.0 if shown.alpha is None else float(shown.alpha.mean())
             yield shown.pixels
 
     expected = reported_frame_count(source, frames)
-    first, stride, pictures = _opened(source, frames, partial(even_size, new_width=width))
-    cuts = find_changes(counted(pictures)).cuts
+    cuts = find_changes(counted(found.frames(span, partial(even_size, new_width=width)))).cuts
     progress(STAGE, len(seconds), len(seconds))
-    rate = describe(source)[0] if source.is_file() else find_layout(source).fps
-    rate = (rate or DEFAULT_FPS) / stride
-    return Survey(first, stride, len(seconds), tuple(cuts.tolist()), rate, np.array(seconds), tick)
-
-
-def _opened(
-    source: Path, frames: str | None, size: Callable[[int, int], tuple[int, int]]
-) -> tuple[int, int, Iterator[Shown]]:
-    """(First frame of the source, step, pictures (H,W,3) uint8 one by one, resized to `size` of their width and height)."""
-    source = user_path(source)
-    if source.is_file():
-        span = parse_span(frames)
-        # `islice` over the decoder and not a list: a film decodes to more than any memory
-        picture = picture_of(source, None)
-
-        def resized(shown: Shown) -> Shown:
-            pixels = cut(shown.pixels, picture)
-            return shown._replace(pixels=resize_color(pixels, *size(pixels.shape[1], pixels.shape[0])))
-
-        return span.start or 0, span.step or 1, map(resized, islice(decode(source), span.start, span.stop, span.step))
-    layout = find_layout(source)
-    picture = picture_of(source, layout)
-    indices = frame_indices(frames, len(layout.images), source)
-    pictures = (
-        Shown(read_pictures(layout, indices[i : i + 1], size, picture)[0], np.nan, 0.0) for i in range(len(indices))
+    indices = frame_indices(frames, len(found.stamps), found.path)
+    clock = found.clock(seconds, tick, span.step or 1)
+    told = found.remarks(indices, clock, hidden / len(seconds))
+    rate = found.claimed[0] / (span.step or 1)
+    return Survey(
+        int(indices[0]), span.step or 1, len(seconds), tuple(cuts.tolist()), rate, np.array(seconds), tick, found, told
     )
-    return int(indices[0]), int(indices[1] - indices[0]) if len(indices) > 1 else 1, pictures

@@ -1,20 +1,39 @@
 """Video files through PyAV."""
 
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
-from itertools import count
+from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import F4xError
 from ..files import replace_file
-from .clock import GRID, Shown
+from .clock import DEFAULT_FPS, GRID, Shown
 from .hdr import Transfer, to_srgb
-from .images import as_bytes
+from .images import alike, as_bytes, resize_nearest, scaled
+from .notes import Note
+from .pixels import SEEN
+from .repeats import without_repeats
+from .sound_frames import Numbered, SoundFrames
 
 QUALITY = "16"  # x264 CRF: no visible loss; the file is for people, measurements use the arrays
 UNTAGGED = 2  # colour properties that a file does not tell, ITU-T H.273
+BT601, YCGCO = 5, 8  # matrix coefficients, ITU-T H.273
+FULL_RANGE = 2
+UNREADABLE = {
+    10: "BT.2020 with constant luminance",
+    11: "SMPTE ST 2085",
+    12: "a matrix of its own primaries",
+    13: "a matrix of its own primaries with constant luminance",
+    14: "ICtCp",
+}  # matrix coefficients
+ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own leave the alpha of WebM out
+THREADED = {"hevc", "vvc", "vp8", "vp9", "libvpx", "libvpx-vp9", "av1", "libdav1d", "prores", "dnxhd", "cfhd", "ffv1"}
+TELL_BY_ERROR = {"mjpeg", "mjpegb"}  # decoders that do not mark damaged frames
+PATTERNS = {".gif": "gif", ".png": "apng"}  # in names of these FFmpeg takes %03d for a counter of pictures
+COUNTED = 600  # packets that tell which stream is the film
 HDR: dict[int, Transfer] = {16: "pq", 18: "hlg"}  # transfer characteristics, ITU-T H.273
 # An untagged film of at least this size is in BT.709, a smaller one in BT.601: so guesses the player mpv, and VLC alike.
 HD_WIDTH, SD_HEIGHT = 1280, 576
@@ -29,59 +48,141 @@ def describe(file: Path) -> tuple[float, int]:
         return float(stream.average_rate or 0), stream.frames
 
 
-def decode(file: Path) -> Iterator[Shown]:
-    """Yield the frames in order of presentation: sRGB, turned and flipped as the display matrix says, with square pixels.
+def decode(file: Path, notes: list[Note] | None = None) -> Iterator[Shown]:
+    """Yield the frames in order of presentation: sRGB, turned and flipped as the display matrix says, square pixels, one size.
 
-    Whole frames, deinterlaced where they are made of fields. Frames that cannot be decoded without ones that are missing are left
-    out, as are those that an edit list hides. Raises F4xError for a file that is damaged or has no frame to show.
+    Whole frames, deinterlaced where they are made of fields. What is damaged or built on what is, and what repeats the frame
+    before, is left out and told in `notes`; what an edit list hides is left out. Raises F4xError for a film that breaks off or
+    has no frame to show.
     """
+    notes = [] if notes is None else notes
+    frames = _webp_frames(file) if _is_webp(file) else _decoded(file, notes)
+    return without_repeats(_of_one_size(frames, file, notes), notes)
+
+
+def _decoded(file: Path, notes: list[Note]) -> Iterator[Shown]:
     import av
 
-    whole, end = 0, 0.0
+    whole = 0
     with _opened(file) as container:
         stream = _film(container)
-        stream.thread_type = "AUTO"
+        several = len(_candidates(container))
+        if several > 1:
+            place = f"stream {stream.index}, {stream.width}x{stream.height}"
+            notes.append(
+                Note("source", 0, text=f"The file holds {several} films; this is the fullest of them ({place}).")
+            )
+        frames = SoundFrames(container, stream, _decoder(stream), notes)
+        interval = 1 / float(stream.average_rate or DEFAULT_FPS)
         try:
-            for frame in _whole_frames(_decodable(container, stream)):
-                pixels = _upright(frame, stream)
-                end = (frame.time or 0.0) + float(frame.duration * frame.time_base)
-                yield Shown(pixels, np.nan if frame.time is None else frame.time, float(stream.time_base))
+            for frame, number in _whole_frames(frames):
+                pixels, alpha = _upright(frame, stream)
+                seconds, tick = (
+                    (number * interval, 0.0) if frame.time is None else (frame.time, float(stream.time_base))
+                )
+                yield Shown(pixels, seconds, tick, number, alpha)
                 whole += 1
         except av.FFmpegError as error:
             advice = (
                 f"give --frames 0:{whole} for what comes before" if whole else "copy it again from where it was made"
             )
             raise F4xError(f"{file} is damaged after {whole} frames ({error.strerror}); {advice}") from error
-        if whole and _breaks_off(container, stream, end):
+        if whole and _breaks_off(container, stream, frames.end):
             raise F4xError(
                 f"{file} breaks off after {whole} frames; copy it again, or give --frames 0:{whole} for those"
             )
     if whole == 0:
-        raise F4xError(f"{file} has no frame that can be shown whole; export it again from where it was made")
+        why = f" ({frames.error})" if frames.error else ""
+        raise F4xError(f"{file} has no frame that can be shown whole{why}; export it again from where it was made")
+
+
+def _is_webp(file: Path) -> bool:
+    with file.open("rb") as content:
+        head = content.read(12)
+    return head[:4] == b"RIFF" and head[8:] == b"WEBP"
+
+
+def _webp_frames(file: Path) -> Iterator[Shown]:
+    """The frames of a WebP animation, which FFmpeg does not decode."""
+    from PIL import Image, ImageSequence
+
+    start = 0.0
+    try:
+        with Image.open(file) as image:
+            for number, frame in enumerate(ImageSequence.Iterator(image)):
+                pixels = np.asarray(frame.convert("RGBA"))
+                yield Shown(np.ascontiguousarray(pixels[..., :3]), start, 0.001, number, _alpha(pixels[..., 3]))
+                start += frame.info.get("duration", 0) / 1000
+    except (OSError, ValueError, SyntaxError, EOFError) as error:
+        raise F4xError(f"{file} cannot be read as a WebP animation ({error}); export it again") from error
+
+
+def _of_one_size(frames: Iterable[Shown], file: Path, notes: list[Note]) -> Iterator[Shown]:
+    """The frames, scaled to the size of the first where theirs differs; F4xError where the shape of the picture changes."""
+    size: tuple[int, int] | None = None
+    for index, shown in enumerate(frames):
+        height, width = shown.pixels.shape[:2]
+        size = size or (width, height)
+        if (width, height) != size:
+            if not alike(width, height, *size):
+                raise F4xError(
+                    f"{file}: from frame {index} on the picture is {width}x{height}, before it is {size[0]}x{size[1]}; give one"
+                    f" part of it, for example --frames 0:{index}."
+                )
+            notes.append(Note("resized", shown.number, shown.seconds, f"{width}x{height}"))
+            alpha = None if shown.alpha is None else resize_nearest(shown.alpha, *size)
+            shown = shown._replace(pixels=scaled(shown.pixels, *size), alpha=alpha)
+        yield shown
 
 
 def glimpses(file: Path, count: int) -> Iterator[np.ndarray]:
     """Yield up to `count` frames (H,W,3) from all over the film, as `decode` shows them but for fields and time; they jump."""
     import av
 
+    if _is_webp(file):
+        yield from (shown.pixels for shown in _webp_frames(file))
+        return
     with _opened(file) as container:
         stream = _film(container)
         begin, length = stream.start_time or 0, stream.duration or 0
+        decoder, size = _decoder(stream), None
         try:
             for part in range(count):
                 if length:
                     container.seek(begin + length * part // count, stream=stream)
-                frame = next((each for each in container.decode(stream) if not each.is_corrupt), None)
+                    decoder.flush_buffers()
+                frame = next((each for each in _each_frame(container, stream, decoder) if not each.is_corrupt), None)
                 if frame is None:
                     return
-                yield _upright(frame, stream)
+                pixels = _upright(frame, stream)[0]
+                size = size or pixels.shape
+                if pixels.shape == size:
+                    yield pixels
         except av.FFmpegError:  # what can be seen is enough; `decode` says what is wrong
             return
 
 
-def _upright(frame, stream) -> np.ndarray:
-    pixels = _squared(_rgb(frame, stream), stream.sample_aspect_ratio)
-    return np.ascontiguousarray(_displayed(pixels, frame, stream.container.name))
+def _each_frame(container, stream, decoder) -> Iterator:
+    for packet in container.demux(stream):
+        yield from decoder.decode(packet)
+
+
+def _upright(frame, stream) -> tuple[np.ndarray, np.ndarray | None]:
+    """Colours (H,W,3) and alpha (H,W) or None of a decoded frame as it is to be shown."""
+    aspect, file = stream.sample_aspect_ratio, stream.container.name
+
+    def shown(pixels: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(_displayed(_squared(pixels, aspect), frame, file))
+
+    alpha = None
+    if any(component.is_alpha for component in frame.format.components):
+        alpha = _alpha(frame.to_ndarray(format="rgba")[..., 3])
+    return shown(_rgb(frame, stream)), None if alpha is None else shown(alpha)
+
+
+def _alpha(alpha: np.ndarray) -> np.ndarray | None:
+    """Alpha (H,W) uint8, None where it hides nothing."""
+    return None if (alpha >= SEEN).all() else np.ascontiguousarray(alpha)
 
 
 def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
@@ -106,35 +207,31 @@ def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
 
 
 def _breaks_off(container, stream, end: float) -> bool:
-    """Whether a film whose last frame is shown until `end` (seconds) lacks more than that frame; MP4 and MOV tell in advance."""
+    """Whether a film whose last packet is shown until `end` (seconds) lacks more than that; MP4 and MOV tell in advance."""
     if "mp4" not in container.format.name or not stream.duration or not stream.average_rate:
         return False
     return end + 1.5 / stream.average_rate < ((stream.start_time or 0) + stream.duration) * stream.time_base
 
 
-def _decodable(container, stream) -> Iterator:
-    """Frames that need no missing ones: from the first key frame on, or decoders would begin with grey pictures."""
-    begun = False
-    for packet in container.demux(stream):
-        begun = begun or packet.is_keyframe
-        if begun:
-            yield from (frame for frame in packet.decode() if not frame.is_corrupt)
-
-
-def _whole_frames(frames: Iterable) -> Iterator:
+def _whole_frames(frames: Iterable[Numbered]) -> Iterator[Numbered]:
     """The frames with two fields woven into one picture each, by FFmpeg's filter `bwdif`; progressive ones as they are."""
-    graph = None
-    for frame in frames:
+    graph, size, numbers = None, None, deque[int]()
+    for frame, number in frames:
+        if graph is not None and (frame.width, frame.height) != size:
+            graph.push(None)
+            yield from _pulled(graph, numbers)
+            graph = None
         if graph is None and frame.interlaced_frame:
-            graph = _deinterlacer(frame)
+            graph, size = _deinterlacer(frame), (frame.width, frame.height)
         if graph is None:
-            yield frame
+            yield Numbered(frame, number)
         else:
+            numbers.append(number)
             graph.push(frame)
-            yield from _pulled(graph)
+            yield from _pulled(graph, numbers)
     if graph is not None:
         graph.push(None)
-        yield from _pulled(graph)
+        yield from _pulled(graph, numbers)
 
 
 def _deinterlacer(frame):
@@ -147,12 +244,12 @@ def _deinterlacer(frame):
     return graph
 
 
-def _pulled(graph) -> Iterator:
+def _pulled(graph, numbers: deque[int]) -> Iterator[Numbered]:
     import av
 
     while True:
         try:
-            yield graph.pull()
+            yield Numbered(graph.pull(), numbers.popleft())
         except (av.BlockingIOError, av.EOFError):  # it waits for the next frame, or all are out
             return
 
@@ -165,6 +262,13 @@ def _rgb(frame, stream) -> np.ndarray:
     if transfer is not None:
         matrix = Colorspace.BT2020 if frame.colorspace == UNTAGGED else None
         return to_srgb(frame.reformat(format="rgb48le", src_colorspace=matrix).to_ndarray(), transfer)
+    if frame.colorspace == YCGCO and not frame.format.is_rgb:
+        return _from_ycgco(frame)
+    if frame.colorspace in UNREADABLE and not frame.format.is_rgb:
+        raise F4xError(
+            f"{stream.container.name} has its colours in {UNREADABLE[frame.colorspace]}, which is not read here; convert it to"
+            " BT.709"
+        )
     if (
         frame.colorspace == UNTAGGED
         and not frame.format.is_rgb
@@ -172,6 +276,18 @@ def _rgb(frame, stream) -> np.ndarray:
     ):
         frame = frame.reformat(format="rgb24", src_colorspace=Colorspace.ITU709)
     return frame.to_ndarray(format="rgb24")
+
+
+def _from_ycgco(frame) -> np.ndarray:
+    """`(H, W, 3)` uint8 of a frame in Y, Cg and Co, ITU-T H.273; FFmpeg converts no such colours."""
+    frame.colorspace, full = (
+        BT601,
+        frame.color_range == FULL_RANGE,
+    )  # the reformatter then leaves the planes as they are
+    y, cg, co = frame.reformat(format="yuv444p").to_ndarray().astype(np.float32)
+    y, cg, co = (y, cg - 128, co - 128) if full else ((y - 16) * 255 / 219, *((c - 128) * 255 / 224 for c in (cg, co)))
+    rgb = np.stack([y - cg + co, y + cg, y - cg - co], -1)
+    return np.round(np.clip(rgb, 0, 255)).astype(np.uint8)
 
 
 def _squared(pixels: np.ndarray, aspect: Fraction | None) -> np.ndarray:
@@ -193,21 +309,52 @@ def _opened(file: Path):
             f"{file} is a fitted scene, and a clip is wanted: give the video or folder that it was fitted to"
         )
     try:
-        container = av.open(str(file))
+        # An absolute path, for FFmpeg takes what comes before a colon for a protocol.
+        container = av.open(
+            str(file.absolute()), format=PATTERNS.get(file.suffix.lower()) if "%" in file.name else None
+        )
     except (av.FFmpegError, OSError) as error:
         raise F4xError(f"{file} cannot be read as a video ({error.strerror}); give a video or a folder") from error
-    if _film(container) is None:
+    if not _candidates(container):
         kinds = sorted({"a cover" if stream.type == "video" else stream.type for stream in container.streams})
         container.close()
         raise F4xError(f"{file} holds no video, only {' and '.join(kinds)}; give a video file")
     return container
 
 
-def _film(container):
-    """The first stream of moving pictures, None without one: the cover of a song is a stream of one picture."""
+def _candidates(container) -> list:
+    """The streams of moving pictures: the cover of a song is a stream of one picture."""
     from av.stream import Disposition
 
-    return next((each for each in container.streams.video if not each.disposition & Disposition.attached_pic), None)
+    return [each for each in container.streams.video if not each.disposition & Disposition.attached_pic]
+
+
+def _film(container):
+    """The stream of moving pictures with the most frames; of those with about as many the largest, of these the first."""
+    films = _candidates(container)
+    if len(films) < 2:
+        return films[0]
+    frames = Counter(packet.stream_index for packet in islice(container.demux(films), COUNTED) if packet.size)
+    container.seek(0)
+    most = max(frames.values(), default=0)
+    full = [each for each in films if frames[each.index] >= most / 2]
+    return max(full, key=lambda each: each.width * each.height)
+
+
+def _decoder(stream):
+    """The decoder of a stream, whose frames carry what their packets were marked with."""
+    from av import Codec, CodecContext
+    from av.codec.context import Flags
+
+    decoder, alpha = stream.codec_context, ALPHA_DECODERS.get(stream.codec_context.name)
+    if alpha and stream.metadata.get("alpha_mode") == "1":
+        decoder = CodecContext.create(Codec(alpha, "r"))
+    # Threads of other decoders hand a frame out before those that decode it, and what it is built on, have marked the damage.
+    decoder.thread_type = "AUTO" if decoder.name in THREADED else "NONE"
+    decoder.flags |= Flags.copy_opaque
+    if decoder.name in TELL_BY_ERROR:
+        decoder.options = {"err_detect": "explode"}
+    return decoder
 
 
 def write_video(

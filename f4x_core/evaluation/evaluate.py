@@ -107,18 +107,19 @@ def evaluate(
     def scores(index: int) -> dict[str, Any]:
         """Scores of one frame."""
         moment = FrozenMoment(scene, float(cameras.times[index]), backend)
-        target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
+        target, seen = frame_of(clip, index)
         rig = CameraRig(cameras.at_times([float(cameras.times[index])]))
         with torch.no_grad():
             image, moving, _ = moment.draw(rig.camera(0, clip.width, clip.height))
+        target = target if seen is None else torch.where(seen[..., None] > 0, target, image)
         region = (moving > MOVING_ALPHA).float()
         row: dict[str, Any] = {
             "frame": index,
             "held_out": index in held_out,
-            "psnr": psnr(image, target),
+            "psnr": psnr(image, target, seen),
             "ssim": ssim(image, target),
-            "psnr_moving": psnr(image, target, region),
-            "psnr_static": psnr(image, target, 1 - region),
+            "psnr_moving": psnr(image, target, within(region, seen)),
+            "psnr_static": psnr(image, target, within(1 - region, seen)),
         }
         distance = lpips(image.numpy(), target.numpy()) if perceptual else None
         if distance is not None:
@@ -141,6 +142,17 @@ def evaluate(
     with side_by_side(torch.get_num_threads()), torch_threads(1):
         frames = in_threads(scores, range(len(clip)), report)
     return {"frames": frames, **summary(frames)}
+
+
+def frame_of(clip: Clip, index: int) -> tuple[Tensor, Tensor | None]:
+    """Frame `index` (H,W,3) in [0,1], and (H,W) float32 1 where it was seen; None where all of it was."""
+    seen = None if clip.hidden is None else torch.from_numpy(~clip.hidden[index]).float()
+    return torch.from_numpy(clip.frames[index].astype(np.float32) / 255), seen
+
+
+def within(region: Tensor, seen: Tensor | None) -> Tensor:
+    """The part of a region (H,W) that was seen."""
+    return region if seen is None else region * seen
 
 
 def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
@@ -232,14 +244,14 @@ def registered_scores(
     the plain one. At an end of the clip, the blend is the only neighbour moved to the registered camera.
     """
     found = register_camera(scene, clip, index, moment.backend)
-    target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
+    target, seen = frame_of(clip, index)
     with torch.no_grad():
         image, moving, _ = moment.draw(found.camera)
     region = (moving > MOVING_ALPHA).float()
     scores = {
-        "psnr_registered": psnr(image, target),
-        "psnr_moving_registered": psnr(image, target, region),
-        "psnr_static_registered": psnr(image, target, 1 - region),
+        "psnr_registered": psnr(image, target, seen),
+        "psnr_moving_registered": psnr(image, target, within(region, seen)),
+        "psnr_static_registered": psnr(image, target, within(1 - region, seen)),
         "registered": float(found.found),
         "registration_points": float(found.points),
         "registration_px": found.error_px,
@@ -254,7 +266,7 @@ def registered_scores(
         if found.found:
             offset = halfway_offset(scene, index, neighbours, fraction, found.camera, moment.backend)
         blended = blend_by_flow(clip.frames[neighbours[0]], clip.frames[neighbours[-1]], fraction, offset)
-        scores["psnr_flow_blend_registered"] = psnr(torch.from_numpy(blended), target)
+        scores["psnr_flow_blend_registered"] = psnr(torch.from_numpy(blended), target, seen)
     return scores
 
 
@@ -275,13 +287,13 @@ def _fraction(clip: Clip, index: int, neighbours: tuple[int, ...]) -> float:
 def baseline_scores(clip: Clip, index: int, held_out: set[int]) -> dict[str, float]:
     """PSNR of the nearest used frame, and of the half-way flow blend of the two neighbours, as pictures of frame `index`."""
     neighbours = beside(len(clip), index, held_out)
-    target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
+    target, seen = frame_of(clip, index)
     nearest = min(neighbours, key=lambda i: abs(clip.times[i] - clip.times[index]))
-    scores = {"psnr_nearest": psnr(torch.from_numpy(clip.frames[nearest].astype(np.float32) / 255), target)}
+    scores = {"psnr_nearest": psnr(frame_of(clip, nearest)[0], target, seen)}
     if len(neighbours) == 2:
         before, after = neighbours
         blended = blend_by_flow(clip.frames[before], clip.frames[after], _fraction(clip, index, neighbours))
-        scores["psnr_flow_blend"] = psnr(torch.from_numpy(blended), target)
+        scores["psnr_flow_blend"] = psnr(torch.from_numpy(blended), target, seen)
     return scores
 
 

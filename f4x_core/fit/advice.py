@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..clip.notes import Remark
 from ..language.lexicon import plural
 from ..priors import Priors
 from ..priors.depth import GUESSED_MOVERS
@@ -142,6 +143,11 @@ def findings(
     known = any(finding.what.startswith(MOVING_DEPTH) for finding in found)
     found += [Finding("note", warning) for warning in priors.warnings if not (known and warning == GUESSED_MOVERS)]
     return by_weight(found)
+
+
+def about_reading(remarks: Iterable[Remark]) -> list[Finding]:
+    """What was left out, mended or guessed while the clip was read."""
+    return [Finding("note", remark.what, remark.advice) for remark in remarks]
 
 
 def about_room(shortages: Sequence[Shortage]) -> list[Finding]:

@@ -22,7 +22,7 @@ from ..scaffold import Scaffold
 from ..scene import Scene
 from ..scene.moments import Moment, draw_moments
 from ..scene.view import render
-from .advice import SHORT_PROFILE, about_room, fair_psnr, findings, track_survival, verdict
+from .advice import SHORT_PROFILE, about_reading, about_room, fair_psnr, findings, track_survival, verdict
 from .finding import Finding, by_cause
 from .geometry_findings import ClipGeometry
 from .geometry_section import geometry_section
@@ -111,7 +111,8 @@ def write_diagnostics(
     """
     priors, scaffold = result.priors, result.scene.scaffold
     profile = str(result.scene.provenance.get("config", {}).get("name", SHORT_PROFILE))
-    found = by_cause([*about_room(result.shortages), *findings(priors, scaffold, metrics, clip.picked, profile)])
+    found = [*about_reading(clip.remarks), *about_room(result.shortages)]
+    found = by_cause([*found, *findings(priors, scaffold, metrics, clip.picked, profile)])
     shown = evenly_spaced(len(priors.frames), SHOWN_FRAMES)
     sections = [
         ("Why the scene is as it is, and what you can supply", finding_boxes(found)),

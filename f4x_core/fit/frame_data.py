@@ -31,6 +31,12 @@ class FrameData:
     """(F,H,W) float16 moving score."""
     width: int
     height: int
+    hidden: Tensor | None = None
+    """(F,H,W) bool: pixels that nobody saw; None where all are seen."""
+
+    def seen(self, frame: int) -> Tensor | None:
+        """(H,W) float32 1 where the frame was seen; None where all of it was."""
+        return None if self.hidden is None else (~self.hidden[frame]).float()
 
     @classmethod
     def full(cls, clip: Clip, priors: Priors) -> FrameData:
@@ -40,7 +46,12 @@ class FrameData:
         depth, confidence, motion = (
             torch.from_numpy(np.ascontiguousarray(a)) for a in (priors.depth, priors.depth_confidence, priors.motion)
         )
-        return cls(rgb, depth, confidence, motion, priors.width, priors.height)
+        if clip.hidden is None:
+            return cls(rgb, depth, confidence, motion, priors.width, priors.height)
+        hidden = torch.from_numpy(clip.hidden[priors.frames])
+        depth, confidence = depth.masked_fill(hidden, torch.nan), confidence.masked_fill(hidden, 0)
+        motion = motion.masked_fill(hidden, 0)
+        return cls(rgb, depth, confidence, motion, priors.width, priors.height, hidden)
 
     def halved(self) -> FrameData:
         """Half the resolution: colours averaged over 2 x 2 pixels, the other maps sampled."""
@@ -50,7 +61,10 @@ class FrameData:
         depth, confidence, motion = (
             a[:, : 2 * height : 2, : 2 * width : 2].contiguous() for a in (self.depth, self.confidence, self.motion)
         )
-        return FrameData(rgb, depth, confidence, motion, width, height)
+        hidden = None
+        if self.hidden is not None:  # a mean of four pixels is seen where all of them are
+            hidden = self.hidden[:, : 2 * height, : 2 * width].reshape(len(self.rgb), height, 2, width, 2).any(4).any(2)
+        return FrameData(rgb, depth, confidence, motion, width, height, hidden)
 
 
 @dataclass(frozen=True)

@@ -40,14 +40,34 @@ class Rendered:
     """The step for which it was drawn."""
 
     @property
+    def hidden(self) -> Tensor | None:
+        """(H,W,1) bool: pixels of the frame that nobody saw; None where all were seen."""
+        hidden = self.data.hidden
+        return None if hidden is None else hidden[self.frame][..., None]
+
+    @property
+    def channels(self) -> Tensor:
+        """(H,W,C) what was drawn; it sends no gradient where nobody saw the frame."""
+        channels, hidden = self.output.channels, self.hidden
+        return channels if hidden is None else torch.where(hidden, channels.detach(), channels)
+
+    @property
     def rgb(self) -> Tensor:
         """(H,W,3)"""
-        return self.output.channels[..., :3]
+        return self.channels[..., :3]
+
+    @property
+    def target(self) -> Tensor:
+        """(H,W,3) uint8, the frame; what was drawn where nobody saw it, so that no window of SSIM differs for it."""
+        frame, hidden = self.data.rgb[self.frame], self.hidden
+        if hidden is None:
+            return frame
+        return torch.where(hidden, (255 * self.rgb.detach().clamp(0, 1)).round().byte(), frame)
 
     @property
     def dynamic_alpha(self) -> Tensor:
         """(H,W) alpha of the dynamic Gaussians behind what hides them."""
-        return self.output.channels[..., 3]
+        return self.channels[..., 3]
 
     @property
     def partner_positions(self) -> Tensor:
@@ -119,8 +139,8 @@ class _Losses:
         weights, output = config.losses, rendered.output
         rough = config.rough_every * weights.roughness if rendered.step % config.rough_every == 0 else 0.0
         return frame_losses(
-            (output.channels, output.depth, output.alpha),
-            FrameMaps(data.rgb[frame], data.depth[frame], data.confidence[frame], data.motion[frame]),
+            (rendered.channels, output.depth, output.alpha),
+            FrameMaps(rendered.target, data.depth[frame], data.confidence[frame], data.motion[frame]),
             FrameFactors(weights.ssim, weights.moving, weights.depth, rough, weights.mask),
             self.model.kernels.threads,
         )
@@ -128,7 +148,7 @@ class _Losses:
     def rgb(self, rendered: Rendered) -> Tensor:
         """L1 and SSIM against the frame; moving pixels weigh more, because what moves is small but looked at."""
         weights = self.config.losses
-        target = rendered.data.rgb[rendered.frame].float() / 255
+        target = rendered.target.float() / 255
         attention = 1 + (weights.moving - 1) * rendered.motion  # (H,W)
         return rgb_loss(rendered.rgb, target, attention, weights.ssim)
 
@@ -141,7 +161,7 @@ class _Losses:
         """Bends of the background's depth where the frame is plain and the prior's depth unsure."""
         data, frame, output = rendered.data, rendered.frame, rendered.output
         unsure = (1 - data.confidence[frame].float()) * (1 - rendered.motion)
-        return depth_roughness(output.depth, output.alpha, data.rgb[frame].float() / 255, unsure)
+        return depth_roughness(output.depth, output.alpha, rendered.target.float() / 255, unsure)
 
     def mask(self, rendered: Rendered) -> Tensor:
         """Alpha of the dynamic Gaussians against the moving mask, as far as the motion score is certain."""

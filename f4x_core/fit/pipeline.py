@@ -250,6 +250,7 @@ def _provenance(trainer: Trainer) -> dict[str, Any]:
         "source": clip.source,
         "frames": clip.picked,
         **({} if clip.picture is None else {"picture": asdict(clip.picture)}),
+        **({"reading": [str(remark) for remark in clip.remarks]} if clip.remarks else {}),
         "width": clip.width,
         "config": resolved(config),
         "priors": {n: {k: v for k, v in entry.items() if k not in left_out} for n, entry in priors.items()},

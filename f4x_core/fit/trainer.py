@@ -306,8 +306,9 @@ class Trainer:
     def measure(self) -> None:
         """Add one point to the quality curve: PSNR of a few supervised frames at full size."""
         frames = evenly_spaced(len(self.model.times), MEASURED_FRAMES).tolist()
-        scores = [psnr(self.picture(frame), self.levels[0].rgb[frame].float() / 255) for frame in frames]
-        point = {"step": self.step, "loss": self.loss, "psnr": float(np.mean(scores))}
+        full = self.levels[0]
+        scores = [psnr(self.picture(frame), full.rgb[frame].float() / 255, full.seen(frame)) for frame in frames]
+        point = {"step": self.step, "loss": self.loss, "psnr": float(np.nanmean(scores))}
         self.history.append({**point, "gaussians": float(len(self.model))})
 
     def picture(self, frame: int) -> Tensor:

@@ -8,6 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..clip.changes import find_changes
 from ..clip.images import resize_nearest
 from ..errors import F4xError
@@ -20,12 +22,13 @@ from .providers import STAGES, find
 from .sizes import enlarged, shrunk
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from ..clip import Clip
 
 NOT_RESIZABLE = frozenset(FIELDS) - {*files.RESIZABLE, "cameras"}
 """Priors in pixels of one size: where they are given, all are made at the clip's own."""
+
+UNSEEN = {"depth": np.nan, "depth_confidence": 0.0, "motion": 0.0, "mask": False}
+"""What is known of pixels that nobody saw."""
 
 GIVEN = ("user", "files")
 """Providers of what the user gave."""
@@ -131,6 +134,20 @@ def _resume(stage: str, wanted: list[str], folder: Path, priors: Priors, config:
     return True
 
 
+def _forget_hidden(names: list[str], priors: Priors, clip: Clip) -> None:
+    """Take out of the priors `names` what they say of pixels that nobody saw."""
+    if clip.hidden is None:
+        return
+    hidden = clip.hidden[priors.frames]
+    for name in set(names) & set(UNSEEN):
+        setattr(priors, name, np.where(hidden, UNSEEN[name], getattr(priors, name)).astype(getattr(priors, name).dtype))
+    if "tracks_visible" in names and priors.tracks is not None and priors.tracks_visible is not None:
+        column, row = np.nan_to_num(priors.tracks).astype(int).transpose(2, 0, 1)
+        frame = np.arange(len(hidden))[:, None]
+        inside = hidden[frame, row.clip(0, priors.height - 1), column.clip(0, priors.width - 1)]
+        priors.tracks_visible = priors.tracks_visible & ~inside
+
+
 def _run(
     stage: str,
     wanted: list[str],
@@ -152,6 +169,7 @@ def _run(
     for name in wanted:
         if getattr(priors, name) is None:
             raise F4xError(f"The provider '{settings.provider}' did not make {name}; choose another one for {stage}.")
+    _forget_hidden(wanted, priors, clip)
     # A stage may revise earlier priors (the depth stage sets the world unit of the cameras); what the user gave stays.
     revised = []
     for name, value in before.items():

@@ -68,9 +68,10 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     cameras = priors.cameras
     frames = len(priors.frames)
     moving = priors.mask if priors.mask is not None else np.zeros((frames, priors.height, priors.width), bool)
+    seen = np.ones_like(moving) if clip.hidden is None else ~clip.hidden[priors.frames]
     statistics: dict[str, Any] = {}
     if priors.camera_kind == "moving":
-        inverse, confidence = _static_depth(clip, priors, config, moving, progress, statistics)
+        inverse, confidence = _static_depth(clip, priors, config, moving | ~seen, progress, statistics)
     else:
         inverse, confidence = ground_prior(cameras), np.full(moving.shape, GUESS_CONFIDENCE, np.float32)
         priors.warn("Without parallax no depth can be measured: depth is a ground-like guess with low confidence.")
@@ -78,7 +79,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     objects = place_objects(inverse, confidence, moving, priors)
     progress("depth", frames + 1, frames + 1)
     depth = 1 / inverse
-    unit = float(np.median(depth))
+    unit = float(np.median(depth if clip.hidden is None or not seen.any() else depth[seen]))
     if priors.provenance.get("cameras", {}).get("provider") in ("user", "files"):
         unit = 1.0  # given cameras keep their unit, and depth has to match them
     else:
@@ -300,7 +301,7 @@ def _static_depth(
     progress: Progress,
     statistics: dict[str, Any],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth and confidence `(F, H, W)` of the static world, also behind what moves."""
+    """Inverse depth and confidence `(F, H, W)` of the static world, also behind what moves or is not seen."""
     import cv2
 
     assert priors.cameras is not None

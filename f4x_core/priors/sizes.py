@@ -36,6 +36,7 @@ def shrunk(clip: Clip, longer_side: int) -> Clip:
         cameras=None if clip.cameras is None else clip.cameras.resized(width, height),
         masks=None if clip.masks is None else resize_nearest(clip.masks, width, height),
         depth=None if clip.depth is None else resize_nearest(clip.depth, width, height),
+        hidden=None if clip.hidden is None else resize_nearest(clip.hidden, width, height),
     )
 
 

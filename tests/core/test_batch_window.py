@@ -10,6 +10,7 @@ from toy import clip_and_priors
 from f4x_core.batch import window
 from f4x_core.batch.windows import Shot, fit_shot
 from f4x_core.clip.model import Picture
+from f4x_core.clip.notes import Remark
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.fit.config import profile
 from f4x_core.scene import read_scene
@@ -82,6 +83,8 @@ def test_a_request_is_read_as_it_was_written(tmp_path):
         masks=masks,
         depth=depth,
         picture=picture,
+        hidden=~masks,
+        remarks=(Remark("Something was left out.", "Give it."), Remark("Told.")),
     )
     config = profile("wild")
     found = dataclasses.replace(config.priors.cameras, focal=0.7712345678901234)

@@ -11,6 +11,7 @@ import pytest
 import toy
 from random_scene import random_scene
 
+from f4x_core.clip.notes import Remark
 from f4x_core.errors import F4xError
 from f4x_core.fit.advice import findings, quality, scaffold_coverage, track_survival, verdict
 from f4x_core.fit.diagnostics import ScenePreviews, render_previews, worst_frames, write_diagnostics
@@ -118,6 +119,15 @@ def test_page_is_whole_and_self_contained(tmp_path: Path, moving: bool):
     assert titles[1] == "Geometry"  # right behind the findings
     assert "from the right" in text and "from above" in text
     assert ("group of moving nodes" in text) == moving
+
+
+def test_the_page_tells_how_the_clip_was_read(tmp_path: Path):
+    clip, result, metrics = made_up(True)
+    odd = replace(clip, remarks=(Remark("Two frames <repeat> the one before.", "Give the file of the camera."),))
+    found = write_diagnostics(tmp_path / "page.html", odd, result, metrics, ScenePreviews({}))
+    assert any(one.weight == "note" and one.what == odd.remarks[0].what for one in found)
+    text = (tmp_path / "page.html").read_text()
+    assert "Two frames &lt;repeat&gt; the one before." in text and "Give the file of the camera." in text
 
 
 def test_page_survives_missing_priors(tmp_path: Path):

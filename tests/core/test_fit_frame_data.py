@@ -1,11 +1,16 @@
 """What a fit is supervised with: frames that may be seen, at two resolutions, and tracks of what surely moves."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
 from toy import clip_and_priors
 
 from f4x_core.fit.frame_data import FrameData, MovingTracks
+from f4x_core.fit.loss_terms import Rendered
+from f4x_core.fit.losses import rgb_loss
 
 
 @pytest.mark.parametrize("hold_out", [0, 3])
@@ -34,6 +39,23 @@ def test_half_the_resolution_averages_colours_and_samples_the_rest():
                     assert half.rgb[f, r, c, k] == round(float(four.mean()))
                 for found, whole in zip((half.depth, half.confidence, half.motion), maps, strict=True):
                     assert found[f, r, c] == whole[f, 2 * r, 2 * c]
+
+
+def test_what_nobody_saw_supervises_nothing():
+    clip, priors = clip_and_priors(5)
+    hidden = np.zeros(clip.frames.shape[:3], bool)
+    hidden[:, :, 32:] = True
+    full = FrameData.full(replace(clip, hidden=hidden), priors)
+    assert full.depth[:, :, 32:].isnan().all() and not full.confidence[:, :, 32:].any()
+    assert not full.motion[:, :, 32:].any() and full.seen(0).mean() == 0.5
+    assert full.halved().hidden[:, :, 16:].all() and not full.halved().hidden[:, :, :16].any()
+    drawn = torch.rand(40, 64, 4, requires_grad=True)
+    rendered = Rendered(2, full, SimpleNamespace(channels=drawn))
+    loss = rgb_loss(rendered.rgb, rendered.target.float() / 255, torch.ones(40, 64), 0.2) + rendered.dynamic_alpha.sum()
+    (gradient,) = torch.autograd.grad(loss, drawn)
+    assert not gradient[:, 32:].any() and gradient[:, :32].abs().min(-1).values.mean() > 0
+    assert (rendered.target[:, 32:].float() / 255 - drawn[:, 32:, :3]).abs().max() < 0.51 / 255
+    np.testing.assert_array_equal(rendered.target[:, :32], clip.frames[2][:, :32])
 
 
 @pytest.fixture

@@ -275,6 +275,20 @@ def test_all_frames_held_out_is_refused(tmp_path):
         build_priors(clip, tmp_path)
 
 
+def test_nothing_is_known_of_what_nobody_saw(tmp_path, toy):
+    hidden = np.zeros((T, H, W), bool)
+    hidden[:, :, W // 2 :] = True
+    plain, half = (
+        build_priors(make_clip(hidden=each), tmp_path / name, PriorsConfig.of("toy"))
+        for each, name in ((None, "plain"), (hidden, "half"))
+    )
+    assert np.isnan(half.depth[:, :, W // 2 :]).all() and not half.mask[:, :, W // 2 :].any()
+    assert not half.depth_confidence[:, :, W // 2 :].any() and not half.motion[:, :, W // 2 :].any()
+    np.testing.assert_array_equal(half.depth[:, :, : W // 2], plain.depth[:, :, : W // 2])
+    column = plain.tracks[..., 0]
+    np.testing.assert_array_equal(half.tracks_visible, plain.tracks_visible & ~(column >= W // 2))
+
+
 def test_arrays_of_the_clip_are_used_for_the_supervised_frames(tmp_path, toy):
     depth = np.random.default_rng(3).uniform(1, 4, (T, H, W)).astype(np.float32)
     depth[0, 0, 0] = -1
