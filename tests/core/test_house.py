@@ -29,7 +29,18 @@ ROOMS = (
 )
 """In the order data flows: a room imports itself and rooms to its left."""
 SHARED = (
-    *("errors", "files", "page", "progress", "processes", "parallel", "installation", "troubles", "versions"),
+    *(
+        "errors",
+        "files",
+        "page",
+        "progress",
+        "processes",
+        "parallel",
+        "installation",
+        "reading",
+        "troubles",
+        "versions",
+    ),
     *("__init__", "__main__"),
 )
 """Common ground below all rooms, and the two doors."""
@@ -53,6 +64,7 @@ TORCH_FREE = (
     "processes",
     "parallel",
     "installation",
+    "reading",
     "troubles",
     "versions",
 )
@@ -70,6 +82,7 @@ NUMPY_ONLY = (
     "progress",
     "processes",
     "installation",
+    "reading",
     "troubles",
     "versions",
 )
