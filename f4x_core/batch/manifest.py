@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -16,6 +15,7 @@ from ..edit.records import Record, near, read_record
 from ..errors import F4xError
 from ..features.teachers import TEACHERS
 from ..raster import CPU_BACKENDS
+from ..reading import parse_json
 from ..scene.formats import FORMATS
 from ..scene.view import CHANNELS
 from .storage import expand, join, read_bytes
@@ -196,7 +196,7 @@ def _head(cells: Sequence[str], where: str) -> list[str]:
 
 def _json_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
     try:
-        data = json.loads(text)
+        data = parse_json(text)
     except ValueError as error:
         raise F4xError(f"{source}: is no JSON ({error}); write a list of objects.") from error
     if not isinstance(data, list) or not data:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from ..evaluation.perceptual_distance import lpips_missing
 from ..evaluation.tracking import joint_accuracy
 from ..evaluation.truth import score_against_truth
 from ..progress import Progress
+from ..reading import load_json
 
 
 def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -53,6 +53,6 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _read_joints(path: Path) -> Any:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return load_json(path)
     except ValueError as error:
-        raise F4xError(f"{path} is not JSON ({error}); give the file of hand-set joints.") from error
+        raise F4xError(f"{path} cannot be read as JSON ({error}); give the file of hand-set joints.") from error

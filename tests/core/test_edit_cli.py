@@ -182,7 +182,7 @@ def test_bake(scene, operations, capsys, tmp_path):
         ('[{"op": "delete", "select": {"by": "named", "name": "rex"}}]', "named 'rex'"),
         ('[{"op": "delete", "select": {"by": "moving"}, "frames": [90, null]}]', "90"),
         ('[{"op": "delete", "select": {"by": "ids", "ids": [1, 9999999]}}]', "no Gaussian of the id 9999999"),
-        ("[" * 100_000 + "]" * 100_000, "nested too deep"),
+        ("[" * 100_000 + "]" * 100_000, "nested deeper than 100, a limit of Feature4X"),
         ('{"op": "delete", "select": ' + 90 * '{"by": "not", "of": ' + '{"by": "all"}' + 91 * "}", "write it flatter"),
     ],
 )

@@ -126,7 +126,7 @@ def test_sequence_names_progress_and_deleted_gaussians(tmp_path):
     )
     assert calls[-1][:3] == ("export", 6, 6) and len(calls) == 7
     assert [path.name for path in export(scene, tmp_path / "s", [0.5], "splat").files] == ["random_scene_0000.splat"]
-    names = [path.name for path in export(scene, tmp_path / "some", [1.0, 3.0, 5.0], "splat")]
+    names = [path.name for path in export(scene, tmp_path / "some", [1.0, 3.0, 5.0], "splat").files]
     assert names == [f"random_scene_{frame:04d}.splat" for frame in (1, 3, 5)]
 
 

@@ -99,7 +99,10 @@ def write_spz(scene: Posable, time: float, path: Path | str, transform: np.ndarr
 
 
 def pack_spz(splats: Splats, positions: FixedPoint | None = None) -> bytes:
-    """Return the file of `splats` in its axes, the harmonics' directions too; `FixedPoint.of` them. Raises F4xError for too many."""
+    """Return the file of `splats` in its axes, the harmonics' directions too; `positions` as `FixedPoint.of` tells by default.
+
+    Raises F4xError for too many.
+    """
     count = len(splats)
     if count > MAX_POINTS:
         raise F4xError(f"SPZ holds at most {MAX_POINTS} Gaussians, here are {count}; write PLY")
