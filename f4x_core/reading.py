@@ -54,16 +54,17 @@ NPY_HEADER_BYTES = 1 << 14
 """numpy writes 128 bytes, and reads 10,000 at most."""
 
 
-def parse_json(data: bytes | str) -> Any:
+def parse_json(data: bytes | str, constants: bool = True) -> Any:
     """Return the content of a JSON text in UTF-8, with or without a byte order mark.
 
-    Raises ValueError for anything else, and for brackets that are nested too deep or are too many.
+    Raises ValueError for anything else, for brackets that are nested too deep or are too many, and without `constants` for NaN
+    and Infinity, which JSON lacks but Python writes.
     """
     opening = (b"[", b"{") if isinstance(data, bytes) else ("[", "{")
     if sum(data.count(bracket) for bracket in opening) > MAX_JSON_CONTAINERS:  # type: ignore[arg-type]
         raise ValueError(f"more than {MAX_JSON_CONTAINERS:,} lists and objects, {OWN_LIMIT}")
     try:
-        content = json.loads(data)
+        content = json.loads(data, parse_constant=None if constants else _refuse_constant)
     except RecursionError:
         raise ValueError(_TOO_DEEP) from None
     level = [content] if isinstance(content, list | dict) else []
@@ -77,6 +78,10 @@ def parse_json(data: bytes | str) -> Any:
         if not level:
             return content
     raise ValueError(_TOO_DEEP)
+
+
+def _refuse_constant(text: str) -> None:
+    raise ValueError(f"{text} is not JSON")
 
 
 _TOO_DEEP = f"its brackets are nested deeper than {MAX_JSON_DEPTH}, {OWN_LIMIT}"

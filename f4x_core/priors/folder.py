@@ -207,6 +207,8 @@ class Priors:
                 warnings=head["warnings"],
                 statistics=head["statistics"],
             )
+            if priors.frames.ndim != 1:
+                raise ValueError("'frames' is no list of numbers")
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise F4xError(f"{folder / 'priors.json'} is damaged ({error!r}); build the priors again.") from error
         for name in FIELDS:

@@ -12,7 +12,6 @@ import json
 import math
 import re
 import shutil
-import tokenize
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,6 +23,7 @@ import numpy as np
 from ..errors import F4xError
 from ..files import json_data, replace_file
 from ..geometry.camera import CameraPath
+from ..reading import DAMAGE, OWN_LIMIT, parse_json, reason
 from ..scaffold import Scaffold
 from ..versions import SCENE_FILE
 from .field import FeatureField
@@ -57,22 +57,6 @@ CHUNK = 1 << 20
 """Bytes read at once, so that reading needs one copy of an array and not two."""
 EPOCH = (1980, 1, 1, 0, 0, 0)
 """The time stamp of every member: equal scenes give equal bytes."""
-DAMAGE = (
-    zipfile.BadZipFile,
-    zipfile.LargeZipFile,
-    EOFError,
-    KeyError,
-    IndexError,
-    NotImplementedError,
-    OverflowError,
-    RecursionError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-    tokenize.TokenError,
-)
-"""What zipfile, json and numpy's header parser raise on damaged bytes."""
 FIELDS: dict[str, tuple[type, ...]] = {
     "name": (str,),
     "size": (list,),
@@ -192,7 +176,7 @@ def _undamaged(path: Path) -> Iterator[None]:
     try:
         yield
     except DAMAGE as error:
-        raise F4xError(f"{path}: not a whole scene file ({error}); copy or export it again") from error
+        raise F4xError(f"{path}: not a whole scene file ({reason(error)}); copy or export it again") from error
 
 
 @contextmanager
@@ -248,8 +232,10 @@ def _read_header(archive: zipfile.ZipFile, path: Path) -> dict[str, Any]:
     if HEADER not in archive.namelist():
         raise F4xError(f"{path}: a zip without {HEADER}, so not a Feature4X scene; choose a .f4x file")
     if archive.getinfo(HEADER).file_size > MAX_HEADER_BYTES:
-        raise F4xError(f"{path}: {HEADER} is larger than {MAX_HEADER_BYTES >> 20} MiB; export the scene again")
-    header = json.loads(archive.read(HEADER).decode("utf-8"), parse_constant=_refuse_constant)
+        raise F4xError(
+            f"{path}: {HEADER} is larger than {MAX_HEADER_BYTES >> 20} MiB, {OWN_LIMIT}; export the scene again"
+        )
+    header = parse_json(archive.read(HEADER), constants=False)
     _check_header(header, path)
     return header
 
@@ -292,10 +278,6 @@ def _is_entry(entry: Any) -> bool:
         and isinstance(entry.get("dtype"), str)
         and isinstance(entry.get("sha256"), str)
     )
-
-
-def _refuse_constant(text: str) -> None:
-    raise ValueError(f"{text} is not JSON")
 
 
 def _read_array(archive: zipfile.ZipFile, name: str, entry: Mapping[str, Any], path: Path) -> np.ndarray:

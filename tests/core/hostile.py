@@ -41,6 +41,7 @@ from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors.files import _read_array
 from f4x_core.priors.folder import Priors
 from f4x_core.query.selection import Selection
+from f4x_core.reading import DAMAGE
 from f4x_core.scene import write_scene
 from f4x_core.scene.foreign import open_any
 from f4x_core.scene.formats import export
@@ -329,7 +330,7 @@ def rezipped(data: bytes, rng: np.random.Generator, digests: bool) -> bytes:
             header = json.loads(members["scene.json"])
             entry = header["arrays"][name.removesuffix(".npy")]
             entry["sha256"] = hashlib.sha256(members[name]).hexdigest()
-            with contextlib.suppress(ValueError, SyntaxError):
+            with contextlib.suppress(*DAMAGE):
                 stream = io.BytesIO(members[name])
                 np.lib.format.read_magic(stream)
                 shape, _, dtype = np.lib.format.read_array_header_1_0(stream)

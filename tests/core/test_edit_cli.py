@@ -175,7 +175,7 @@ def test_bake(scene, operations, capsys, tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("{", "not JSON"),
+        ("{", "cannot be read as JSON"),
         ("[]", "no operation"),
         ('[{"op": "explode"}]', "operation 1: 'explode' is no op"),
         ('[{"op": "delete", "select": {"by": "moving"}}, 7]', "operation 2: 7 is no JSON object"),
