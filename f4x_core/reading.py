@@ -60,11 +60,11 @@ def parse_json(data: bytes | str, constants: bool = True) -> Any:
     Raises ValueError for anything else, for brackets that are nested too deep or are too many, and without `constants` for NaN
     and Infinity, which JSON lacks but Python writes.
     """
-    opening = (b"[", b"{") if isinstance(data, bytes) else ("[", "{")
-    if sum(data.count(bracket) for bracket in opening) > MAX_JSON_CONTAINERS:  # type: ignore[arg-type]
+    text = data if isinstance(data, str) else data.decode("utf-8-sig")
+    if text.count("[") + text.count("{") > MAX_JSON_CONTAINERS:
         raise ValueError(f"more than {MAX_JSON_CONTAINERS:,} lists and objects, {OWN_LIMIT}")
     try:
-        content = json.loads(data, parse_constant=None if constants else _refuse_constant)
+        content = json.loads(text, parse_constant=None if constants else _refuse_constant)
     except RecursionError:
         raise ValueError(_TOO_DEEP) from None
     level = [content] if isinstance(content, list | dict) else []
