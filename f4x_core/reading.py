@@ -157,7 +157,8 @@ def undamaged(path: Path, advice: str) -> Iterator[None]:
 
 def reason(error: BaseException) -> str:
     """The text of an error of a library in one line, or its kind where it has none."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
+    text = " ".join(str(error).split())[:200]
+    return "".join(letter if letter.isprintable() else "?" for letter in text) or type(error).__name__
 
 
 def bytes_left(file: BinaryIO) -> int:

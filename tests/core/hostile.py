@@ -12,6 +12,7 @@ import json
 import multiprocessing
 import resource
 import struct
+import tempfile
 import time
 import traceback
 import warnings
@@ -57,6 +58,8 @@ VALUES = (None, True, "", "x" * 5000, "../../x", "\0", [], {}, [[]], [{}], float
 """What takes the place of a node of a JSON document."""
 WORDS = (b"-1", b"0", b"999999999999", b"1e999", b"nan", b"x", b"", b"{}", b"[" * 5000, b"\0", b"\xff\xfe", b"1" * 5000)
 """What takes the place of a number in a text."""
+NPY_HEAD = 128
+"""Bytes before the numbers of a .npy."""
 MOST = 1 << 20
 """Bytes of a damaged copy at most."""
 
@@ -325,7 +328,11 @@ def rezipped(data: bytes, rng: np.random.Generator, digests: bool) -> bytes:
     if name.endswith(".json"):
         members[name] = lying(json.loads(members[name]), rng)
     else:
-        members[name] = damaged(members[name], rng)
+        head, numbers = members[name][:NPY_HEAD], members[name][NPY_HEAD:]
+        if rng.random() < 0.7:
+            members[name] = head + damaged(numbers, rng)[: len(numbers)].ljust(len(numbers), b"\0")
+        else:
+            members[name] = damaged(head + numbers, rng)
         if digests:
             header = json.loads(members["scene.json"])
             entry = header["arrays"][name.removesuffix(".npy")]
@@ -336,19 +343,19 @@ def rezipped(data: bytes, rng: np.random.Generator, digests: bool) -> bytes:
                 shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
                 entry |= {"shape": list(shape), "dtype": dtype.str}
             members["scene.json"] = json.dumps(header).encode()
-    target = io.BytesIO()
+    target, pressed, twice = io.BytesIO(), rng.random() < 0.05, rng.random() < 0.05
     with warnings.catch_warnings(), zipfile.ZipFile(target, "w") as archive:
         warnings.simplefilter("ignore")  # of names that are there twice
         for member, content in members.items():
-            archive.writestr(member, content, zipfile.ZIP_DEFLATED if rng.random() < 0.1 else None)
-            if rng.random() < 0.02:
+            archive.writestr(member, content, zipfile.ZIP_DEFLATED if pressed else None)
+            if twice:
                 archive.writestr(member, content)
     return target.getvalue()
 
 
 def mutant(kind: Kind, data: bytes, rng: np.random.Generator) -> bytes:
     """One damaged copy of a valid file."""
-    if rng.random() < 0.4:
+    if rng.random() < (0.4 if kind.holds in ("bytes", "text") else 0.1):
         return damaged(data, rng)[:MOST]
     if kind.holds == "json":
         return lying(json.loads(data), rng)
@@ -409,20 +416,18 @@ def try_all(folder: Path, jobs: list[tuple[str, int]]) -> list[Outcome]:
 
 
 def _try_some(folder: Path, jobs: list[tuple[str, int]], sender) -> None:
-    whole = {}
+    made: dict[str, tuple[Path, bytes]] = {}
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     room = _memory("VmSize") + 3 * BYTES  # what is asked for and not touched does not count, but must have an end
     resource.setrlimit(resource.RLIMIT_AS, (room, room))
     for name, number in jobs:
-        place = folder / f"{name} {number}"
-        place.mkdir()
-        path = KINDS[name].make(place)
-        whole.setdefault(name, path.read_bytes())
-        path.write_bytes(mutant(KINDS[name], whole[name], np.random.default_rng([number, *name.encode()])))
+        if name not in made:
+            place = Path(tempfile.mkdtemp(dir=folder))
+            path = KINDS[name].make(place)
+            made[name] = path, path.read_bytes()
+        path, whole = made[name]
+        path.write_bytes(mutant(KINDS[name], whole, np.random.default_rng([number, *name.encode()])))
         sender.send(try_one(name, number, path))
-        for file in sorted(place.rglob("*"), reverse=True):
-            file.rmdir() if file.is_dir() else file.unlink()
-        place.rmdir()
 
 
 def try_one(name: str, number: int, path: Path) -> Outcome:
