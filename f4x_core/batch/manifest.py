@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from pathlib import PurePosixPath
 from typing import Any, get_args, get_type_hints
 
@@ -208,9 +209,15 @@ def _json_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
+@cache
+def _hints() -> dict[str, Any]:
+    """Types of a row's fields; to find them takes longer than to read a row."""
+    return get_type_hints(Row)
+
+
 def _cells(cells: Mapping[str, str], where: str) -> dict[str, Any]:
     """Cells converted to the fields' types, without empty ones. Invalid numbers stay text, and `read_record` refuses them."""
-    hints = get_type_hints(Row)
+    hints = _hints()
     values: dict[str, Any] = {}
     for column, cell in cells.items():
         name, cell = column.strip(), cell.strip()

@@ -127,7 +127,9 @@ def _require_honest_png(path: Path) -> None:
     data = path.read_bytes()
     width, height = struct.unpack(">II", data[PNG_SIZE_AT : PNG_SIZE_AT + 8].ljust(8, b"\0"))
     if width * height > MAX_PIXELS:
-        raise F4xError(f"{path} says {width}x{height} pixels; more than {MAX_PIXELS >> 20} million is {OWN_LIMIT}.")
+        raise F4xError(
+            f"{path} says {width}x{height} pixels; more than {MAX_PIXELS >> 20} million is {OWN_LIMIT}; make it smaller."
+        )
     at = PNG_CHUNKS_AT
     while at + 4 <= len(data):
         at += PNG_CHUNK_FRAME + struct.unpack_from(">I", data, at)[0]

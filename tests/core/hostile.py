@@ -26,6 +26,7 @@ from random_scene import random_scene
 from warped_clip import texture
 
 from f4x_core.batch.manifest import read_manifest
+from f4x_core.cli.measuring import _read_joints
 from f4x_core.cli.querying import mask_of, read_selection
 from f4x_core.clip import write_video
 from f4x_core.clip.read import read_clip
@@ -58,6 +59,8 @@ VALUES = (None, True, "", "x" * 5000, "../../x", "\0", [], {}, [[]], [{}], float
 """What takes the place of a node of a JSON document."""
 WORDS = (b"-1", b"0", b"999999999999", b"1e999", b"nan", b"x", b"", b"{}", b"[" * 5000, b"\0", b"\xff\xfe", b"1" * 5000)
 """What takes the place of a number in a text."""
+SEED = 2
+"""Another one gives other copies."""
 NPY_HEAD = 128
 """Bytes before the numbers of a .npy."""
 MOST = 1 << 20
@@ -137,6 +140,11 @@ OPERATIONS = [
 def selection(folder: Path) -> Path:
     chosen = Selection(np.arange(30), np.linspace(0, 1, 30), np.arange(30) % 3 == 0, span=(0, 3))
     return written("selection.json", json.dumps(chosen.to_json()))(folder)
+
+
+def joints(folder: Path) -> Path:
+    frames = [{"frame": frame, "joints": {"knee": [3, 4.5], "hip": [9, 2]}} for frame in (0, 3)]
+    return written("joints.json", json.dumps({"size": [64, 40], "frames": frames}))(folder)
 
 
 def priors(name: str) -> Callable[[Path], Path]:
@@ -228,6 +236,7 @@ KINDS = {
     "cameras": Kind(cameras, CameraPath.read, "json"),
     "operations": Kind(written("edits.json", json.dumps(OPERATIONS)), read_operations, "json"),
     "selection": Kind(selection, read_selection, "json"),
+    "joints": Kind(joints, _read_joints, "json"),
     "manifest csv": Kind(
         written("a.csv", "clip,name,frames,width\na.mp4,a,0:20,320\nb.mp4,b,,\n"),
         lambda path: read_manifest(str(path)),
@@ -426,7 +435,7 @@ def _try_some(folder: Path, jobs: list[tuple[str, int]], sender) -> None:
             path = KINDS[name].make(place)
             made[name] = path, path.read_bytes()
         path, whole = made[name]
-        path.write_bytes(mutant(KINDS[name], whole, np.random.default_rng([number, *name.encode()])))
+        path.write_bytes(mutant(KINDS[name], whole, np.random.default_rng([SEED, number, *name.encode()])))
         sender.send(try_one(name, number, path))
 
 

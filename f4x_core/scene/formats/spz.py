@@ -17,6 +17,7 @@ from ...errors import F4xError
 from ...files import replace_file
 from ...geometry import quaternion, spherical_harmonics
 from ...geometry.splats import Splats
+from ...language.lexicon import plural
 from ...reading import OWN_LIMIT, require_inflation
 from ..posing import Y_UP, Posable, moment, similarity_of, world_harmonics
 
@@ -68,8 +69,9 @@ class FixedPoint:
         """One sentence for a person; none where every splat is where it was."""
         if not self.clamped:
             return ()
+        outliers = plural("outlier", self.clamped)
         return (
-            f"{self.clamped} far outliers were moved to {self.reach:,.0f} units, so that the others keep their places",
+            f"{self.clamped:,} far {outliers} moved to {self.reach:,.0f} units, so that the others keep their places",
         )
 
     @classmethod
