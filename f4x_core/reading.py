@@ -50,8 +50,6 @@ MAX_INFLATION = 64
 FREE_BYTES = 16 << 20
 """So much any file may hold, however few bytes it has."""
 OWN_LIMIT = "a limit of Feature4X"
-NPY_HEADER_BYTES = 1 << 14
-"""numpy writes 128 bytes, and reads 10,000 at most."""
 
 
 def parse_json(data: bytes | str, constants: bool = True) -> Any:
@@ -129,7 +127,7 @@ def _require_npy(file: Any, size: int) -> None:
     read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
     if read is None:
         raise ValueError(f"a .npy of version {version[0]}.{version[1]}, of which 1.0 and 2.0 are read")
-    shape, _, dtype = read(file, max_header_size=NPY_HEADER_BYTES)
+    shape, _, dtype = read(file)
     if dtype.hasobject:
         raise ValueError("it holds Python objects, which are never read")
     claimed, held = math.prod(shape) * dtype.itemsize, size - file.tell()

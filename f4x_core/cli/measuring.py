@@ -58,7 +58,7 @@ def _read_joints(path: Path) -> Any:
         path, 'give hand-set joints: {"size": [W, H], "frames": [{"frame": 0, "joints": {"knee": [x, y]}}]}'
     ):
         data = load_json(path)
-        frames = [
+        frames: list[dict[str, Any]] = [
             {"frame": int(entry["frame"]), "joints": {name: _pair(place) for name, place in entry["joints"].items()}}
             for entry in data["frames"]
         ]

@@ -28,7 +28,7 @@ def offset_for(means: np.ndarray, scales: np.ndarray) -> np.ndarray:
         return np.zeros(3)
     middle = np.rint(np.median(means, axis=0)).astype(np.float64) + 0.0  # there is no -0 then
     reach = float(np.abs(middle).max())
-    lost = float(np.spacing(np.float32(min(reach, np.finfo(np.float32).max))))
+    lost = float(np.spacing(np.float32(min(reach, float(np.finfo(np.float32).max)))))
     far = reach >= FAR and lost > FINE * float(np.median(scales.max(axis=1)))
     return middle if far else np.zeros(3)
 

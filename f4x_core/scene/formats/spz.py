@@ -151,8 +151,8 @@ def read_spz(path: Path | str) -> Splats:
     splats = Splats(
         *(np.empty((count, *shape), np.float32) for shape in ((3,), (4,), (3,), (), ((degree + 1) ** 2, 3)))
     )
-    for start in range(0, count, ROW_BLOCK):
-        block = slice(start, start + ROW_BLOCK)
+    for first in range(0, count, ROW_BLOCK):
+        block = slice(first, first + ROW_BLOCK)
         part = _in_ply_axes(_unpacked([column[block] for column in rows], 2.0 ** -int(fraction)))
         for name, value in part.arrays().items():
             getattr(splats, name)[block] = value
