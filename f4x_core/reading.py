@@ -26,7 +26,6 @@ DAMAGE = (
     AttributeError,
     EOFError,
     LookupError,
-    MemoryError,
     RuntimeError,
     SyntaxError,
     TypeError,
@@ -38,7 +37,8 @@ DAMAGE = (
     zlib.error,
 )
 """Raised by Python's own libraries and numpy on damaged bytes, and by code that takes a field for another type.
-RecursionError, NotImplementedError and UnicodeDecodeError are among them."""
+RecursionError, NotImplementedError and UnicodeDecodeError are among them. MemoryError is not: claims are checked before memory is
+taken, so it means that an honest file is too large for the machine."""
 MAX_JSON_BYTES = 64 << 20
 """Files of operations and selections of millions of Gaussians take less."""
 MAX_JSON_DEPTH = 100
@@ -121,13 +121,21 @@ def open_npz(path: Path) -> Iterator[Mapping[str, np.ndarray]]:
         yield arrays
 
 
-def _require_npy(file: Any, size: int) -> None:
-    """Raise ValueError unless the header at the start of a .npy `file` of `size` bytes describes what follows it."""
+def read_npy_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Return shape, whether Fortran order, and dtype of a .npy; `file` stands behind its header then. Raises one of `DAMAGE`."""
     version = np.lib.format.read_magic(file)
     read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
     if read is None:
         raise ValueError(f"a .npy of version {version[0]}.{version[1]}, of which 1.0 and 2.0 are read")
-    shape, _, dtype = read(file)
+    try:
+        return read(file)
+    except MemoryError:  # Python's parser, of a header that is nested too deep
+        raise ValueError("its header cannot be parsed") from None
+
+
+def _require_npy(file: Any, size: int) -> None:
+    """Raise ValueError unless the header at the start of a .npy `file` of `size` bytes describes what follows it."""
+    shape, _, dtype = read_npy_header(file)
     if dtype.hasobject:
         raise ValueError("it holds Python objects, which are never read")
     claimed, held = math.prod(shape) * dtype.itemsize, size - file.tell()

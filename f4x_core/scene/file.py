@@ -23,7 +23,7 @@ import numpy as np
 from ..errors import F4xError
 from ..files import json_data, replace_file
 from ..geometry.camera import CameraPath
-from ..reading import DAMAGE, OWN_LIMIT, parse_json, reason
+from ..reading import DAMAGE, OWN_LIMIT, parse_json, read_npy_header, reason
 from ..scaffold import Scaffold
 from ..versions import SCENE_FILE
 from .field import FeatureField
@@ -294,10 +294,8 @@ def _read_array(archive: zipfile.ZipFile, name: str, entry: Mapping[str, Any], p
     if hashlib.sha256(member.data).hexdigest() != entry["sha256"]:
         raise F4xError(f"{path}: the array {name} is damaged (its sha256 differs); copy or export it again")
     head = io.BytesIO(member[:4096].tobytes())  # numpy writes 64 to 128 bytes of header
-    version = np.lib.format.read_magic(head)
-    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
-    shape, fortran, dtype = read(head) if read else ((), True, None)
-    if (fortran and len(shape) > 1) or dtype is None or dtype.kind not in "biuf" or dtype.byteorder == ">":
+    shape, fortran, dtype = read_npy_header(head)
+    if (fortran and len(shape) > 1) or dtype.kind not in "biuf" or dtype.byteorder == ">":
         raise F4xError(f"{path}: the array {name} is not a plain little-endian C-order number array; export it again")
     if list(shape) != entry["shape"] or dtype.str != entry["dtype"]:
         raise F4xError(f"{path}: the array {name} is {dtype} {shape}, {HEADER} says otherwise; export it again")

@@ -38,6 +38,7 @@ from f4x_core.errors import F4xError
 from f4x_core.features.maps import read_maps, write_maps
 from f4x_core.features.precomputed import Precomputed
 from f4x_core.features.spec import FeatureSpec
+from f4x_core.files import json_text
 from f4x_core.fit.checkpoint import load_checkpoint, save_checkpoint
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors.files import _read_array
@@ -103,7 +104,9 @@ def ascii_ply(folder: Path) -> Path:
 
 def scene_file(folder: Path) -> Path:
     path = folder / "a.f4x"
-    scene = random_scene(static=9, dynamic=6)
+    picture = {"left": 2, "top": 0, "width": 60, "height": 40}
+    known = {"source": "a.mp4", "frames": "0:6:1", "believed_degrees": 8.5, "picture": picture, "baked": []}
+    scene = random_scene(static=9, dynamic=6, provenance=known)
     span = np.tile(np.array([0, 1, 2, 3], np.float32), (9, 1))
     stack = EditStack()
     for number, operation in enumerate(OPERATIONS):
@@ -220,6 +223,7 @@ def posed(path: Path) -> object:
 
 def edited(path: Path) -> object:
     scene = open_scene(path)
+    json_text(scene.info())
     write_page(base_of(scene), path.with_name("page.html"))
     return scene.posed(1.0)
 

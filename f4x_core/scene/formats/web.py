@@ -84,7 +84,7 @@ def write_page(scene: Scene, path: Path | str, options: PageOptions | None = Non
 def believed_degrees(scene: Scene) -> float:
     """How far off the path the scene can be believed, as its fit found; `DEGREES` where nothing tells."""
     believed = scene.provenance.get("believed_degrees")
-    return DEGREES if believed is None else float(believed)
+    return float(believed) if isinstance(believed, int | float) and 0 <= believed < 90 else DEGREES
 
 
 def _stored(scene: Scene) -> Splats:
