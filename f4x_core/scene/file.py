@@ -69,6 +69,14 @@ FIELDS: dict[str, tuple[type, ...]] = {
     "next_id": (int,),
 }
 """Fields that scene.json must have, besides `format`, `version` and `arrays`."""
+PROVENANCE: dict[str, tuple[type, ...]] = {
+    "source": (str,),
+    "frames": (str,),
+    "believed_degrees": (int, float),
+    "baked": (list,),
+    "import": (dict,),
+}
+"""Entries of `provenance` that programs read; each may be absent or null."""
 
 
 def read_scene(path: Path | str) -> Scene:
@@ -257,8 +265,12 @@ def _check_header(header: Any, path: Path) -> None:
     arrays = header.get("arrays")
     if not isinstance(arrays, dict) or not all(_is_entry(entry) for entry in arrays.values()):
         raise F4xError(f"{path}: {HEADER} lacks a valid 'arrays' table; export the scene again")
-    for name in ("needs", "edits"):
-        if not all(isinstance(row, dict) for row in header[name]):
+    known = header["provenance"]
+    for name, kinds in PROVENANCE.items():
+        if known.get(name) is not None and type(known[name]) not in kinds:
+            raise F4xError(f"{path}: 'provenance' has no valid '{name}'; export the scene again")
+    for name, rows in (("needs", header["needs"]), ("edits", header["edits"]), ("baked", known.get("baked") or [])):
+        if not all(isinstance(row, dict) for row in rows):
             raise F4xError(f"{path}: '{name}' is not a list of objects; export the scene again")
     if not all(type(frame) is int for frame in header["held_out"]):
         raise F4xError(f"{path}: 'held_out' is not a list of frame indices; export the scene again")

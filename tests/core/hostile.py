@@ -406,7 +406,9 @@ class Outcome:
 
 def try_all(folder: Path, jobs: list[tuple[str, int]]) -> list[Outcome]:
     """Read damaged copy `number` of kind `name` for all `jobs`, in child processes."""
-    context = multiprocessing.get_context("fork")
+    # Children of the test process itself would inherit locks of threads that are not there any more.
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
     outcomes, waiting = [], list(jobs)
     while waiting:
         receiver, sender = context.Pipe(duplex=False)
