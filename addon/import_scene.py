@@ -33,7 +33,7 @@ from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.geometry.camera import CameraPath
 from ..f4x_core.scaffold.deformation import pairs_of
 from ..f4x_core.scene import Scene
-from ..f4x_core.scene.foreign import SplatSequence, identify, open_any
+from ..f4x_core.scene.foreign import SplatSequence, identify, notes_of, open_any
 from ..f4x_core.scene.view import NEAR
 from . import display
 from .animation import ActionWriter
@@ -55,6 +55,8 @@ SMALL = 0.1  # drawn size of the root and the camera, world units: the scene is 
 NEVER = 1e9  # frames; stands for infinity, which geometry nodes cannot reckon with
 SOURCE = "f4x_source"
 """Property of the root of what came from another program: its file. A scene's root has `f4x_path` instead."""
+NOTES = "f4x_notes"
+"""Property of that root: what a person must know of how the file was read."""
 
 
 @contextmanager
@@ -97,6 +99,9 @@ def import_scene(
         root.matrix_world = Matrix(BLENDER_FROM_SCENE)
         root.empty_display_size = SMALL
         root[PATH if is_scene else SOURCE] = str(path)
+        notes = () if is_scene else notes_of(opened)
+        if notes:
+            root[NOTES] = "; ".join(notes)
         material = _splat_material(name)
         if isinstance(opened, SplatSequence):
             clouds = add_sequence(

@@ -10,7 +10,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from . import packing, viewport
 from .clip_background import doubt, show_clip
-from .import_scene import SOURCE, import_scene
+from .import_scene import NOTES, SOURCE, import_scene
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
 from .point_cloud import selected_in
@@ -85,6 +85,8 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         )
         if clip is not None:
             _warn_of_clip(self, root)
+        if NOTES in root:
+            self.report({"INFO"}, root[NOTES])
         for item in selected_in(context.view_layer):
             item.select_set(False)
         root.select_set(True)

@@ -269,7 +269,7 @@ def _format_rows(scene: Scene, context: Context) -> list[Row]:
         {"format": "none: the moment's own float32", SIZE: _moment_bytes(scene) / MEGABYTE} | _off(truth, truth)
     ]
     for name, file in (("ply", "moment.ply"), ("splat", "moment.splat")):
-        (path,) = export(scene, context.folder / file, TIMES[:1], name)
+        (path,) = export(scene, context.folder / file, TIMES[:1], name).files
         back = open_any(path, sequence=False)
         assert isinstance(back, Scene)
         back = replace(back, cameras=scene.cameras)

@@ -333,8 +333,9 @@ class Session:
         if 4 * numbers * len(opened.ids) * len(times) > MAX_EXPORT_BYTES:
             raise F4xError(f"That would be more than {MAX_EXPORT_BYTES >> 30} GiB; export fewer frames.")
         target.parent.mkdir(parents=True, exist_ok=True)
-        files = export(opened, target, [float(time) for time in times], name, progress=self.progress)
-        return ToolResult({"output": output, "format": name, "moments": len(times), "files": len(files)})
+        done = export(opened, target, [float(time) for time in times], name, progress=self.progress)
+        written = {"output": output, "format": name, "moments": len(times), "files": len(done.files)}
+        return ToolResult({**written, **({"notes": list(done.notes)} if done.notes else {})})
 
     def _open(self, name: str) -> tuple[Path, Scene]:
         """(path, scene with its edits); the scene stays in memory until its file changes."""

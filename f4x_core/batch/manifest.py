@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from pathlib import PurePosixPath
 from typing import Any, get_args, get_type_hints
 
@@ -16,6 +16,7 @@ from ..edit.records import Record, near, read_record
 from ..errors import F4xError
 from ..features.teachers import TEACHERS
 from ..raster import CPU_BACKENDS
+from ..reading import parse_json
 from ..scene.formats import FORMATS
 from ..scene.view import CHANNELS
 from .storage import expand, join, read_bytes
@@ -196,7 +197,7 @@ def _head(cells: Sequence[str], where: str) -> list[str]:
 
 def _json_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
     try:
-        data = json.loads(text)
+        data = parse_json(text)
     except ValueError as error:
         raise F4xError(f"{source}: is no JSON ({error}); write a list of objects.") from error
     if not isinstance(data, list) or not data:
@@ -208,9 +209,15 @@ def _json_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
+@cache
+def _hints() -> dict[str, Any]:
+    """Types of a row's fields; to find them takes longer than to read a row."""
+    return get_type_hints(Row)
+
+
 def _cells(cells: Mapping[str, str], where: str) -> dict[str, Any]:
     """Cells converted to the fields' types, without empty ones. Invalid numbers stay text, and `read_record` refuses them."""
-    hints = get_type_hints(Row)
+    hints = _hints()
     values: dict[str, Any] = {}
     for column, cell in cells.items():
         name, cell = column.strip(), cell.strip()

@@ -1,11 +1,11 @@
 """What the fit in a folder is made with: `--resume` with anything else is refused by the name of the option."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
 from ..errors import F4xError
 from ..files import json_text, replace_file
+from ..reading import load_json, undamaged
 
 PLAN = Path("windows", "plan.json")
 """File in the folder of a fit in windows: option -> its value as text."""
@@ -49,14 +49,19 @@ def require_same(folder: Path, options: Mapping[str, str]) -> None:
 def require_same_at_once(folder: Path, options: Mapping[str, str]) -> None:
     """The same for a fit at once whose checkpoint was refused; nothing where no option tells why."""
     if (folder / OPTIONS).is_file():
-        _require(folder, json.loads((folder / OPTIONS).read_text()), options)
+        _require(folder, _read_options(folder / OPTIONS), options)
 
 
 def _made_with(folder: Path) -> dict[str, str]:
     """The options of the windows in `folder`; of a fit at once only that it is one; nothing where none is there."""
     if (folder / PLAN).is_file():
-        return json.loads((folder / PLAN).read_text())
+        return _read_options(folder / PLAN)
     return {WINDOW: AT_ONCE} if (folder / "checkpoints").is_dir() else {}
+
+
+def _read_options(path: Path) -> dict[str, str]:
+    with undamaged(path, "delete it and fit again without --resume"):
+        return dict(load_json(path))
 
 
 def _require(folder: Path, made: Mapping[str, str], options: Mapping[str, str]) -> None:

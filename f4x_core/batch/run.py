@@ -20,6 +20,7 @@ from pathlib import PurePosixPath
 from typing import Any, Protocol
 
 from ..errors import F4xError
+from ..reading import parse_json
 from .graph import KINDS, Task, tasks_of
 from .manifest import Row
 from .storage import Digests, Store
@@ -236,7 +237,7 @@ def plan(
     """
     known = None
     with contextlib.suppress(ValueError):  # damaged: all clips are read again
-        known = json.loads(store.read(DIGESTS) or b"{}")
+        known = parse_json(store.read(DIGESTS) or b"{}")
     digests = Digests(known)
 
     def state_of(row: Row) -> RowState:
@@ -435,12 +436,12 @@ def locked(store: Store) -> Iterator[None]:
 def _holder(data: bytes | None) -> dict[str, Any] | None:
     """The holder of the lock; None if the lock is gone or its batch is dead."""
     try:
-        other = json.loads(data or b"")
+        other = parse_json(data or b"")
         if time.time() - other["beat"] > STALE:
             return None
         if other["host"] == socket.gethostname() and os.name != "nt":
             os.kill(other["pid"], 0)
-    except (ValueError, KeyError, ProcessLookupError):
+    except (ValueError, KeyError, TypeError, ProcessLookupError):
         return None
     except PermissionError:  # somebody else's process, which lives
         pass

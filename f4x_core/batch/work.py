@@ -24,6 +24,7 @@ from ..errors import Cancelled, F4xError
 from ..printing import one_line
 from ..processes import run_child
 from ..progress import Progress, silent
+from ..reading import parse_json
 from .graph import CLIP, Task, slug
 from .storage import URL, Store, fetch_tree, open_store
 
@@ -217,8 +218,8 @@ class Attempt:
             return
         head: dict[str, Any] = {}
         with contextlib.suppress(ValueError):  # damaged: begun anew
-            head = json.loads(self.store.read(self._saved_index) or b"{}")
-        if head.get("key") == self.task.key:
+            head = parse_json(self.store.read(self._saved_index) or b"{}")
+        if isinstance(head, dict) and head.get("key") == self.task.key:
             self.attempts = head["attempts"] + 1
             self.busy = self.before = head["seconds"]
             self.cpu = head["cpu_seconds"]
@@ -322,7 +323,7 @@ def record_name(task: Task) -> str:
 def parse_record(data: bytes | None) -> Outcome | None:
     """The outcome in a record; None if there is no record or it is damaged."""
     try:
-        return None if data is None else Outcome(**json.loads(data))
+        return None if data is None else Outcome(**parse_json(data))
     except (ValueError, TypeError):
         return None
 

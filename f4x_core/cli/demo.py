@@ -26,6 +26,7 @@ from ..files import json_text, replace_file
 from ..geometry import trajectory
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress
+from ..reading import load_json
 from ..scene import Scene, read_scene
 from ..scene.view import render_trajectory
 from .fitting import clip_of, config_of, fit_to_folder
@@ -117,7 +118,7 @@ def render_clip(folder: Path, settings: DemoClip, progress: Progress) -> None:
     wanted = asdict(settings)
     done = folder / SETTINGS
     with contextlib.suppress(OSError, ValueError):
-        if json.loads(done.read_text()) == wanted:
+        if load_json(done) == wanted:
             return
     done.unlink(missing_ok=True)
     for name in RENDERED:

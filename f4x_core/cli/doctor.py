@@ -19,6 +19,7 @@ import numpy as np
 from .. import __version__
 from ..files import json_text
 from ..progress import Progress
+from ..reading import DAMAGE, load_json
 from ..scene import read_scene
 from ..troubles import explain
 
@@ -129,8 +130,8 @@ def numbers_of(path: Path) -> list[str]:
     ]
     metrics = Path(path).with_name("metrics.json")
     if metrics.is_file():
-        with contextlib.suppress(ValueError):
-            scores = json.loads(metrics.read_text(encoding="utf-8"))
+        with contextlib.suppress(*DAMAGE):
+            scores = load_json(metrics)
             lines += [f"{name}: {value:.4g}" for name, value in scores.items() if isinstance(value, int | float)]
             lines += [f"{name}: {value:.0f} s" for name, value in scores.get("seconds", {}).items()]
     return lines

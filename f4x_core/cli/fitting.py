@@ -38,6 +38,7 @@ from ..fit.settings import as_lines, list_settings, set_fields
 from ..priors import build_priors
 from ..priors.providers import STAGES
 from ..progress import Progress
+from ..reading import load_json, undamaged
 from ..scene import Scene
 from .checks import listed_teachers, require_backend
 from .distilling import distill_into
@@ -197,7 +198,8 @@ def granted(args: argparse.Namespace, size: ClipSize, config: FitConfig, progres
     path, speed = args.output / GRANT, MachineSpeed.measured(config.kernels.threads)
     config = for_clip(args.minutes, size, config, speed)
     if args.resume and path.is_file():
-        allowed = set_fields(config, json.loads(path.read_text()))
+        with undamaged(path, "delete it and fit again without --resume"):
+            allowed = set_fields(config, load_json(path))
     else:
         allowed = within(Grant(args.minutes, args.memory), size, config, speed)
         if allowed is not config:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ..evaluation.perceptual_distance import lpips_missing
 from ..evaluation.tracking import joint_accuracy
 from ..evaluation.truth import score_against_truth
 from ..progress import Progress
+from ..reading import load_json, undamaged
 
 
 def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -52,7 +53,22 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _read_joints(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise F4xError(f"{path} is not JSON ({error}); give the file of hand-set joints.") from error
+    """The joints of a file as `joint_accuracy` takes them, each number checked; F4xError."""
+    with undamaged(
+        path, 'give hand-set joints: {"size": [W, H], "frames": [{"frame": 0, "joints": {"knee": [x, y]}}]}'
+    ):
+        data = load_json(path)
+        frames: list[dict[str, Any]] = [
+            {"frame": int(entry["frame"]), "joints": {name: _pair(place) for name, place in entry["joints"].items()}}
+            for entry in data["frames"]
+        ]
+        if any(entry["frame"] < 0 for entry in frames):
+            raise ValueError("a frame is negative")
+        return {"size": _pair(data["size"]), "frames": frames}
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    x, y = map(float, values)
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(f"{values} are no two numbers")
+    return x, y

@@ -16,7 +16,7 @@ from ..errors import F4xError
 from ..progress import Progress
 from ..scene import Scene
 from ..scene.file import read_scene
-from ..scene.foreign import identify, open_any
+from ..scene.foreign import identify, notes_of, open_any
 from ..scene.formats.web import PageOptions, write_page
 from .encoding import encoder
 
@@ -30,9 +30,9 @@ def run_open(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     found = by_words(edited(scene), words, encode=encoder(progress)) if words else {}
     marks = {word: selection.chosen for word, selection in found.items()}
     path = args.write or Path(tempfile.mkdtemp(prefix="f4x_")) / "scene.html"
-    write_page(base_of(scene), path, PageOptions(args.degrees, marks))
+    notes = [*notes_of(scene), *write_page(base_of(scene), path, PageOptions(args.degrees, marks))]
     megabytes = path.stat().st_size / 1e6
-    text = f"{path}: {megabytes:.1f} MB"
+    text = "; ".join([f"{path}: {megabytes:.1f} MB", *notes])
     if scene.edits:
         text += f"; {len(scene.edits)} edits change with time in a way that the page cannot show"
     absent = [word for word, chosen in marks.items() if not chosen.any()]
@@ -40,7 +40,7 @@ def run_open(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         text += f"; nothing in the scene answers to {', '.join(absent)}"
     if args.write is None and not webbrowser.open(path.absolute().as_uri()):
         text += "; no browser answered, open it yourself"
-    return {"output": str(path), "megabytes": megabytes, "edits_left": len(scene.edits), "text": text}
+    return {"output": str(path), "megabytes": megabytes, "edits_left": len(scene.edits), "notes": notes, "text": text}
 
 
 def _scene_of(args: argparse.Namespace) -> Scene:

@@ -27,7 +27,7 @@ from ..progress import Progress
 from ..query.pixels import coverage_image
 from ..query.unseen import unseen_image
 from ..scene import Scene
-from ..scene.foreign import identify, open_any
+from ..scene.foreign import identify, notes_of, open_any
 from ..scene.formats import choose_format, export
 from ..scene.posing import require_time
 from ..scene.view import COVERED, render
@@ -290,12 +290,22 @@ def feature_image(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarray
 def run_export(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Write a scene, or splats of another program, at one time or at many in one of `FORMATS`."""
     name, _ = choose_format(args.output, args.format, one_moment=args.time is not None)
-    scene = open_scene(args.scene, args.edits) if identify(args.scene) == "scene" else open_any(args.scene)
+    is_scene = identify(args.scene) == "scene"
+    scene = open_scene(args.scene, args.edits) if is_scene else open_any(args.scene)
     if args.time is not None:
         require_time(scene, args.time, f"--time {args.time:g}")
         times = [args.time]
     else:
         times = scene.cameras.times[frame_indices(args.frames, len(scene.cameras), args.scene)].tolist()
-    files = export(scene, args.output, times, name, progress=progress)
+    exported = export(scene, args.output, times, name, progress=progress)
+    files = exported.files
     text = str(args.output) if files == [args.output] else f"{args.output}: {len(files)} {plural('file', len(files))}"
-    return {"output": str(args.output), "format": name, "frames": len(times), "files": len(files), "text": text}
+    notes = [*(() if is_scene else notes_of(scene)), *exported.notes]
+    return {
+        "output": str(args.output),
+        "format": name,
+        "frames": len(times),
+        "files": len(files),
+        "notes": notes,
+        "text": "; ".join([text, *notes]),
+    }

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from ..errors import F4xError
+from ..reading import load_json
 from .operations import Operation, read_operation
-
-MAX_BYTES = 64 << 20
-"""Of a file of operations or a selection: those of millions of Gaussians take less."""
 
 
 def read_operations(path: Path) -> list[Operation]:
@@ -25,10 +22,6 @@ def read_operations(path: Path) -> list[Operation]:
 def read_json(path: Path, wanted: str) -> Any:
     """Return the content of the JSON file `path`; F4xError says that it is no `wanted`."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise F4xError(f"{path}: it is larger than {MAX_BYTES >> 20} MiB; give {wanted}.")
-        return json.loads(path.read_text(encoding="utf-8"))
-    except RecursionError as error:
-        raise F4xError(f"{path}: its brackets are nested too deep to be read; give {wanted}.") from error
+        return load_json(path)
     except ValueError as error:
-        raise F4xError(f"{path}: it is not JSON ({error}); give {wanted}.") from error
+        raise F4xError(f"{path}: it cannot be read as JSON ({error}); give {wanted}.") from error

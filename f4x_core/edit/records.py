@@ -22,6 +22,10 @@ MAX_DEPTH = 32
 """Levels of records inside records that are read: no person needs more, and a hostile file could ask for thousands."""
 
 
+MAX_WHOLE = (1 << 63) - 1
+"""What numpy's whole numbers hold; JSON may have thousands of digits."""
+
+
 class Record:
     """Base of a dataclass that travels as JSON; `KEY` names the tag's key and `TAG` its value where it has one."""
 
@@ -103,6 +107,8 @@ def _value(hint: Any, value: Any, where: str, depth: int) -> Any:
         return _tuple(parts, value, where, depth)
     if origin in (Union, types.UnionType) or _is_record(hint):
         return read_record(hint, value, where, depth + 1)
+    if type(value) is int and abs(value) > MAX_WHOLE:
+        raise F4xError(f"{where} is {_short(value)}; write a number of 64 bits.")
     if hint is float and type(value) in (int, float) and math.isfinite(value):
         return float(value)
     if hint in (bool, int, str) and type(value) is hint:

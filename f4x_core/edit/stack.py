@@ -7,6 +7,7 @@ are all undone and whose `undone` is dropped is byte for byte the scene before t
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -80,10 +81,11 @@ class EditStack:
 
     def __post_init__(self) -> None:
         """Refuse too many edits, and ids that occur twice."""
-        if len(self.edits) > MAX_EDITS:
-            raise F4xError(f"there are {len(self.edits)} edits; {MAX_EDITS} are the most, so `f4x bake` them first.")
-        ids = [edit.id for edit in (*self.edits, *self.undone)]
-        twice = next((id for id in ids if ids.count(id) > 1), None)
+        for name, edits in (("edits", self.edits), ("undone edits", self.undone)):
+            if len(edits) > MAX_EDITS:
+                raise F4xError(f"there are {len(edits)} {name}; {MAX_EDITS} are the most, so `f4x bake` them first.")
+        counts = Counter(edit.id for edit in (*self.edits, *self.undone))
+        twice = next((id for id, count in counts.items() if count > 1), None)
         if twice is not None:
             raise F4xError(f"the edit id {twice} occurs twice; give every edit its own.")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from ..fit.model import CameraRig
 from ..geometry.camera import Camera, CameraPath
 from ..priors.synthetic import BACKGROUND_DEPTH, read_passes
 from ..progress import Progress, silent
+from ..reading import load_json
 from ..scene import Scene
 from ..scene.view import render
 from .evaluate import FrozenMoment, path_error, refine
@@ -382,7 +382,7 @@ def _score_view(
 def _read_truth(folder: Path) -> dict[str, Any]:
     path = folder / "truth.json"
     try:
-        truth = json.loads(path.read_text(encoding="utf-8"))
+        truth = load_json(path)
     except (OSError, ValueError) as error:
         raise F4xError(
             f"{path} cannot be read ({error}); render the clip again with scripts/synthetic_clip.py."

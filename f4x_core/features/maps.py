@@ -19,7 +19,6 @@ import math
 import os
 import shutil
 import tempfile
-import tokenize
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,11 +30,12 @@ import numpy as np
 from ..errors import F4xError
 from ..files import link_target, lock_file, neighbour
 from ..progress import Progress, silent
+from ..reading import DAMAGE, load_json, load_npy
 from .spec import FeatureSpec
 
 SPEC, STORED, PLAN = "spec.json", "stored.json", "plan.json"
 HALF = "<f2"
-UNREADABLE = (ValueError, OSError, EOFError, tokenize.TokenError)
+UNREADABLE = (OSError, *DAMAGE)
 """What numpy and json raise on damaged files."""
 
 
@@ -294,7 +294,7 @@ def _row_bytes(shape: tuple[int, ...]) -> int:
 
 def _load(path: Path, mapped: bool = False) -> np.ndarray:
     try:
-        return np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
+        return load_npy(path, mapped)
     except FileNotFoundError as error:
         raise F4xError(f"{path} is missing; make the feature maps again.") from error
     except UNREADABLE as error:
@@ -303,7 +303,7 @@ def _load(path: Path, mapped: bool = False) -> np.ndarray:
 
 def _read_json(path: Path) -> Any:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return load_json(path)
     except (ValueError, OSError) as error:
         raise F4xError(f"{path} is not readable JSON ({error}); make the feature maps again.") from error
 

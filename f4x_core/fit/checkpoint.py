@@ -8,6 +8,8 @@ import torch
 from ..errors import F4xError
 from ..files import replace_file
 
+DAMAGED = "the checkpoint is damaged; delete it and fit again without --resume."
+
 
 class OtherSettingsError(F4xError):
     """A checkpoint that was made with other settings or of another clip."""
@@ -36,7 +38,9 @@ def load_checkpoint(path: Path, config_hash: str) -> dict[str, Any] | None:
     try:
         state = torch.load(path, weights_only=True)
     except Exception as error:
-        raise F4xError(f"{path}: the checkpoint is damaged; delete it and fit again without --resume.") from error
+        raise F4xError(f"{path}: {DAMAGED}") from error
+    if not isinstance(state, dict) or not isinstance(state.get("config_hash", ""), str):
+        raise F4xError(f"{path}: {DAMAGED}")
     if not state.get("config_hash", "").startswith(config_hash):
         raise OtherSettingsError(
             f"{path}: this checkpoint was made with other settings or another clip; fit without --resume, or into another folder."

@@ -24,6 +24,7 @@ from ..priors import Priors, build_priors
 from ..priors.config import config_hash
 from ..progress import Progress, silent
 from ..raster import choose_backend
+from ..reading import undamaged
 from ..scaffold import Scaffold
 from ..scene import DynamicSet, Scene, StaticSet
 from .believed import believed_degrees, depth_evidence
@@ -106,7 +107,8 @@ class ClipFit:
             trainer = self.start(priors)
         clock = self._record("start", clock)
         if state is not None:
-            trainer.restore(state)
+            with undamaged(checkpoint, "delete it and fit again without --resume"):
+                trainer.restore(state)
         trainer.run(checkpoint, settings_hash, self.progress)
         self._record("photometric", clock)
         result = self.finish(trainer)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..files import replace_file
+from ..reading import load_json
 from ..versions import CAMERA_PATH
 from . import pose
 from .arrays import Array, are_indices, like, namespace
@@ -196,7 +197,7 @@ class CameraPath:
             return cls(intrinsics, matrices, times, int(data["width"]), int(data["height"]))
         except KeyError as error:
             raise F4xError(f"{source} lacks the entry {error}; write it again") from error
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise F4xError(f"{source} holds something other than numbers ({error}); write it again") from error
         except F4xError as error:
             raise F4xError(f"{source}: {error}") from error
@@ -210,11 +211,13 @@ class CameraPath:
     def read(cls, file: str | Path) -> "CameraPath":
         """Return the path in a JSON file; raises F4xError that names the file."""
         try:
-            data = json.loads(Path(file).read_text(encoding="utf-8"))
+            data = load_json(Path(file))
         except OSError as error:
             raise F4xError(f"{file} cannot be read ({error.strerror}); give an existing camera path") from error
         except ValueError as error:
-            raise F4xError(f"{file} is not JSON ({error}); give a camera path written by Feature4X") from error
+            raise F4xError(
+                f"{file} cannot be read as JSON ({error}); give a camera path written by Feature4X"
+            ) from error
         return cls.from_json(data, file)
 
 

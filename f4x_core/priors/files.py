@@ -8,6 +8,7 @@ is read as integers with 0 = unknown. Cameras are a `cameras.json` as `CameraPat
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from ..clip.images import resize_nearest
 from ..errors import F4xError
+from ..reading import OWN_LIMIT, load_npy, open_npz, reason
 from .config import PriorsConfig
 from .flow import consistent
 from .folder import ARRAYS, FIELDS, UNREADABLE, Priors, sources_in
@@ -24,6 +26,12 @@ if TYPE_CHECKING:
     from ..geometry.camera import CameraPath
 
 RESIZABLE = ("mask", "motion", "depth", "depth_confidence")
+MAX_PIXELS = 64 << 20
+"""Of a map of one frame: twice those of 8K."""
+PNG_SIZE_AT = 16
+"""Byte of a PNG at which width and height stand, 32 bits each."""
+PNG_CHUNKS_AT, PNG_CHUNK_FRAME = 8, 12
+"""Byte at which chunks begin; bytes of one beside its content: length, name and checksum."""
 ASPECT_TOLERANCE = 0.01
 """Relative difference of width / height up to which a map of another size is taken for the same picture."""
 STATIC_SHIFT, STATIC_DEGREES = 1e-4, 0.05
@@ -89,6 +97,7 @@ def _read_array(name: str, path: Path) -> np.ndarray:
     if suffix == ".png":
         import cv2
 
+        _require_honest_png(path)
         data = np.fromfile(path, np.uint8)  # not by its name: OpenCV ends the process where that is no UTF-8
         picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
         if picture is None:
@@ -102,15 +111,31 @@ def _read_array(name: str, path: Path) -> np.ndarray:
             return np.where(picture > 0, picture.astype(np.float32), np.nan)
         return picture.astype(np.float32) / (65535 if picture.dtype == np.uint16 else 255)
     try:
-        loaded = np.load(path, allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            return loaded
-        with loaded as archive:
-            if name not in archive.files and len(archive.files) != 1:
-                raise F4xError(f"{path} holds {', '.join(archive.files)}; name the array '{name}'.")
-            return archive[name if name in archive.files else archive.files[0]]
+        if suffix != ".npz":
+            return load_npy(path)
+        with open_npz(path) as arrays:
+            if name not in arrays and len(arrays) != 1:
+                raise F4xError(f"{path} holds {', '.join(arrays)}; name the array '{name}'.")
+            return arrays[name if name in arrays else next(iter(arrays))]
     except UNREADABLE as error:
-        raise F4xError(f"{path} (given for {name}) is not a readable NumPy file ({error}); write it again.") from error
+        raise F4xError(
+            f"{path} (given for {name}) is not a readable NumPy file ({reason(error)}); write it again."
+        ) from error
+
+
+def _require_honest_png(path: Path) -> None:
+    """F4xError for a PNG that says it has more pixels than are read, or chunks that reach beyond its end: OpenCV believes both."""
+    data = path.read_bytes()
+    width, height = struct.unpack(">II", data[PNG_SIZE_AT : PNG_SIZE_AT + 8].ljust(8, b"\0"))
+    if width * height > MAX_PIXELS:
+        raise F4xError(
+            f"{path} says {width}x{height} pixels; more than {MAX_PIXELS >> 20} million is {OWN_LIMIT}; make it smaller."
+        )
+    at = PNG_CHUNKS_AT
+    while at + 4 <= len(data):
+        at += PNG_CHUNK_FRAME + struct.unpack_from(">I", data, at)[0]
+    if at > len(data):
+        raise F4xError(f"{path} is truncated or damaged; write it again.")
 
 
 def _fit(name: str, value: Any, source: str, priors: Priors, clip: Clip) -> Any:

@@ -19,9 +19,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +28,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..files import replace_file
+from ..reading import DAMAGE, load_json, load_npy, reason
 from ..versions import PRIORS
 
 if TYPE_CHECKING:
@@ -58,8 +56,8 @@ REMEMBERED = ("camera_kind", "provenance", "warnings", "statistics")
 SEEN_DEPTH = "seen_depth"
 """Entry of `Priors.scratch`: depth (F,H,W) that is known from elsewhere."""
 UNIT_INTERVAL = ("depth_confidence", "motion", "tracks_motion")
-UNREADABLE = (ValueError, OSError, EOFError, MemoryError, tokenize.TokenError, zipfile.BadZipFile, zlib.error)
-"""What numpy raises on damaged `.npy` and `.npz` files."""
+UNREADABLE = (OSError, *DAMAGE)
+"""Raised on damaged `.npy` and `.npz` files, and by a system that does not give them."""
 OUTSIDE_TOLERANCE = 0.5
 """Fraction of visible track samples that may lie outside before the tracks are taken for another picture size."""
 
@@ -209,7 +207,9 @@ class Priors:
                 warnings=head["warnings"],
                 statistics=head["statistics"],
             )
-        except (KeyError, TypeError, ValueError) as error:
+            if priors.frames.ndim != 1:
+                raise ValueError("'frames' is no list of numbers")
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise F4xError(f"{folder / 'priors.json'} is damaged ({error!r}); build the priors again.") from error
         for name in FIELDS:
             if file_of(folder, name).exists():
@@ -264,10 +264,10 @@ def read_head(folder: Path) -> dict[str, Any]:
     """`priors.json` as a dict; F4xError when it is missing, damaged or too new."""
     path = folder / "priors.json"
     try:
-        head = json.loads(path.read_text(encoding="utf-8"))
+        head = load_json(path)
     except FileNotFoundError as error:
         raise F4xError(f"{folder} is not a priors folder (no priors.json); build the priors first.") from error
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise F4xError(f"{path} is not readable JSON ({error}); build the priors again.") from error
     if not isinstance(head, dict) or head.get("version") != PRIORS:
         raise F4xError(f"{path} is not of version {PRIORS}; build the priors again with this program.")
@@ -285,10 +285,9 @@ def read_field(folder: Path, name: str) -> Any:
 
         return CameraPath.read(path)
     try:
-        with path.open("rb") as file:
-            return np.lib.format.read_array(file, allow_pickle=False)
+        return load_npy(path)
     except UNREADABLE as error:
-        raise F4xError(f"{path} is not a readable .npy array ({error}); replace or delete it.") from error
+        raise F4xError(f"{path} is not a readable .npy array ({reason(error)}); replace or delete it.") from error
 
 
 def digest(path: Path) -> str:

@@ -11,7 +11,6 @@ their truth is used for that, never their picture).
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.camera import CameraPath
 from ..progress import Progress
+from ..reading import load_json
 from .config import PriorsConfig
 from .depth import MAX_DEPTH
 from .files import camera_kind
@@ -97,9 +97,9 @@ class Truth:
                 f"{clip.source} holds no truth.json; the provider 'synthetic' needs a clip rendered with truth."
             )
         try:
-            head = json.loads(path.read_text(encoding="utf-8"))
+            head = load_json(path)
             cameras, moving_index = CameraPath.from_json(head["cameras"], path), list(head["moving_index"])
-        except (ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError) as error:
             raise F4xError(f"{path} is damaged ({error!r}); render the synthetic clip again.") from error
         files = sorted((folder / "truth").glob("*.exr"))
         count, height, width = clip.frames.shape[:3]

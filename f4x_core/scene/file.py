@@ -12,7 +12,6 @@ import json
 import math
 import re
 import shutil
-import tokenize
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,6 +23,7 @@ import numpy as np
 from ..errors import F4xError
 from ..files import json_data, replace_file
 from ..geometry.camera import CameraPath
+from ..reading import DAMAGE, OWN_LIMIT, parse_json, read_npy_header, reason
 from ..scaffold import Scaffold
 from ..versions import SCENE_FILE
 from .field import FeatureField
@@ -60,22 +60,6 @@ CHUNK = 1 << 20
 """Bytes read at once, so that reading needs one copy of an array and not two."""
 EPOCH = (1980, 1, 1, 0, 0, 0)
 """The time stamp of every member: equal scenes give equal bytes."""
-DAMAGE = (
-    zipfile.BadZipFile,
-    zipfile.LargeZipFile,
-    EOFError,
-    KeyError,
-    IndexError,
-    NotImplementedError,
-    OverflowError,
-    RecursionError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-    tokenize.TokenError,
-)
-"""What zipfile, json and numpy's header parser raise on damaged bytes."""
 FIELDS: dict[str, tuple[type, ...]] = {
     "name": (str,),
     "size": (list,),
@@ -88,6 +72,14 @@ FIELDS: dict[str, tuple[type, ...]] = {
     "next_id": (int,),
 }
 """Fields that scene.json must have, besides `format`, `version` and `arrays`."""
+PROVENANCE: dict[str, tuple[type, ...]] = {
+    "source": (str,),
+    "frames": (str,),
+    "believed_degrees": (int, float),
+    "baked": (list,),
+    "import": (dict,),
+}
+"""Entries of `provenance` that programs read; each may be absent or null."""
 
 
 def read_scene(path: Path | str) -> Scene:
@@ -203,7 +195,7 @@ def _undamaged(path: Path) -> Iterator[None]:
     try:
         yield
     except DAMAGE as error:
-        raise F4xError(f"{path}: not a whole scene file ({error}); copy or export it again") from error
+        raise F4xError(f"{path}: not a whole scene file ({reason(error)}); copy or export it again") from error
 
 
 @contextmanager
@@ -259,8 +251,10 @@ def _read_header(archive: zipfile.ZipFile, path: Path) -> dict[str, Any]:
     if HEADER not in archive.namelist():
         raise F4xError(f"{path}: a zip without {HEADER}, so not a Feature4X scene; choose a .f4x file")
     if archive.getinfo(HEADER).file_size > MAX_HEADER_BYTES:
-        raise F4xError(f"{path}: {HEADER} is larger than {MAX_HEADER_BYTES >> 20} MiB; export the scene again")
-    header = json.loads(archive.read(HEADER).decode("utf-8"), parse_constant=_refuse_constant)
+        raise F4xError(
+            f"{path}: {HEADER} is larger than {MAX_HEADER_BYTES >> 20} MiB, {OWN_LIMIT}; export the scene again"
+        )
+    header = parse_json(archive.read(HEADER), constants=False)
     _check_header(header, path)
     return header
 
@@ -282,8 +276,12 @@ def _check_header(header: Any, path: Path) -> None:
     arrays = header.get("arrays")
     if not isinstance(arrays, dict) or not all(_is_entry(entry) for entry in arrays.values()):
         raise F4xError(f"{path}: {HEADER} lacks a valid 'arrays' table; export the scene again")
-    for name in ("needs", "edits"):
-        if not all(isinstance(row, dict) for row in header[name]):
+    known = header["provenance"]
+    for name, kinds in PROVENANCE.items():
+        if known.get(name) is not None and type(known[name]) not in kinds:
+            raise F4xError(f"{path}: 'provenance' has no valid '{name}'; export the scene again")
+    for name, rows in (("needs", header["needs"]), ("edits", header["edits"]), ("baked", known.get("baked") or [])):
+        if not all(isinstance(row, dict) for row in rows):
             raise F4xError(f"{path}: '{name}' is not a list of objects; export the scene again")
     if not all(type(frame) is int for frame in header["held_out"]):
         raise F4xError(f"{path}: 'held_out' is not a list of frame indices; export the scene again")
@@ -305,10 +303,6 @@ def _is_entry(entry: Any) -> bool:
     )
 
 
-def _refuse_constant(text: str) -> None:
-    raise ValueError(f"{text} is not JSON")
-
-
 def _read_array(archive: zipfile.ZipFile, name: str, entry: Mapping[str, Any], path: Path) -> np.ndarray:
     """Read one array: the member's bytes into one buffer, hashed, then looked at through the .npy header."""
     try:
@@ -323,10 +317,8 @@ def _read_array(archive: zipfile.ZipFile, name: str, entry: Mapping[str, Any], p
     if hashlib.sha256(member.data).hexdigest() != entry["sha256"]:
         raise F4xError(f"{path}: the array {name} is damaged (its sha256 differs); copy or export it again")
     head = io.BytesIO(member[:4096].tobytes())  # numpy writes 64 to 128 bytes of header
-    version = np.lib.format.read_magic(head)
-    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
-    shape, fortran, dtype = read(head) if read else ((), True, None)
-    if (fortran and len(shape) > 1) or dtype is None or dtype.kind not in "biuf" or dtype.byteorder == ">":
+    shape, fortran, dtype = read_npy_header(head)
+    if (fortran and len(shape) > 1) or dtype.kind not in "biuf" or dtype.byteorder == ">":
         raise F4xError(f"{path}: the array {name} is not a plain little-endian C-order number array; export it again")
     if list(shape) != entry["shape"] or dtype.str != entry["dtype"]:
         raise F4xError(f"{path}: the array {name} is {dtype} {shape}, {HEADER} says otherwise; export it again")

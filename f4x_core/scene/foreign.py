@@ -9,10 +9,11 @@ from __future__ import annotations
 import re
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,7 +26,8 @@ from .formats.gltf_splats import holds_splats, read_gltf
 from .formats.splat import looks_like_splat, read_splat
 from .formats.spz import read_spz
 from .model import PosedSplats, Scene, StaticSet
-from .ply import read_ply
+from .placing import offset_for
+from .ply import read_ply_activation
 
 Kind = Literal["scene", "ply", "splat", "spz", "gltf", "sequence"]
 WIDTH, HEIGHT, FIELD_OF_VIEW = 960, 540, 50.0
@@ -65,8 +67,10 @@ SIGNATURES = (
     (0, b"{", "a JSON file; choose a .f4x scene or a splat file"),
 )
 """(offset, bytes there, what the file is and what to do)."""
-READERS = {"ply": read_ply, "splat": read_splat, "spz": read_spz, "gltf": read_gltf}
-"""Of one file of splats, by kind."""
+READERS = {"splat": read_splat, "spz": read_spz, "gltf": read_gltf}
+"""Of one file of splats, by kind; PLY files have notes besides."""
+MAX_STEP = 100
+"""Between the numbers of neighbouring moments; checkpoints of a trainer lie hundreds of steps apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +84,26 @@ class SplatSequence:
     fps: float = SEQUENCE_FPS
     """Frames per second."""
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person must know of how it was read."""
+        named = f"{self.paths[0].name} to {self.paths[-1].name}"
+        return (
+            f"{len(self.paths)} numbered files ({named}) were taken for the moments of an animation",
+            *notes_of(self[0]),
+        )
+
     def __len__(self) -> int:
         return len(self.paths)
 
     def __getitem__(self, index: int) -> Scene:
         """The scene of one frame, in which nothing moves. Raises F4xError that names the file."""
-        return scene_of(read_ply(self.paths[index]), self.name, self.paths[index])
+        return _read_ply_scene(self.paths[index], self.name, None if index == 0 else self.offset)
+
+    @cached_property
+    def offset(self) -> np.ndarray:
+        """(3,) float64 that was taken off all positions: that of the first file."""
+        return self[0].offset
 
     @cached_property
     def cameras(self) -> CameraPath:
@@ -125,6 +143,8 @@ def open_any(path: Path | str, sequence: bool = True) -> Scene | SplatSequence:
     if kind == "sequence":
         paths = _numbered_files(path) if path.is_dir() else _siblings(path)
         return SplatSequence(_prefix(paths[0]) or paths[0].absolute().parent.name, tuple(paths))
+    if kind == "ply":
+        return _read_ply_scene(path, path.stem)
     return scene_of(READERS[kind](path), path.stem, path)
 
 
@@ -143,10 +163,12 @@ def identify(path: Path | str, sequence: bool = True) -> Kind:
         if start[:4] == b"PK\x03\x04":
             return _identify_zip(path)
         if re.match(rb"ply\r?\n", start):
-            return "sequence" if sequence and len(_siblings(path)) > 1 else "ply"
+            siblings = _siblings(path) if sequence else []
+            return "sequence" if len(siblings) > 1 and _uneven(siblings) is None else "ply"
         if start.startswith(GZIP):
             return "spz"  # `read_spz` says if it is something else
-        if start.startswith((b"glTF", b"{")) and holds_splats(path):
+        text = start.removeprefix(b"\xef\xbb\xbf").lstrip()
+        if (start.startswith(b"glTF") or text.startswith(b"{")) and holds_splats(path):
             return "gltf"
         for offset, signature, sentence in SIGNATURES:
             if start.startswith(signature, offset):
@@ -164,21 +186,53 @@ def identify(path: Path | str, sequence: bool = True) -> Kind:
     )
 
 
-def scene_of(splats: Splats, name: str, source: Path) -> Scene:
-    """A scene in which nothing moves, with one camera that frames the splats; F4xError names `source`."""
+def scene_of(
+    splats: Splats, name: str, source: Path, notes: tuple[str, ...] = (), offset: np.ndarray | None = None
+) -> Scene:
+    """A scene in which nothing moves, with one camera that frames the splats; F4xError names `source`.
+
+    Positions that float32 cannot hold are brought near the origin by `offset (3,)`, by default the one that suits them.
+    `notes` are what a person must know of how the file was read (`notes_of`).
+    """
     try:
+        offset = offset_for(splats.means, splats.scales) if offset is None else offset
+        imported: dict[str, Any] = {"file": source.name}
+        if offset.any():
+            shift = ", ".join(f"{value:,.0f}" for value in offset)
+            notes += (
+                f"its positions lie about ({shift}) from the origin; the scene is kept near it, the offset in float64",
+            )
+            imported["offset"] = offset.tolist()
+        if notes:
+            imported["notes"] = list(notes)
+        with np.errstate(over="ignore"):  # refused below
+            splats = replace(splats, means=(splats.means - offset if offset.any() else splats.means).astype(np.float32))
         return Scene(
             name=name,
             static=StaticSet(ids=np.arange(len(splats)), **splats.arrays()),
             cameras=CameraPath(*_framing(splats), WIDTH, HEIGHT),
-            provenance={"import": {"file": source.name}},
+            provenance={"import": imported},
         )
     except F4xError as error:
         raise F4xError(f"{source}: {error}") from error
 
 
+def notes_of(opened: Scene | SplatSequence) -> tuple[str, ...]:
+    """What a person must know of how splats from elsewhere were read, in sentences without a full stop."""
+    if isinstance(opened, SplatSequence):
+        return opened.notes
+    return tuple(opened.provenance.get("import", {}).get("notes", ()))
+
+
+def _read_ply_scene(path: Path, name: str, offset: np.ndarray | None = None) -> Scene:
+    splats, activation = read_ply_activation(path)
+    return scene_of(splats, name, path, activation.notes, offset)
+
+
 def _framing(splats: Splats) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Intrinsics (1,3,3), world_to_camera (1,4,4) and times (1,) of a camera that looks along z at all that is seen."""
+    if not np.isfinite(splats.means).all():
+        raise F4xError("some positions are infinite, or beyond what float32 holds; clean it in a splat editor")
     seen = splats.opacities >= SEEN
     means = splats.means[seen] if seen.any() else splats.means
     low, high = np.percentile(means, INNER, axis=0) if len(means) else (np.zeros(3), np.zeros(3))
@@ -211,7 +265,11 @@ def _identify_zip(path: Path) -> Kind:
 
 
 def _identify_folder(folder: Path) -> Kind:
-    if _numbered_files(folder):
+    numbered = _numbered_files(folder)
+    if numbered:
+        uneven = _uneven(numbered)
+        if uneven is not None:
+            raise F4xError(f"{folder}: {uneven}; choose one file, the last is {numbered[-1].name}")
         return "sequence"
     if (folder / "scene.f4x").is_file():
         raise F4xError(f"{folder}: the folder of a fit; choose {folder / 'scene.f4x'}")
@@ -240,6 +298,16 @@ def _siblings(file: Path) -> list[Path]:
         return []
     found = [other for other in file.parent.iterdir() if (m := NUMBERED.fullmatch(other.name)) and m[1] == match[1]]
     return sorted(found, key=lambda other: natural_key(other.name))
+
+
+def _uneven(files: list[Path]) -> str | None:
+    """Why numbered files are no moments of an animation; None where their numbers are evenly spaced."""
+    numbers = [int(match[2]) for file in files if (match := NUMBERED.fullmatch(file.name))]
+    steps = {after - before for before, after in pairwise(numbers)}
+    if len(steps) <= 1 and all(0 < step <= MAX_STEP for step in steps):
+        return None
+    listed = ", ".join(map(str, numbers[:4])) + (", …" if len(numbers) > 4 else "")
+    return f"its PLY files are numbered {listed}, not evenly or by more than {MAX_STEP}, so no moments of an animation"
 
 
 def _prefix(file: Path) -> str:

@@ -23,6 +23,7 @@ from ..geometry.splats import Splats
 from ..scaffold import Scaffold
 from ..scaffold.deformation import Pairs, move_gaussians, pairs_of, relative_motions
 from .field import FeatureField
+from .placing import offset_of
 
 GAUSSIAN_ARRAYS = {
     "ids": ("<i8", ("N",)),
@@ -288,6 +289,11 @@ class Scene:
     def base(self) -> Scene:
         """The scene before edits: itself."""
         return self
+
+    @property
+    def offset(self) -> np.ndarray:
+        """(3,) float64 to be added to positions for those of the file that the scene was imported from; 0 for all others."""
+        return offset_of(self.provenance)
 
     @property
     def untimed(self) -> Scene:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, Literal
@@ -18,6 +19,7 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import quaternion, spherical_harmonics
 from ..geometry.splats import Splats
+from ..reading import bytes_left
 from .posing import Posable, moment
 
 TYPE_NAMES = {
@@ -43,15 +45,42 @@ MIN_SCALE = 1e-12
 """World units; a scale of 0 has no logarithm."""
 OPACITY_MARGIN = 1e-6
 """Opacities 0 and 1 have no finite logit; a change of this size is invisible in 8 and 16 bits."""
+MIN_TELLING = 10
+"""Splats from which the range of their numbers tells whether they are activated: so many logits hardly all lie in [0, 1]."""
+HUGE = 0.1
+"""A typical Gaussian of this part of the scene's extent, or more, is too large to be one: its scale was no logarithm."""
+MAX_NUMBER_CHARS = 64
+"""Of a number in an ASCII file with the space behind it; a double takes 25."""
+TEXT_BLOCK = 1 << 20
+"""Characters of an ASCII file that become numbers at once: as Python's own they take twenty times the memory."""
+ROW_BLOCK = 1 << 18
+"""Splats that are converted at once, in float64."""
 
 
-def write_ply(path: Path | str, splats: Splats) -> None:
+@dataclass(frozen=True)
+class Activation:
+    """Which numbers of a PLY are activated already, as some programs write them, in place of logits and logarithms."""
+
+    opacities: bool = False
+    scales: bool = False
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One sentence for a person; none for a standard file."""
+        names = " and ".join(name for name, value in vars(self).items() if value)
+        return (f"its {names} are activated already (no logits, no logarithms) and were read so",) if names else ()
+
+
+def write_ply(path: Path | str, splats: Splats, offset: np.ndarray | None = None) -> None:
     """Write a binary 3DGS PLY with the standard names and order (248 bytes per Gaussian at degree 3).
 
-    The harmonics are turned from each Gaussian's own frame to world axes, as every other viewer expects. Raises F4xError when
-    the disk refuses.
+    The harmonics are turned from each Gaussian's own frame to world axes, as every other viewer expects. With an `offset` (3,)
+    that is not 0 the positions are written as doubles, moved by it. Raises F4xError when the disk refuses.
     """
     means, sh = splats.means, splats.sh
+    far = offset is not None and offset.any()
+    if far:
+        means = means.astype(np.float64) + offset
     quats = quaternion.normalize(splats.quats)
     world_sh = spherical_harmonics.rotate(sh, quats)
     rest = world_sh[:, 1:].transpose(0, 2, 1).reshape(len(sh), 3 * (sh.shape[1] - 1))  # (N, 3 (S - 1)) channel-major
@@ -65,7 +94,7 @@ def write_ply(path: Path | str, splats: Splats) -> None:
         **dict(zip(SCALE, np.log(np.maximum(splats.scales, MIN_SCALE)).T, strict=True)),
         **dict(zip(ROTATION, quats.T, strict=True)),
     }
-    vertices = np.empty(len(means), [(name, "<f4") for name in columns])
+    vertices = np.empty(len(means), [(name, "<f8" if far and name in POSITION else "<f4") for name in columns])
     for name, column in columns.items():
         vertices[name] = column
     write_properties(path, vertices)
@@ -75,9 +104,14 @@ def read_ply(path: Path | str) -> Splats:
     """Read a 3DGS PLY: any property order and type, comments, CRLF header, degree 0 to 4, normals or not.
 
     Binary of either byte order, or ASCII. SH is turned from world axes to each Gaussian's own frame, so
-    `write_ply(path, read_ply(path))` is a round trip. Raises F4xError that says what the file is when it is no splat
-    file, is truncated or has impossible values.
+    `write_ply(path, read_ply(path))` is a round trip. Means are float64 where the file has doubles. Raises F4xError that says
+    what the file is when it is no splat file, is truncated or has impossible values.
     """
+    return read_ply_activation(path)[0]
+
+
+def read_ply_activation(path: Path | str) -> tuple[Splats, Activation]:
+    """Read as `read_ply`; also return which numbers were activated in the file, as their ranges tell."""
     path = Path(path)
     vertices = read_properties(path)
     names = vertices.dtype.names or ()
@@ -88,26 +122,64 @@ def read_ply(path: Path | str) -> Splats:
     rest = len(rest_names) // 3
     if len(rest_names) not in (0, 9, 24, 45, 72) or rest_names != [f"f_rest_{i}" for i in range(3 * rest)]:
         raise F4xError(f"{path}: has {len(rest_names)} f_rest properties, expected 0, 9, 24, 45 or 72; export it again")
-    sh = np.empty((len(vertices), rest + 1, 3), np.float32)
-    sh[:, 0] = _columns(vertices, DC)
-    sh[:, 1:] = _columns(vertices, rest_names).reshape(len(vertices), 3, rest).transpose(0, 2, 1)
-    with np.errstate(over="ignore"):  # exp of a large negative logit is inf, and 1 / (1 + inf) the right 0
-        scale = np.exp(_columns(vertices, SCALE))
-        opacity = 1 / (1 + np.exp(-_columns(vertices, ("opacity",))[:, 0]))
-    rotation = quaternion.normalize(_columns(vertices, ROTATION))
+    activation = _activation(vertices)
+    doubles = any(vertices.dtype[name] == np.float64 for name in POSITION)
+    count = len(vertices)
     splats = Splats(
-        means=_columns(vertices, POSITION).astype(np.float32),
-        quats=rotation.astype(np.float32),
-        scales=scale.astype(np.float32),
-        opacities=opacity.astype(np.float32),
-        sh=spherical_harmonics.rotate(sh, quaternion.conjugate(rotation)),
+        np.empty((count, 3), np.float64 if doubles else np.float32),
+        np.empty((count, 4), np.float32),
+        np.empty((count, 3), np.float32),
+        np.empty(count, np.float32),
+        np.empty((count, rest + 1, 3), np.float32),
     )
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is counted below
+        for start in range(0, count, ROW_BLOCK):
+            rows = slice(start, start + ROW_BLOCK)
+            part = _splats_of(vertices[rows], rest_names, activation)
+            for name, value in part.arrays().items():
+                getattr(splats, name)[rows] = value
     for name, value in splats.arrays().items():
         bad = np.count_nonzero(~np.isfinite(value.reshape(len(value), -1)).all(axis=1)) if len(value) else 0
         if bad:
             hint = "scale_* must be logarithms" if name == "scales" else "clean it in a splat editor"
             raise F4xError(f"{path}: {bad} of {len(value)} splats have no finite {name}; {hint}")
-    return splats
+    return splats, activation
+
+
+def _splats_of(vertices: np.ndarray, rest_names: list[str], activation: Activation) -> Splats:
+    """Gaussians of some rows, in float64."""
+    rest = len(rest_names) // 3
+    opacities, scales = _columns(vertices, ("opacity",))[:, 0], _columns(vertices, SCALE)
+    sh = np.empty((len(vertices), rest + 1, 3))
+    sh[:, 0] = _columns(vertices, DC)
+    sh[:, 1:] = _columns(vertices, rest_names).reshape(len(vertices), 3, rest).transpose(0, 2, 1)
+    quats = quaternion.normalize(_columns(vertices, ROTATION))
+    return Splats(
+        means=_columns(vertices, POSITION),
+        quats=quats,
+        scales=scales if activation.scales else np.exp(scales),
+        # exp of a large negative logit is inf, and 1 / (1 + inf) the right 0
+        opacities=opacities if activation.opacities else 1 / (1 + np.exp(-opacities)),
+        sh=spherical_harmonics.rotate(sh, quaternion.conjugate(quats)),
+    )
+
+
+def _activation(vertices: np.ndarray) -> Activation:
+    """Which numbers are activated, as their ranges tell.
+
+    Trained logits leave [0, 1]. A logarithm of a scale is negative below 1 unit; where none is, the scales are activated if the
+    opacities are, or if the Gaussians would otherwise be as large as the scene.
+    """
+    if len(vertices) < MIN_TELLING:
+        return Activation()
+    opacity = vertices["opacity"]
+    opacities = bool((opacity >= 0).all() and (opacity <= 1).all() and opacity.max() > opacity.min())
+    if not all((vertices[name] >= 0).all() for name in SCALE):
+        return Activation(opacities)
+    extent = max(float(np.ptp(np.percentile(vertices[name].astype(np.float64), (5, 95)))) for name in POSITION)
+    typical = max(float(np.median(vertices[name].astype(np.float64))) for name in SCALE)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return Activation(opacities, opacities or bool(np.exp(typical) > HUGE * extent > HUGE * typical))
 
 
 def read_properties(path: Path | str) -> np.ndarray:
@@ -152,8 +224,7 @@ def export_frame(scene: Posable, time: float, path: Path | str, transform: np.nd
     `transform`: a 4x4 similarity in the scene's axes (an object's matrix in a modelling program), baked into position,
     rotation, scale and harmonics. Raises F4xError.
     """
-    posed = moment(scene, time, transform)
-    write_ply(path, posed)
+    write_ply(path, moment(scene, time, transform), scene.offset)
 
 
 def _read_header(file: BinaryIO, path: Path) -> tuple[Literal["<", ">", "ascii"], list[tuple[str, int, np.dtype]]]:
@@ -198,32 +269,39 @@ def _row(properties: list[tuple[str, str]], path: Path) -> np.dtype:
 
 
 def _read_vertices(file: BinaryIO, count: int, dtype: np.dtype, path: Path) -> np.ndarray:
-    start = file.tell()
-    held = max(file.seek(0, 2) - start, 0) // max(dtype.itemsize, 1)
+    if not dtype.itemsize:
+        raise F4xError(f"{path}: a PLY whose vertices have no properties; choose a Gaussian-splat PLY")
+    held = bytes_left(file) // dtype.itemsize
     if held < count:  # before any memory is taken
         raise F4xError(f"{path}: truncated, it promises {count} splats and holds {held}; copy or export it again")
-    file.seek(start)
     return np.fromfile(file, dtype, count)
 
 
 def _parse_vertices(file: BinaryIO, count: int, dtype: np.dtype, path: Path) -> np.ndarray:
     """The rows of an ASCII PLY, one line each."""
     names = dtype.names or ()
-    body = file.read()
+    if not names:
+        raise F4xError(f"{path}: a PLY whose vertices have no properties; choose a Gaussian-splat PLY")
     promised = f"{path}: truncated, it promises {count} splats"
-    if count * 2 * len(names) > len(body) + 1:  # a digit and a space each: before any memory is taken
+    if count * 2 * len(names) > bytes_left(file) + 1:  # a digit and a space each: before any memory is taken
         raise F4xError(f"{promised} and holds fewer; copy or export it again")
-    lines = body.split(b"\n", count)[:count] if names else []
-    try:
-        # The flat parser is several times quicker than one that knows columns; it reads nan and inf as well.
-        numbers = np.array(b" ".join(lines).split(), np.float64)
-    except ValueError as error:
-        raise F4xError(f"{path}: holds something other than numbers among its splats; export it again") from error
-    if len(numbers) != count * len(names):
-        raise F4xError(f"{promised} of {len(names)} numbers and holds {len(numbers)}; copy or export it again")
     rows = np.empty(count, dtype)
-    for name, column in zip(names, numbers.reshape(count, len(names)).T, strict=True):
-        rows[name] = column
+    longest = MAX_NUMBER_CHARS * len(names)
+    block = max(1, TEXT_BLOCK // longest)
+    for start in range(0, count, block):
+        part = rows[start : start + block]
+        lines = [file.readline(longest) for _ in range(len(part))]
+        try:
+            # The flat parser is several times quicker than one that knows columns; it reads nan and inf as well.
+            numbers = np.array(b" ".join(lines).split(), np.float64)
+        except ValueError as error:
+            raise F4xError(f"{path}: holds something other than numbers among its splats; export it again") from error
+        if len(numbers) != part.size * len(names):
+            held = start * len(names) + len(numbers)
+            raise F4xError(f"{promised} of {len(names)} numbers and holds {held}; copy or export it again")
+        with np.errstate(invalid="ignore", over="ignore"):  # too large for a narrow type
+            for name, column in zip(names, numbers.reshape(part.size, len(names)).T, strict=True):
+                part[name] = column
     return rows
 
 

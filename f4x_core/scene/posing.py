@@ -35,6 +35,10 @@ class Posable(Protocol):
         """One camera per clip frame; its times are the clip's."""
 
     @property
+    def offset(self) -> np.ndarray:
+        """(3,) float64 to be added to positions for those of the file that it comes from; mostly 0."""
+
+    @property
     def scaffold(self) -> Scaffold | None:
         """The scaffold that moves the dynamic Gaussians, if there is one."""
 

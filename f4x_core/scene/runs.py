@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import F4xError
+from ..reading import FREE_BYTES, MAX_INFLATION, OWN_LIMIT
 from .model import SCAFFOLD_ARRAYS
 
 HELD = "scaffold/held"
@@ -20,8 +21,15 @@ OF_POSES = ("scaffold/xyz", "scaffold/quat", "scaffold/certain")
 """The arrays (F,M,...) that are stored as (R,...), one row a run."""
 MAX_POSES = 1 << 26
 """Nodes x frames that runs may unfold to, 1.9 GB: a file says with few bytes that they are many. More are stored one by one."""
+POSE_BYTES = 29
+"""Of one pose in `OF_POSES`."""
 BLOCK = 256
 """Nodes whose poses are compared at once."""
+
+
+def _unfolds(poses: int, stored: int) -> bool:
+    """Whether so many poses are read of a file whose arrays take `stored` bytes."""
+    return poses <= MAX_POSES and poses * POSE_BYTES <= max(FREE_BYTES, MAX_INFLATION * stored)
 
 
 def run_lengths(poses: Sequence[np.ndarray]) -> np.ndarray:
@@ -47,7 +55,9 @@ def fold(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     held = run_lengths(poses)
     frames, nodes = poses[0].shape[:2]
     full = sum(array.nbytes for array in poses)
-    if held.nbytes + full / (frames * nodes) * len(held) >= full:
+    stored = held.nbytes + POSE_BYTES * len(held)
+    others = sum(array.nbytes for array in arrays.values()) - full
+    if stored >= full or not _unfolds(frames * nodes, others + stored):
         return arrays
     node, frame = np.divmod(np.cumsum(held, dtype=np.int64) - held, frames)
     return {**arrays, **{name: arrays[name][frame, node] for name in OF_POSES}, HELD: held}
@@ -60,8 +70,11 @@ def unfold(arrays: dict[str, np.ndarray]) -> None:
     if len(wanted) < 5 or any(array.ndim == 0 for array in wanted.values()):
         raise F4xError(f"{HELD} is there without the arrays that it belongs to")
     frames, nodes = len(wanted["scaffold/times"]), len(wanted["scaffold/ids"])
-    if frames * nodes > MAX_POSES:
-        raise F4xError(f"{HELD} stands for {frames} x {nodes} poses, more than the {MAX_POSES} that are read")
+    if not _unfolds(frames * nodes, held.nbytes + sum(array.nbytes for array in arrays.values())):
+        raise F4xError(
+            f"{HELD} stands for {frames} x {nodes} poses; more than {MAX_POSES}, or than {MAX_INFLATION} times its bytes, is"
+            f" {OWN_LIMIT}"
+        )
     # A run ends where its node's frames end, or the next node would begin amid it.
     fits = held.ndim == 1 and held.dtype == np.dtype("<i4") and len(held) > 0 and held.min() > 0
     ends = np.cumsum(held, dtype=np.int64) if fits else np.zeros(1, np.int64)

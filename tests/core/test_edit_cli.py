@@ -175,14 +175,14 @@ def test_bake(scene, operations, capsys, tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("{", "not JSON"),
+        ("{", "cannot be read as JSON"),
         ("[]", "no operation"),
         ('[{"op": "explode"}]', "operation 1: 'explode' is no op"),
         ('[{"op": "delete", "select": {"by": "moving"}}, 7]', "operation 2: 7 is no JSON object"),
         ('[{"op": "delete", "select": {"by": "named", "name": "rex"}}]', "named 'rex'"),
         ('[{"op": "delete", "select": {"by": "moving"}, "frames": [90, null]}]', "90"),
         ('[{"op": "delete", "select": {"by": "ids", "ids": [1, 9999999]}}]', "no Gaussian of the id 9999999"),
-        ("[" * 100_000 + "]" * 100_000, "nested too deep"),
+        ("[" * 100_000 + "]" * 100_000, "nested deeper than 100, a limit of Feature4X"),
         ('{"op": "delete", "select": ' + 90 * '{"by": "not", "of": ' + '{"by": "all"}' + 91 * "}", "write it flatter"),
     ],
 )

@@ -178,7 +178,7 @@ def test_path_resizes_scales_and_round_trips_as_json(tmp_path):
 @pytest.mark.parametrize(
     "content, message",
     [
-        ("{", "is not JSON"),
+        ("{", "cannot be read as JSON"),
         ("[]", "not a camera path"),
         ('{"format": "f4x-cameras", "version": 9}', "version 9"),
         ('{"format": "f4x-cameras", "version": 1}', "lacks the entry"),

@@ -41,6 +41,7 @@ SHARED = (
         "parallel",
         "printing",
         "installation",
+        "reading",
         "troubles",
         "versions",
     ),
@@ -68,6 +69,7 @@ TORCH_FREE = (
     "parallel",
     "printing",
     "installation",
+    "reading",
     "troubles",
     "versions",
 )
@@ -86,6 +88,7 @@ NUMPY_ONLY = (
     "processes",
     "printing",
     "installation",
+    "reading",
     "troubles",
     "versions",
 )

@@ -71,7 +71,7 @@ def test_version_2_is_read(tmp_path):
         (lambda body: body[:-1], "truncated, it promises 1"),
         (lambda body: b"xxxx" + body[4:], "holds no SPZ"),
         (lambda body: body[:4] + b"\x09" + body[5:], "version 9"),
-        (lambda body: body[:8] + b"\xff\xff\xff\xff" + body[12:], "4294967295 splats"),
+        (lambda body: body[:8] + b"\xff\xff\xff\xff" + body[12:], "4,294,967,295 splats"),
     ],
 )
 def test_damage_is_told(tmp_path, change, words):

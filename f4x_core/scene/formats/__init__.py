@@ -19,7 +19,8 @@ from .splat import write_splat
 from .spz import write_spz
 from .usd import write_usd, write_usd_points
 
-WriteFrame = Callable[[Posable, float, Path, np.ndarray | None], None]
+WriteFrame = Callable[[Posable, float, Path, np.ndarray | None], tuple[str, ...] | None]
+"""Returns what a person must know of the file, in sentences without a full stop."""
 WriteClip = Callable[[Posable, Sequence[float], Path, np.ndarray | None, Progress], None]
 
 
@@ -35,19 +36,36 @@ class Format:
     """Writes one moment; many moments are a folder of numbered files."""
     write_clip: WriteClip | None = None
     """Writes many moments into one file."""
+    doubles: bool = True
+    """Whether positions, or what moves them all, have double precision: then the offset of a far scene is in the file."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What an export wrote."""
+
+    files: list[Path]
+    notes: tuple[str, ...] = ()
+    """What a person must know of them, in sentences without a full stop."""
 
 
 FORMATS = {
     "ply": Format((".ply",), "Gaussians with all harmonics, one moment a file", write_frame=export_frame),
-    "splat": Format((".splat",), "Gaussians with one colour in 8 bits, one moment a file", write_frame=write_splat),
-    "spz": Format((".spz",), "Gaussians with all harmonics in 8 bits, one moment a file", write_frame=write_spz),
+    "splat": Format(
+        (".splat",), "Gaussians with one colour in 8 bits, one moment a file", write_frame=write_splat, doubles=False
+    ),
+    "spz": Format(
+        (".spz",), "Gaussians with all harmonics in 8 bits, one moment a file", write_frame=write_spz, doubles=False
+    ),
     "gltf": Format(
         (".glb", ".gltf"), "Gaussians with harmonics to degree 3, one moment a file", write_frame=write_gltf
     ),
     "usd": Format(
         (".usda", ".usdc"), "Gaussians with harmonics to degree 3, all moments in one file", write_clip=write_usd
     ),
-    "points": Format((".glb",), "coloured points and the scaffold, one moment a file", write_frame=write_points),
+    "points": Format(
+        (".glb",), "coloured points and the scaffold, one moment a file", write_frame=write_points, doubles=False
+    ),
     "usd-points": Format((".usda",), "coloured points, all moments in one file", write_clip=write_usd_points),
 }
 """Name -> format; where two share a suffix, the first is meant by the suffix alone."""
@@ -87,29 +105,41 @@ def export(
     name: str = DEFAULT,
     transform: np.ndarray | None = None,
     progress: Progress = silent,
-) -> list[Path]:
-    """Write `scene` at the clip `times` in the format `name` and return the files.
+) -> Exported:
+    """Write `scene` at the clip `times` in the format `name` and return the files, with what a person must know of them.
 
     `output` is a file where it ends as the format's files do, else a folder that gets `NAME_0000.ply, NAME_0001.ply, …`:
     what sequence readers and splat editors recognise. The numbers are the clip frames, or count from 0 where a time lies
     between two frames. Folders are made if absent.
-    `transform`: 4x4 similarity in the scene's axes, baked in. Raises F4xError; no file is left half-written.
+    `transform`: 4x4 similarity in the scene's axes, baked in before a far scene's offset is added. Raises F4xError; no file is
+    left half-written.
     """
     output, format = Path(output), FORMATS[name]
     is_file = output.suffix.lower() in format.suffixes
     if is_file and format.write_clip is None and len(times) != 1:
         raise F4xError(f"{output}: {name} holds one moment a file; give a folder for {len(times)} moments.")
+    notes = _offset_notes(scene.offset, format)
     _make_folder(output.parent if is_file else output)
     if format.write_clip is not None:
         format.write_clip(scene, times, output, transform, progress)
-        return [output]
+        return Exported([output], notes)
     assert format.write_frame is not None
     paths = [output] if is_file else _numbered(output, scene.name, format.suffixes[0], times)
     for done, (time, path) in enumerate(zip(times, paths, strict=True)):
         progress("export", done, len(times), path.name)
-        format.write_frame(scene, time, path, transform)
+        notes += format.write_frame(scene, time, path, transform) or ()
     progress("export", len(times), len(times))
-    return paths
+    return Exported(paths, tuple(dict.fromkeys(notes)))
+
+
+def _offset_notes(offset: np.ndarray, format: Format) -> tuple[str, ...]:
+    """Whether the offset (3,) of a far scene is in its files."""
+    if not offset.any():
+        return ()
+    shift = ", ".join(f"{value:,.0f}" for value in offset)
+    if format.doubles:
+        return (f"the offset ({shift}) of the file it came from is in there again, in double precision",)
+    return (f"its format has no double precision, so positions are near the origin: add ({shift}), or export PLY",)
 
 
 def _numbered(folder: Path, name: str, suffix: str, times: Sequence[float]) -> list[Path]:

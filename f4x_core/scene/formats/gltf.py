@@ -89,6 +89,8 @@ def write_gltf(scene: Posable, time: float, path: Path | str, transform: np.ndar
         if (degree + 1) ** 2 <= harmonics.shape[1]
     }
     document, binary = _document(scene.name, attributes)
+    if scene.offset.any():  # in double precision, as text
+        document["nodes"][0]["translation"] = (Y_UP[:3, :3] @ scene.offset).tolist()
     document["scenes"][0]["extras"] = {"clip_time": float(time), "frames_per_second": float(scene.fps)}
     if path.suffix.lower() == ".gltf":
         document["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
+import os
 import struct
+from collections import deque
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
 
@@ -20,24 +21,33 @@ import numpy as np
 from ...errors import F4xError
 from ...geometry import quaternion, spherical_harmonics
 from ...geometry.splats import Splats
+from ...reading import DAMAGE, FREE_BYTES, MAX_INFLATION, OWN_LIMIT, parse_json, reason
 from ..posing import Y_UP, similarity_of
 from .gltf import BIN_CHUNK, COLOR_SPACE, ELEMENT_TYPES, EXTENSION, GLB_MAGIC, JSON_CHUNK, KERNEL, MAX_DEGREE
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {name: width for width, name in ELEMENT_TYPES.items()}
 CONVERT = "convert it to a 3DGS PLY with a splat editor first"
+FAMILY = "gaussian_splat"
+"""In the names of the extension, of those that compress its splats, and of earlier ones by other authors."""
+MAX_PLACED = 10_000_000
+"""Splats of a file with all repetitions, as many as are read of SPZ."""
+PLACED_BYTES = 56
+"""Of a splat without view dependence in memory. Few bytes of a file can name one part 20,000 times."""
 
 
 def holds_splats(path: Path) -> bool:
-    """Whether the JSON of a .glb or .gltf file names the extension."""
+    """Whether the JSON of a .glb or .gltf file names the extension, or one of its family."""
     with path.open("rb") as file:
         start = file.read(20)
-        binary = start.startswith(GLB_MAGIC) and len(start) == 20
-        return EXTENSION.encode() in start + file.read(struct.unpack_from("<I", start, 12)[0] if binary else -1)
+        size = os.fstat(file.fileno()).st_size
+        if start.startswith(GLB_MAGIC) and len(start) == 20:
+            size = min(size, struct.unpack_from("<I", start, 12)[0])
+        return FAMILY.encode() in (start + file.read(size)).lower()
 
 
 def read_gltf(path: Path | str) -> Splats:
-    """Read the splats of all nodes into the axes of PLY files (x right, y down, z forward).
+    """Read the splats of all nodes into the axes of PLY files (x right, y down, z forward); means in float64.
 
     Raises F4xError that names what is damaged, missing or of a kind that is not read.
     """
@@ -45,33 +55,42 @@ def read_gltf(path: Path | str) -> Splats:
     try:
         document, binary = _read_document(path)
         file = _GltfFile(document, binary, path)
-        found = [_placed(file.splats(primitive), matrix) for primitive, matrix in file.splat_primitives()]
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error) as error:
-        raise F4xError(f"{path}: a damaged glTF file ({error}); copy or export it again") from error
-    except OSError as error:
-        raise F4xError(f"{path}: cannot be read ({error.strerror or error}); copy or export it again") from error
+        found = list(file.splat_primitives())
+        if not found:
+            raise F4xError(_why_none(document))
+        file.require_honest(primitive for primitive, _ in found)
+        with np.errstate(over="ignore", invalid="ignore"):  # the scene refuses what is not finite
+            return _joined([(file.splats(primitive), *similarity_of(Y_UP @ matrix)) for primitive, matrix in found])
     except F4xError as error:
         raise F4xError(f"{path}: {error}") from error
-    if not found:
-        raise F4xError(f"{path}: a glTF file without splats; import it in Blender, or take the splats' PLY")
-    count = max(splats.sh.shape[1] for splats in found)
-    padded = [np.pad(splats.sh, ((0, 0), (0, count - splats.sh.shape[1]), (0, 0))) for splats in found]
-    arrays = {name: np.concatenate([getattr(each, name) for each in found]) for name in found[0].shape.arrays()}
-    return Splats(**arrays, sh=np.concatenate(padded))
+    except OSError as error:
+        raise F4xError(f"{path}: cannot be read ({error.strerror or error}); copy or export it again") from error
+    except DAMAGE as error:
+        raise F4xError(f"{path}: a damaged glTF file ({reason(error)}); copy or export it again") from error
 
 
 def _read_document(path: Path) -> tuple[dict[str, Any], bytes]:
     """The JSON of a file and the binary chunk of a .glb."""
     data = path.read_bytes()
     if not data.startswith(GLB_MAGIC):
-        return json.loads(data), b""
+        return parse_json(data), b""
     chunks: dict[bytes, bytes] = {}
     at = 12
     while at + 8 <= len(data):
         size, kind = struct.unpack_from("<I4s", data, at)
-        chunks.setdefault(kind, data[at + 8 : at + 8 + size])
+        if kind not in chunks:
+            chunks[kind] = data[at + 8 : at + 8 + size]
         at += 8 + size
-    return json.loads(chunks[JSON_CHUNK]), chunks.get(BIN_CHUNK, b"")
+    return parse_json(chunks[JSON_CHUNK]), chunks.get(BIN_CHUNK, b"")
+
+
+def _why_none(document: dict[str, Any]) -> str:
+    """What a file is that names splats and has no primitive of the extension in its scene."""
+    used = document.get("extensionsUsed")
+    foreign = [name for name in used if FAMILY in str(name).lower() and name != EXTENSION] if used else []
+    if foreign:
+        return f"its splats are compressed or of an earlier draft ({', '.join(map(str, foreign))}), which is not read; {CONVERT}"
+    return "a glTF file without splats; import it in Blender, or take the splats' PLY"
 
 
 class _GltfFile:
@@ -80,15 +99,16 @@ class _GltfFile:
     def __init__(self, document: dict[str, Any], binary: bytes, path: Path) -> None:
         self.document, self.binary, self.path = document, binary, path
         self.buffers: dict[int, bytes] = {}
+        self.read: dict[int, np.ndarray] = {}
 
     def splat_primitives(self) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
         """Each primitive of splats below the file's scene, with the 4x4 matrix of its node to the world."""
         nodes = self.document.get("nodes", [])
         scenes = self.document.get("scenes")
         roots = scenes[self.document.get("scene", 0)].get("nodes", []) if scenes else range(len(nodes))
-        waiting, seen = [(index, np.eye(4)) for index in roots], set()
+        waiting, seen = deque((index, np.eye(4)) for index in roots), set()
         while waiting:
-            index, parent = waiting.pop(0)
+            index, parent = waiting.popleft()
             if index in seen:  # nodes are a tree
                 continue
             seen.add(index)
@@ -99,23 +119,46 @@ class _GltfFile:
                 primitives = self.document["meshes"][node["mesh"]]["primitives"]
                 yield from ((each, matrix) for each in primitives if EXTENSION in each.get("extensions", {}))
 
+    def require_honest(self, primitives: Iterator[dict[str, Any]]) -> None:
+        """Raise F4xError where `primitives` repeat what the file holds so often that they stand for far more than it."""
+        placed, buffers = 0, set()
+        for primitive in primitives:
+            accessor = self.document["accessors"][primitive["attributes"]["POSITION"]]
+            placed += int(accessor["count"])
+            if "bufferView" in accessor:
+                buffers.add(self.document["bufferViews"][accessor["bufferView"]]["buffer"])
+        present = sum(len(self.buffer(index)) for index in buffers)
+        if placed > MAX_PLACED or placed * PLACED_BYTES > max(FREE_BYTES, MAX_INFLATION * present):
+            raise F4xError(
+                f"its nodes place {placed:,} splats, with {present:,} bytes of them there; more than {MAX_PLACED:,}, or than"
+                f" {MAX_INFLATION} times those bytes, is {OWN_LIMIT}; export a PLY"
+            )
+
     def splats(self, primitive: dict[str, Any]) -> Splats:
         """Gaussians of a primitive in the axes of its node; harmonics with directions in these axes, too."""
-        _require_known(primitive["extensions"][EXTENSION])
         names = primitive["attributes"]
+        _require_known(primitive["extensions"][EXTENSION], names)
         degree = max(d for d in range(MAX_DEGREE + 1) if d == 0 or f"{EXTENSION}:SH_DEGREE_{d}_COEF_0" in names)
         harmonics = [f"SH_DEGREE_{d}_COEF_{order}" for d in range(degree + 1) for order in range(2 * d + 1)]
         parts = {name: self.values(names[f"{EXTENSION}:{name}"]) for name in ("ROTATION", "SCALE", "OPACITY")}
-        return Splats(
+        found = Splats(
             means=self.values(names["POSITION"]),
             quats=parts["ROTATION"][:, [3, 0, 1, 2]],
             scales=parts["SCALE"],
             opacities=parts["OPACITY"][:, 0],
             sh=np.stack([self.values(names[f"{EXTENSION}:{name}"]) for name in harmonics], axis=1),
         )
+        if any(len(array) != len(found) for array in found.arrays().values()):
+            raise F4xError("the attributes of its splats have differing counts; export it again")
+        return found
 
     def values(self, index: int) -> np.ndarray:
         """(n,k) float32 of an accessor; normalised integers as glTF 2.0, section 3.11, decodes them."""
+        if index not in self.read:
+            self.read[index] = self._values(index)
+        return self.read[index]
+
+    def _values(self, index: int) -> np.ndarray:
         accessor = self.document["accessors"][index]
         if "sparse" in accessor or "bufferView" not in accessor:
             raise F4xError(f"its splats are compressed or sparse; {CONVERT}")
@@ -137,7 +180,7 @@ class _GltfFile:
         return np.maximum(values / np.iinfo(kind).max, -1) if accessor.get("normalized") else values
 
     def buffer(self, index: int) -> bytes:
-        """Bytes of a buffer: of the .glb, inside the JSON, or of a file in the same folder."""
+        """Bytes of a buffer: of the .glb, inside the JSON, or of a file in the same folder or below."""
         if index not in self.buffers:
             uri = self.document["buffers"][index].get("uri")
             self.buffers[index] = self.binary if uri is None else self._bytes_of(uri)
@@ -149,19 +192,26 @@ class _GltfFile:
                 return base64.b64decode(uri.partition(",")[2], validate=True)
             except binascii.Error as error:
                 raise F4xError("the data inside are damaged; copy or export it again") from error
-        name = unquote(uri)
-        if name != Path(name).name or "\\" in name:
+        if "://" in uri:
+            raise F4xError(f"its data are at {uri[:60]}, and nothing is fetched; export it as .glb")
+        name = PurePosixPath(unquote(uri))
+        if name.is_absolute() or ".." in name.parts or any(mark in str(name) for mark in "\\:"):
             raise F4xError("its data lie outside its own folder, where none are read; export it as .glb")
-        return (self.path.parent / name).read_bytes()
+        file = self.path.parent / name
+        if file.exists() and not file.is_file():  # opening a pipe would wait for ever
+            raise F4xError(f"its data are in {name}, which is no ordinary file; export it as .glb")
+        return file.read_bytes()
 
 
-def _require_known(extension: dict[str, Any]) -> None:
-    """Raise F4xError for splats that would be drawn wrongly."""
+def _require_known(extension: dict[str, Any], names: dict[str, Any]) -> None:
+    """Raise F4xError for splats that would be drawn wrongly; `names` of their attributes."""
+    if extension.get("extensions"):
+        raise F4xError(f"its splats need {', '.join(extension['extensions'])}, which is not read; {CONVERT}")
+    if not any(name.startswith(f"{EXTENSION}:") for name in names):
+        raise F4xError(f"its splats are of an earlier draft of {EXTENSION}, which is not read; {CONVERT}")
     for key, read in (("kernel", KERNEL), ("colorSpace", COLOR_SPACE)):
         if extension[key] != read:
             raise F4xError(f"splats with {key} '{extension[key]}', of which only '{read}' is read; {CONVERT}")
-    if extension.get("extensions"):
-        raise F4xError(f"its splats need {', '.join(extension['extensions'])}, which is not read; {CONVERT}")
 
 
 def _local_matrix(node: dict[str, Any]) -> np.ndarray:
@@ -175,12 +225,21 @@ def _local_matrix(node: dict[str, Any]) -> np.ndarray:
     return matrix
 
 
-def _placed(splats: Splats, matrix: np.ndarray) -> Splats:
-    """Splats moved by their node and turned from y up; their harmonics go to each Gaussian's own frame, which turns along."""
-    scale, turn, shift = similarity_of(Y_UP @ matrix)  # half a turn is its own inverse
-    own = spherical_harmonics.rotate(splats.sh, quaternion.conjugate(splats.quats))
-    means = scale * quaternion.rotate(turn, splats.means.astype(np.float64)) + shift
-    quats = quaternion.multiply(turn, splats.quats.astype(np.float64))
+def _joined(placed: list[tuple[Splats, float, np.ndarray, np.ndarray]]) -> Splats:
+    """Gaussians (splats, scale, turn (4,), shift (3,)) moved by their nodes, as one set; their harmonics go to each Gaussian's own
+    frame, which turns along."""
+    parts = [splats for splats, *_ in placed]
+    counts = [len(splats) for splats in parts]
+    count = max(splats.sh.shape[1] for splats in parts)
+    sh = np.concatenate([np.pad(each.sh, ((0, 0), (0, count - each.sh.shape[1]), (0, 0))) for each in parts])
+    means, quats, scales, opacities = (
+        np.concatenate([getattr(each, name) for each in parts]) for name in ("means", "quats", "scales", "opacities")
+    )
+    scale, turn, shift = (np.repeat(np.array(column), counts, axis=0) for column in list(zip(*placed, strict=True))[1:])
     return Splats(
-        means.astype(np.float32), quats.astype(np.float32), np.float32(scale) * splats.scales, splats.opacities, own
+        scale[:, None] * quaternion.rotate(turn, means.astype(np.float64)) + shift,
+        quaternion.multiply(turn, quats.astype(np.float64)).astype(np.float32),
+        (scale[:, None] * scales).astype(np.float32),
+        opacities,
+        spherical_harmonics.rotate(sh, quaternion.conjugate(quats)),
     )

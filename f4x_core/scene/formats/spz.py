@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ import numpy as np
 from ...errors import F4xError
 from ...files import replace_file
 from ...geometry import quaternion, spherical_harmonics
-from ..ply import Splats
+from ...geometry.splats import Splats
+from ...language.lexicon import plural
+from ...reading import OWN_LIMIT, require_inflation
 from ..posing import Y_UP, Posable, moment, similarity_of, world_harmonics
 
 HEADER = np.dtype([("magic", "<u4"), ("version", "<u4"), ("count", "<u4"), ("numbers", "u1", 4)])
@@ -24,11 +27,19 @@ MAGIC = 0x5053474E
 VERSION = 3
 """Written; 2, with rotations in 24 bits, is read too."""
 MAX_POINTS = 10_000_000
-"""What Niantic's own reader accepts; a header with more is damage."""
+"""What Niantic's own reader accepts."""
+VERSIONS = (2, 3)
+"""Read; version 4 is no gzip stream."""
 MAX_FRACTION = 20
 """Fractional bits of a position at most: a millionth of the unit, finer than float32 at the unit itself."""
 FIXED = (1 << 23) - 1
 """Largest 24-bit signed number."""
+FINE = 1 / 100
+"""A step of a position is at most this part of a typical Gaussian's size, where far outliers would make it coarser."""
+BULK = 0.99
+"""Fraction of the Gaussians whose positions are never clamped for that."""
+ROW_BLOCK = 1 << 18
+"""Splats that are unpacked at once."""
 COLOUR_SCALE = 0.15
 """Of a degree-0 coefficient: bytes span +-3.3, colours somewhat outside [0, 1] too."""
 SCALE_STEPS, SCALE_ORIGIN = 16, 10
@@ -39,21 +50,65 @@ HARMONICS_STEP = (8, 16)
 """A harmonic's byte is `128 + 128 h` rounded to a multiple of these at degree 1 and above, so that gzip has less to keep."""
 
 
-def write_spz(scene: Posable, time: float, path: Path | str, transform: np.ndarray | None = None) -> None:
-    """Write the scene at clip time `time`, moved by the 4x4 similarity `transform`. Raises F4xError."""
+@dataclass(frozen=True)
+class FixedPoint:
+    """How the positions of some splats become 24-bit numbers."""
+
+    fraction: int
+    """Bits behind the point."""
+    clamped: int
+    """Splats that lie beyond the largest number, and are moved to it."""
+
+    @property
+    def reach(self) -> float:
+        """Largest coordinate."""
+        return FIXED * 2.0**-self.fraction
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One sentence for a person; none where every splat is where it was."""
+        if not self.clamped:
+            return ()
+        outliers = plural("outlier", self.clamped)
+        return (
+            f"{self.clamped:,} far {outliers} moved to {self.reach:,.0f} units, so that the others keep their places",
+        )
+
+    @classmethod
+    def of(cls, means: np.ndarray, scales: np.ndarray) -> FixedPoint:
+        """The steps for splats at `means (N,3)` of sizes `scales (N,3)`: all within reach, unless outliers make them too coarse."""
+        distance = np.abs(means).max(axis=1, initial=0).astype(np.float64)
+        widest = _fraction(distance.max(initial=0))
+        if len(distance):
+            size = max(float(np.median(scales.max(axis=1))), 2.0**-MAX_FRACTION)
+            wanted = int(np.clip(np.ceil(-np.log2(FINE * size)), 0, MAX_FRACTION))
+            bulk = _fraction(float(np.quantile(distance, BULK, method="higher")))
+            widest = max(widest, min(wanted, bulk))
+        return cls(widest, int(np.count_nonzero(distance > FIXED * 2.0**-widest)))
+
+
+def write_spz(scene: Posable, time: float, path: Path | str, transform: np.ndarray | None = None) -> tuple[str, ...]:
+    """Write the scene at clip time `time`, moved by the 4x4 similarity `transform`; returns what a person must know of the file.
+
+    Raises F4xError.
+    """
     posed = moment(scene, time, Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64))
-    data = pack_spz(Splats(posed.means, posed.quats, posed.scales, posed.opacities, world_harmonics(posed)))
+    fixed = FixedPoint.of(posed.means, posed.scales)
+    data = pack_spz(Splats(posed.means, posed.quats, posed.scales, posed.opacities, world_harmonics(posed)), fixed)
     with replace_file(path) as file:
         file.write(data)
+    return fixed.notes
 
 
-def pack_spz(splats: Splats) -> bytes:
-    """Return the file of `splats` in its axes, the harmonics' directions too. Raises F4xError for too many."""
+def pack_spz(splats: Splats, positions: FixedPoint | None = None) -> bytes:
+    """Return the file of `splats` in its axes, the harmonics' directions too; `positions` as `FixedPoint.of` tells by default.
+
+    Raises F4xError for too many.
+    """
     count = len(splats)
     if count > MAX_POINTS:
         raise F4xError(f"SPZ holds at most {MAX_POINTS} Gaussians, here are {count}; write PLY")
-    reach = max(float(np.abs(splats.means).max(initial=0)), 1e-6)
-    fraction = int(np.clip(np.floor(np.log2(FIXED / reach)), 0, MAX_FRACTION))
+    fraction = (positions or FixedPoint.of(splats.means, splats.scales)).fraction
     fixed = np.clip(np.rint(splats.means.astype(np.float64) * 2**fraction), -FIXED, FIXED).astype("<i4")
     with np.errstate(divide="ignore"):
         scale = SCALE_STEPS * (np.log(splats.scales) + SCALE_ORIGIN)
@@ -82,23 +137,46 @@ def read_spz(path: Path | str) -> Splats:
                 raise F4xError(f"{path}: a gzip file that holds no SPZ splats; choose another one")
             header = np.frombuffer(start, HEADER)[0]
             version, count, (degree, fraction) = int(header["version"]), int(header["count"]), header["numbers"][:2]
-            if version not in (2, 3) or count > MAX_POINTS or degree > spherical_harmonics.MAX_DEGREE or fraction > 24:
-                raise F4xError(f"{path}: SPZ of version {version} with {count} splats; versions 2 and 3 can be read")
+            _require_readable(version, count, int(degree), int(fraction), path)
             sizes = (9, 1, 3, 3, 4 if version == VERSION else 3, 3 * ((int(degree) + 1) ** 2 - 1))
+            require_inflation(count * sum(sizes), path.stat().st_size)
             body = file.read(count * sum(sizes))
-    except (OSError, EOFError, zlib.error) as error:
+    except (OSError, EOFError, zlib.error, ValueError) as error:
         raise F4xError(f"{path}: cannot be read ({error}); copy or export it again") from error
     if len(body) < count * sum(sizes):
         raise F4xError(f"{path}: truncated, it promises {count} splats; copy or export it again")
     ends = count * np.cumsum(sizes)
-    rows = [part.reshape(count, -1) for part in np.split(np.frombuffer(body, np.uint8), ends[:-1])]
-    splats = _unpacked(rows, 2.0 ** -int(fraction))
+    parts = np.split(np.frombuffer(body, np.uint8), ends[:-1])
+    rows = [part.reshape(count, size) for part, size in zip(parts, sizes, strict=True)]
+    splats = Splats(
+        *(np.empty((count, *shape), np.float32) for shape in ((3,), (4,), (3,), (), ((degree + 1) ** 2, 3)))
+    )
+    for first in range(0, count, ROW_BLOCK):
+        block = slice(first, first + ROW_BLOCK)
+        part = _in_ply_axes(_unpacked([column[block] for column in rows], 2.0 ** -int(fraction)))
+        for name, value in part.arrays().items():
+            getattr(splats, name)[block] = value
+    return splats
+
+
+def _require_readable(version: int, count: int, degree: int, fraction: int, path: Path) -> None:
+    """Raise F4xError for a header that is not read here."""
+    if version not in VERSIONS:
+        raise F4xError(
+            f"{path}: SPZ of version {version}, of which 2 and 3 can be read; convert it to a 3DGS PLY first"
+        )
+    if count > MAX_POINTS:
+        raise F4xError(f"{path}: SPZ of {count:,} splats; more than {MAX_POINTS:,} is {OWN_LIMIT}; thin them out first")
+    if degree > spherical_harmonics.MAX_DEGREE or fraction > 24:
+        raise F4xError(f"{path}: SPZ with a damaged header (harmonics of degree {degree}); copy or export it again")
+
+
+def _in_ply_axes(splats: Splats) -> Splats:
+    """Splats of the file's axes in those of PLY files, with harmonics in each Gaussian's own frame, which turns along."""
     _, turn, _ = similarity_of(Y_UP)
     turned = quaternion.multiply(turn, splats.quats.astype(np.float64)).astype(np.float32)
-    # From world axes of the file to each Gaussian's own frame, which turns with it.
     own = spherical_harmonics.rotate(splats.sh, quaternion.conjugate(splats.quats))
-    means = splats.means * np.array([1, -1, -1], np.float32)
-    return Splats(means, turned, splats.scales, splats.opacities, own)
+    return Splats(splats.means * np.array([1, -1, -1], np.float32), turned, splats.scales, splats.opacities, own)
 
 
 def _unpacked(rows: list[np.ndarray], unit: float) -> Splats:
@@ -110,7 +188,7 @@ def _unpacked(rows: list[np.ndarray], unit: float) -> Splats:
     sh = np.concatenate(
         [
             ((colour.astype(np.float32) / 255 - 0.5) / COLOUR_SCALE)[:, None],
-            (harmonics.reshape(count, -1, 3).astype(np.float32) - 128) / 128,
+            (harmonics.reshape(count, harmonics.shape[1] // 3, 3).astype(np.float32) - 128) / 128,
         ],
         axis=1,
     )
@@ -121,6 +199,11 @@ def _unpacked(rows: list[np.ndarray], unit: float) -> Splats:
         opacities=opacity[:, 0].astype(np.float32) / 255,
         sh=sh.astype(np.float32),
     )
+
+
+def _fraction(reach: float) -> int:
+    """Most fractional bits with which a coordinate of `reach` units is a 24-bit number."""
+    return int(np.clip(np.floor(np.log2(FIXED / max(reach, 1e-6))), 0, MAX_FRACTION))
 
 
 def _bytes(values: np.ndarray) -> np.ndarray:

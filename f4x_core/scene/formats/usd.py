@@ -247,7 +247,7 @@ def _write_stage(
         raise F4xError(f"{path}: nothing is visible at the chosen times; choose others")
     done, total = itertools.count(), len(times) * sum(part.samples(column) for part in parts for column in kind.columns)
     with replace_file(path) as file:
-        file.write(_header(root, times, scene.fps).encode())
+        file.write(_header(root, times, scene.fps, Y_UP[:3, :3] @ scene.offset).encode())
         for part in parts:
             low, high = part.extent
             file.write(f'\n    def {kind.type_name} "{part.name}"\n    {{\n'.encode())
@@ -384,7 +384,14 @@ def _boxes(posed: PosedSplats) -> tuple[np.ndarray, np.ndarray]:
     return posed.means - reach, posed.means + reach
 
 
-def _header(root: str, times: Sequence[float], fps: float) -> str:
+def _header(root: str, times: Sequence[float], fps: float, offset: np.ndarray) -> str:
+    """The lines up to the first prim of splats; `offset (3,)` moves all of them, in double precision."""
+    moved = f"({', '.join(f'{value:.17g}' for value in offset)})"
+    shift = (
+        f'    double3 xformOp:translate = {moved}\n    uniform token[] xformOpOrder = ["xformOp:translate"]\n'
+        if offset.any()
+        else ""
+    )
     return (
         "#usda 1.0\n(\n"
         f'    defaultPrim = "{root}"\n'
@@ -392,7 +399,7 @@ def _header(root: str, times: Sequence[float], fps: float) -> str:
         f"    startTimeCode = {times[0]:.10g}\n    endTimeCode = {times[-1]:.10g}\n"
         f"    timeCodesPerSecond = {fps:.10g}\n    framesPerSecond = {fps:.10g}\n"
         '    metersPerUnit = 1\n    upAxis = "Y"\n)\n\n'
-        f'def Xform "{root}"\n{{\n'
+        f'def Xform "{root}"\n{{\n{shift}'
     )
 
 

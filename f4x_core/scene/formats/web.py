@@ -22,7 +22,7 @@ from ...geometry import pose, quaternion, spherical_harmonics
 from ...geometry.splats import Splats
 from ...scaffold.deformation import node_poses_at, pairs_of
 from ..model import Scene
-from .spz import pack_spz
+from .spz import FixedPoint, pack_spz
 
 KINDS = {"f": "<f4", "u": "<u4", "b": "u1"}
 """Letter in the page's layout -> numbers."""
@@ -40,13 +40,17 @@ class PageOptions:
     """Word -> (N,) bool of the Gaussians in the order of `Scene.posed` that its button colours."""
 
 
-def write_page(scene: Scene, path: Path | str, options: PageOptions | None = None) -> None:
-    """Write the base arrays of `scene` (bake its edits first) as one HTML page. Raises F4xError."""
+def write_page(scene: Scene, path: Path | str, options: PageOptions | None = None) -> tuple[str, ...]:
+    """Write the base arrays of `scene` (bake its edits first) as one HTML page; returns what a person must know of it.
+
+    Raises F4xError.
+    """
     options = options or PageOptions()
     degrees = believed_degrees(scene) if options.degrees is None else options.degrees
     why = ", as far as the clip tells" if options.degrees is None and scene.provenance.get("believed_degrees") else ""
     layout, motion = _joined(_motion(scene, options))
-    cameras = scene.cameras
+    cameras, stored = scene.cameras, _stored(scene)
+    positions = FixedPoint.of(stored.means, stored.scales)
     data = {
         "width": cameras.width,
         "height": cameras.height,
@@ -63,7 +67,7 @@ def write_page(scene: Scene, path: Path | str, options: PageOptions | None = Non
         "pairs": layout["pairNode"][2],
         "layout": layout,
         "motion": base64.b64encode(gzip.compress(motion, mtime=0)).decode(),
-        "splats": base64.b64encode(pack_spz(_stored(scene))).decode(),
+        "splats": base64.b64encode(pack_spz(stored, positions)).decode(),
     }
     room = Path(__file__).parent
     page = Template((room / "viewer.html").read_text(encoding="utf-8")).substitute(
@@ -74,12 +78,13 @@ def write_page(scene: Scene, path: Path | str, options: PageOptions | None = Non
     )
     with replace_file(path) as file:
         file.write(page.encode(errors="backslashreplace"))
+    return positions.notes
 
 
 def believed_degrees(scene: Scene) -> float:
     """How far off the path the scene can be believed, as its fit found; `DEGREES` where nothing tells."""
     believed = scene.provenance.get("believed_degrees")
-    return DEGREES if believed is None else float(believed)
+    return float(believed) if isinstance(believed, int | float) and 0 <= believed < 90 else DEGREES
 
 
 def _stored(scene: Scene) -> Splats:

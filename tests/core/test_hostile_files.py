@@ -1,0 +1,157 @@
+"""Damaged and lying files cost what their size allows and end in a scene or in one sentence, whatever reads them."""
+
+import gzip
+import io
+import json
+import re
+import struct
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+from hostile import BYTES, KINDS, SECONDS, Outcome, try_all, try_one
+
+from f4x_core.scene.formats.spz import HEADER, MAGIC
+
+SHORT, LONG = 6, 75
+"""Damaged copies of each kind of file: every day, and in the long form."""
+
+
+def complaint(outcome: Outcome) -> str:
+    """One line of what is wrong with an outcome; empty where nothing is."""
+    where = f"{outcome.name} {outcome.number}: "
+    if outcome.trouble:
+        return where + outcome.trouble
+    if outcome.seconds > SECONDS or outcome.memory > BYTES:
+        return f"{where}{outcome.seconds:.1f} s, {outcome.memory >> 20} MiB"
+    return ""
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_valid_file_is_read(tmp_path, name):
+    outcome = try_one(name, 0, KINDS[name].make(tmp_path))
+    assert not outcome.trouble and not outcome.refused, outcome
+
+
+@pytest.mark.parametrize("count", [SHORT, pytest.param(LONG, marks=pytest.mark.slow)])
+def test_damaged_files_are_read_or_refused_in_one_sentence(tmp_path, count):
+    outcomes = try_all(tmp_path, [(name, number) for name in KINDS for number in range(count)])
+    worst = max(outcomes, key=lambda outcome: outcome.memory)
+    slowest = max(outcomes, key=lambda outcome: outcome.seconds)
+    print(f"{len(outcomes)} files, {sum(bool(outcome.refused) for outcome in outcomes)} refused")
+    print(f"at most {worst.memory >> 20} MiB ({worst.name}), {slowest.seconds:.1f} s ({slowest.name})")
+    assert [text for text in map(complaint, outcomes) if text] == []
+
+
+# ---------------------------------------------------------------------------------------------------------------- bombs
+
+
+def spz_of_few_bytes(path):
+    count = 10_000_000
+    header = np.array([(MAGIC, 3, count, (0, 12, 0, 0))], HEADER).tobytes()
+    squeeze = zlib.compressobj(9, zlib.DEFLATED, 31)
+    zeros = bytes(count)
+    path.write_bytes(
+        b"".join([squeeze.compress(header), *(squeeze.compress(zeros) for _ in range(20)), squeeze.flush()])
+    )
+
+
+def gzip_of_nothing(path):
+    path.write_bytes(gzip.compress(bytes(100 << 20), 1))
+
+
+def used_often(places):
+    def make(path):
+        whole = KINDS["gltf"].make(path.parent)
+        document = json.loads(whole.read_text())
+        primitives = document["meshes"][0]["primitives"]
+        if places == "primitives":
+            primitives *= 20_000
+        else:
+            document["nodes"] *= 20_000
+            document["scenes"][0]["nodes"] = list(range(20_000))
+        path.write_text(json.dumps(document))
+
+    return make
+
+
+def text(content):
+    return lambda path: path.write_text(content)
+
+
+def ascii_ply(count, body):
+    head = f"ply\nformat ascii 1.0\nelement vertex {count}\nproperty float x\nproperty float y\nend_header\n"
+    return text(head + body)
+
+
+def npz_of_zeros(path):
+    with path.open("wb") as file:
+        np.savez_compressed(file, depth=np.zeros(40 << 20, bool))
+
+
+def npy_that_lies(path):
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        head, {"descr": "<f8", "fortran_order": False, "shape": (1_000_000, 1_000_000)}
+    )
+    path.write_bytes(head.getvalue() + bytes(100))
+
+
+def npz_that_lies(path):
+    npy_that_lies(path)
+    data = path.read_bytes()
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("depth.npy", data)
+
+
+def png(width, height, *chunks):
+    head = (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
+    parts = [struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in (head, *chunks)]
+    return lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
+
+
+def png_with_a_long_chunk(path):
+    png(8, 8)(path)
+    path.write_bytes(path.read_bytes() + struct.pack(">I", 2**31 - 1) + b"IDAT")
+
+
+DEEP = "[" * 100_000 + "]" * 100_000
+BOMBS = {
+    ("spz", "claim to hold 200,000,000"): spz_of_few_bytes,
+    ("spz", "holds no SPZ splats"): gzip_of_nothing,
+    ("gltf", "its nodes place 640,000 splats"): used_often("primitives"),
+    ("glb", "its nodes place 640,000 splats"): used_often("nodes"),
+    ("gltf", "nested deeper than 100"): text('{"KHR_gaussian_splatting": ' + DEEP + "}"),
+    ("cameras", "nested deeper than 100"): text(DEEP),
+    ("selection", "nested deeper than 100"): text("[" * 900 + "]" * 900),
+    ("manifest json", "nested deeper than 100"): text(DEEP),
+    ("priors head", "nested deeper than 100"): text(DEEP),
+    ("feature spec", "nested deeper than 100"): text(DEEP),
+    ("operations", "more than 2,097,152 lists and objects"): text("[" + "{}," * 3_000_000 + "{}]"),
+    ("ascii ply", "promises 1 splats of 2 numbers and holds 1"): ascii_ply(1, "1" * 10_000_000),
+    ("ascii ply", "promises 2000000 splats"): ascii_ply(2_000_000, "1 " * 4_000_000),
+    ("prior npz", "claim to hold"): npz_of_zeros,
+    ("prior npz", "its header says"): npz_that_lies,
+    ("prior npy", "its header says"): npy_that_lies,
+    ("prior png", "says 30000x30000 pixels; more than 64 million is a limit of Feature4X"): png(30_000, 30_000),
+    ("prior png", "truncated or damaged"): png_with_a_long_chunk,
+    ("mask", "cannot be read as a picture"): png(30_000, 30_000),
+}
+"""(what reads it, words of the sentence) -> what writes it."""
+
+
+@pytest.mark.parametrize("bomb", BOMBS, ids=" ".join)
+def test_a_bomb_is_refused_before_it_goes_off(tmp_path, bomb):
+    name, words = bomb
+    path = KINDS[name].make(tmp_path)
+    BOMBS[bomb](path)
+    outcome = try_one(name, 0, path)
+    assert not outcome.trouble and re.search(words, outcome.refused), outcome
+    assert outcome.seconds < 3 and outcome.memory < 200 << 20, outcome
+
+
+def test_time_is_linear_in_what_a_table_holds(tmp_path):
+    path = KINDS["manifest csv"].make(tmp_path)
+    path.write_text("clip\n" + "".join(f"clip{number}.mp4\n" for number in range(10_000)))
+    assert try_one("manifest csv", 0, path).seconds < 3
