@@ -17,7 +17,7 @@ from .query.score import THRESHOLD
 from .scene import Scene, view
 from .scene.posing import require_time
 
-if TYPE_CHECKING:  # each function imports what it alone needs: the grammar of edits takes ten times what drawing does
+if TYPE_CHECKING:  # each function imports what it alone needs: who draws needs no grammar
     from .query.questions import Answer
     from .query.selection import Selection
 
