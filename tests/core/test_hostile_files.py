@@ -10,9 +10,19 @@ import zlib
 
 import numpy as np
 import pytest
+import torch
 from hostile import BYTES, KINDS, SECONDS, Outcome, try_all, try_one
+from random_scene import random_scene
 
+from f4x_core.batch.resuming import PLAN, require_same
+from f4x_core.edit.operations import read_operation
+from f4x_core.edit.stack import Edit, read_stack
+from f4x_core.errors import F4xError
+from f4x_core.fit.checkpoint import load_checkpoint
+from f4x_core.scene import write_scene
+from f4x_core.scene.file import _scene_arrays
 from f4x_core.scene.formats.spz import HEADER, MAGIC
+from f4x_core.scene.runs import HELD, OF_POSES, unfold
 
 SHORT, LONG = 6, 75
 """Damaged copies of each kind of file: every day, and in the long form."""
@@ -155,3 +165,53 @@ def test_time_is_linear_in_what_a_table_holds(tmp_path):
     path = KINDS["manifest csv"].make(tmp_path)
     path.write_text("clip\n" + "".join(f"clip{number}.mp4\n" for number in range(10_000)))
     assert try_one("manifest csv", 0, path).seconds < 3
+
+
+# -------------------------------------------------------------------------------------------------------- our own records
+
+
+def damaged_options(folder):
+    (folder / PLAN).parent.mkdir(exist_ok=True)
+    (folder / PLAN).write_text(DEEP)
+    require_same(folder, {})
+
+
+def checkpoint_of_a_list(folder):
+    torch.save([1, 2], folder / "a.pt")
+    load_checkpoint(folder / "a.pt", "")
+
+
+def undone_without_end(folder):
+    edit = Edit(read_operation({"op": "delete", "select": {"by": "moving"}}), 1).to_json()
+    scene = random_scene(extra_fields={"undone": [edit | {"id": number} for number in range(1, 20_001)]})
+    write_scene(scene, folder / "a.f4x")
+    read_stack(folder / "a.f4x")
+
+
+def runs_without_end(folder):
+    """A scene whose nodes rest for a million frames, in a file that says so with few bytes."""
+    scene = random_scene(static=3, dynamic=3)
+    arrays = _scene_arrays(scene)
+    frames = 1 << 20
+    held = np.full(len(scene.scaffold.ids), frames, "<i4")
+    rows = {name: np.ascontiguousarray(arrays[name][0]) for name in OF_POSES}
+    unfold({**arrays, **rows, HELD: held, "scaffold/times": np.arange(frames, dtype="<i1")})
+
+
+def provenance_of_another_type(folder):
+    write_scene(random_scene(provenance={"baked": ["recolour"]}), folder / "a.f4x")
+
+
+@pytest.mark.parametrize(
+    ("read", "words"),
+    [
+        (damaged_options, "plan.json: damaged .*nested deeper than 100"),
+        (checkpoint_of_a_list, "a.pt: the checkpoint is damaged"),
+        (undone_without_end, "20000 undone edits; 200 are the most"),
+        (runs_without_end, "64 times its bytes, is a limit of Feature4X"),
+        (provenance_of_another_type, "'baked' is not a list of objects"),
+    ],
+)
+def test_a_record_of_our_own_that_is_damaged_is_one_sentence(tmp_path, read, words):
+    with pytest.raises(F4xError, match=words):
+        read(tmp_path)
