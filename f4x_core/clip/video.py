@@ -30,7 +30,6 @@ UNREADABLE = {
     14: "ICtCp",
 }  # matrix coefficients
 ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own leave the alpha of WebM out
-THREADED = {"hevc", "vvc", "vp8", "vp9", "libvpx", "libvpx-vp9", "av1", "libdav1d", "prores", "dnxhd", "cfhd", "ffv1"}
 TELL_BY_ERROR = {"mjpeg", "mjpegb"}  # decoders that do not mark damaged frames
 PATTERNS = {".gif": "gif", ".png": "apng"}  # in names of these FFmpeg takes %03d for a counter of pictures
 COUNTED = 600  # packets that tell which stream is the film
@@ -349,8 +348,7 @@ def _decoder(stream):
     decoder, alpha = stream.codec_context, ALPHA_DECODERS.get(stream.codec_context.name)
     if alpha in codecs_available and stream.metadata.get("alpha_mode") == "1":
         decoder = CodecContext.create(Codec(alpha, "r"))
-    # Threads of other decoders hand a frame out before those that decode it, and what it is built on, have marked the damage.
-    decoder.thread_type = "AUTO" if decoder.name in THREADED else "NONE"
+    decoder.thread_type = "AUTO"
     decoder.flags |= Flags.copy_opaque
     if decoder.name in TELL_BY_ERROR:
         decoder.options = {"err_detect": "explode"}

@@ -108,6 +108,30 @@ def test_what_is_built_on_a_damaged_frame_is_left_out(tmp_path, name, codec, opt
     assert f"{len(lost)} frame" in told(clip) and "damaged" in told(clip)
 
 
+@pytest.mark.parametrize(("codec", "lost"), [("libx264", 3), ("mpeg2video", 3), ("libx265", 1)])
+def test_what_a_broadcast_lost_spoils_no_frame_that_is_kept(tmp_path, codec, lost):
+    kinds = {
+        "libx264": {"g": "8", "bf": "2"},
+        "mpeg2video": {"g": "8", "qmin": "2", "qmax": "3", "b": "20M"},
+        "libx265": {"x265-params": "log-level=none:keyint=8:bframes=0:crf=12"},
+    }
+    path = film(tmp_path / "a.ts", SCENES, codec, **kinds[codec])
+    worst, content = which(read_clip(path).frames)[1], path.read_bytes()
+    place = len(content) // 188 // 2 * 188
+    path.write_bytes(content[:place] + content[place + lost * 188 :])
+    clip = read_clip(path)
+    assert 8 <= len(clip) < 24 and which(clip.frames)[1] > worst - 1 and "damaged" in told(clip)
+
+
+def test_two_recordings_joined_byte_by_byte_are_whole(tmp_path):
+    parts = [film(tmp_path / f"{first}.ts", SCENES[first : first + 12], bf="2") for first in (0, 12)]
+    joined = tmp_path / "joined.ts"
+    joined.write_bytes(b"".join(part.read_bytes() for part in parts))
+    clip = read_clip(joined)
+    assert which(clip.frames)[0] == list(range(24)) and clip.steady and clip.fps == 24
+    assert told(clip) == "The time stamps of the film do not increase, so its frames are taken for evenly spaced."
+
+
 def test_masks_belong_to_the_frames_that_are_kept(tmp_path):
     path = film(tmp_path / "a.mp4", [SCENES[index // 2] for index in range(24)])
     masks = tmp_path / "masks"
