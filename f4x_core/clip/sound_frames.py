@@ -17,6 +17,8 @@ from .notes import Note
 
 INTRA = 1
 """Type of a picture that is built on no other; key frames may be such as only begin to renew the picture."""
+MARKING = {"h264", "mpeg1video", "mpeg2video", "mpeg4"}
+"""Decoders that mark a picture of which a part is missing, so that the last one before a loss is known to be whole."""
 AFTER_LOSS = 2
 """Packets from the one that a transport stream marks to the first after the loss: its parser is one behind."""
 
@@ -65,7 +67,7 @@ class SoundFrames:
                 self.keys.append(serial)
                 self.key_stamps.append(packet.pts)
             elif serial == self.lost_before:
-                self.damaged.append(serial)
+                self.damaged.append(serial - (self.decoder.name not in MARKING))
             if self.keys:  # before a key frame decoders begin with grey pictures
                 self._decode(serial, packet)
                 yield from self._released(serial)
@@ -74,14 +76,14 @@ class SoundFrames:
     def _decode(self, serial: int, packet: Any) -> None:
         import av
 
-        packet.opaque = serial
+        packet.opaque = (serial,)  # an object of its own: PyAV finds it by its address
         if packet.size:
             self.open.add(serial)
         if packet.pts is not None and not packet.is_corrupt:
             self.end = max(self.end, float((packet.pts + packet.duration) * packet.time_base))
         try:
             for frame in self.decoder.decode(packet):
-                self._hold(frame, serial if frame.opaque is None else frame.opaque)
+                self._hold(frame, serial if frame.opaque is None else frame.opaque[0])
         except av.FFmpegError as error:  # of one of the packets in the decoder: threads tell later
             self.error = self.error or str(error.strerror)
             self.damaged.append(min((one for one in self.open if one > serial - HOLD), default=serial))

@@ -30,7 +30,6 @@ UNREADABLE = {
     14: "ICtCp",
 }  # matrix coefficients
 ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own leave the alpha of WebM out
-THREADED = {"hevc", "vvc", "vp8", "vp9", "libvpx", "libvpx-vp9", "av1", "libdav1d", "prores", "dnxhd", "cfhd", "ffv1"}
 TELL_BY_ERROR = {"mjpeg", "mjpegb"}  # decoders that do not mark damaged frames
 PATTERNS = {".gif": "gif", ".png": "apng"}  # in names of these FFmpeg takes %03d for a counter of pictures
 COUNTED = 600  # packets that tell which stream is the film
@@ -70,16 +69,16 @@ def _decoded(file: Path, notes: list[Note]) -> Iterator[Shown]:
         if several > 1:
             place = f"stream {stream.index}, {stream.width}x{stream.height}"
             notes.append(
-                Note("source", 0, text=f"The file holds {several} films; this is the fullest of them ({place}).")
+                Note("source", 0, text=f"The file holds {several} films; the one with most frames is read ({place}).")
             )
         frames = SoundFrames(container, stream, _decoder(stream), notes)
         interval = 1 / float(stream.average_rate or DEFAULT_FPS)
         try:
             for frame, number in _whole_frames(frames):
                 pixels, alpha = _upright(frame, stream)
-                seconds, tick = (
-                    (number * interval, 0.0) if frame.time is None else (frame.time, float(stream.time_base))
-                )
+                seconds, tick = frame.time, float(stream.time_base)
+                if seconds is None:
+                    seconds, tick = number * interval, 0.0
                 yield Shown(pixels, seconds, tick, number, alpha)
                 whole += 1
         except av.FFmpegError as error:
@@ -343,14 +342,13 @@ def _film(container):
 
 def _decoder(stream):
     """The decoder of a stream, whose frames carry what their packets were marked with."""
-    from av import Codec, CodecContext
+    from av import Codec, CodecContext, codecs_available
     from av.codec.context import Flags
 
     decoder, alpha = stream.codec_context, ALPHA_DECODERS.get(stream.codec_context.name)
-    if alpha and stream.metadata.get("alpha_mode") == "1":
+    if alpha in codecs_available and stream.metadata.get("alpha_mode") == "1":
         decoder = CodecContext.create(Codec(alpha, "r"))
-    # Threads of other decoders hand a frame out before those that decode it, and what it is built on, have marked the damage.
-    decoder.thread_type = "AUTO" if decoder.name in THREADED else "NONE"
+    decoder.thread_type = "AUTO"
     decoder.flags |= Flags.copy_opaque
     if decoder.name in TELL_BY_ERROR:
         decoder.options = {"err_detect": "explode"}
