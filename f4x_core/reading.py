@@ -49,6 +49,13 @@ MAX_INFLATION = 64
 """How many times its own size a compressed file may hold. Splats and masks shrink 2 to 30 times; a bomb 1,000 times."""
 FREE_BYTES = 16 << 20
 """So much any file may hold, however few bytes it has."""
+FREE_PIXELS = 64 << 20
+"""So many pixels any picture may have, twice those of 8K: plain ones shrink to next to nothing."""
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_SIZE_AT = 16
+"""Byte of a PNG at which width and height stand, 32 bits each."""
+PNG_CHUNKS_AT, PNG_CHUNK_FRAME = 8, 12
+"""Byte at which chunks begin; bytes of one beside its content: length, name and checksum."""
 OWN_LIMIT = "a limit of Feature4X"
 
 
@@ -98,6 +105,32 @@ def require_inflation(claimed: int, present: int) -> None:
     if claimed > max(FREE_BYTES, MAX_INFLATION * present):
         raise ValueError(
             f"its {present:,} bytes claim to hold {claimed:,}; more than {MAX_INFLATION} times as much is {OWN_LIMIT}"
+        )
+
+
+def require_picture(path: Path) -> None:
+    """Raise ValueError for a PNG with chunks that reach beyond its end, or with more pixels than its bytes can hold.
+
+    Libraries that decode pictures take memory for both claims first. Other formats pass; see `require_pixels`. Raises OSError.
+    """
+    data = path.read_bytes()
+    if not data.startswith(PNG_SIGNATURE):
+        return
+    width, height = struct.unpack(">II", data[PNG_SIZE_AT : PNG_SIZE_AT + 8].ljust(8, b"\0"))
+    require_pixels(width, height, len(data))
+    at = PNG_CHUNKS_AT
+    while at + 4 <= len(data):
+        at += PNG_CHUNK_FRAME + struct.unpack_from(">I", data, at)[0]
+    if at > len(data):
+        raise ValueError("a part of it reaches beyond its end")
+
+
+def require_pixels(width: int, height: int, present: int) -> None:
+    """Raise ValueError where `present` bytes claim to be a picture of so many pixels as only those of a bomb do."""
+    if width * height > max(FREE_PIXELS, MAX_INFLATION * present // 3):
+        raise ValueError(
+            f"its {present:,} bytes claim {width}x{height} pixels; above {FREE_PIXELS >> 20} million, more than {MAX_INFLATION}"
+            f" times its size is {OWN_LIMIT}"
         )
 
 

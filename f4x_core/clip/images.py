@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import F4xError
+from ..reading import require_picture, require_pixels
 from .pixels import SEEN, WHITE, as_8_bit
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}
@@ -82,7 +83,9 @@ def read_deep(file: Path) -> Deep | None:
 
     orientation = 1
     try:
+        require_picture(file)
         with Image.open(file) as image:
+            require_pixels(image.width, image.height, file.stat().st_size)
             if not image.mode.startswith(("I", "F")) and not any(";16" in str(tile.args) for tile in image.tile):
                 return None
             orientation = image.getexif().get(ORIENTATION, 1)
@@ -126,7 +129,9 @@ def _opened(file: Path):
     from PIL import Image
 
     try:
+        require_picture(file)
         image = Image.open(file)
+        require_pixels(image.width, image.height, file.stat().st_size)
         image.load()
     except FileNotFoundError as error:
         raise F4xError(f"{file} does not exist; give a picture.") from error

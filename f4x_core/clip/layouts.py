@@ -6,7 +6,6 @@ is of its kind but broken. What a data set keeps back for measuring is a layout 
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry import quaternion
+from ..reading import DAMAGE, load_json, load_npy
 from .clock import DEFAULT_FPS
 from .folders import Frames, frames_in, why_unreadable
 from .images import list_images
@@ -200,9 +200,9 @@ def nvidia(folder: Path) -> Layout | None:
     )
     images = frames.images
     try:
-        poses = np.load(file, allow_pickle=False)
+        poses = load_npy(file)
         poses = poses[:, :15].reshape(-1, 3, 5)
-    except (OSError, ValueError, IndexError) as error:
+    except (OSError, *DAMAGE) as error:
         raise F4xError(f"{file} is not an LLFF pose array (N, 17): {error}; download it again") from error
     if len(poses) != len(images):
         raise F4xError(f"{file} has {len(poses)} poses for {len(images)} pictures; they should be as many")
@@ -370,7 +370,7 @@ def _world_to_camera(rotations: np.ndarray, centers: np.ndarray) -> np.ndarray:
 
 def _read_json(file: Path) -> dict[str, Any]:
     try:
-        data = json.loads(file.read_text(encoding="utf-8"))
+        data = load_json(file)
     except (OSError, ValueError) as error:
         raise F4xError(f"{file} cannot be read as JSON ({error}); complete the download") from error
     if not isinstance(data, dict):

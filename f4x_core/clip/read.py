@@ -11,6 +11,7 @@ from ..errors import F4xError
 from ..files import user_path
 from ..geometry.camera import CameraPath
 from ..progress import Progress, silent
+from ..reading import DAMAGE, load_npy
 from .clock import Clock
 from .images import alike, even_size, list_images, read_mask, resize_nearest
 from .layouts import Layout
@@ -221,8 +222,8 @@ def mask_files(masks: str | Path, layout: Layout | None, source: Path, indices: 
 def _load_depth(file: Path) -> np.ndarray:
     """Return `(H, W)` float32 with NaN where the sensor saw nothing (0)."""
     try:
-        depth = np.load(file, allow_pickle=False).astype(np.float32)
-    except (OSError, ValueError) as error:
+        depth = load_npy(file).astype(np.float32)
+    except (OSError, *DAMAGE) as error:
         raise F4xError(
             f"{file} is not a depth array ({error}); download it again or remove the depth folder"
         ) from error

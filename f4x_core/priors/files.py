@@ -8,7 +8,6 @@ is read as integers with 0 = unknown. Cameras are a `cameras.json` as `CameraPat
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from ..clip.images import resize_nearest
 from ..errors import F4xError
-from ..reading import OWN_LIMIT, load_npy, open_npz, reason
+from ..reading import load_npy, open_npz, reason, require_picture
 from .config import PriorsConfig
 from .flow import consistent
 from .folder import ARRAYS, FIELDS, UNREADABLE, Priors, sources_in
@@ -26,12 +25,6 @@ if TYPE_CHECKING:
     from ..geometry.camera import CameraPath
 
 RESIZABLE = ("mask", "motion", "depth", "depth_confidence")
-MAX_PIXELS = 64 << 20
-"""Of a map of one frame: twice those of 8K."""
-PNG_SIZE_AT = 16
-"""Byte of a PNG at which width and height stand, 32 bits each."""
-PNG_CHUNKS_AT, PNG_CHUNK_FRAME = 8, 12
-"""Byte at which chunks begin; bytes of one beside its content: length, name and checksum."""
 ASPECT_TOLERANCE = 0.01
 """Relative difference of width / height up to which a map of another size is taken for the same picture."""
 STATIC_SHIFT, STATIC_DEGREES = 1e-4, 0.05
@@ -97,7 +90,10 @@ def _read_array(name: str, path: Path) -> np.ndarray:
     if suffix == ".png":
         import cv2
 
-        _require_honest_png(path)
+        try:
+            require_picture(path)
+        except ValueError as error:
+            raise F4xError(f"{path} is not a readable PNG ({error}); write it again.") from error
         data = np.fromfile(path, np.uint8)  # not by its name: OpenCV ends the process where that is no UTF-8
         picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
         if picture is None:
@@ -121,21 +117,6 @@ def _read_array(name: str, path: Path) -> np.ndarray:
         raise F4xError(
             f"{path} (given for {name}) is not a readable NumPy file ({reason(error)}); write it again."
         ) from error
-
-
-def _require_honest_png(path: Path) -> None:
-    """F4xError for a PNG that says it has more pixels than are read, or chunks that reach beyond its end: OpenCV believes both."""
-    data = path.read_bytes()
-    width, height = struct.unpack(">II", data[PNG_SIZE_AT : PNG_SIZE_AT + 8].ljust(8, b"\0"))
-    if width * height > MAX_PIXELS:
-        raise F4xError(
-            f"{path} says {width}x{height} pixels; more than {MAX_PIXELS >> 20} million is {OWN_LIMIT}; make it smaller."
-        )
-    at = PNG_CHUNKS_AT
-    while at + 4 <= len(data):
-        at += PNG_CHUNK_FRAME + struct.unpack_from(">I", data, at)[0]
-    if at > len(data):
-        raise F4xError(f"{path} is truncated or damaged; write it again.")
 
 
 def _fit(name: str, value: Any, source: str, priors: Priors, clip: Clip) -> Any:

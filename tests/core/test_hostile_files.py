@@ -144,9 +144,10 @@ BOMBS = {
     ("prior npz", "claim to hold"): npz_of_zeros,
     ("prior npz", "its header says"): npz_that_lies,
     ("prior npy", "its header says"): npy_that_lies,
-    ("prior png", "says 30000x30000 pixels; more than 64 million is a limit of Feature4X"): png(30_000, 30_000),
-    ("prior png", "truncated or damaged"): png_with_a_long_chunk,
-    ("mask", "cannot be read as a picture"): png(30_000, 30_000),
+    ("prior png", "claim 30000x30000 pixels; .* is a limit of Feature4X"): png(30_000, 30_000),
+    ("prior png", "a part of it reaches beyond its end"): png_with_a_long_chunk,
+    ("mask", "a part of it reaches beyond its end"): png_with_a_long_chunk,
+    ("mask", "claim 30000x30000 pixels"): png(30_000, 30_000),
 }
 """(what reads it, words of the sentence) -> what writes it."""
 
