@@ -16,7 +16,7 @@ from .images import alike, as_bytes, resize_nearest, scaled
 from .notes import Note
 from .pixels import SEEN
 from .repeats import without_repeats
-from .sound_frames import Numbered, SoundFrames
+from .sound_frames import MARKING, Numbered, SoundFrames
 
 QUALITY = "16"  # x264 CRF: no visible loss; the file is for people, measurements use the arrays
 UNTAGGED = 2  # colour properties that a file does not tell, ITU-T H.273
@@ -348,7 +348,8 @@ def _decoder(stream):
     decoder, alpha = stream.codec_context, ALPHA_DECODERS.get(stream.codec_context.name)
     if alpha in codecs_available and stream.metadata.get("alpha_mode") == "1":
         decoder = CodecContext.create(Codec(alpha, "r"))
-    decoder.thread_type = "AUTO"
+    # In threads a picture is handed out before another one, which it is built on, is marked.
+    decoder.thread_type = "NONE" if decoder.name in MARKING else "AUTO"
     decoder.flags |= Flags.copy_opaque
     if decoder.name in TELL_BY_ERROR:
         decoder.options = {"err_detect": "explode"}
