@@ -309,9 +309,8 @@ def _opened(file: Path):
         )
     try:
         # An absolute path, for FFmpeg takes what comes before a colon for a protocol.
-        container = av.open(
-            str(file.absolute()), format=PATTERNS.get(file.suffix.lower()) if "%" in file.name else None
-        )
+        pattern = PATTERNS.get(file.suffix.lower()) if "%" in file.name else None
+        container = av.open(str(file.absolute()), format=pattern, metadata_errors="replace")
     except (av.FFmpegError, OSError) as error:
         raise F4xError(f"{file} cannot be read as a video ({error.strerror}); give a video or a folder") from error
     if not _candidates(container):
