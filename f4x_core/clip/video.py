@@ -314,17 +314,24 @@ def _opened(file: Path):
     except (av.FFmpegError, OSError) as error:
         raise F4xError(f"{file} cannot be read as a video ({error.strerror}); give a video or a folder") from error
     if not _candidates(container):
-        kinds = sorted({"a cover" if stream.type == "video" else stream.type for stream in container.streams})
+        kinds = sorted({_kind(stream) for stream in container.streams}) or ["nothing"]
         container.close()
         raise F4xError(f"{file} holds no video, only {' and '.join(kinds)}; give a video file")
     return container
 
 
 def _candidates(container) -> list:
-    """The streams of moving pictures: the cover of a song is a stream of one picture."""
+    """The streams of moving pictures that can be decoded."""
+    return [each for each in container.streams.video if _kind(each) == "video"]
+
+
+def _kind(stream) -> str:
+    """The kind of a stream: the cover of a song is one of a single picture, and some are made by encoders not known here."""
     from av.stream import Disposition
 
-    return [each for each in container.streams.video if not each.disposition & Disposition.attached_pic]
+    if stream.type == "video" and stream.codec_context is None:
+        return "video of an unknown encoder"
+    return "a cover" if stream.type == "video" and stream.disposition & Disposition.attached_pic else stream.type
 
 
 def _film(container):
