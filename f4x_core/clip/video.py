@@ -16,7 +16,7 @@ from .images import alike, as_bytes, resize_nearest, scaled
 from .notes import Note
 from .pixels import SEEN
 from .repeats import without_repeats
-from .sound_frames import MARKING, Numbered, SoundFrames
+from .undamaged import MARKING, Numbered, UndamagedFrames
 
 QUALITY = "16"  # x264 CRF: no visible loss; the file is for people, measurements use the arrays
 UNTAGGED = 2  # colour properties that a file does not tell, ITU-T H.273
@@ -71,7 +71,7 @@ def _decoded(file: Path, notes: list[Note]) -> Iterator[Shown]:
             notes.append(
                 Note("source", 0, text=f"The file holds {several} films; the one with most frames is read ({place}).")
             )
-        frames = SoundFrames(container, stream, _decoder(stream), notes)
+        frames = UndamagedFrames(container, stream, _decoder(stream), notes)
         interval = 1 / float(stream.average_rate or DEFAULT_FPS)
         try:
             for frame, number in _whole_frames(frames):

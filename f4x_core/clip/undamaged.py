@@ -30,8 +30,8 @@ class Numbered(NamedTuple):
     number: int
 
 
-class SoundFrames:
-    """The sound frames that `decoder` makes of the packets of a stream; notes what is left out.
+class UndamagedFrames:
+    """The undamaged frames that `decoder` makes of the packets of a stream; notes what is left out.
 
     Packets count from 0 in the order in which they are decoded, and each decoded frame carries the number of its packet. A
     frame is spoilt where a packet from its key frame to itself is damaged. A leading picture, shown before its key frame, is
