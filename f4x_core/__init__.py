@@ -25,6 +25,7 @@ __all__ = [
     "read_scene",
     "render",
     "select",
+    "updating",
     "write_scene",
 ]
 
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from .geometry.camera import Camera
     from .geometry.splats import Splats
     from .raster import rasterize
-    from .scene import Scene, read_scene, write_scene
+    from .scene import Scene, read_scene, updating, write_scene
 else:  # hidden from type checkers, for which it would make every name an attribute
     _MODULES = {
         **dict.fromkeys(("ask", "edit_scene", "render", "select"), ".api"),
@@ -46,7 +47,7 @@ else:  # hidden from type checkers, for which it would make every name an attrib
         "Camera": ".geometry.camera",
         "Splats": ".geometry.splats",
         "rasterize": ".raster",
-        **dict.fromkeys(("Scene", "read_scene", "write_scene"), ".scene"),
+        **dict.fromkeys(("Scene", "read_scene", "updating", "write_scene"), ".scene"),
     }
 
     def __getattr__(name: str) -> object:

@@ -62,7 +62,7 @@ def print_text(text: str) -> None:
 
 
 def print_error(text: str) -> None:
-    """Print one line on standard error; where that is full or closed there is nobody to tell."""
+    """Print one line on standard error; where that is full there is nobody to tell."""
     with contextlib.suppress(OSError):
         write(sys.stderr, one_line(text))
 
@@ -75,6 +75,9 @@ def open_streams() -> None:
             os.fstat(descriptor)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:  # what Python makes of a stream that is closed
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - to the end of the process
 
 
 def discard(file: TextIO | None) -> None:

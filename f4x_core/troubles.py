@@ -281,6 +281,8 @@ def sentence_of(error: BaseException, place: object = "the disk") -> str:
     """What an expected error says to people; `place` is where the disk failed if the error does not name it."""
     if isinstance(error, FileNotFoundError):
         return f"{error.filename or place}: there is no such file or folder; check the path."
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        return f"{error.filename or place}: the name is too long for this disk; give a shorter one."
     if isinstance(error, OSError):
         parts = [str(error.strerror or error), "nothing half-written was left behind", CURES.get(error.errno or 0)]
         return f"{error.filename or place}: {'; '.join(filter(None, parts))}."

@@ -14,6 +14,7 @@ from ..evaluation.evaluate import evaluate, without_frames
 from ..evaluation.perceptual_distance import lpips_missing
 from ..evaluation.tracking import joint_accuracy
 from ..evaluation.truth import score_against_truth
+from ..printing import one_line
 from ..progress import Progress
 from ..reading import load_json, undamaged
 
@@ -48,7 +49,7 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     lines += lpips_missing()
     fitted = str(scene.provenance.get("source", ""))
     if fitted and Path(fitted).name != Path(clip.source).name:
-        lines.insert(0, f"note: the scene was fitted from {fitted}, not from {clip.source}")
+        lines.insert(0, f"note: the scene was fitted from {one_line(fitted)}, not from {clip.source}")
     return {**result, "text": "\n".join(lines)}
 
 

@@ -209,7 +209,8 @@ def _selection(
     if args.negatives is not None:
         raise F4xError("--not goes with --text; for a pixel on what is not meant say --beside.")
     if args.frame is None:
-        raise F4xError(f"--{kind} needs --frame T: the clip frame that it belongs to.")
+        flag = "click" if args.verb == "name" and kind == "point" else kind
+        raise F4xError(f"--{flag} needs --frame T: the clip frame that it belongs to.")
     options: dict[str, Any] = {
         "threshold": args.threshold,
         "span": span,

@@ -283,8 +283,7 @@ class FitConfig:
     backend: Literal["auto", "native", "torch", "reference"] = "auto"
     """Raster backend; the tensors of a fit lie on the CPU."""
     threads: int | None = None
-    """Threads of the compiled library, or of torch where that does its work; None = all. Results are bit-equal for an equal
-    count."""
+    """Threads of the compiled library, and of whatever is done side by side; None = all. They change no bit of a result."""
 
     def __post_init__(self) -> None:
         """Refuse fields that do not fit each other."""

@@ -229,8 +229,8 @@ def solve_with_depth(
     known = np.isfinite(points).all(1)
     bundle = replace(bundle, points=np.where(known[:, None], points, 0.0))
     observations = observations.keep(known[observations.point])
-    degrees = 2 * np.rad2deg(np.arctan(width / 2 / np.array(candidates)))
-    search = {"degrees": degrees.tolist(), "error_px": [float(min(value, 1e3)) for value in curve]}
+    errors = [float(min(value, 1e3)) for value in curve]
+    search = {"focal_over_width": [float(candidate / width) for candidate in candidates], "error_px": errors}
     return Solution(bundle, observations, np.ones(len(tracks), bool)), search
 
 

@@ -2,6 +2,7 @@
 
 import ast
 import errno
+import json
 import os
 import subprocess
 import sys
@@ -309,3 +310,12 @@ def test_the_command_line_prints_by_one_door():
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             name = node.func.id if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) else ""
             assert name not in ("print", "Console"), f"{file.name}:{node.lineno}"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="descriptors of POSIX")
+@pytest.mark.parametrize("closed", ["2>&-", "0<&- 1>&- 2>&-"])
+def test_streams_that_are_closed_at_the_start_keep_no_verb_from_its_work(scene, closed):
+    command = f'exec "$0" -m f4x_core history "$1" --json {closed}'
+    done = subprocess.run(["sh", "-c", command, sys.executable, str(scene)], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done
+    assert "1>&-" in closed or json.loads(done.stdout)["edits"] == []

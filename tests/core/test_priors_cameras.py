@@ -187,7 +187,7 @@ def test_depth_prior_gives_fov_path_and_its_own_scale():
         depth[f, y, x] = local[f, visible[f], 2]
     solution, curve = solve_with_depth(tracks, visible, np.ones(300, bool), depth, None, WIDTH)
     assert abs(fov(solution.bundle.focal) - fov(FOCAL)) < 1
-    assert len(curve["degrees"]) == len(curve["error_px"]) > 50
+    assert len(curve["focal_over_width"]) == len(curve["error_px"]) > 50
     assert path_error(solution.bundle, true) < 0.02
     scale, _, _ = align_similarity(solution.bundle.center, true.center)
     assert scale == pytest.approx(1, abs=0.05)

@@ -12,6 +12,7 @@ import pytest
 from test_priors_cameras import FOCAL, HEIGHT, PRINCIPAL, WIDTH, observe, project, truth
 
 from f4x_core.errors import F4xError
+from f4x_core.fit.diagnostics import _field_of_view
 from f4x_core.geometry import pose, quaternion
 from f4x_core.priors import sfm as module
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
@@ -392,8 +393,10 @@ def test_cameras_from_depth_are_chained_alignments(frames, known):
         pairs = [(i, i + 6) for i in range(7)]
     fovs = np.deg2rad(np.linspace(20, 90, 72)[1:-1])
     focals = [known] if known else WIDTH / 2 / np.tan(fovs / 2)
-    assert len(search["degrees"]) == len(focals)
-    np.testing.assert_allclose(search["degrees"], np.rad2deg(2 * np.arctan(WIDTH / 2 / np.array(focals))))
+    np.testing.assert_allclose(search["focal_over_width"], np.array(focals) / WIDTH)
+    assert "<svg" in _field_of_view(
+        SimpleNamespace(statistics={"cameras": {"focal_search": search}})
+    )  # as the page draws it
     best = int(np.argmin(search["error_px"]))
     for one in {best, 0, len(focals) - 1}:
         expected = alignment_error_by_hand(tracks, visible, z, pairs, focals[one])
