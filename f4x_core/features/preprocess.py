@@ -29,7 +29,7 @@ def image_tensor(
 
     Resized as the models were trained: anti-aliased when shrinking, rounded to whole levels (processors resize uint8).
     """
-    x = torch.from_numpy(np.ascontiguousarray(rgb)).permute(2, 0, 1)[None].float()
+    x = torch.from_numpy(np.require(rgb, requirements=["C", "W"])).permute(2, 0, 1)[None].float()
     if x.shape[-2:] != torch.Size(size):
         x = functional.interpolate(x, size, mode=mode, align_corners=False, antialias=True).round().clamp(0, 255)
     mean_, std_ = (torch.tensor(value).view(1, 3, 1, 1) for value in (mean, std))

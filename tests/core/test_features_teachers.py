@@ -533,3 +533,10 @@ def test_a_checkpoint_in_a_folder_of_ones_own_teaches(clip, tmp_path, capsys):
     assert vectors.shape == (2, row["spec"]["dim"])
     assert main([*command, "--teacher", "tipsv2", "--model", str(folder)]) == 2
     assert "tipsv2" in capsys.readouterr().err
+
+
+def test_pictures_that_must_not_be_written_are_read_without_a_warning(recwarn):
+    picture = np.full((8, 12, 3), 255, np.uint8)
+    picture.flags.writeable = False
+    assert image_tensor(picture, (8, 12), (0.0,) * 3, (1.0,) * 3).shape == (1, 3, 8, 12)
+    assert not recwarn.list
