@@ -56,6 +56,8 @@ PNG_SIZE_AT = 16
 """Byte of a PNG at which width and height stand, 32 bits each."""
 PNG_CHUNKS_AT, PNG_CHUNK_FRAME = 8, 12
 """Byte at which chunks begin; bytes of one beside its content: length, name and checksum."""
+MAX_QUOTED = 80
+"""Letters of a value from a file that a message repeats: enough to find it there."""
 OWN_LIMIT = "a limit of Feature4X"
 
 
@@ -198,6 +200,13 @@ def reason(error: BaseException) -> str:
     """The text of an error of a library in one line, or its kind where it has none."""
     text = " ".join(str(error).split())[:200]
     return "".join(letter if letter.isprintable() else "?" for letter in text) or type(error).__name__
+
+
+def quoted(value: object) -> str:
+    """A value that a file holds as it stands in a message: one line of printable letters, cut after `MAX_QUOTED`."""
+    text = str(value)
+    text = text if len(text) <= MAX_QUOTED else text[: MAX_QUOTED - 1] + "…"
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def bytes_left(file: BinaryIO) -> int:
