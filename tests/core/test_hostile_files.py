@@ -86,6 +86,33 @@ def used_often(places):
     return make
 
 
+def gltf_with(change):
+    def make(path):
+        document = json.loads(KINDS["gltf"].make(path.parent).read_text())
+        change(document)
+        path.write_text(json.dumps(document))
+
+    return make
+
+
+def many_nodes(document):
+    document["nodes"] = [{"children": [number + 1]} for number in range(300_000)] + document["nodes"]
+
+
+def many_parts(document):
+    document["meshes"][0]["primitives"] *= 1_000
+    document["nodes"] *= 1_000
+    document["scenes"][0]["nodes"] = list(range(1_000))
+
+
+def long_kernel(document):
+    document["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"]["kernel"] = "k\u202e" * 500_000
+
+
+def unknown_need(document):
+    document["extensionsRequired"] = ["VENDOR_secret"]
+
+
 def text(content):
     return lambda path: path.write_text(content)
 
@@ -132,6 +159,10 @@ BOMBS = {
     ("spz", "holds no SPZ splats"): gzip_of_nothing,
     ("gltf", "its nodes place 640,000 splats"): used_often("primitives"),
     ("glb", "its nodes place 640,000 splats"): used_often("nodes"),
+    ("gltf", "it has 300,001 nodes; more than .* is a limit of Feature4X"): gltf_with(many_nodes),
+    ("gltf", "its nodes place more than 50,000 parts, a limit"): gltf_with(many_parts),
+    ("gltf", r"splats with kernel '(k\?)+k…', of which"): gltf_with(long_kernel),
+    ("gltf", "it requires VENDOR_secret, which is not read"): gltf_with(unknown_need),
     ("gltf", "nested deeper than 100"): text('{"KHR_gaussian_splatting": ' + DEEP + "}"),
     ("cameras", "nested deeper than 100"): text(DEEP),
     ("selection", "nested deeper than 100"): text("[" * 900 + "]" * 900),
@@ -159,7 +190,12 @@ def test_a_bomb_is_refused_before_it_goes_off(tmp_path, bomb):
     BOMBS[bomb](path)
     outcome = try_one(name, 0, path)
     assert not outcome.trouble and re.search(words, outcome.refused), outcome
-    assert outcome.seconds < 3 and outcome.memory < 200 << 20, outcome
+    assert outcome.seconds < 3 and outcome.memory < 200 << 20 and len(outcome.refused) < 600, outcome
+
+
+def test_a_long_message_keeps_its_start_and_its_end():
+    message = str(F4xError(f"a.ply: {'x' * 1_000_000}; export it again"))
+    assert len(message) < 2100 and message.startswith("a.ply: x") and message.endswith("; export it again")
 
 
 def test_time_is_linear_in_what_a_table_holds(tmp_path):
