@@ -51,6 +51,9 @@ FREE_BYTES = 16 << 20
 """So much any file may hold, however few bytes it has."""
 FREE_PIXELS = 64 << 20
 """So many pixels any picture may have, twice those of 8K: plain ones shrink to next to nothing."""
+FREE_ANIMATED_PIXELS, MAX_ANIMATED_PIXELS = 32 << 20, 4096
+"""Pixels of all frames of an animation: any may have so many, one of 8K; a larger one so many for each of its bytes, as a
+picture that hardly changes takes a kilobyte."""
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_SIZE_AT = 16
 """Byte of a PNG at which width and height stand, 32 bits each."""
@@ -133,6 +136,15 @@ def require_pixels(width: int, height: int, present: int) -> None:
         raise ValueError(
             f"its {present:,} bytes claim {width}x{height} pixels; above {FREE_PIXELS >> 20} million, more than {MAX_INFLATION}"
             f" times its size is {OWN_LIMIT}"
+        )
+
+
+def require_animation(width: int, height: int, frames: int, present: int) -> None:
+    """Raise ValueError where `present` bytes claim to be an animation of so many pixels as only those of a bomb do."""
+    if width * height * frames > max(FREE_ANIMATED_PIXELS, MAX_ANIMATED_PIXELS * present):
+        raise ValueError(
+            f"its {present:,} bytes claim {frames:,} frames of {width}x{height} pixels; above {FREE_ANIMATED_PIXELS >> 20}"
+            f" million in all, more than {MAX_ANIMATED_PIXELS:,} for each byte is {OWN_LIMIT}"
         )
 
 

@@ -37,7 +37,8 @@ FAMILY = "gaussian_splat"
 MAX_PLACED = 10_000_000
 """Splats of a file with all repetitions, as many as are read of SPZ."""
 MAX_NODES = 50_000
-"""Nodes of a file, and primitives of splats that they place: each takes a ten-thousandth of a second. Honest files have some hundred."""
+"""Nodes of a file, and primitives of splats that they place; each takes a ten-thousandth of a second. Honest files have some
+hundred."""
 PLACED_BYTES = 56
 """Of a splat without view dependence in memory. Few bytes of a file can name one part 20,000 times."""
 
