@@ -51,11 +51,16 @@ FREE_BYTES = 16 << 20
 """So much any file may hold, however few bytes it has."""
 FREE_PIXELS = 64 << 20
 """So many pixels any picture may have, twice those of 8K: plain ones shrink to next to nothing."""
+FREE_ANIMATED_PIXELS, MAX_ANIMATED_PIXELS = 32 << 20, 4096
+"""Pixels of all frames of an animation: any may have so many, one of 8K; a larger one so many for each of its bytes, as a
+picture that hardly changes takes a kilobyte."""
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_SIZE_AT = 16
 """Byte of a PNG at which width and height stand, 32 bits each."""
 PNG_CHUNKS_AT, PNG_CHUNK_FRAME = 8, 12
 """Byte at which chunks begin; bytes of one beside its content: length, name and checksum."""
+MAX_QUOTED = 80
+"""Letters of a value from a file that a message repeats: enough to find it there."""
 OWN_LIMIT = "a limit of Feature4X"
 
 
@@ -134,6 +139,15 @@ def require_pixels(width: int, height: int, present: int) -> None:
         )
 
 
+def require_animation(width: int, height: int, frames: int, present: int) -> None:
+    """Raise ValueError where `present` bytes claim to be an animation of so many pixels as only those of a bomb do."""
+    if width * height * frames > max(FREE_ANIMATED_PIXELS, MAX_ANIMATED_PIXELS * present):
+        raise ValueError(
+            f"its {present:,} bytes claim {frames:,} frames of {width}x{height} pixels; above {FREE_ANIMATED_PIXELS >> 20}"
+            f" million in all, more than {MAX_ANIMATED_PIXELS:,} for each byte is {OWN_LIMIT}"
+        )
+
+
 def load_npy(path: Path, mapped: bool = False) -> np.ndarray:
     """Return the array of a `.npy` file, read into memory or `mapped`. Raises OSError, or one of `DAMAGE`."""
     with path.open("rb") as file:
@@ -198,6 +212,13 @@ def reason(error: BaseException) -> str:
     """The text of an error of a library in one line, or its kind where it has none."""
     text = " ".join(str(error).split())[:200]
     return "".join(letter if letter.isprintable() else "?" for letter in text) or type(error).__name__
+
+
+def quoted(value: object) -> str:
+    """A value that a file holds as it stands in a message: one line of printable letters, cut after `MAX_QUOTED`."""
+    text = str(value)
+    text = text if len(text) <= MAX_QUOTED else text[: MAX_QUOTED - 1] + "…"
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def bytes_left(file: BinaryIO) -> int:

@@ -83,13 +83,13 @@ def read_deep(file: Path) -> Deep | None:
 
     orientation = 1
     try:
-        require_picture(file)
-        with Image.open(file) as image:
-            require_pixels(image.width, image.height, file.stat().st_size)
+        with open_undecoded(file) as image:
             if not image.mode.startswith(("I", "F")) and not any(";16" in str(tile.args) for tile in image.tile):
                 return None
             orientation = image.getexif().get(ORIENTATION, 1)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except (ValueError, Image.DecompressionBombError):  # refused, and not for its kind
+        return None
+    except (OSError, SyntaxError):
         if file.suffix.lower() not in (".tif", ".tiff") or not file.is_file():  # PIL knows no colours of float there
             return None
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
@@ -124,14 +124,25 @@ def read_labels(file: Path) -> np.ndarray:
         return np.asarray(image) if image.mode in ("P", "L") else read_mask(file).astype(np.uint8)
 
 
+def open_undecoded(file: Path):
+    """Return a PIL image whose size was compared with the bytes of `file`, and whose pixels were not read.
+
+    Raises ValueError or DecompressionBombError for a size that is refused, OSError or SyntaxError for what is no picture.
+    """
+    from PIL import Image
+
+    require_picture(file)
+    image = Image.open(file)
+    require_pixels(image.width, image.height, file.stat().st_size)
+    return image
+
+
 def _opened(file: Path):
     """Open and decode completely, so that a truncated picture is an error here and not grey pixels later."""
     from PIL import Image
 
     try:
-        require_picture(file)
-        image = Image.open(file)
-        require_pixels(image.width, image.height, file.stat().st_size)
+        image = open_undecoded(file)
         image.load()
     except FileNotFoundError as error:
         raise F4xError(f"{file} does not exist; give a picture.") from error

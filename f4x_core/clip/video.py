@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..files import replace_file
+from ..reading import require_animation
 from .clock import DEFAULT_FPS, GRID, Shown
 from .hdr import Transfer, to_srgb
 from .images import alike, as_bytes, resize_nearest, scaled
@@ -108,6 +109,7 @@ def _webp_frames(file: Path) -> Iterator[Shown]:
     start = 0.0
     try:
         with Image.open(file) as image:
+            require_animation(image.width, image.height, getattr(image, "n_frames", 1), file.stat().st_size)
             for number, frame in enumerate(ImageSequence.Iterator(image)):
                 pixels = np.asarray(frame.convert("RGBA"))
                 yield Shown(np.ascontiguousarray(pixels[..., :3]), start, 0.001, number, _alpha(pixels[..., 3]))

@@ -19,7 +19,7 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import quaternion, spherical_harmonics
 from ..geometry.splats import Splats
-from ..reading import bytes_left
+from ..reading import OWN_LIMIT, bytes_left, quoted
 from .posing import Posable, moment
 
 TYPE_NAMES = {
@@ -167,13 +167,14 @@ def _splats_of(vertices: np.ndarray, rest_names: list[str], activation: Activati
 def _activation(vertices: np.ndarray) -> Activation:
     """Which numbers are activated, as their ranges tell.
 
-    Trained logits leave [0, 1]. A logarithm of a scale is negative below 1 unit; where none is, the scales are activated if the
-    opacities are, or if the Gaussians would otherwise be as large as the scene.
+    Trained logits leave [0, 1]; all of 0 are logits, for nothing would be seen of such opacities. A logarithm of a scale is
+    negative below 1 unit; where none is, the scales are activated if the opacities are, or if the Gaussians would otherwise be as
+    large as the scene.
     """
     if len(vertices) < MIN_TELLING:
         return Activation()
     opacity = vertices["opacity"]
-    opacities = bool((opacity >= 0).all() and (opacity <= 1).all() and opacity.max() > opacity.min())
+    opacities = bool((opacity >= 0).all() and (opacity <= 1).all() and opacity.any())
     if not all((vertices[name] >= 0).all() for name in SCALE):
         return Activation(opacities)
     extent = max(float(np.ptp(np.percentile(vertices[name].astype(np.float64), (5, 95)))) for name in POSITION)
@@ -257,8 +258,13 @@ def _read_header(file: BinaryIO, path: Path) -> tuple[Literal["<", ">", "ascii"]
                 return order, [(name, count, _row(properties, path)) for name, count, properties in elements]
             case _:
                 raise F4xError(
-                    f"{path}: the PLY header has a line that cannot be read ({line[:60]!r}); export it again"
+                    f"{path}: the PLY header has a line that cannot be read ({quoted(line)}); export it again"
                 )
+    if left <= 0:
+        raise F4xError(
+            f"{path}: the PLY header is longer than {MAX_HEADER_BYTES >> 10} KiB, {OWN_LIMIT}; shorten its comments, or export it"
+            " again"
+        )
     raise F4xError(f"{path}: the PLY header has no end; the file is truncated or no PLY")
 
 

@@ -1,10 +1,12 @@
 """Damaged and lying files cost what their size allows and end in a scene or in one sentence, whatever reads them."""
 
+import base64
 import gzip
 import io
 import json
 import re
 import struct
+import time
 import zipfile
 import zlib
 
@@ -12,9 +14,12 @@ import numpy as np
 import pytest
 import torch
 from hostile import BYTES, KINDS, SECONDS, Outcome, try_all, try_one
+from PIL import Image
 from random_scene import random_scene
 
 from f4x_core.batch.resuming import PLAN, require_same
+from f4x_core.clip import read_clip
+from f4x_core.clip.images import read_color
 from f4x_core.edit.operations import read_operation
 from f4x_core.edit.stack import Edit, read_stack
 from f4x_core.errors import F4xError
@@ -86,6 +91,33 @@ def used_often(places):
     return make
 
 
+def gltf_with(change):
+    def make(path):
+        document = json.loads(KINDS["gltf"].make(path.parent).read_text())
+        change(document)
+        path.write_text(json.dumps(document))
+
+    return make
+
+
+def many_nodes(document):
+    document["nodes"] = [{"children": [number + 1]} for number in range(300_000)] + document["nodes"]
+
+
+def many_parts(document):
+    document["meshes"][0]["primitives"] *= 1_000
+    document["nodes"] *= 1_000
+    document["scenes"][0]["nodes"] = list(range(1_000))
+
+
+def long_kernel(document):
+    document["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"]["kernel"] = "k\u202e" * 500_000
+
+
+def unknown_need(document):
+    document["extensionsRequired"] = ["VENDOR_secret"]
+
+
 def text(content):
     return lambda path: path.write_text(content)
 
@@ -132,6 +164,10 @@ BOMBS = {
     ("spz", "holds no SPZ splats"): gzip_of_nothing,
     ("gltf", "its nodes place 640,000 splats"): used_often("primitives"),
     ("glb", "its nodes place 640,000 splats"): used_often("nodes"),
+    ("gltf", "it has 300,001 nodes; more than .* is a limit of Feature4X"): gltf_with(many_nodes),
+    ("gltf", "its nodes place more than 50,000 parts, a limit"): gltf_with(many_parts),
+    ("gltf", r"splats with kernel '(k\?)+k…', of which"): gltf_with(long_kernel),
+    ("gltf", "it requires VENDOR_secret, which is not read"): gltf_with(unknown_need),
     ("gltf", "nested deeper than 100"): text('{"KHR_gaussian_splatting": ' + DEEP + "}"),
     ("cameras", "nested deeper than 100"): text(DEEP),
     ("selection", "nested deeper than 100"): text("[" * 900 + "]" * 900),
@@ -159,7 +195,35 @@ def test_a_bomb_is_refused_before_it_goes_off(tmp_path, bomb):
     BOMBS[bomb](path)
     outcome = try_one(name, 0, path)
     assert not outcome.trouble and re.search(words, outcome.refused), outcome
-    assert outcome.seconds < 3 and outcome.memory < 200 << 20, outcome
+    assert outcome.seconds < 3 and outcome.memory < 200 << 20 and len(outcome.refused) < 600, outcome
+
+
+def test_a_long_message_keeps_its_start_and_its_end():
+    message = str(F4xError(f"a.ply: {'x' * 1_000_000}; export it again"))
+    assert len(message) < 2100 and message.startswith("a.ply: x") and message.endswith("; export it again")
+
+
+WEBP = base64.b64decode(
+    "UklGRoAAAABXRUJQVlA4WAoAAAACAAAA/j8Anw8AQU5JTQYAAAAAAAAAAABBTk1GJgAAAAAAAAAAAP4/AJ8PAAAAAAJWUDhMDgAA"
+    "AC/+/+cDBxAR/Q9ERP8DQU5NRiYAAAAAAAAAAAD+PwCfDwAAAAAAVlA4TA4AAAAv/v/nAwcQGf0PRET/Aw=="
+)
+"""An animation of two frames of 16383x4000 pixels, each of one colour."""
+
+
+def test_an_animation_of_huge_frames_is_refused_by_its_header(tmp_path):
+    (tmp_path / "a.webp").write_bytes(WEBP)
+    before = time.process_time()
+    with pytest.raises(F4xError, match=r"a\.webp .*claim 2 frames of 16383x4000 pixels.* is a limit of Feature4X"):
+        read_clip(tmp_path / "a.webp")
+    assert time.process_time() - before < 3
+
+
+def test_a_tiff_of_too_many_pixels_is_not_tried_by_another_decoder(tmp_path, monkeypatch):
+    Image.fromarray(np.zeros((40, 60), np.uint16)).save(tmp_path / "a.tif")
+    monkeypatch.setattr("f4x_core.reading.FREE_PIXELS", 1)
+    monkeypatch.setattr("f4x_core.reading.MAX_INFLATION", 1)
+    with pytest.raises(F4xError, match="claim 60x40 pixels"):
+        read_color(tmp_path / "a.tif")
 
 
 def test_time_is_linear_in_what_a_table_holds(tmp_path):

@@ -113,6 +113,14 @@ def test_a_floater_does_not_move_the_others_in_fixed_point(tmp_path):
     assert np.abs(found - scene.static.means)[1:].max() < 1e-3
 
 
+def test_splats_far_apart_are_written_in_coarse_steps_that_are_told(tmp_path):
+    scene = random_scene(static=400, dynamic=0)
+    scene.static.means[200:, 0] += 5e6
+    for notes in (export(scene, tmp_path / "a.spz", [0.0], "spz").notes, write_page(scene, tmp_path / "a.html")):
+        assert len(notes) == 1 and "places have steps of 1 units" in notes[0]
+    assert np.abs(read_spz(tmp_path / "a.spz").means - scene.static.means).max() <= 0.5
+
+
 def test_large_scenes_are_not_clamped(tmp_path):
     scene = random_scene(static=400, dynamic=0)
     scene.static.means[:] *= 1e5
@@ -131,6 +139,13 @@ def test_activated_numbers_are_read_as_they_are_and_told(tmp_path, columns):
     np.testing.assert_allclose(opened.static.opacities, expected.static.opacities, atol=1e-6)
     np.testing.assert_allclose(opened.static.scales, expected.static.scales, rtol=1e-5)
     assert "activated already" in notes_of(opened)[0] and notes_of(expected) == ()
+
+
+@pytest.mark.parametrize("opacity", [1.0, 0.5])
+def test_opacities_that_are_all_the_same_are_activated_too(tmp_path, opacity):
+    vertices = plain_ply(tmp_path / "a.ply")
+    opened = open_any(write_columns(tmp_path / "b.ply", vertices, opacity=np.full(len(vertices), opacity)))
+    assert (opened.static.opacities == opacity).all() and "opacities are activated already" in notes_of(opened)[0]
 
 
 @pytest.mark.parametrize(

@@ -752,7 +752,7 @@ STRANGERS = {
     "a plain point cloud": lambda path: write_properties(path, np.zeros(4, [("x", "<f4"), ("red", "u1")])),
     "1 of 50 splats have no finite means": not_finite,
     "splats have no finite position or scale": splat_with_nan,
-    "header has no end": data(b"ply\ncomment " + b"x" * 1_000_000),
+    "header is longer than 64 KiB, a limit of Feature4X": data(b"ply\ncomment " + b"x" * 1_000_000),
     "promises 999999999999 splats": data(HEADER + b"element vertex 999999999999\nproperty float x\nend_header\n"),
     "line that cannot be read": data(HEADER + b"element vertex 99999999999999999999\nend_header\n"),
     "truncated": lambda path: path.write_bytes(splat_ply(path).read_bytes()[:-5]),

@@ -186,6 +186,7 @@ WRONG = {
         "ply", "format ascii 1.0", "element vertex 1", "property int x", "end_header", "one", ""
     ),
     "not a PLY": text("solid cube"),
+    "longer than 64 KiB, a limit of Feature4X": text("ply", *["comment of a scanner"] * 4000, "end_header", ""),
     "header has no end": text("ply", "format binary_little_endian 1.0", "element vertex 1"),
     "cannot be read .*property quad": text("ply", "format binary_little_endian 1.0", "property quad x", ""),
     "twice": text(

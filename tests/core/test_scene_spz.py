@@ -72,6 +72,8 @@ def test_version_2_is_read(tmp_path):
         (lambda body: b"xxxx" + body[4:], "holds no SPZ"),
         (lambda body: body[:4] + b"\x09" + body[5:], "version 9"),
         (lambda body: body[:8] + b"\xff\xff\xff\xff" + body[12:], "4,294,967,295 splats"),
+        (lambda body: body[:12] + b"\xc8" + body[13:], "harmonics of degree 200, at most 4"),
+        (lambda body: body[:13] + b"\xff" + body[14:], "bits behind the point: 255, at most 24"),
     ],
 )
 def test_damage_is_told(tmp_path, change, words):

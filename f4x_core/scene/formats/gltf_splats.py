@@ -21,17 +21,24 @@ import numpy as np
 from ...errors import F4xError
 from ...geometry import quaternion, spherical_harmonics
 from ...geometry.splats import Splats
-from ...reading import DAMAGE, FREE_BYTES, MAX_INFLATION, OWN_LIMIT, parse_json, reason
+from ...reading import DAMAGE, FREE_BYTES, MAX_INFLATION, OWN_LIMIT, parse_json, quoted, reason
 from ..posing import Y_UP, similarity_of
 from .gltf import BIN_CHUNK, COLOR_SPACE, ELEMENT_TYPES, EXTENSION, GLB_MAGIC, JSON_CHUNK, KERNEL, MAX_DEGREE
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {name: width for width, name in ELEMENT_TYPES.items()}
 CONVERT = "convert it to a 3DGS PLY with a splat editor first"
+READ_EXTENSIONS = {EXTENSION, "KHR_mesh_quantization"}
+"""What a file may require; the second allows the integer types of `COMPONENTS`."""
+MOVES = {"matrix", "rotation", "scale", "translation"}
+"""Of a node; one that has none of them stands where its parent does."""
 FAMILY = "gaussian_splat"
 """In the names of the extension, of those that compress its splats, and of earlier ones by other authors."""
 MAX_PLACED = 10_000_000
 """Splats of a file with all repetitions, as many as are read of SPZ."""
+MAX_NODES = 50_000
+"""Nodes of a file, and primitives of splats that they place; each takes a ten-thousandth of a second. Honest files have some
+hundred."""
 PLACED_BYTES = 56
 """Of a splat without view dependence in memory. Few bytes of a file can name one part 20,000 times."""
 
@@ -58,6 +65,7 @@ def read_gltf(path: Path | str) -> Splats:
         found = list(file.splat_primitives())
         if not found:
             raise F4xError(_why_none(document))
+        _require_extensions(document)
         file.require_honest(primitive for primitive, _ in found)
         with np.errstate(over="ignore", invalid="ignore"):  # the scene refuses what is not finite
             return _joined([(file.splats(primitive), *similarity_of(Y_UP @ matrix)) for primitive, matrix in found])
@@ -87,9 +95,10 @@ def _read_document(path: Path) -> tuple[dict[str, Any], bytes]:
 def _why_none(document: dict[str, Any]) -> str:
     """What a file is that names splats and has no primitive of the extension in its scene."""
     used = document.get("extensionsUsed")
-    foreign = [name for name in used if FAMILY in str(name).lower() and name != EXTENSION] if used else []
+    foreign = [str(name) for name in used if FAMILY in str(name).lower() and name != EXTENSION] if used else []
     if foreign:
-        return f"its splats are compressed or of an earlier draft ({', '.join(map(str, foreign))}), which is not read; {CONVERT}"
+        names = quoted(", ".join(foreign))
+        return f"its splats are compressed or of an earlier draft ({names}), which is not read; {CONVERT}"
     return "a glTF file without splats; import it in Blender, or take the splats' PLY"
 
 
@@ -100,24 +109,39 @@ class _GltfFile:
         self.document, self.binary, self.path = document, binary, path
         self.buffers: dict[int, bytes] = {}
         self.read: dict[int, np.ndarray] = {}
+        self.meshes: dict[int, list[dict[str, Any]]] = {}
+        self.parts: dict[int, Splats] = {}
 
     def splat_primitives(self) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
         """Each primitive of splats below the file's scene, with the 4x4 matrix of its node to the world."""
         nodes = self.document.get("nodes", [])
+        if len(nodes) > MAX_NODES:
+            raise F4xError(f"it has {len(nodes):,} nodes; more than {MAX_NODES:,} is {OWN_LIMIT}; export a PLY")
         scenes = self.document.get("scenes")
         roots = scenes[self.document.get("scene", 0)].get("nodes", []) if scenes else range(len(nodes))
-        waiting, seen = deque((index, np.eye(4)) for index in roots), set()
+        world = np.eye(4)
+        waiting, seen, placed = deque((index, world) for index in roots), set(), 0
         while waiting:
-            index, parent = waiting.popleft()
+            index, matrix = waiting.popleft()
             if index in seen:  # nodes are a tree
                 continue
             seen.add(index)
             node = nodes[index]
-            matrix = parent @ _local_matrix(node)
+            if not MOVES.isdisjoint(node):
+                matrix = matrix @ _local_matrix(node)
             waiting += [(child, matrix) for child in node.get("children", [])]
-            if "mesh" in node:
-                primitives = self.document["meshes"][node["mesh"]]["primitives"]
-                yield from ((each, matrix) for each in primitives if EXTENSION in each.get("extensions", {}))
+            for primitive in self.primitives_of(node["mesh"]) if "mesh" in node else ():
+                placed += 1
+                if placed > MAX_NODES:
+                    raise F4xError(f"its nodes place more than {MAX_NODES:,} parts, {OWN_LIMIT}; export a PLY")
+                yield primitive, matrix
+
+    def primitives_of(self, mesh: int) -> list[dict[str, Any]]:
+        """The primitives of splats of a mesh."""
+        if mesh not in self.meshes:
+            primitives = self.document["meshes"][mesh]["primitives"]
+            self.meshes[mesh] = [each for each in primitives if EXTENSION in each.get("extensions", {})]
+        return self.meshes[mesh]
 
     def require_honest(self, primitives: Iterator[dict[str, Any]]) -> None:
         """Raise F4xError where `primitives` repeat what the file holds so often that they stand for far more than it."""
@@ -136,6 +160,11 @@ class _GltfFile:
 
     def splats(self, primitive: dict[str, Any]) -> Splats:
         """Gaussians of a primitive in the axes of its node; harmonics with directions in these axes, too."""
+        if id(primitive) not in self.parts:
+            self.parts[id(primitive)] = self._splats(primitive)
+        return self.parts[id(primitive)]
+
+    def _splats(self, primitive: dict[str, Any]) -> Splats:
         names = primitive["attributes"]
         _require_known(primitive["extensions"][EXTENSION], names)
         degree = max(d for d in range(MAX_DEGREE + 1) if d == 0 or f"{EXTENSION}:SH_DEGREE_{d}_COEF_0" in names)
@@ -164,7 +193,7 @@ class _GltfFile:
             raise F4xError(f"its splats are compressed or sparse; {CONVERT}")
         view = self.document["bufferViews"][accessor["bufferView"]]
         if view.get("extensions"):
-            raise F4xError(f"its splats are compressed ({', '.join(view['extensions'])}); {CONVERT}")
+            raise F4xError(f"its splats are compressed ({quoted(', '.join(view['extensions']))}); {CONVERT}")
         kind, width, count = (
             np.dtype(COMPONENTS[accessor["componentType"]]),
             WIDTHS[accessor["type"]],
@@ -175,7 +204,7 @@ class _GltfFile:
         stride = view.get("byteStride", row)
         buffer = self.buffer(view["buffer"])
         if min(start, count - 1) < 0 or stride < row or start + stride * (count - 1) + row > len(buffer):
-            raise F4xError(f"truncated, it promises {count} splats; copy or export it again")
+            raise F4xError(f"truncated, it promises {quoted(count)} splats; copy or export it again")
         values = np.ndarray((count, width), kind, buffer, start, (stride, kind.itemsize)).astype(np.float32)
         return np.maximum(values / np.iinfo(kind).max, -1) if accessor.get("normalized") else values
 
@@ -193,25 +222,32 @@ class _GltfFile:
             except binascii.Error as error:
                 raise F4xError("the data inside are damaged; copy or export it again") from error
         if "://" in uri:
-            raise F4xError(f"its data are at {uri[:60]}, and nothing is fetched; export it as .glb")
+            raise F4xError(f"its data are at {quoted(uri)}, and nothing is fetched; export it as .glb")
         name = PurePosixPath(unquote(uri))
         if name.is_absolute() or ".." in name.parts or any(mark in str(name) for mark in "\\:"):
             raise F4xError("its data lie outside its own folder, where none are read; export it as .glb")
         file = self.path.parent / name
         if file.exists() and not file.is_file():  # opening a pipe would wait for ever
-            raise F4xError(f"its data are in {name}, which is no ordinary file; export it as .glb")
+            raise F4xError(f"its data are in {quoted(name)}, which is no ordinary file; export it as .glb")
         return file.read_bytes()
+
+
+def _require_extensions(document: dict[str, Any]) -> None:
+    """Raise F4xError where the file says that it cannot be read without an extension that is not read here."""
+    unknown = [str(name) for name in document.get("extensionsRequired", ()) if name not in READ_EXTENSIONS]
+    if unknown:
+        raise F4xError(f"it requires {quoted(', '.join(unknown))}, which is not read; {CONVERT}")
 
 
 def _require_known(extension: dict[str, Any], names: dict[str, Any]) -> None:
     """Raise F4xError for splats that would be drawn wrongly; `names` of their attributes."""
     if extension.get("extensions"):
-        raise F4xError(f"its splats need {', '.join(extension['extensions'])}, which is not read; {CONVERT}")
+        raise F4xError(f"its splats need {quoted(', '.join(extension['extensions']))}, which is not read; {CONVERT}")
     if not any(name.startswith(f"{EXTENSION}:") for name in names):
         raise F4xError(f"its splats are of an earlier draft of {EXTENSION}, which is not read; {CONVERT}")
     for key, read in (("kernel", KERNEL), ("colorSpace", COLOR_SPACE)):
         if extension[key] != read:
-            raise F4xError(f"splats with {key} '{extension[key]}', of which only '{read}' is read; {CONVERT}")
+            raise F4xError(f"splats with {key} '{quoted(extension[key])}', of which only '{read}' is read; {CONVERT}")
 
 
 def _local_matrix(node: dict[str, Any]) -> np.ndarray:

@@ -32,7 +32,8 @@ VERSIONS = (2, 3)
 """Read; version 4 is no gzip stream."""
 MAX_FRACTION = 20
 """Fractional bits of a position at most: a millionth of the unit, finer than float32 at the unit itself."""
-FIXED = (1 << 23) - 1
+POSITION_BITS = 24
+FIXED = (1 << (POSITION_BITS - 1)) - 1
 """Largest 24-bit signed number."""
 FINE = 1 / 100
 """A step of a position is at most this part of a typical Gaussian's size, where far outliers would make it coarser."""
@@ -58,33 +59,46 @@ class FixedPoint:
     """Bits behind the point."""
     clamped: int
     """Splats that lie beyond the largest number, and are moved to it."""
+    size: float = np.inf
+    """Of a typical Gaussian: a step should be at most `FINE` of it."""
+
+    @property
+    def step(self) -> float:
+        """Of a position; places are off by half of it at most."""
+        return 2.0**-self.fraction
 
     @property
     def reach(self) -> float:
         """Largest coordinate."""
-        return FIXED * 2.0**-self.fraction
+        return FIXED * self.step
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """One sentence for a person; none where every splat is where it was."""
-        if not self.clamped:
-            return ()
-        outliers = plural("outlier", self.clamped)
-        return (
-            f"{self.clamped:,} far {outliers} moved to {self.reach:,.0f} units, so that the others keep their places",
-        )
+        """Sentences for a person; none where every splat is where it was."""
+        told = []
+        if self.clamped:
+            outliers = plural("outlier", self.clamped)
+            told.append(
+                f"{self.clamped:,} far {outliers} moved to {self.reach:,.0f} units, so that the others keep their places"
+            )
+        if self.fraction < min(MAX_FRACTION, -np.log2(FINE * self.size)):
+            told.append(
+                f"the splats lie so far apart that places have steps of {self.step:.2g} units, {self.step / self.size:.2g} of a"
+                " typical Gaussian's size; PLY keeps them"
+            )
+        return tuple(told)
 
     @classmethod
     def of(cls, means: np.ndarray, scales: np.ndarray) -> FixedPoint:
         """The steps for splats at `means (N,3)` of sizes `scales (N,3)`: all within reach, unless outliers make them too coarse."""
         distance = np.abs(means).max(axis=1, initial=0).astype(np.float64)
-        widest = _fraction(distance.max(initial=0))
+        widest, size = _fraction(distance.max(initial=0)), np.inf
         if len(distance):
             size = max(float(np.median(scales.max(axis=1))), 2.0**-MAX_FRACTION)
             wanted = int(np.clip(np.ceil(-np.log2(FINE * size)), 0, MAX_FRACTION))
             bulk = _fraction(float(np.quantile(distance, BULK, method="higher")))
             widest = max(widest, min(wanted, bulk))
-        return cls(widest, int(np.count_nonzero(distance > FIXED * 2.0**-widest)))
+        return cls(widest, int(np.count_nonzero(distance > FIXED * 2.0**-widest)), size)
 
 
 def write_spz(scene: Posable, time: float, path: Path | str, transform: np.ndarray | None = None) -> tuple[str, ...]:
@@ -167,8 +181,14 @@ def _require_readable(version: int, count: int, degree: int, fraction: int, path
         )
     if count > MAX_POINTS:
         raise F4xError(f"{path}: SPZ of {count:,} splats; more than {MAX_POINTS:,} is {OWN_LIMIT}; thin them out first")
-    if degree > spherical_harmonics.MAX_DEGREE or fraction > 24:
-        raise F4xError(f"{path}: SPZ with a damaged header (harmonics of degree {degree}); copy or export it again")
+    for name, value, most in (
+        ("harmonics of degree", degree, spherical_harmonics.MAX_DEGREE),
+        ("bits behind the point:", fraction, POSITION_BITS),
+    ):
+        if value > most:
+            raise F4xError(
+                f"{path}: SPZ with a damaged header ({name} {value}, at most {most}); copy or export it again"
+            )
 
 
 def _in_ply_axes(splats: Splats) -> Splats:
