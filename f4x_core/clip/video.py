@@ -16,7 +16,7 @@ from .images import alike, as_bytes, resize_nearest, scaled
 from .notes import Note
 from .pixels import SEEN
 from .repeats import without_repeats
-from .undamaged import MARKING, Numbered, UndamagedFrames
+from .undamaged import MARKING, TRACED, Numbered, UndamagedFrames
 
 QUALITY = "16"  # x264 CRF: no visible loss; the file is for people, measurements use the arrays
 UNTAGGED = 2  # colour properties that a file does not tell, ITU-T H.273
@@ -359,6 +359,8 @@ def _decoder(stream):
     decoder.flags |= Flags.copy_opaque
     if decoder.name in TELL_BY_ERROR:
         decoder.options = {"err_detect": "explode"}
+    if decoder.name in TRACED:
+        decoder.options = {"debug": TRACED[decoder.name]}
     return decoder
 
 

@@ -123,6 +123,24 @@ def test_what_a_broadcast_lost_spoils_no_frame_that_is_kept(tmp_path, codec, los
     assert 8 <= len(clip) < 24 and which(clip.frames)[1] > worst - 1 and "damaged" in told(clip)
 
 
+@pytest.mark.parametrize("name", ["a.mkv", "a.mp4", "a.avi"])
+@pytest.mark.parametrize("options", [{"bf": "0"}, {"bf": "2", "x264-params": "open-gop=1"}])
+def test_what_is_built_on_a_missing_frame_is_left_out(tmp_path, name, options):
+    whole, path = film(tmp_path / f"whole_{name}", SCENES, g="8", sc_threshold="0", **options), tmp_path / name
+    with av.open(str(whole)) as source, av.open(str(path), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        packets = [packet for packet in source.demux(video=0) if packet.size]
+        missing = max((each for each in packets[9:14] if not each.is_keyframe), key=lambda each: each.size)
+        for packet in packets:
+            if packet is not missing:
+                packet.stream = stream
+                target.mux(packet)
+    worst, clip = which(read_clip(whole).frames)[1], read_clip(path)
+    frames, psnr = which(clip.frames)
+    assert psnr > worst - 1 and "damaged" in told(clip)
+    assert set(range(7)) | set(range(18, 24)) <= set(frames) and len(frames) == len(set(frames))
+
+
 def test_two_recordings_joined_byte_by_byte_are_whole(tmp_path):
     parts = [film(tmp_path / f"{first}.ts", SCENES[first : first + 12], bf="2") for first in (0, 12)]
     joined = tmp_path / "joined.ts"
