@@ -431,20 +431,40 @@ def test_pictures_of_another_size_and_the_same_shape_are_scaled(tmp_path):
 
 
 @pytest.mark.parametrize("first", ["picture", "film"])
-def test_the_film_is_the_stream_with_frames(tmp_path, first):
-    with av.open(str(tmp_path / "a.mp4"), "w") as container:
-        kinds = {"picture": ("mjpeg", "yuvj420p", SCENES[:1]), "film": ("libx264", "yuv420p", SCENES)}
+@pytest.mark.parametrize(("name", "size", "count"), [("a.mp4", 1, 1), ("a.mp4", 2, 13), ("a.mkv", 2, 13)])
+def test_the_film_is_the_stream_with_frames(tmp_path, first, name, size, count):
+    other = [np.repeat(np.repeat(frame, size, 0), size, 1) for frame in SCENES[:count]]
+    with av.open(str(tmp_path / name), "w") as container:
+        kinds = {"picture": ("mjpeg", "yuvj420p", other), "film": ("libx264", "yuv420p", SCENES)}
         order = sorted(kinds, key=lambda kind: kind != first)
         streams = {}
         for kind in order:
             streams[kind] = container.add_stream(kinds[kind][0], rate=24)
-            streams[kind].width, streams[kind].height, streams[kind].pix_fmt = WIDTH, HEIGHT, kinds[kind][1]
+            streams[kind].height, streams[kind].width = kinds[kind][2][0].shape[:2]
+            streams[kind].pix_fmt = kinds[kind][1]
         for kind in order:
             for frame in kinds[kind][2]:
                 container.mux(streams[kind].encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
             container.mux(streams[kind].encode())
-    clip = read_clip(tmp_path / "a.mp4")
-    assert which(clip.frames)[0] == list(range(24)) and "holds 2 films" in told(clip)
+    clip = read_clip(tmp_path / name)
+    assert (clip.width, which(clip.frames)[0]) == (WIDTH, list(range(24))) and "holds 2 films" in told(clip)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind"),
+    [
+        ("notes.txt", "hello world\n" * 1000, "text"),
+        ("a.ffconcat", "ffconcat version 1.0\nfile real.mp4\n", "list of files"),
+        ("a.mp4", "ffconcat version 1.0\nfile real.mp4\n", "list of files"),
+        ("a.m3u8", "#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:1,\nreal.ts\n#EXT-X-ENDLIST\n", "list of files"),
+    ],
+)
+def test_texts_are_no_films(tmp_path, name, text, kind):
+    film(tmp_path / "real.mp4", SCENES[:3])
+    film(tmp_path / "real.ts", SCENES[:3])
+    (tmp_path / name).write_text(text)
+    with pytest.raises(F4xError, match=f"is a {kind} and no film|cannot be read as a video"):
+        read_clip(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["10:30.mp4", "100%03d.mp4", "a%d.gif", "~x.mp4", "-.mp4", "file:a.mp4"])
