@@ -12,7 +12,7 @@ from PIL import Image
 from f4x_core.cli.info import sentences
 from f4x_core.clip import read_clip, write_video
 from f4x_core.clip.clock import Shown, read_clock
-from f4x_core.clip.images import read_mask
+from f4x_core.clip.images import list_images, read_mask
 from f4x_core.clip.notes import Note, remarks
 from f4x_core.clip.pixels import as_8_bit
 from f4x_core.clip.repeats import without_repeats
@@ -342,6 +342,23 @@ def test_deep_pictures_are_scaled_by_their_type(tmp_path, name, scale, kind, col
         1 if "no value" not in says else 255 - largest + 1
     )
     assert says in told(clip) and bool(says) == bool(told(clip))
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+@pytest.mark.parametrize(("orientation", "quarters"), [(3, 2), (6, 1), (8, 3)])
+def test_deep_pictures_are_turned_upright_once(tmp_path, kind, orientation, quarters):
+    grey = SCENES[3][..., 1]
+    values = np.rot90(grey, quarters) * {np.uint16: 257, np.float32: 1 / 255}[kind]
+    Image.fromarray(values.astype(kind)).save(tmp_path / "0.tif", tiffinfo={274: orientation})
+    shown = read_clip(tmp_path).frames[0, ..., 1]
+    assert shown.shape == grey.shape and np.abs(shown.astype(int) - grey).max() <= 1
+
+
+def test_digits_that_are_no_numbers_sort_as_letters(tmp_path):
+    for name in ("\u00b23.png", "1.png"):
+        Image.fromarray(SCENES[0]).save(tmp_path / name)
+    assert [file.name for file in list_images(tmp_path)] == ["1.png", "\u00b23.png"]
+    assert len(read_clip(tmp_path)) == 2
 
 
 @pytest.mark.parametrize(
