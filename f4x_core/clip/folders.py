@@ -15,7 +15,7 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..language.lexicon import plural
 from .clock import Shown
-from .images import SUFFIXES, natural_key, read_color, read_deep, resize_color
+from .images import SUFFIXES, is_deep, natural_key, read_deep, read_picture, resize_color
 from .notes import Note
 from .pixels import WHITE, white_of
 from .repeats import without_repeats
@@ -48,7 +48,7 @@ MAP_WORDS = {"depth", "disparity", "disp", "normal", "normals", "flow", "thumb",
 COLOUR_WORDS = {"rgb", "color", "colour", "image", "img", "frame", "picture", "pic", "photo"}
 """Words that tell nothing."""
 LOOKS = 12
-"""Pictures, evenly over the folder, that tell how bright white is in 16 bits."""
+"""Pictures, evenly over the folder, that tell whether there are such of 16 bits; where these are dark, all are looked at."""
 SHALLOW = {"1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK", "YCbCr"}
 """Modes of PIL whose values convert to 8 bits without a scale."""
 LOOK_WIDTH = 640
@@ -184,14 +184,18 @@ def _review(files: tuple[Path, ...], changed: int, repeats: bool) -> Review:
     white, notes = _white(files)
     if not repeats:
         return Review(np.arange(len(files)), white, tuple(notes))
-    kept = [shown.number for shown in without_repeats(map(_small, range(len(files)), files), notes)]
+    small = (_small(row, file, white) for row, file in enumerate(files))
+    kept = [shown.number for shown in without_repeats(small, notes)]
     return Review(np.array(kept, np.int64), white, tuple(notes))
 
 
 def _white(files: tuple[Path, ...]) -> tuple[int, list[Note]]:
     """The value of white in 16-bit pictures, and what has to be said of it."""
     largest, kinds = 0, set()
-    for index in evenly_spaced(len(files), LOOKS):
+    looks = evenly_spaced(len(files), LOOKS)
+    for step, index in enumerate([*looks, *np.setdiff1d(np.arange(len(files)), looks)]):
+        if step >= len(looks) and (not largest or white_of(largest) == WHITE):  # the others are of no matter
+            break
         deep = read_deep(files[index])
         if deep is None:
             continue
@@ -211,14 +215,15 @@ def _white(files: tuple[Path, ...]) -> tuple[int, list[Note]]:
     return white, notes
 
 
-def _small(row: int, file: Path) -> Shown:
+def _small(row: int, file: Path, white: int) -> Shown:
     """A picture to compare with others, of one pixel where it cannot be read."""
     from PIL import Image
 
     try:
         with Image.open(file) as image:
             image.draft("RGB", (LOOK_WIDTH, LOOK_WIDTH))  # a JPEG is decoded no larger than wanted
-            pixels = np.asarray(image.convert("RGB")) if image.mode in SHALLOW else read_color(file)
+            shallow = image.mode in SHALLOW and not is_deep(image)
+            pixels = np.asarray(image.convert("RGB")) if shallow else read_picture(file, white).pixels
     except (F4xError, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         pixels = np.zeros((1, 1, 3), np.uint8)
     height, width = pixels.shape[:2]

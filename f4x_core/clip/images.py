@@ -76,6 +76,11 @@ class Deep(NamedTuple):
     """How the camera was held, as EXIF says it; 1 where `values` are upright."""
 
 
+def is_deep(image) -> bool:
+    """Whether a picture that PIL opened has more than 8 bits."""
+    return image.mode.startswith(("I", "F")) or any(";16" in str(tile.args) for tile in image.tile)
+
+
 def read_deep(file: Path) -> Deep | None:
     """Return a picture that has more than 8 bits; None for all other files."""
     import cv2
@@ -86,7 +91,7 @@ def read_deep(file: Path) -> Deep | None:
         require_picture(file)
         with Image.open(file) as image:
             require_pixels(image.width, image.height, file.stat().st_size)
-            if not image.mode.startswith(("I", "F")) and not any(";16" in str(tile.args) for tile in image.tile):
+            if not is_deep(image):
                 return None
             if image.format != "TIFF":  # which OpenCV always turns upright
                 orientation = image.getexif().get(ORIENTATION, 1)

@@ -344,6 +344,16 @@ def test_deep_pictures_are_scaled_by_their_type(tmp_path, name, scale, kind, col
     assert says in told(clip) and bool(says) == bool(told(clip))
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_the_value_of_white_is_that_of_all_pictures(tmp_path, channels):
+    for index in range(24):
+        values = SCENES[index][..., :channels] * ((4000 if index == 5 else 900) / SCENES[index][..., :channels].max())
+        cv2.imwrite(str(tmp_path / f"{index}.png"), values.round().astype(np.uint16))
+    clip = read_clip(tmp_path)
+    assert len(clip) == 24 and 3700 < clip.frames[5].max() / 255 * 4095 < 4050
+    assert told(clip).startswith("The pictures of 16 bits hold no value above 4095")
+
+
 @pytest.mark.parametrize("kind", [np.uint16, np.float32])
 @pytest.mark.parametrize(("orientation", "quarters"), [(3, 2), (6, 1), (8, 3)])
 def test_deep_pictures_are_turned_upright_once(tmp_path, kind, orientation, quarters):
