@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -47,6 +48,9 @@ MAP_WORDS = {"depth", "disparity", "disp", "normal", "normals", "flow", "thumb",
 """Words in the names of pictures that belong to another one and are no masks."""
 COLOUR_WORDS = {"rgb", "color", "colour", "image", "img", "frame", "picture", "pic", "photo"}
 """Words that tell nothing."""
+LEAST_NUMBERED = 3
+"""Pictures whose names differ by numbers alone, from which they are a sequence."""
+HEXADECIMAL = re.compile("[0-9a-fA-F]+")
 LOOKS = 12
 """Pictures, evenly over the folder, that tell whether there are such of 16 bits; where these are dark, all are looked at."""
 SHALLOW = {"1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK", "YCbCr"}
@@ -75,7 +79,14 @@ def frames_in(folder: Path) -> Frames:
         key=lambda file: natural_key(file.name),
     )
     images = [file for file in files if file.suffix.lower() in SUFFIXES]
+    images, strangers = _numbered(images)
     images, masks, notes = _without_companions(images)
+    if strangers:
+        count = len(strangers)
+        are = "is no frame" if count == 1 else "are no frames"
+        notes.append(
+            _told(f"{count} {plural('picture', count)} like {strangers[0].name} {are} by the name, and left out.")
+        )
     others = [file for file in files if file.suffix.lower() in OTHERS]
     stems = {file.stem for file in images}
     unread = [file for file in others if file.suffix.lower() not in FILMS and file.stem not in stems]
@@ -134,6 +145,37 @@ def _without_companions(files: list[Path]) -> tuple[list[Path], list[Path], list
         kept = f"the name of another with the ending {frames[0].suffix}"
         notes.append(_told(f"{count} {plural('picture', count)} ({kinds}) have {kept}, and are left out."))
     return frames, own if complete else [], notes
+
+
+def _numbered(files: list[Path]) -> tuple[list[Path], list[Path]]:
+    """Picture `files` without those that are none of a numbered sequence beside them, and these.
+
+    Such are variants of one of the sequence, whose name goes on with a word or whose copy they are, and pictures without a
+    number. Files stay where no pattern of names is that of at least half of them.
+    """
+    patterns = {file: re.sub(r"\d+", "#", file.stem.lower()) for file in files}
+    counts = Counter(patterns.values())
+    main = max(counts, key=lambda each: (counts[each], -len(each)), default="")
+    if "#" not in main or counts[main] < LEAST_NUMBERED or 2 * counts[main] < len(files):
+        return files, []
+    sequence = {file.stem: file for file in files if patterns[file] == main}
+    known = MASK_WORDS | MAP_WORDS
+
+    def stranger(file: Path) -> bool:
+        pattern = patterns[file]
+        if pattern == main or set(re.findall("[a-z]+", pattern)) & known or HEXADECIMAL.fullmatch(file.stem):
+            return False
+        if not re.search(r"\d", file.stem):
+            return not main.startswith(pattern)
+        begins = (file.stem[:length] for length in range(len(file.stem), 0, -1))
+        original = next((sequence[begin] for begin in begins if begin in sequence), None)
+        if original is None:
+            return False
+        rest = file.stem.removeprefix(original.stem)
+        return bool(re.match(r"[^\d.].*[^\W\d_]", rest)) or filecmp.cmp(file, original, shallow=False)
+
+    others = [file for file in files if stranger(file)]
+    return [file for file in files if file not in set(others)], others
 
 
 def _role(file: Path, names: set[str]) -> tuple[tuple[str | int, ...], frozenset[str]]:

@@ -533,6 +533,47 @@ def test_masks_beside_the_pictures_are_no_frames(tmp_path, names):
     assert "6 pictures like" in told(clip) and "belong to others and are no frames; --masks layout" in told(clip)
 
 
+@pytest.mark.parametrize(
+    ("extra", "every"),
+    [
+        ("frame_0001 copy.png", False),
+        ("frame_0001 - Kopie.png", False),
+        ("frame_0001 (1).png", False),
+        ("frame_0001_edited.jpg", False),
+        ("frame_{:04d}_small.png", True),
+        ("frame_{}_small.png", True),
+        ("cover.jpg", False),
+        ("contact_sheet.png", False),
+        ("preview.png", False),
+    ],
+)
+def test_pictures_beside_a_numbered_sequence_are_no_frames(tmp_path, extra, every):
+    name = "frame_{}.png" if extra.startswith("frame_{}") else "frame_{:04d}.png"
+    for index, frame in enumerate(SCENES[:12]):
+        Image.fromarray(frame).save(tmp_path / name.format(index))
+        if every or index == 1:
+            Image.fromarray(frame).save(tmp_path / extra.format(index))
+    clip = read_clip(tmp_path)
+    assert which(clip.frames)[0] == list(range(12)) and clip.steady
+    assert told(clip).startswith(f"{12 if every else 1} picture") and "by the name, and left out" in told(clip)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["Photo.png", *(f"Photo ({index}).png" for index in range(1, 6))],
+        [f"{index:x}.png" for index in range(8, 14)],
+        [f"2026_0{index // 2}{'_1' * (index % 2)}.png" for index in range(6)],
+        [f"{kind}_{index}.png" for kind in ("a", "b") for index in range(3)],
+        ["a.png", "b.png", "c1.png", "c2.png"],
+    ],
+)
+def test_names_that_differ_are_frames_all_the_same(tmp_path, names):
+    for index, name in enumerate(names):
+        Image.fromarray(SCENES[index]).save(tmp_path / name)
+    assert len(read_clip(tmp_path)) == len(names) and not read_clip(tmp_path).remarks
+
+
 def test_a_folder_of_masks_alone_is_one_of_pictures(tmp_path):
     for index, frame in enumerate(SCENES[:4]):
         Image.fromarray(frame).save(tmp_path / f"mask_{index}.png")
