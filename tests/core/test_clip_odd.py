@@ -220,6 +220,25 @@ def test_one_wrong_time_stamp_is_mended_and_many_are_not_believed():
     assert read_clock(decoding, 0.001, 24).notes == () and read_clock(decoding, 0.001, 24).fps == 24
 
 
+@pytest.mark.parametrize("off", [0, 0.001])
+def test_two_frames_with_the_time_of_the_one_before_are_mended(off):
+    stamps = np.round(np.arange(24) / 24, 3)
+    stamps[12], stamps[13] = stamps[11], stamps[11] + off
+    clock = read_clock(stamps, 0.001, 24)
+    assert np.allclose(clock.times / clock.fps * 24, range(24), atol=0.05)
+    assert [note.frame for note in clock.notes] == [12, 13]
+
+
+@pytest.mark.parametrize("minutes", [1, 15, 20, 60, 600])
+def test_frames_around_a_pause_of_any_length_keep_their_times(minutes):
+    stamps = np.round(np.arange(24) / 24, 3)
+    stamps[12:] += 60 * minutes
+    clock = read_clock(stamps, 0.001, 24)
+    steps = np.diff(clock.times)
+    assert (np.delete(steps, 11) < steps[11] / 50).all() and (steps > 0).all() and clock.times[-1] == 23
+    assert [(note.kind, note.frame, round(note.seconds)) for note in clock.notes] == [("gap", 12, 60 * minutes)]
+
+
 def test_a_long_gap_is_told(tmp_path):
     clip = read_clip(film(tmp_path / "a.mkv", SCENES[:12], "ffv1", "bgr0", stamps=[0, *range(5040, 5480, 40)]))
     assert "Between frames 0 and 1 nothing is shown for 5.0 s, 126 times the usual interval" in told(clip)
