@@ -191,7 +191,10 @@ def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
     """`pixels` (H,W,3) turned by right angles and flipped as the film's display matrix says; F4xError for any other matrix."""
     from av.sidedata.sidedata import Type
 
-    data = frame.side_data.get(Type.DISPLAYMATRIX)
+    try:
+        data = frame.side_data.get(Type.DISPLAYMATRIX)
+    except ValueError:  # PyAV does not know all kinds of side data, such as EXIF
+        data = None
     if data is None:
         return pixels
     # Rows are where the stored x and y axes, right and down, go to: ISO/IEC 14496-12, 6.2.2. Their length is the pixels' shape.

@@ -383,6 +383,14 @@ def test_deep_pictures_are_turned_upright_once(tmp_path, kind, orientation, quar
     assert shown.shape == grey.shape and np.abs(shown.astype(int) - grey).max() <= 1
 
 
+def test_a_film_with_exif_is_read(tmp_path):
+    exif = Image.Exif()
+    exif[271] = "camera"
+    Image.fromarray(SCENES[0]).save(tmp_path / "a.tif")
+    Image.fromarray(SCENES[0]).save(tmp_path / "a.jpg", exif=exif, quality=95)
+    assert [which(read_clip(tmp_path / name).frames)[0] for name in ("a.tif", "a.jpg")] == [[0], [0]]
+
+
 def test_digits_that_are_no_numbers_sort_as_letters(tmp_path):
     for name in ("\u00b23.png", "1.png"):
         Image.fromarray(SCENES[0]).save(tmp_path / name)
