@@ -22,6 +22,8 @@ MENDED = 0.1
 """Fraction of the time stamps that may be out of order; where more are, none is believed."""
 MIN_CYCLES = 3
 """Frames shown longer than the others, at regular distances, from which a slower rate is told from frames that are missing."""
+LONGEST = 100
+"""Times the usual interval that a pause is taken for at most, where its own length leaves no times for the other frames."""
 GRID = 1024
 """Times are whole multiples of a frame's 1024th, so that sums and differences of them are exact: windows share them."""
 
@@ -73,9 +75,14 @@ def read_clock(seconds: Sequence[float] | np.ndarray, tick: float, rate: float, 
     if slower:
         return Clock(even, slower, notes)
     times = np.round((stamps - stamps[0]) / interval * GRID) / GRID
+    if not (np.diff(times) > 0).all():  # a pause so long that the frames around it have no times of their own
+        steps = np.diff(stamps)
+        short = np.append(0, np.cumsum(np.minimum(steps, LONGEST * np.median(steps))))
+        interval = float(short[-1]) / (count - 1)
+        times = np.round(short / interval * GRID) / GRID
     if np.abs(times - even).max() > STEADY + min(tick / interval, ROUNDING):
         if (np.diff(times) > 0).all():
-            return Clock(times, 1 / interval, (*notes, *gaps(times, 1 / interval)))
+            return Clock(times, 1 / interval, (*notes, *gaps(stamps, 1.0)))
         return Clock(even, 1 / interval, notes)
     return Clock(even, rate if abs(rate * interval - 1) < RATE_TOLERANCE else 1 / interval, notes)
 
@@ -86,27 +93,36 @@ def _mended(stamps: np.ndarray) -> np.ndarray | None:
     Of two stamps in the wrong order either may be the wrong one: it is that which leaves the more even intervals. Some files
     have the times of decoding, which are the right ones in another order.
     """
-    mended, wrong = stamps.copy(), 0
+    mended, wrong, most = stamps.copy(), 0, max(1, MENDED * len(stamps))
     while (late := np.flatnonzero(np.diff(mended) <= 0)).size:
-        wrong += 1
-        if wrong > max(1, MENDED * len(stamps)):
+        if wrong + 1 > most:
             order = np.argsort(stamps, kind="stable")
             near = np.abs(order - np.arange(len(order))).max() <= HOLD
             return stamps[order] if near and (np.diff(stamps[order]) > 0).all() else None
-        tries = [_without(mended, int(frame)) for frame in (late[0], late[0] + 1)]
-        mended = min(tries, key=lambda one: (int((np.diff(one) <= 0).sum()), float(np.abs(np.diff(one, 2)).sum())))
+        first = int(late[0])
+        spans = [[first], [first + 1]]
+        if first + 2 < len(stamps) - 1 and wrong + 2 <= most:
+            spans.append([first + 1, first + 2])
+        tries = [(_without(mended, span), span) for span in spans]
+        mended, span = min(tries, key=lambda one: _unevenness(*one))
+        wrong += len(span)
     return mended
 
 
-def _without(stamps: np.ndarray, frame: int) -> np.ndarray:
-    """`stamps` with that of `frame` replaced by one between its neighbours, or beyond the only one that it has."""
-    others = np.delete(np.arange(len(stamps)), frame)
+def _unevenness(stamps: np.ndarray, span: list[int]) -> tuple[int, float]:
+    """How far from even `stamps` are of which those of `span` were put between their neighbours: two have to gain twice as much."""
+    return int((np.diff(stamps) <= 0).sum()), float(np.abs(np.diff(stamps, 2)).sum()) * len(span)
+
+
+def _without(stamps: np.ndarray, span: list[int]) -> np.ndarray:
+    """`stamps` with those of the frames `span` replaced by some between their neighbours, or beyond the only one that it has."""
+    others = np.delete(np.arange(len(stamps)), span)
     new = stamps.copy()
-    if 0 < frame < len(stamps) - 1:
-        new[frame] = np.interp(frame, others, stamps[others])
+    if span[0] > 0 and span[-1] < len(stamps) - 1:
+        new[span] = np.interp(span, others, stamps[others])
     else:
-        beside, next_to_it = others[:2] if frame == 0 else others[:-3:-1]
-        new[frame] = 2 * stamps[beside] - stamps[next_to_it]
+        beside, next_to_it = others[:2] if span[0] == 0 else others[:-3:-1]
+        new[span] = 2 * stamps[beside] - stamps[next_to_it]
     return new
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..language.lexicon import plural
 from .clock import Shown
-from .images import SUFFIXES, natural_key, read_color, read_deep, resize_color
+from .images import SUFFIXES, is_deep, natural_key, open_undecoded, read_deep, read_picture, resize_color
 from .notes import Note
 from .pixels import WHITE, white_of
 from .repeats import without_repeats
@@ -47,8 +48,11 @@ MAP_WORDS = {"depth", "disparity", "disp", "normal", "normals", "flow", "thumb",
 """Words in the names of pictures that belong to another one and are no masks."""
 COLOUR_WORDS = {"rgb", "color", "colour", "image", "img", "frame", "picture", "pic", "photo"}
 """Words that tell nothing."""
+LEAST_NUMBERED = 3
+"""Pictures whose names differ by numbers alone, from which they are a sequence."""
+HEXADECIMAL = re.compile("[0-9a-fA-F]+")
 LOOKS = 12
-"""Pictures, evenly over the folder, that tell how bright white is in 16 bits."""
+"""Pictures, evenly over the folder, that tell whether there are such of 16 bits; where these are dark, all are looked at."""
 SHALLOW = {"1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK", "YCbCr"}
 """Modes of PIL whose values convert to 8 bits without a scale."""
 LOOK_WIDTH = 640
@@ -75,7 +79,14 @@ def frames_in(folder: Path) -> Frames:
         key=lambda file: natural_key(file.name),
     )
     images = [file for file in files if file.suffix.lower() in SUFFIXES]
+    images, strangers = _numbered(images)
     images, masks, notes = _without_companions(images)
+    if strangers:
+        count = len(strangers)
+        are = "is no frame" if count == 1 else "are no frames"
+        notes.append(
+            _told(f"{count} {plural('picture', count)} like {strangers[0].name} {are} by the name, and left out.")
+        )
     others = [file for file in files if file.suffix.lower() in OTHERS]
     stems = {file.stem for file in images}
     unread = [file for file in others if file.suffix.lower() not in FILMS and file.stem not in stems]
@@ -136,6 +147,37 @@ def _without_companions(files: list[Path]) -> tuple[list[Path], list[Path], list
     return frames, own if complete else [], notes
 
 
+def _numbered(files: list[Path]) -> tuple[list[Path], list[Path]]:
+    """Picture `files` without those that are none of a numbered sequence beside them, and these.
+
+    Such are variants of one of the sequence, whose name goes on with a word or whose copy they are, and pictures without a
+    number. Files stay where no pattern of names is that of at least half of them.
+    """
+    patterns = {file: re.sub(r"\d+", "#", file.stem.lower()) for file in files}
+    counts = Counter(patterns.values())
+    main = max(counts, key=lambda each: (counts[each], -len(each)), default="")
+    if "#" not in main or counts[main] < LEAST_NUMBERED or 2 * counts[main] < len(files):
+        return files, []
+    sequence = {file.stem: file for file in files if patterns[file] == main}
+    known = MASK_WORDS | MAP_WORDS
+
+    def stranger(file: Path) -> bool:
+        pattern = patterns[file]
+        if pattern == main or set(re.findall("[a-z]+", pattern)) & known or HEXADECIMAL.fullmatch(file.stem):
+            return False
+        if not re.search(r"\d", file.stem):
+            return not main.startswith(pattern)
+        begins = (file.stem[:length] for length in range(len(file.stem), 0, -1))
+        original = next((sequence[begin] for begin in begins if begin in sequence), None)
+        if original is None:
+            return False
+        rest = file.stem.removeprefix(original.stem)
+        return bool(re.match(r"[^\d.].*[^\W\d_]", rest)) or filecmp.cmp(file, original, shallow=False)
+
+    others = [file for file in files if stranger(file)]
+    return [file for file in files if file not in set(others)], others
+
+
 def _role(file: Path, names: set[str]) -> tuple[tuple[str | int, ...], frozenset[str]]:
     """Which picture a file belongs to, as the words and numbers of its name, and the words that make it a companion."""
     stem = file.stem
@@ -184,14 +226,18 @@ def _review(files: tuple[Path, ...], changed: int, repeats: bool) -> Review:
     white, notes = _white(files)
     if not repeats:
         return Review(np.arange(len(files)), white, tuple(notes))
-    kept = [shown.number for shown in without_repeats(map(_small, range(len(files)), files), notes)]
+    small = (_small(row, file, white) for row, file in enumerate(files))
+    kept = [shown.number for shown in without_repeats(small, notes)]
     return Review(np.array(kept, np.int64), white, tuple(notes))
 
 
 def _white(files: tuple[Path, ...]) -> tuple[int, list[Note]]:
     """The value of white in 16-bit pictures, and what has to be said of it."""
     largest, kinds = 0, set()
-    for index in evenly_spaced(len(files), LOOKS):
+    looks = evenly_spaced(len(files), LOOKS)
+    for step, index in enumerate([*looks, *np.setdiff1d(np.arange(len(files)), looks)]):
+        if step >= len(looks) and (not largest or white_of(largest) == WHITE):  # the others are of no matter
+            break
         deep = read_deep(files[index])
         if deep is None:
             continue
@@ -211,14 +257,15 @@ def _white(files: tuple[Path, ...]) -> tuple[int, list[Note]]:
     return white, notes
 
 
-def _small(row: int, file: Path) -> Shown:
+def _small(row: int, file: Path, white: int) -> Shown:
     """A picture to compare with others, of one pixel where it cannot be read."""
     from PIL import Image
 
     try:
-        with Image.open(file) as image:
+        with open_undecoded(file) as image:
             image.draft("RGB", (LOOK_WIDTH, LOOK_WIDTH))  # a JPEG is decoded no larger than wanted
-            pixels = np.asarray(image.convert("RGB")) if image.mode in SHALLOW else read_color(file)
+            shallow = image.mode in SHALLOW and not is_deep(image)
+            pixels = np.asarray(image.convert("RGB")) if shallow else read_picture(file, white).pixels
     except (F4xError, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         pixels = np.zeros((1, 1, 3), np.uint8)
     height, width = pixels.shape[:2]

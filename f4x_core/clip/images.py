@@ -28,7 +28,7 @@ def list_images(folder: Path) -> list[Path]:
 
 def natural_key(name: str) -> list[tuple[int, str]]:
     """Sort key under which `frame2` comes before `frame10`."""
-    return [(int(part), "") if part.isdigit() else (-1, part.lower()) for part in re.split(r"([0-9]+)", name)]
+    return [(int(part), "") if part.isdecimal() else (-1, part.lower()) for part in re.split(r"([0-9]+)", name)]
 
 
 class Color(NamedTuple):
@@ -73,7 +73,12 @@ class Deep(NamedTuple):
     values: np.ndarray
     """(H, W), or (H, W, 3 or 4) RGB or RGBA, of the type in which the file has them."""
     orientation: int
-    """How the camera was held, as EXIF says it."""
+    """How the camera was held, as EXIF says it; 1 where `values` are upright."""
+
+
+def is_deep(image) -> bool:
+    """Whether a picture that PIL opened has more than 8 bits."""
+    return image.mode.startswith(("I", "F")) or any(";16" in str(tile.args) for tile in image.tile)
 
 
 def read_deep(file: Path) -> Deep | None:
@@ -84,9 +89,10 @@ def read_deep(file: Path) -> Deep | None:
     orientation = 1
     try:
         with open_undecoded(file) as image:
-            if not image.mode.startswith(("I", "F")) and not any(";16" in str(tile.args) for tile in image.tile):
+            if not is_deep(image):
                 return None
-            orientation = image.getexif().get(ORIENTATION, 1)
+            if image.format != "TIFF":  # which OpenCV always turns upright
+                orientation = image.getexif().get(ORIENTATION, 1)
     except (ValueError, Image.DecompressionBombError):  # refused, and not for its kind
         return None
     except (OSError, SyntaxError):

@@ -5,6 +5,7 @@ Decoders paint over what they cannot read and go on from there: they mark the pa
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator
@@ -19,6 +20,17 @@ INTRA = 1
 """Type of a picture that is built on no other; key frames may be such as only begin to renew the picture."""
 MARKING = {"h264", "mpeg1video", "mpeg2video", "mpeg4"}
 """Decoders that mark a picture of which a part is missing, so that the last one before a loss is known to be whole."""
+TRACED = {"h264": "pict"}
+"""What these decoders are asked to tell FFmpeg's log, for they mark no picture that is missing: FFmpeg's option `debug`."""
+UNIT = re.compile(r"nal_unit_type: ([15])\(.*?nal_ref_idc: (\d)")
+"""Of a slice: 5 where it restarts the count of references, and 0 where no other picture is built on it."""
+COUNT = re.compile(r"\bframe:(\d+)")
+"""Of a slice: references before it, `frame_num` of ITU-T H.264, 7.4.3; it begins again at a power of 2 from 16 on."""
+LEAST_COUNTED = 16
+MISSING = "Missing reference picture"
+"""Told of a slice whose list of references has a hole."""
+BETWEEN = 0.5
+"""Packets by which a loss lies before a key frame: it spoils the leading pictures alone."""
 AFTER_LOSS = 2
 """Packets from the one that a transport stream marks to the first after the loss: its parser is one behind."""
 
@@ -44,8 +56,8 @@ class UndamagedFrames:
         """Packets of key frames."""
         self.key_stamps: list[int | None] = []
         """When they are shown."""
-        self.damaged: list[int] = []
-        """Damaged packets; those without a frame of their own count, too."""
+        self.damaged: list[float] = []
+        """Damaged packets; those without a frame of their own count, too. A half is a loss between two."""
         self.open: set[int] = set()
         """Packets in the decoder."""
         self.held: deque[tuple[int, Any]] = deque()
@@ -58,6 +70,8 @@ class UndamagedFrames:
         """The first of the decoder."""
         self.lost_before: int | None = None
         """Packet before which some were lost in transmission."""
+        self.reference = -1
+        """Count of the last picture that others are built on; -1 before the first."""
         self.count = 0
 
     def __iter__(self) -> Iterator[Numbered]:
@@ -82,7 +96,7 @@ class UndamagedFrames:
         if packet.pts is not None and not packet.is_corrupt:
             self.end = max(self.end, float((packet.pts + packet.duration) * packet.time_base))
         try:
-            for frame in self.decoder.decode(packet):
+            for frame in self._frames(packet, serial):
                 self._hold(frame, serial if frame.opaque is None else frame.opaque[0])
         except av.FFmpegError as error:  # of one of the packets in the decoder: threads tell later
             self.error = self.error or str(error.strerror)
@@ -90,6 +104,36 @@ class UndamagedFrames:
             self._leave_out(np.nan)
         if packet.is_corrupt:
             self.lost_before = serial + AFTER_LOSS
+
+    def _frames(self, packet: Any, serial: int) -> list[Any]:
+        """The frames that come out of the decoder for a packet; looks in FFmpeg's log for a loss before it."""
+        from av import logging
+
+        if self.decoder.name not in TRACED:
+            return self.decoder.decode(packet)
+        level = logging.get_level()
+        logging.set_level(logging.DEBUG)
+        try:
+            with logging.Capture(local=True) as told:
+                return self.decoder.decode(packet)
+        finally:
+            logging.set_level(level)
+            if self._lost("\n".join(text for _, _, text in told)):
+                key, stamp = self.keys[-1], self.key_stamps[-1]
+                leading = packet.pts is not None and stamp is not None and packet.pts < stamp
+                self.damaged.append(key - BETWEEN if leading else serial - BETWEEN * (serial == key))
+
+    def _lost(self, told: str) -> bool:
+        """Whether a reference before a picture is missing, by what its decoder told."""
+        unit, count = UNIT.search(told), COUNT.search(told)
+        if unit is None or count is None:
+            return False
+        number, before = int(count[1]), self.reference
+        if unit[2] != "0":
+            self.reference = number
+        again = before + 1 >= LEAST_COUNTED and (before + 1).bit_count() == 1 and number == 0
+        follows = unit[1] == "5" or before < 0 or number - before in (0, 1) or again
+        return not follows or MISSING in told
 
     def _hold(self, frame: Any, serial: int) -> None:
         self.open.discard(serial)

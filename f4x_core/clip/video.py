@@ -17,7 +17,7 @@ from .images import alike, as_bytes, resize_nearest, scaled
 from .notes import Note
 from .pixels import SEEN
 from .repeats import without_repeats
-from .undamaged import MARKING, Numbered, UndamagedFrames
+from .undamaged import MARKING, TRACED, Numbered, UndamagedFrames
 
 QUALITY = "16"  # x264 CRF: no visible loss; the file is for people, measurements use the arrays
 UNTAGGED = 2  # colour properties that a file does not tell, ITU-T H.273
@@ -33,6 +33,9 @@ UNREADABLE = {
 ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own leave the alpha of WebM out
 TELL_BY_ERROR = {"mjpeg", "mjpegb"}  # decoders that do not mark damaged frames
 PATTERNS = {".gif": "gif", ".png": "apng"}  # in names of these FFmpeg takes %03d for a counter of pictures
+NO_FILMS = {"tty", "bin", "adf", "idf", "xbin"}  # demuxers that draw text
+LISTS = {"concat", "hls", "dash", "sdp", "rtsp", "ffmetadata"}  # demuxers of texts that name other files
+FULL = 0.9  # of the frames of the longest stream another one of the same film has
 COUNTED = 600  # packets that tell which stream is the film
 HDR: dict[int, Transfer] = {16: "pq", 18: "hlg"}  # transfer characteristics, ITU-T H.273
 # An untagged film of at least this size is in BT.709, a smaller one in BT.601: so guesses the player mpv, and VLC alike.
@@ -190,7 +193,10 @@ def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
     """`pixels` (H,W,3) turned by right angles and flipped as the film's display matrix says; F4xError for any other matrix."""
     from av.sidedata.sidedata import Type
 
-    data = frame.side_data.get(Type.DISPLAYMATRIX)
+    try:
+        data = frame.side_data.get(Type.DISPLAYMATRIX)
+    except ValueError:  # PyAV does not know all kinds of side data, such as EXIF
+        data = None
     if data is None:
         return pixels
     # Rows are where the stored x and y axes, right and down, go to: ISO/IEC 14496-12, 6.2.2. Their length is the pixels' shape.
@@ -315,6 +321,10 @@ def _opened(file: Path):
         container = av.open(str(file.absolute()), format=pattern, metadata_errors="replace")
     except (av.FFmpegError, OSError) as error:
         raise F4xError(f"{file} cannot be read as a video ({error.strerror}); give a video or a folder") from error
+    if container.format.name in NO_FILMS | LISTS:
+        kind = "list of files" if container.format.name in LISTS else "text"
+        container.close()
+        raise F4xError(f"{file} is a {kind} and no film; give a video or a folder")
     if not _candidates(container):
         kinds = sorted({_kind(stream) for stream in container.streams}) or ["nothing"]
         container.close()
@@ -337,14 +347,16 @@ def _kind(stream) -> str:
 
 
 def _film(container):
-    """The stream of moving pictures with the most frames; of those with about as many the largest, of these the first."""
+    """The stream of moving pictures with the most frames; of those with as many but a few the largest, of these the first."""
     films = _candidates(container)
     if len(films) < 2:
         return films[0]
-    frames = Counter(packet.stream_index for packet in islice(container.demux(films), COUNTED) if packet.size)
-    container.seek(0)
+    frames = Counter({each.index: each.frames for each in films})
+    if min(frames.values()) == 0:  # not all are told
+        frames = Counter(packet.stream_index for packet in islice(container.demux(films), COUNTED) if packet.size)
+        container.seek(0)
     most = max(frames.values(), default=0)
-    full = [each for each in films if frames[each.index] >= most / 2]
+    full = [each for each in films if frames[each.index] >= FULL * most]
     return max(full, key=lambda each: each.width * each.height)
 
 
@@ -361,6 +373,8 @@ def _decoder(stream):
     decoder.flags |= Flags.copy_opaque
     if decoder.name in TELL_BY_ERROR:
         decoder.options = {"err_detect": "explode"}
+    if decoder.name in TRACED:
+        decoder.options = {"debug": TRACED[decoder.name]}
     return decoder
 
 

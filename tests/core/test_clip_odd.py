@@ -12,7 +12,7 @@ from PIL import Image
 from f4x_core.cli.info import sentences
 from f4x_core.clip import read_clip, write_video
 from f4x_core.clip.clock import Shown, read_clock
-from f4x_core.clip.images import read_mask
+from f4x_core.clip.images import list_images, read_mask
 from f4x_core.clip.notes import Note, remarks
 from f4x_core.clip.pixels import as_8_bit
 from f4x_core.clip.repeats import without_repeats
@@ -123,6 +123,24 @@ def test_what_a_broadcast_lost_spoils_no_frame_that_is_kept(tmp_path, codec, los
     assert 8 <= len(clip) < 24 and which(clip.frames)[1] > worst - 1 and "damaged" in told(clip)
 
 
+@pytest.mark.parametrize("name", ["a.mkv", "a.mp4", "a.avi"])
+@pytest.mark.parametrize("options", [{"bf": "0"}, {"bf": "2", "x264-params": "open-gop=1"}])
+def test_what_is_built_on_a_missing_frame_is_left_out(tmp_path, name, options):
+    whole, path = film(tmp_path / f"whole_{name}", SCENES, g="8", sc_threshold="0", **options), tmp_path / name
+    with av.open(str(whole)) as source, av.open(str(path), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        packets = [packet for packet in source.demux(video=0) if packet.size]
+        missing = max((each for each in packets[9:14] if not each.is_keyframe), key=lambda each: each.size)
+        for packet in packets:
+            if packet is not missing:
+                packet.stream = stream
+                target.mux(packet)
+    worst, clip = which(read_clip(whole).frames)[1], read_clip(path)
+    frames, psnr = which(clip.frames)
+    assert psnr > worst - 1 and "damaged" in told(clip)
+    assert set(range(7)) | set(range(18, 24)) <= set(frames) and len(frames) == len(set(frames))
+
+
 def test_two_recordings_joined_byte_by_byte_are_whole(tmp_path):
     parts = [film(tmp_path / f"{first}.ts", SCENES[first : first + 12], bf="2") for first in (0, 12)]
     joined = tmp_path / "joined.ts"
@@ -200,6 +218,25 @@ def test_one_wrong_time_stamp_is_mended_and_many_are_not_believed():
     assert joined.times.tolist() == list(range(48)) and [note.kind for note in joined.notes] == ["unordered"]
     decoding = np.arange(12.0)[[0, 2, 3, 1, 5, 6, 4, 8, 9, 7, 11, 10]] / 24
     assert read_clock(decoding, 0.001, 24).notes == () and read_clock(decoding, 0.001, 24).fps == 24
+
+
+@pytest.mark.parametrize("off", [0, 0.001])
+def test_two_frames_with_the_time_of_the_one_before_are_mended(off):
+    stamps = np.round(np.arange(24) / 24, 3)
+    stamps[12], stamps[13] = stamps[11], stamps[11] + off
+    clock = read_clock(stamps, 0.001, 24)
+    assert np.allclose(clock.times / clock.fps * 24, range(24), atol=0.05)
+    assert [note.frame for note in clock.notes] == [12, 13]
+
+
+@pytest.mark.parametrize("minutes", [1, 15, 20, 60, 600])
+def test_frames_around_a_pause_of_any_length_keep_their_times(minutes):
+    stamps = np.round(np.arange(24) / 24, 3)
+    stamps[12:] += 60 * minutes
+    clock = read_clock(stamps, 0.001, 24)
+    steps = np.diff(clock.times)
+    assert (np.delete(steps, 11) < steps[11] / 50).all() and (steps > 0).all() and clock.times[-1] == 23
+    assert [(note.kind, note.frame, round(note.seconds)) for note in clock.notes] == [("gap", 12, 60 * minutes)]
 
 
 def test_a_long_gap_is_told(tmp_path):
@@ -326,6 +363,41 @@ def test_deep_pictures_are_scaled_by_their_type(tmp_path, name, scale, kind, col
     assert says in told(clip) and bool(says) == bool(told(clip))
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_the_value_of_white_is_that_of_all_pictures(tmp_path, channels):
+    for index in range(24):
+        values = SCENES[index][..., :channels] * ((4000 if index == 5 else 900) / SCENES[index][..., :channels].max())
+        cv2.imwrite(str(tmp_path / f"{index}.png"), values.round().astype(np.uint16))
+    clip = read_clip(tmp_path)
+    assert len(clip) == 24 and 3700 < clip.frames[5].max() / 255 * 4095 < 4050
+    assert told(clip).startswith("The pictures of 16 bits hold no value above 4095")
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+@pytest.mark.parametrize(("orientation", "quarters"), [(3, 2), (6, 1), (8, 3)])
+def test_deep_pictures_are_turned_upright_once(tmp_path, kind, orientation, quarters):
+    grey = SCENES[3][..., 1]
+    values = np.rot90(grey, quarters) * {np.uint16: 257, np.float32: 1 / 255}[kind]
+    Image.fromarray(values.astype(kind)).save(tmp_path / "0.tif", tiffinfo={274: orientation})
+    shown = read_clip(tmp_path).frames[0, ..., 1]
+    assert shown.shape == grey.shape and np.abs(shown.astype(int) - grey).max() <= 1
+
+
+def test_a_film_with_exif_is_read(tmp_path):
+    exif = Image.Exif()
+    exif[271] = "camera"
+    Image.fromarray(SCENES[0]).save(tmp_path / "a.tif")
+    Image.fromarray(SCENES[0]).save(tmp_path / "a.jpg", exif=exif, quality=95)
+    assert [which(read_clip(tmp_path / name).frames)[0] for name in ("a.tif", "a.jpg")] == [[0], [0]]
+
+
+def test_digits_that_are_no_numbers_sort_as_letters(tmp_path):
+    for name in ("\u00b23.png", "1.png"):
+        Image.fromarray(SCENES[0]).save(tmp_path / name)
+    assert [file.name for file in list_images(tmp_path)] == ["1.png", "\u00b23.png"]
+    assert len(read_clip(tmp_path)) == 2
+
+
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
@@ -413,20 +485,40 @@ def test_pictures_of_another_size_and_the_same_shape_are_scaled(tmp_path):
 
 
 @pytest.mark.parametrize("first", ["picture", "film"])
-def test_the_film_is_the_stream_with_frames(tmp_path, first):
-    with av.open(str(tmp_path / "a.mp4"), "w") as container:
-        kinds = {"picture": ("mjpeg", "yuvj420p", SCENES[:1]), "film": ("libx264", "yuv420p", SCENES)}
+@pytest.mark.parametrize(("name", "size", "count"), [("a.mp4", 1, 1), ("a.mp4", 2, 13), ("a.mkv", 2, 13)])
+def test_the_film_is_the_stream_with_frames(tmp_path, first, name, size, count):
+    other = [np.repeat(np.repeat(frame, size, 0), size, 1) for frame in SCENES[:count]]
+    with av.open(str(tmp_path / name), "w") as container:
+        kinds = {"picture": ("mjpeg", "yuvj420p", other), "film": ("libx264", "yuv420p", SCENES)}
         order = sorted(kinds, key=lambda kind: kind != first)
         streams = {}
         for kind in order:
             streams[kind] = container.add_stream(kinds[kind][0], rate=24)
-            streams[kind].width, streams[kind].height, streams[kind].pix_fmt = WIDTH, HEIGHT, kinds[kind][1]
+            streams[kind].height, streams[kind].width = kinds[kind][2][0].shape[:2]
+            streams[kind].pix_fmt = kinds[kind][1]
         for kind in order:
             for frame in kinds[kind][2]:
                 container.mux(streams[kind].encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
             container.mux(streams[kind].encode())
-    clip = read_clip(tmp_path / "a.mp4")
-    assert which(clip.frames)[0] == list(range(24)) and "holds 2 films" in told(clip)
+    clip = read_clip(tmp_path / name)
+    assert (clip.width, which(clip.frames)[0]) == (WIDTH, list(range(24))) and "holds 2 films" in told(clip)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind"),
+    [
+        ("notes.txt", "hello world\n" * 1000, "text"),
+        ("a.ffconcat", "ffconcat version 1.0\nfile real.mp4\n", "list of files"),
+        ("a.mp4", "ffconcat version 1.0\nfile real.mp4\n", "list of files"),
+        ("a.m3u8", "#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:1,\nreal.ts\n#EXT-X-ENDLIST\n", "list of files"),
+    ],
+)
+def test_texts_are_no_films(tmp_path, name, text, kind):
+    film(tmp_path / "real.mp4", SCENES[:3])
+    film(tmp_path / "real.ts", SCENES[:3])
+    (tmp_path / name).write_text(text)
+    with pytest.raises(F4xError, match=f"is a {kind} and no film|cannot be read as a video"):
+        read_clip(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["10:30.mp4", "100%03d.mp4", "a%d.gif", "~x.mp4", "-.mp4", "file:a.mp4"])
@@ -466,6 +558,47 @@ def test_masks_beside_the_pictures_are_no_frames(tmp_path, names):
     clip = read_clip(tmp_path, masks="layout")
     assert which(clip.frames)[0] == list(range(6)) and clip.masks.any((1, 2)).tolist() == [i == 3 for i in range(6)]
     assert "6 pictures like" in told(clip) and "belong to others and are no frames; --masks layout" in told(clip)
+
+
+@pytest.mark.parametrize(
+    ("extra", "every"),
+    [
+        ("frame_0001 copy.png", False),
+        ("frame_0001 - Kopie.png", False),
+        ("frame_0001 (1).png", False),
+        ("frame_0001_edited.jpg", False),
+        ("frame_{:04d}_small.png", True),
+        ("frame_{}_small.png", True),
+        ("cover.jpg", False),
+        ("contact_sheet.png", False),
+        ("preview.png", False),
+    ],
+)
+def test_pictures_beside_a_numbered_sequence_are_no_frames(tmp_path, extra, every):
+    name = "frame_{}.png" if extra.startswith("frame_{}") else "frame_{:04d}.png"
+    for index, frame in enumerate(SCENES[:12]):
+        Image.fromarray(frame).save(tmp_path / name.format(index))
+        if every or index == 1:
+            Image.fromarray(frame).save(tmp_path / extra.format(index))
+    clip = read_clip(tmp_path)
+    assert which(clip.frames)[0] == list(range(12)) and clip.steady
+    assert told(clip).startswith(f"{12 if every else 1} picture") and "by the name, and left out" in told(clip)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["Photo.png", *(f"Photo ({index}).png" for index in range(1, 6))],
+        [f"{index:x}.png" for index in range(8, 14)],
+        [f"2026_0{index // 2}{'_1' * (index % 2)}.png" for index in range(6)],
+        [f"{kind}_{index}.png" for kind in ("a", "b") for index in range(3)],
+        ["a.png", "b.png", "c1.png", "c2.png"],
+    ],
+)
+def test_names_that_differ_are_frames_all_the_same(tmp_path, names):
+    for index, name in enumerate(names):
+        Image.fromarray(SCENES[index]).save(tmp_path / name)
+    assert len(read_clip(tmp_path)) == len(names) and not read_clip(tmp_path).remarks
 
 
 def test_a_folder_of_masks_alone_is_one_of_pictures(tmp_path):
