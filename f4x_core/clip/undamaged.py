@@ -27,6 +27,8 @@ UNIT = re.compile(r"nal_unit_type: ([15])\(.*?nal_ref_idc: (\d)")
 COUNT = re.compile(r"\bframe:(\d+)")
 """Of a slice: references before it, `frame_num` of ITU-T H.264, 7.4.3; it begins again at a power of 2 from 16 on."""
 LEAST_COUNTED = 16
+LEAVE_OUT_BY_THEMSELVES = {"hevc"}
+"""Decoders that give no frame for a packet that is built on a missing one, and one for every other packet."""
 MISSING = "Missing reference picture"
 """Told of a slice whose list of references has a hole."""
 BETWEEN = 0.5
@@ -58,8 +60,8 @@ class UndamagedFrames:
         """When they are shown."""
         self.damaged: list[float] = []
         """Damaged packets; those without a frame of their own count, too. A half is a loss between two."""
-        self.open: set[int] = set()
-        """Packets in the decoder."""
+        self.open: dict[int, float] = {}
+        """Packets in the decoder, and when they are shown (s; NaN where that is not known)."""
         self.held: deque[tuple[int, Any]] = deque()
         """Frames in order of presentation that a packet in the decoder may spoil."""
         self.entered = False
@@ -86,13 +88,23 @@ class UndamagedFrames:
                 self._decode(serial, packet)
                 yield from self._released(serial)
         yield from self._released(None)
+        if self.decoder.name in LEAVE_OUT_BY_THEMSELVES and self.keys:
+            self._note_unshown()
+
+    def _note_unshown(self) -> None:
+        """Note the packets that gave no frame, but for leading pictures of a film that begins in the middle of another."""
+        stamp = self.key_stamps[0]
+        begin = -np.inf if stamp is None else float(stamp * self.stream.time_base)
+        for seconds in self.open.values():
+            if not seconds < begin:
+                self._leave_out(seconds)
 
     def _decode(self, serial: int, packet: Any) -> None:
         import av
 
         packet.opaque = (serial,)  # an object of its own: PyAV finds it by its address
-        if packet.size:
-            self.open.add(serial)
+        if packet.size and not packet.is_discard:  # what an edit list hides gives no frame
+            self.open[serial] = np.nan if packet.pts is None else float(packet.pts * packet.time_base)
         if packet.pts is not None and not packet.is_corrupt:
             self.end = max(self.end, float((packet.pts + packet.duration) * packet.time_base))
         try:
@@ -136,7 +148,7 @@ class UndamagedFrames:
         return not follows or MISSING in told
 
     def _hold(self, frame: Any, serial: int) -> None:
-        self.open.discard(serial)
+        self.open.pop(serial, None)
         if not frame.is_corrupt:
             self.entered = True
         elif self.entered or (frame.pict_type == INTRA and serial in self.keys):

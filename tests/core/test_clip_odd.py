@@ -123,22 +123,38 @@ def test_what_a_broadcast_lost_spoils_no_frame_that_is_kept(tmp_path, codec, los
     assert 8 <= len(clip) < 24 and which(clip.frames)[1] > worst - 1 and "damaged" in told(clip)
 
 
+def copy_packets(source, target, chosen):
+    """Write those packets of a film of which `chosen(number, packet)` is true."""
+    with av.open(str(source)) as one, av.open(str(target), "w") as other:
+        stream = other.add_stream_from_template(one.streams.video[0])
+        for number, packet in enumerate(packet for packet in one.demux(video=0) if packet.size):
+            if chosen(number, packet):
+                packet.stream = stream
+                other.mux(packet)
+
+
 @pytest.mark.parametrize("name", ["a.mkv", "a.mp4", "a.avi"])
 @pytest.mark.parametrize("options", [{"bf": "0"}, {"bf": "2", "x264-params": "open-gop=1"}])
 def test_what_is_built_on_a_missing_frame_is_left_out(tmp_path, name, options):
     whole, path = film(tmp_path / f"whole_{name}", SCENES, g="8", sc_threshold="0", **options), tmp_path / name
-    with av.open(str(whole)) as source, av.open(str(path), "w") as target:
-        stream = target.add_stream_from_template(source.streams.video[0])
+    with av.open(str(whole)) as source:
         packets = [packet for packet in source.demux(video=0) if packet.size]
-        missing = max((each for each in packets[9:14] if not each.is_keyframe), key=lambda each: each.size)
-        for packet in packets:
-            if packet is not missing:
-                packet.stream = stream
-                target.mux(packet)
+    missing = max((number for number in range(9, 14) if not packets[number].is_keyframe), key=lambda n: packets[n].size)
+    copy_packets(whole, path, lambda number, packet: number != missing)
     worst, clip = which(read_clip(whole).frames)[1], read_clip(path)
     frames, psnr = which(clip.frames)
     assert psnr > worst - 1 and "damaged" in told(clip)
     assert set(range(7)) | set(range(18, 24)) <= set(frames) and len(frames) == len(set(frames))
+
+
+def test_frames_that_hevc_leaves_out_after_a_missing_one_are_told(tmp_path):
+    options = {"x265-params": "log-level=none:keyint=8:min-keyint=8:scenecut=0:bframes=0"}
+    whole, path = film(tmp_path / "whole.mp4", SCENES, "libx265", **options), tmp_path / "a.mp4"
+    copy_packets(whole, path, lambda number, packet: number != 11)
+    worst, clip = which(read_clip(whole).frames)[1], read_clip(path)
+    frames, psnr = which(clip.frames)
+    assert psnr > worst - 1 and frames == [*range(11), *range(16, 24)] and "4 frames of the film" in told(clip)
+    assert told(read_clip(whole)) == ""
 
 
 def test_two_recordings_joined_byte_by_byte_are_whole(tmp_path):
