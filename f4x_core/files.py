@@ -85,7 +85,7 @@ def link_target(path: Path | str) -> Path:
 
 
 def same_file(one: Path, other: Path) -> bool:
-    """Whether two paths lead to one file that is there, by links or by other names of its folder."""
+    """True where two paths lead to one existing file, by links or by other names of its folder."""
     return one.exists() and other.exists() and one.samefile(other)
 
 

@@ -46,7 +46,7 @@ MAX_JSON_DEPTH = 100
 MAX_JSON_CONTAINERS = 1 << 21
 """Lists and objects: one takes 3 bytes in the file and 64 to 232 in memory."""
 MAX_INFLATION = 64
-"""How many times its own size a compressed file may hold. Splats and masks shrink 2 to 30 times; a bomb 1,000 times."""
+"""A compressed file may hold so many times its own size. Splats and masks shrink 2 to 30 times; a bomb 1,000 times."""
 FREE_BYTES = 16 << 20
 """So much any file may hold, however few bytes it has."""
 FREE_PIXELS = 64 << 20
@@ -222,7 +222,7 @@ def quoted(value: object) -> str:
 
 
 def bytes_left(file: BinaryIO) -> int:
-    """How many bytes of an open file lie behind the current position, which stays."""
+    """Count the bytes of an open file behind the current position, which stays."""
     here = file.tell()
     end = file.seek(0, os.SEEK_END)
     file.seek(here)

@@ -1,4 +1,4 @@
-"""How a sentence or a question that is in doubt is agreed to."""
+"""The way to agree to a reading of a sentence or a question that is in doubt."""
 
 from __future__ import annotations
 

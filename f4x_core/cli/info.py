@@ -40,7 +40,7 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def sentences(reading: object) -> list[str]:
-    """What a scene file says was left out, mended or guessed while its clip was read; a file may say anything."""
+    """Return the remarks on its clip that a scene file holds, checked, since a file may hold anything."""
     return [each for each in reading if isinstance(each, str)] if isinstance(reading, list) else []
 
 

@@ -78,7 +78,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parsed(arguments: list[str]) -> argparse.Namespace:
-    """What the command line asks for. Raises F4xError, which says how to write the name of a file that looks like an option."""
+    """Parse the command line. Raises F4xError, which tells how to write the name of a file that looks like an option."""
     from .parser import build_parser  # loads numpy: here an early Ctrl-C is answered already
 
     try:

@@ -110,7 +110,7 @@ def _mended(stamps: np.ndarray) -> np.ndarray | None:
 
 
 def _unevenness(stamps: np.ndarray, span: list[int]) -> tuple[int, float]:
-    """How far from even `stamps` are of which those of `span` were put between their neighbours: two have to gain twice as much."""
+    """Unevenness of `stamps`, of which those of `span` were put between their neighbours: two have to gain twice as much."""
     return int((np.diff(stamps) <= 0).sum()), float(np.abs(np.diff(stamps, 2)).sum()) * len(span)
 
 

@@ -1,4 +1,4 @@
-"""What of a folder are frames: not the masks beside them, not files of other kinds, and no frame twice."""
+"""The files of a folder that are frames: no masks beside them, no files of other kinds, and no frame twice."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def frames_in(folder: Path) -> Frames:
 
 
 def why_unreadable(folder: Path) -> str:
-    """What to do about a folder that has pictures or films and no frame that can be read; empty where it has none."""
+    """Advice for a folder that has pictures or films and no frame that can be read; empty where it has neither."""
     files = folder.iterdir() if folder.is_dir() else ()
     kinds = {file.suffix.lower() for file in files if not file.name.startswith(".")} & OTHERS
     listed = ", ".join(sorted(kinds))
@@ -179,7 +179,7 @@ def _numbered(files: list[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def _role(file: Path, names: set[str]) -> tuple[tuple[str | int, ...], frozenset[str]]:
-    """Which picture a file belongs to, as the words and numbers of its name, and the words that make it a companion."""
+    """The picture that a file belongs to, as the words and numbers of its name, and the words that make it a companion."""
     stem = file.stem
     words = re.findall(r"[a-z]+|\d+", stem.lower())
     marks = {word for word in words if word in MASK_WORDS | MAP_WORDS}
@@ -207,7 +207,7 @@ def _one_kind(files: list[Path]) -> tuple[list[Path], list[Path]]:
 
 
 class Review(NamedTuple):
-    """What only the pictures themselves tell."""
+    """Facts that only the pixels of the pictures tell."""
 
     kept: np.ndarray
     """(K,) int64 rows of those that do not repeat the one before."""

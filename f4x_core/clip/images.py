@@ -73,11 +73,11 @@ class Deep(NamedTuple):
     values: np.ndarray
     """(H, W), or (H, W, 3 or 4) RGB or RGBA, of the type in which the file has them."""
     orientation: int
-    """How the camera was held, as EXIF says it; 1 where `values` are upright."""
+    """EXIF's orientation of the camera; 1 where `values` are upright."""
 
 
 def is_deep(image) -> bool:
-    """Whether a picture that PIL opened has more than 8 bits."""
+    """True for a picture opened by PIL that has more than 8 bits."""
     return image.mode.startswith(("I", "F")) or any(";16" in str(tile.args) for tile in image.tile)
 
 
@@ -181,7 +181,7 @@ def resize_color(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def alike(width: int, height: int, other_width: int, other_height: int) -> bool:
-    """Whether pictures of two sizes have the same aspect."""
+    """True where pictures of two sizes have the same aspect."""
     return abs(width * other_height / (height * other_width) - 1) <= ASPECT_TOLERANCE
 
 

@@ -73,7 +73,7 @@ class Layout:
     total: int = 0
     """Pictures with those that are left out; 0: none is."""
     notes: tuple[Note, ...] = ()
-    """What was left out."""
+    """Frames that were left out."""
 
     def file_of(self, row: int) -> int:
         """Place of image `row` among all pictures of the folder."""

@@ -88,7 +88,7 @@ class Clip:
     hidden: np.ndarray | None = None
     """(T, H, W) bool: pixels that nobody saw, as alpha hides them; they have the colours around them. None: all are seen."""
     remarks: tuple[Remark, ...] = ()
-    """What was left out, mended or guessed while the source was read."""
+    """Remarks on frames and stamps that were left out, mended or guessed while the source was read."""
 
     def __post_init__(self):
         """Refuse arrays that do not belong together."""

@@ -1,4 +1,4 @@
-"""What was left out, mended or guessed while a source was read, as sentences for a person."""
+"""Notes on frames and stamps that were left out, mended or guessed while a source was read, and their sentences."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Note(NamedTuple):
 
     kind: Kind
     frame: int
-    """Which frame: its number among all of the source, with those that are left out; 0 for the whole source."""
+    """Number of the frame among all of the source, with those that are left out; 0 for the whole source."""
     seconds: float = np.nan
     """When it happened, by the time stamps; NaN = unknown."""
     text: str = ""
-    """What the sentence of its kind needs; for `source` the sentence itself."""
+    """Text that the sentence of its kind needs; for `source` the sentence itself."""
 
 
 @dataclass(frozen=True)
@@ -142,4 +142,4 @@ SENTENCES = {
     "unordered": _unordered,
     "gap": _gap,
 }
-"""How the notes of a kind become one remark."""
+"""Kind of note -> function that makes one remark of all notes of that kind."""

@@ -1,4 +1,4 @@
-"""What a clip is read from, a film or a folder, as one sequence of frames: without bars and repeats, all of one size."""
+"""The source of a clip, a film or a folder, as one sequence of frames: without bars and repeats, all of one size."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Source:
     white: int = WHITE
     """Of pictures of 16 bits."""
     notes: list[Note] = field(default_factory=list)
-    """What was left out, mended or guessed so far."""
+    """Notes so far on frames and stamps that were left out, mended or guessed."""
     stamps: list[float] = field(default_factory=list)
     """Seconds of the frames that are kept, chosen or not, as far as they are decoded; of all in a folder."""
     numbers: list[int] = field(default_factory=list)
@@ -66,7 +66,7 @@ class Source:
 
     @cached_property
     def picture(self) -> Picture | None:
-        """Where the picture is in the frames; None where they have no bars."""
+        """Place of the picture in the frames; None where they have no bars."""
         return picture_of(self.path, self.layout)
 
     @cached_property
@@ -112,7 +112,7 @@ class Source:
         return read_clock(seconds, tick, rate / step, slower)
 
     def remarks(self, indices: np.ndarray, clock: Clock, hidden: float) -> tuple[Remark, ...]:
-        """What is to be said of the clip of frames `indices` with this clock, of whose pixels alpha hides a fraction `hidden`."""
+        """Remarks on the clip of frames `indices` with this clock, of whose pixels alpha hides a fraction `hidden`."""
         numbers = np.array(self.numbers)[indices]
         timed = [note._replace(frame=int(numbers[note.frame])) for note in clock.notes]
         whole = int(indices[0]) == 0, self.ended and int(indices[-1]) == len(self.numbers) - 1

@@ -43,9 +43,9 @@ class Survey:
     tick: float = 0.0
     """Seconds to which they are rounded."""
     source: Source | None = None
-    """What was read."""
+    """The clip that was read."""
     remarks: tuple[Remark, ...] = ()
-    """What was left out, mended or guessed."""
+    """Notes on frames and stamps that were left out, mended or guessed."""
 
     def part(self, start: int, end: int) -> str:
         """Clip frames `start` to `end` (not included) as the `frames` of `read_clip`."""

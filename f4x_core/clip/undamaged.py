@@ -21,7 +21,7 @@ INTRA = 1
 MARKING = {"h264", "mpeg1video", "mpeg2video", "mpeg4"}
 """Decoders that mark a picture of which a part is missing, so that the last one before a loss is known to be whole."""
 TRACED = {"h264": "pict"}
-"""What these decoders are asked to tell FFmpeg's log, for they mark no picture that is missing: FFmpeg's option `debug`."""
+"""Decoder -> FFmpeg's option `debug`: they mark no missing picture, but their log shows it."""
 UNIT = re.compile(r"nal_unit_type: ([15])\(.*?nal_ref_idc: (\d)")
 """Of a slice: 5 where it restarts the count of references, and 0 where no other picture is built on it."""
 COUNT = re.compile(r"\bframe:(\d+)")
@@ -136,7 +136,7 @@ class UndamagedFrames:
                 self.damaged.append(key - BETWEEN if leading else serial - BETWEEN * (serial == key))
 
     def _lost(self, told: str) -> bool:
-        """Whether a reference before a picture is missing, by what its decoder told."""
+        """True where a reference before a picture is missing, by the decoder's log."""
         unit, count = UNIT.search(told), COUNT.search(told)
         if unit is None or count is None:
             return False

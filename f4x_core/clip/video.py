@@ -214,7 +214,7 @@ def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
 
 
 def _breaks_off(container, stream, end: float) -> bool:
-    """Whether a film whose last packet is shown until `end` (seconds) lacks more than that; MP4 and MOV tell in advance."""
+    """True for a film whose last packet is shown until `end` (seconds), before its announced end; MP4 and MOV announce one."""
     if "mp4" not in container.format.name or not stream.duration or not stream.average_rate:
         return False
     return end + 1.5 / stream.average_rate < ((stream.start_time or 0) + stream.duration) * stream.time_base

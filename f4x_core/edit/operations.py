@@ -38,7 +38,7 @@ STANDING: dict[Where, Vector] = {
     "near": (0.0, 0.0, 0.0), "left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "above": (0.0, -1.0, 0.0),
     "below": (0.0, 1.0, 0.0), "behind": (0.0, 0.0, 1.0), "front": (0.0, 0.0, -1.0),
 }  # fmt: skip
-"""Which way a thing stands from another, along the camera's axes."""
+"""Directions from one thing to another, along the camera's axes."""
 
 
 class Change(Record):

@@ -23,7 +23,7 @@ MAX_DEPTH = 32
 
 
 MAX_WHOLE = (1 << 63) - 1
-"""What numpy's whole numbers hold; JSON may have thousands of digits."""
+"""Limits of numpy's integers; JSON may have thousands of digits."""
 
 
 class Record:

@@ -146,7 +146,7 @@ def findings(
 
 
 def about_reading(remarks: Iterable[Remark]) -> list[Finding]:
-    """What was left out, mended or guessed while the clip was read."""
+    """Remarks on frames and stamps that were left out, mended or guessed while the clip was read."""
     return [Finding("note", remark.what, remark.advice) for remark in remarks]
 
 

@@ -169,7 +169,7 @@ class Reading:
 
 
 def opener(word: str) -> str:
-    """What rules are told apart by at their first word: "0" for any number in digits, "#" for a colour in digits, or the word."""
+    """Key of a word by which rules are found: "0" for any number in digits, "#" for a colour in digits, or the word."""
     if word[:1].isdecimal() or (word[:1] == "." and len(word) > 1):
         return "0"
     return "#" if word[:1] == "#" else word
@@ -222,7 +222,7 @@ class Rule:
         return tuple(sorted(sets, key=len))
 
     def can_match(self, reading: Reading) -> bool:
-        """Whether a sentence has the words without which this matches nowhere in it."""
+        """True where a sentence has the words without which this matches nowhere in it."""
         known = reading.possible.get(self.number)
         if known is None:
             sets = self.needed if not reading.thorough else [] if self.opening is None else [self.opening]
@@ -483,7 +483,7 @@ def _by_first_word(rows: Iterable[tuple[Phrase, Any]]) -> dict[str, list[tuple[P
 
 
 def _ends(phrase: Phrase, reading: Reading, at: int) -> set[int]:
-    """Where a phrase ends that begins at a word; it has one word at least."""
+    """End of a phrase that begins at a word and has one word at least."""
     ends = {at}
     for part in phrase:
         if isinstance(part, str):

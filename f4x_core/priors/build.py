@@ -28,7 +28,7 @@ NOT_RESIZABLE = frozenset(FIELDS) - {*files.RESIZABLE, "cameras"}
 """Priors in pixels of one size: where they are given, all are made at the clip's own."""
 
 UNSEEN = {"depth": np.nan, "depth_confidence": 0.0, "motion": 0.0, "mask": False}
-"""What is known of pixels that nobody saw."""
+"""Values for pixels that nobody saw."""
 
 GIVEN = ("user", "files")
 """Providers of what the user gave."""

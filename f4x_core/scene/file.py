@@ -53,7 +53,7 @@ MAX_HEADER_BYTES = 256 << 20
 MEMBER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*(/[A-Za-z0-9_-][A-Za-z0-9_.-]*)*")
 """No absolute path, drive, backslash or `..`: a scene can be unpacked by any tool without leaving its folder."""
 _NAME_BYTE = re.compile("[\udc80-\udcff]")
-"""How Python reads a byte of a file's name that is no UTF-8; JSON has an escape for it."""
+"""Characters by which Python reads bytes of a file's name that are no UTF-8; JSON has an escape for them."""
 MAX_SIDE = 1 << 15
 """Pixels of a picture's side; whoever renders allocates by it."""
 CHUNK = 1 << 20

@@ -86,7 +86,7 @@ class SplatSequence:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a person must know of how it was read."""
+        """Notes for the user on how it was read."""
         named = f"{self.paths[0].name} to {self.paths[-1].name}"
         return (
             f"{len(self.paths)} numbered files ({named}) were taken for the moments of an animation",
@@ -218,7 +218,7 @@ def scene_of(
 
 
 def notes_of(opened: Scene | SplatSequence) -> tuple[str, ...]:
-    """What a person must know of how splats from elsewhere were read, in sentences without a full stop."""
+    """Notes for the user on how splats of other programs were read, in sentences without a full stop."""
     if isinstance(opened, SplatSequence):
         return opened.notes
     return tuple(opened.provenance.get("import", {}).get("notes", ()))

@@ -59,7 +59,7 @@ ROW_BLOCK = 1 << 18
 
 @dataclass(frozen=True)
 class Activation:
-    """Which numbers of a PLY are activated already, as some programs write them, in place of logits and logarithms."""
+    """Kinds of numbers of a PLY that are activated already, as some programs write them, in place of logits and logarithms."""
 
     opacities: bool = False
     scales: bool = False
@@ -165,7 +165,7 @@ def _splats_of(vertices: np.ndarray, rest_names: list[str], activation: Activati
 
 
 def _activation(vertices: np.ndarray) -> Activation:
-    """Which numbers are activated, as their ranges tell.
+    """Find the kinds of numbers that are activated, by their ranges.
 
     Trained logits leave [0, 1]; all of 0 are logits, for nothing would be seen of such opacities. A logarithm of a scale is
     negative below 1 unit; where none is, the scales are activated if the opacities are, or if the Gaussians would otherwise be as

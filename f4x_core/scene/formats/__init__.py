@@ -37,16 +37,16 @@ class Format:
     write_clip: WriteClip | None = None
     """Writes many moments into one file."""
     doubles: bool = True
-    """Whether positions, or what moves them all, have double precision: then the offset of a far scene is in the file."""
+    """True where positions, or their common transform, have double precision: then the offset of a far scene is in the file."""
 
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export wrote."""
+    """Files that an export wrote, and notes for the user."""
 
     files: list[Path]
     notes: tuple[str, ...] = ()
-    """What a person must know of them, in sentences without a full stop."""
+    """Notes for the user, in sentences without a full stop."""
 
 
 FORMATS = {
@@ -133,7 +133,7 @@ def export(
 
 
 def _offset_notes(offset: np.ndarray, format: Format) -> tuple[str, ...]:
-    """Whether the offset (3,) of a far scene is in its files."""
+    """True where the offset (3,) of a far scene is in its files."""
     if not offset.any():
         return ()
     shift = ", ".join(f"{value:,.0f}" for value in offset)

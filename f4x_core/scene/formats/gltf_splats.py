@@ -29,7 +29,7 @@ COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5
 WIDTHS = {name: width for width, name in ELEMENT_TYPES.items()}
 CONVERT = "convert it to a 3DGS PLY with a splat editor first"
 READ_EXTENSIONS = {EXTENSION, "KHR_mesh_quantization"}
-"""What a file may require; the second allows the integer types of `COMPONENTS`."""
+"""Extensions that a file may require; the second allows the integer types of `COMPONENTS`."""
 MOVES = {"matrix", "rotation", "scale", "translation"}
 """Of a node; one that has none of them stands where its parent does."""
 FAMILY = "gaussian_splat"
@@ -44,7 +44,7 @@ PLACED_BYTES = 56
 
 
 def holds_splats(path: Path) -> bool:
-    """Whether the JSON of a .glb or .gltf file names the extension, or one of its family."""
+    """True where the JSON of a .glb or .gltf file names the extension, or one of its family."""
     with path.open("rb") as file:
         start = file.read(20)
         size = os.fstat(file.fileno()).st_size
@@ -93,7 +93,7 @@ def _read_document(path: Path) -> tuple[dict[str, Any], bytes]:
 
 
 def _why_none(document: dict[str, Any]) -> str:
-    """What a file is that names splats and has no primitive of the extension in its scene."""
+    """Describe a file that names splats and has no primitive of the extension in its scene."""
     used = document.get("extensionsUsed")
     foreign = [str(name) for name in used if FAMILY in str(name).lower() and name != EXTENSION] if used else []
     if foreign:

@@ -27,7 +27,7 @@ MAGIC = 0x5053474E
 VERSION = 3
 """Written; 2, with rotations in 24 bits, is read too."""
 MAX_POINTS = 10_000_000
-"""What Niantic's own reader accepts."""
+"""Limit of Niantic's own reader."""
 VERSIONS = (2, 3)
 """Read; version 4 is no gzip stream."""
 MAX_FRACTION = 20
@@ -53,7 +53,7 @@ HARMONICS_STEP = (8, 16)
 
 @dataclass(frozen=True)
 class FixedPoint:
-    """How the positions of some splats become 24-bit numbers."""
+    """The mapping of the positions of some splats to 24-bit numbers."""
 
     fraction: int
     """Bits behind the point."""
