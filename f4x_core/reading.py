@@ -118,15 +118,18 @@ def require_picture(path: Path) -> None:
 
     Libraries that decode pictures take memory for both claims first. Other formats pass; see `require_pixels`. Raises OSError.
     """
-    data = path.read_bytes()
-    if not data.startswith(PNG_SIGNATURE):
-        return
-    width, height = struct.unpack(">II", data[PNG_SIZE_AT : PNG_SIZE_AT + 8].ljust(8, b"\0"))
-    require_pixels(width, height, len(data))
-    at = PNG_CHUNKS_AT
-    while at + 4 <= len(data):
-        at += PNG_CHUNK_FRAME + struct.unpack_from(">I", data, at)[0]
-    if at > len(data):
+    with path.open("rb") as file:  # chunk by chunk: pictures of many megabytes are looked at several times
+        head = file.read(PNG_SIZE_AT + 8)
+        if not head.startswith(PNG_SIGNATURE):
+            return
+        size = os.fstat(file.fileno()).st_size
+        width, height = struct.unpack(">II", head[PNG_SIZE_AT:].ljust(8, b"\0"))
+        require_pixels(width, height, size)
+        at = PNG_CHUNKS_AT
+        while at + 4 <= size:
+            file.seek(at)
+            at += PNG_CHUNK_FRAME + struct.unpack(">I", file.read(4))[0]
+    if at > size:
         raise ValueError("a part of it reaches beyond its end")
 
 

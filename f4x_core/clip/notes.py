@@ -65,8 +65,8 @@ def remarks(
     left_out = {note.frame for note in chosen.get("damaged", ())}
     if "gap" in chosen:
         chosen["gap"] = [note for note in chosen["gap"] if note.frame not in left_out]
-    told = (SENTENCES[kind](found) for kind, found in chosen.items() if found)
-    return (*(Remark(note.text) for note in sources), *told)
+    of_kinds = (SENTENCES[kind](found) for kind, found in chosen.items() if found)
+    return (*(Remark(note.text) for note in sources), *of_kinds)
 
 
 def gaps(times: np.ndarray, fps: float) -> list[Note]:

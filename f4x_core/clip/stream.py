@@ -137,8 +137,16 @@ def survey(
     progress(STAGE, len(seconds), len(seconds))
     indices = frame_indices(frames, len(found.stamps), found.path)
     clock = found.clock(seconds, tick, span.step or 1)
-    told = found.remarks(indices, clock, hidden / len(seconds))
+    remarks = found.remarks(indices, clock, hidden / len(seconds))
     rate = found.claimed[0] / (span.step or 1)
     return Survey(
-        int(indices[0]), span.step or 1, len(seconds), tuple(cuts.tolist()), rate, np.array(seconds), tick, found, told
+        int(indices[0]),
+        span.step or 1,
+        len(seconds),
+        tuple(cuts.tolist()),
+        rate,
+        np.array(seconds),
+        tick,
+        found,
+        remarks,
     )

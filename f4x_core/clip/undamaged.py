@@ -126,18 +126,18 @@ class UndamagedFrames:
         level = logging.get_level()
         logging.set_level(logging.DEBUG)
         try:
-            with logging.Capture(local=True) as told:
+            with logging.Capture(local=True) as log:
                 return self.decoder.decode(packet)
         finally:
             logging.set_level(level)
-            if self._lost("\n".join(text for _, _, text in told)):
+            if self._lost("\n".join(text for _, _, text in log)):
                 key, stamp = self.keys[-1], self.key_stamps[-1]
                 leading = packet.pts is not None and stamp is not None and packet.pts < stamp
                 self.damaged.append(key - BETWEEN if leading else serial - BETWEEN * (serial == key))
 
-    def _lost(self, told: str) -> bool:
+    def _lost(self, log: str) -> bool:
         """True where a reference before a picture is missing, by the decoder's log."""
-        unit, count = UNIT.search(told), COUNT.search(told)
+        unit, count = UNIT.search(log), COUNT.search(log)
         if unit is None or count is None:
             return False
         number, before = int(count[1]), self.reference
@@ -145,7 +145,7 @@ class UndamagedFrames:
             self.reference = number
         again = before + 1 >= LEAST_COUNTED and (before + 1).bit_count() == 1 and number == 0
         follows = unit[1] == "5" or before < 0 or number - before in (0, 1) or again
-        return not follows or MISSING in told
+        return not follows or MISSING in log
 
     def _hold(self, frame: Any, serial: int) -> None:
         self.open.pop(serial, None)

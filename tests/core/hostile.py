@@ -57,9 +57,9 @@ PATIENCE = 6 * SECONDS
 """Seconds of the clock after which a child counts as hanging: the machine may be busy."""
 NUMBERS = (0, 1, -1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**64, 10**400, 1e308, -1e308, 0.5)
 VALUES = (None, True, "", "x" * 5000, "../../x", "\0", [], {}, [[]], [{}], float("inf"), float("nan"), *NUMBERS)
-"""What takes the place of a node of a JSON document."""
+"""Replacements for a node of a JSON document."""
 WORDS = (b"-1", b"0", b"999999999999", b"1e999", b"nan", b"x", b"", b"{}", b"[" * 5000, b"\0", b"\xff\xfe", b"1" * 5000)
-"""What takes the place of a number in a text."""
+"""Replacements for a number in a text."""
 SEED = 2
 """Another one gives other copies."""
 NPY_HEAD = 128
@@ -390,7 +390,7 @@ def mutant(kind: Kind, data: bytes, rng: np.random.Generator) -> bytes:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What became of one damaged copy."""
+    """The outcome of reading one damaged copy."""
 
     name: str
     number: int

@@ -31,68 +31,15 @@ ROOMS = (
     *("api", "batch", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
-SHARED = (
-    *(
-        "errors",
-        "files",
-        "page",
-        "progress",
-        "processes",
-        "parallel",
-        "printing",
-        "installation",
-        "reading",
-        "troubles",
-        "versions",
-    ),
-    *("__init__", "__main__"),
-)
+GROUND = ("errors", "files", "progress", "processes", "printing", "installation", "reading", "troubles", "versions")
+"""Modules below all rooms that need numpy at most."""
+SHARED = (*GROUND, "page", "parallel", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
 DOORS = ("f4x_core/__init__.py", "f4x_core/__main__.py")
 """They name rooms: the first one to type checkers alone, to programs lazily."""
-TORCH_FREE = (
-    "native",
-    "geometry",
-    "language",
-    "clip",
-    "priors",
-    "scene",
-    "query",
-    "edit",
-    "api",
-    "batch",
-    "agent",
-    "errors",
-    "files",
-    "progress",
-    "processes",
-    "parallel",
-    "printing",
-    "installation",
-    "reading",
-    "troubles",
-    "versions",
-)
-NUMPY_ONLY = (
-    "native",
-    "geometry",
-    "language",
-    "clip",
-    "scene",
-    "query",
-    "edit",
-    "api",
-    "errors",
-    "files",
-    "progress",
-    "processes",
-    "printing",
-    "installation",
-    "reading",
-    "troubles",
-    "versions",
-)
-"""What Blender's own Python imports: numpy is the only wheel there."""
+NUMPY_ONLY = ("native", "geometry", "language", "clip", "scene", "query", "edit", "api", *GROUND)
+"""Imported by Blender's own Python: numpy is the only wheel there."""
+TORCH_FREE = (*NUMPY_ONLY, "priors", "batch", "agent", "parallel")
 WHEELS = {"torch", "cv2", "av", "scipy", "PIL", "pycolmap", "matplotlib", "OpenEXR", "rich", "trimesh"}
 UNSAFE_MODULES = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve"}
 UNSAFE_CALLS = {"eval", "exec", "os.system", "os.popen", "subprocess.getoutput", "subprocess.getstatusoutput"}
@@ -161,7 +108,7 @@ def room_of(file: Path) -> str:
 
 
 def faults(files: Iterable[Path], check: Callable[[Path], Any]) -> dict[str, Any]:
-    """What `check` finds in each of `files`, by name; files in which it finds nothing are left out."""
+    """Findings of `check` in each of `files`, by name; files without any are left out."""
     return {name_of(file): found for file in files if (found := check(file))}
 
 

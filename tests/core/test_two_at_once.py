@@ -109,7 +109,7 @@ def two_edits_and_an_undone_one(folder):
 
 
 def held_by(folder):
-    """What the scene of a folder holds, and that nothing else was left there."""
+    """The content of the scene of a folder, in which nothing else may have been left."""
     assert (folder / "link.f4x").is_symlink() and not [file for file in folder.iterdir() if file.name.startswith(".")]
     scene, stack = edited(read_scene(folder / "scene.f4x")), read_stack(folder / "scene.f4x")
     words = sorted(scene.features.vocabularies["words"].labels)
@@ -119,7 +119,7 @@ def held_by(folder):
 
 
 def serial(base, folder, first, second):
-    """What the scene holds after one writer and then another."""
+    """The content of the scene after one writer and then another."""
     shutil.copytree(base, folder, symlinks=True)
     WRITERS[first](folder / "scene.f4x")
     assert held_by(folder) != held_by(base), first

@@ -20,7 +20,7 @@ from f4x_core.scene import write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 GRAMMAR = {"f4x_core.language.grammar", "f4x_core.edit.language", "f4x_core.edit.phrases", "f4x_core.query.wording"}
-"""What only somebody who says or asks something needs."""
+"""Modules that only a sentence or a question needs."""
 HEAVY = {
     "torch",
     "scipy",
@@ -68,7 +68,7 @@ print(json.dumps({"seconds": spent, "phrases": sum(len(rows) for one in tables +
 
 
 def modules_of_the_extension():
-    """What Blender has imported of the core when somebody speaks: what the extension's modules import at their top."""
+    """Modules of the core that Blender has imported before the first sentence: those that the extension imports at its top."""
     found = set()
     for file in sorted((ROOT / "addon").glob("*.py")):
         for node in ast.parse(file.read_text(encoding="utf-8")).body:

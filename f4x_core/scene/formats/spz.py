@@ -75,18 +75,18 @@ class FixedPoint:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences for a person; none where every splat is where it was."""
-        told = []
+        sentences = []
         if self.clamped:
             outliers = plural("outlier", self.clamped)
-            told.append(
+            sentences.append(
                 f"{self.clamped:,} far {outliers} moved to {self.reach:,.0f} units, so that the others keep their places"
             )
         if self.fraction < min(MAX_FRACTION, -np.log2(FINE * self.size)):
-            told.append(
+            sentences.append(
                 f"the splats lie so far apart that places have steps of {self.step:.2g} units, {self.step / self.size:.2g} of a"
                 " typical Gaussian's size; PLY keeps them"
             )
-        return tuple(told)
+        return tuple(sentences)
 
     @classmethod
     def of(cls, means: np.ndarray, scales: np.ndarray) -> FixedPoint:
