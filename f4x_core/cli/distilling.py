@@ -114,8 +114,8 @@ def write_distilled(
     """Add the vocabulary, write the scene to `path` and return the result of the verb.
 
     `arrays` is what `read_with_arrays` found where the scene was read from `path`: edits that others put into the file
-    meanwhile stay. None: the scene is from another file. A new head with a text encoder also gets a vocabulary of everyday words if that encoder
-    is installed.
+    meanwhile stay. None: the scene is from another file. A new head with a text encoder also gets a vocabulary of everyday
+    words if that encoder is installed.
     """
     field = scene.require_field()
     new = sorted({encoder for name in names if (encoder := field.spec(name).text_encoder)} - field.vocabularies.keys())
