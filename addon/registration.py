@@ -39,6 +39,7 @@ CLASSES = (
     *motion_operators.CLASSES,
     *panel.CLASSES,
     *shadows.CLASSES,
+    *native_motion.CLASSES,
     *meshes.CLASSES,
 )
 # modules with their own register() to call once the classes are registered

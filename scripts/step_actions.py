@@ -21,7 +21,7 @@ import door
 
 door.load_extension().register()
 
-from feature4x.addon import jobs  # noqa: E402 - there once the extension is loaded
+from feature4x.addon import jobs, native_motion  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.scaffold_rig import layer_of  # noqa: E402
 from feature4x.addon.scene_object import SceneObject  # noqa: E402
 
@@ -124,6 +124,23 @@ def apply(view: View) -> None:
     view.call(bpy.ops.f4x.apply_plan)
 
 
+def play(view: View) -> None:
+    """Play the animation slowly, or stop it."""
+    bpy.context.scene.render.fps = 1
+    view.call(bpy.ops.screen.animation_play)
+
+
+def targets(view: View) -> list[list[float]]:
+    """Select nothing; the places of the ball at this frame and of the wall where the ball was when it was stored."""
+    for item in bpy.context.view_layer.objects.selected:
+        item.select_set(False)
+    frame = bpy.context.scene.frame_current
+    ball = view.scene_object.shown.scene.posed(frame)
+    moving = ball.means[-len(view.scene_object.shown.scene.dynamic) :]
+    stored = view.scene_object.shown.scene.dynamic.means
+    return view.on_screen(np.array([moving.mean(0), stored.mean(0)]))
+
+
 def select_only(item: bpy.types.Object) -> None:
     """Make one object the selection."""
     for other in bpy.context.view_layer.objects.selected:
@@ -213,7 +230,7 @@ def fine_mesh(view: View) -> None:
 
 STEPS = (
     maximise, drop, look, choose_tab, query, box, plan, apply, move_node, write_motion,
-    mesh, show_mesh, camera, plate, passes, save, gold, plan_green, name_it, fine_mesh,
+    mesh, show_mesh, camera, plate, passes, save, gold, plan_green, name_it, fine_mesh, play, targets,
 )  # fmt: skip
 
 
@@ -248,6 +265,13 @@ class Pilot:
         state = dict(beat=self.beat, taken=self.taken, places=self.places, rendered=self.rendered, error=self.error)
         state |= dict(screen="view" if self.view.area else "picture", jobs=[job.state for job in jobs.all_jobs()])
         state |= dict(stages=[job.stage for job in jobs.all_jobs()])
+        overlay = None if self.view.area is None else self.view.area.spaces.active.overlay
+        state |= dict(
+            outlined=overlay is not None and overlay.show_outline_selected,
+            carried=any(native_motion.CARRIED in item for item in bpy.data.objects),
+            chosen=sorted(item.name for item in bpy.context.view_layer.objects.selected),
+            frame=bpy.context.scene.frame_current,
+        )
         if self.view.area is not None:
             state["sidebar"] = self.view.region("UI").x
         if found:
