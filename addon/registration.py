@@ -22,6 +22,7 @@ from . import (
     rig_repair,
     shadows,
     sphere_gizmo,
+    viewport,
 )
 
 CLASSES = (
@@ -54,6 +55,7 @@ STARTED = (
     native_motion,
     shadows,
     meshes,
+    viewport,
 )
 
 

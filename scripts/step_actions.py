@@ -130,6 +130,17 @@ def play(view: View) -> None:
     view.call(bpy.ops.screen.animation_play)
 
 
+def reopen(view: View) -> None:
+    """Save the .blend and open it again."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(view.home / "room.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(view.home / "room.blend"))
+
+
+def solid(view: View) -> None:
+    """Blender's own shading."""
+    view.area.spaces.active.shading.type = "SOLID"
+
+
 def targets(view: View) -> list[list[float]]:
     """Select nothing; the places of the ball at this frame and of the wall where the ball was when it was stored."""
     for item in bpy.context.view_layer.objects.selected:
@@ -231,6 +242,7 @@ def fine_mesh(view: View) -> None:
 STEPS = (
     maximise, drop, look, choose_tab, query, box, plan, apply, move_node, write_motion,
     mesh, show_mesh, camera, plate, passes, save, gold, plan_green, name_it, fine_mesh, play, targets,
+    reopen, solid,
 )  # fmt: skip
 
 
@@ -238,10 +250,15 @@ class Pilot:
     """Takes one step at a time, from a timer."""
 
     def __init__(self, home: Path):
-        self.home, self.taken, self.beat, self.view = home, 0, 0, View(home)
+        self.home, self.taken, self.beat = home, 0, 0
         self.places: list[list[float]] | None = None
         self.rendered, self.error = "", ""
         bpy.app.handlers.render_complete.append(lambda *_: setattr(self, "rendered", "complete"))
+
+    @property
+    def view(self) -> View:
+        """The window, another one once a file was opened."""
+        return View(self.home)
 
     def tick(self) -> float:
         """Take the step that is asked for, and say how things are."""

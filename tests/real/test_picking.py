@@ -1,4 +1,4 @@
-"""Outline and clicks in the window of a real Blender: they are where the engine's picture shows the Gaussians, playing or not."""
+"""The viewport of a real Blender's window: outline and clicks are where the engine's picture is, and a saved .blend shows it again."""
 
 import sys
 import time
@@ -70,3 +70,23 @@ def test_playback_is_posed_by_the_core_and_clicks_still_find_what_is_seen(guide)
     guide.expect("carried once more", lambda state: state["carried"] and not state["outlined"])
     guide.take("play")
     guide.expect("stopped", lambda state: not state["carried"] and state["outlined"])
+
+
+def test_a_saved_blend_opens_as_it_was_seen(guide):
+    """Grey balls have no color; the ball has."""
+    place = guide.take("targets")["places"][0]
+
+    def picture(name: str) -> np.ndarray:
+        guide.screenshot(name)
+        x, y = np.round(place).astype(int)
+        taken = np.asarray(Image.open(guide.out / f"{name}.png").convert("RGB")).astype(int)
+        return taken[y - WIDTH : y + WIDTH, x - WIDTH : x + WIDTH]
+
+    before = picture("saved")
+    guide.take("reopen")
+    time.sleep(SETTLE)
+    after = picture("opened")
+    assert np.abs(after - before).mean() < 2
+    guide.take("solid")
+    time.sleep(SETTLE)
+    assert np.abs(picture("solid") - before).mean() > 10
