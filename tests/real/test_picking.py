@@ -1,4 +1,4 @@
-"""The viewport of a real Blender's window: outline and clicks are where the engine's picture is, and a saved .blend shows it again."""
+"""The viewport of a real Blender: outline and clicks are where the picture is, and a saved .blend shows it again."""
 
 import sys
 import time
