@@ -4,6 +4,7 @@ import bpy
 
 from . import (
     camera_operators,
+    compositing,
     display,
     edit_operators,
     gesture_operators,
@@ -42,6 +43,7 @@ CLASSES = (
     *shadows.CLASSES,
     *native_motion.CLASSES,
     *meshes.CLASSES,
+    *compositing.CLASSES,
 )
 # modules with their own register() to call once the classes are registered
 STARTED = (
@@ -55,6 +57,7 @@ STARTED = (
     native_motion,
     shadows,
     meshes,
+    compositing,
     viewport,
 )
 
