@@ -38,6 +38,8 @@ SAME = (
     *("use_motion_blur", "motion_blur_shutter", "motion_blur_position", "use_multiview", "views_format"),
 )
 """Render settings that both scenes have to share."""
+ROW, COLUMN = 100, 320
+"""Height that a closed node takes up in the compositor, and width."""
 ALIKE = ("exclude", "holdout", "indirect_only")
 """Settings of collections in a view layer that both scenes share."""
 
@@ -148,11 +150,11 @@ def _add_nodes(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, other: bpy.ty
     for number, (first, second) in enumerate(zip(channels[0].outputs, channels[1].outputs, strict=True)):
         tree.links.new(_math(tree, "MULTIPLY_ADD", second, part, first), whole.inputs[number])
     tree.links.new(whole.outputs[0], sink.inputs[0])
-    right = max(node.location.x for node in (splats, meshes))
     for column, nodes in enumerate(_columns(tree)):
         for row, node in enumerate(nodes):
-            node.location = (right + 300 * column, -180 * row)
-    sink.location = (whole.location.x + 300, 0)
+            node.location = (COLUMN * column, -row * (ROW if node.hide else 3 * ROW))
+    splats.location.y, meshes.location.y = ROW, -3 * ROW
+    sink.location = (whole.location.x + COLUMN, 0)
 
 
 def _columns(tree: bpy.types.NodeTree) -> list[list[bpy.types.Node]]:

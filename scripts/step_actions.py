@@ -30,6 +30,8 @@ FRAME = 12
 """What the pictures show."""
 ORBIT = 25.0
 """Degrees of the other camera's circle."""
+MONKEY, LAMP = (-0.02, 0.1, 1.1), (0.7, -0.6, 0.2)
+"""Where a mesh and a lamp are put, in the scene's axes."""
 RAISED = 0.12
 """How far the node is pulled up."""
 CRATE = (-0.45, 0.19, 1.09), 0.16
@@ -47,6 +49,11 @@ class View:
     def area(self):
         """The viewport; None while a picture that is being rendered fills the window."""
         return next((area for area in self.window.screen.areas if area.type == "VIEW_3D"), None)
+
+    @property
+    def editor(self):
+        """The largest area, whatever it shows."""
+        return max(self.window.screen.areas, key=lambda area: area.width * area.height)
 
     def region(self, kind: str = "WINDOW"):
         """A part of the viewport."""
@@ -139,6 +146,75 @@ def reopen(view: View) -> None:
 def solid(view: View) -> None:
     """Blender's own shading."""
     view.area.spaces.active.shading.type = "SOLID"
+
+
+def add_mesh(view: View) -> None:
+    """A smooth red monkey between the crate, the ball and the wall, and an area lamp on it."""
+    to_world = view.scene_object.root.matrix_world
+    view.call(bpy.ops.mesh.primitive_monkey_add, size=0.35, location=to_world @ Vector(MONKEY))
+    item = bpy.context.object
+    view.call(bpy.ops.object.shade_smooth)
+    item.modifiers.new("Subdivision", "SUBSURF").levels = 2
+    material = bpy.data.materials.new("Red")
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Base Color"].default_value = (0.8, 0.05, 0.03, 1)
+    shader.inputs["Roughness"].default_value = 0.25
+    item.data.materials.append(material)
+    for lamp in [each for each in bpy.data.objects if each.type == "LIGHT"]:
+        bpy.data.objects.remove(lamp)
+    place = to_world @ Vector(LAMP)
+    view.call(bpy.ops.object.light_add, type="AREA", location=place)
+    lamp = bpy.context.object
+    lamp.data.energy, lamp.data.size = 14, 0.25
+    lamp.rotation_euler = (to_world @ Vector(MONKEY) - place).to_track_quat("-Z", "Y").to_euler()
+    view.area.spaces.active.overlay.show_extras = False  # the lamp's lines
+    select_only(item)
+
+
+def show_mesh_panel(view: View) -> None:
+    """Make the scene's root the active object; no Gaussian is selected."""
+    select_only(view.scene_object.root)
+    view.call(bpy.ops.f4x.change_selection, how="NONE")
+
+
+def ball_mesh(view: View) -> None:
+    """Start the job that makes a mesh of the ball, which casts shadows."""
+    mesh(view)
+
+
+def composite(view: View) -> None:
+    """Let Cycles draw the meshes."""
+    view.call(bpy.ops.f4x.composite, engine="CYCLES")
+    bpy.context.scene["f4x_meshes"].cycles.samples = 64
+
+
+def show_nodes_of_compositor(view: View) -> None:
+    """The compositor in place of the viewport."""
+    view.area.type = "NODE_EDITOR"
+
+
+def choose_nodes(view: View) -> None:
+    """The compositor's nodes, and nothing beside them."""
+    area = view.editor
+    area.ui_type = "CompositorNodeTree"
+    space = area.spaces.active
+    space.node_tree = bpy.context.scene.compositing_node_group
+    space.show_region_ui = space.show_region_asset_shelf = False
+    for node in space.node_tree.nodes:
+        node.select = False
+
+
+def fit_nodes(view: View) -> None:
+    """All nodes in view."""
+    area = view.editor
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with bpy.context.temp_override(window=view.window, area=area, region=region):
+        bpy.ops.node.view_all()
+
+
+def show_viewport(view: View) -> None:
+    """The viewport again."""
+    view.editor.ui_type = "VIEW_3D"
 
 
 def targets(view: View) -> list[list[float]]:
@@ -242,7 +318,8 @@ def fine_mesh(view: View) -> None:
 STEPS = (
     maximise, drop, look, choose_tab, query, box, plan, apply, move_node, write_motion,
     mesh, show_mesh, camera, plate, passes, save, gold, plan_green, name_it, fine_mesh, play, targets,
-    reopen, solid,
+    reopen, solid, add_mesh, show_mesh_panel, ball_mesh, composite, show_nodes_of_compositor, choose_nodes, fit_nodes,
+    show_viewport,
 )  # fmt: skip
 
 
@@ -263,7 +340,7 @@ class Pilot:
     def tick(self) -> float:
         """Take the step that is asked for, and say how things are."""
         order = self.home / "order.json"
-        if order.exists() and self.view.area is not None:
+        if order.exists() and (self.view.area is not None or self.view.editor.type == "NODE_EDITOR"):
             asked = json.loads(order.read_text())
             if asked["number"] > self.taken:
                 self.taken = asked["number"]
