@@ -109,7 +109,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
 
 
 class F4X_OT_show_picture(Reporting, bpy.types.Operator):  # noqa: N801
-    """Show this viewport with the Feature4X engine. Solid shading, Blender's default, shows point clouds in grey."""
+    """Show this viewport with the engine Feature4X. Solid shading, Blender's default, shows point clouds in gray up to 5.2."""
 
     bl_idname = "f4x.show_picture"
     bl_label = "Show Picture"

@@ -7,7 +7,7 @@ import json
 import bpy
 
 from ..f4x_core.language.lexicon import plural
-from . import display, edit_operators, marking
+from . import display, edit_operators, marking, viewport
 from .gesture_operators import TOOLS
 from .lines import draw_lines
 from .motion_edits import unwritten
@@ -87,7 +87,8 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         nodes = layer_of(scene_object.root)
         if nodes is not None:
             row.prop(nodes, "hide_viewport", text="", icon="EMPTY_AXIS", emboss=False)
-        row.operator("f4x.show_picture", text="", icon="SHADING_RENDERED")
+        if not viewport.shows_picture(context.scene, context.space_data):
+            layout.operator("f4x.show_picture", icon="SHADING_RENDERED")
         if not scene_object.path.exists():
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
         row = layout.row()

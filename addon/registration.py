@@ -4,6 +4,7 @@ import bpy
 
 from . import (
     camera_operators,
+    compositing,
     display,
     edit_operators,
     gesture_operators,
@@ -22,6 +23,7 @@ from . import (
     rig_repair,
     shadows,
     sphere_gizmo,
+    viewport,
 )
 
 CLASSES = (
@@ -39,7 +41,9 @@ CLASSES = (
     *motion_operators.CLASSES,
     *panel.CLASSES,
     *shadows.CLASSES,
+    *native_motion.CLASSES,
     *meshes.CLASSES,
+    *compositing.CLASSES,
 )
 # modules with their own register() to call once the classes are registered
 STARTED = (
@@ -53,6 +57,8 @@ STARTED = (
     native_motion,
     shadows,
     meshes,
+    compositing,
+    viewport,
 )
 
 
