@@ -11,6 +11,7 @@ from . import display, edit_operators, marking
 from .gesture_operators import TOOLS
 from .lines import draw_lines
 from .motion_edits import unwritten
+from .render_setup import clip_camera
 from .scaffold_rig import layer_of
 from .scene_object import SceneObject
 
@@ -92,8 +93,14 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
         row = layout.row()
         row.scale_y = 1.2
-        row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
-        row.active = not scene_object.is_saved
+        if scene_object.holds_edits:
+            row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
+            row.active = not scene_object.is_saved
+        else:
+            row.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
+        camera = clip_camera(scene_object.root)
+        if camera is not None and context.scene.camera != camera:
+            layout.operator("f4x.set_up_render", icon="OUTLINER_OB_CAMERA")
         moved = 0 if context.screen.is_animation_playing else unwritten(scene_object)
         if moved:
             text = f"Write Back Motion of {moved} {plural('Node', moved)}"

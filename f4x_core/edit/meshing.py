@@ -18,7 +18,8 @@ from ..errors import Cancelled, F4xError
 from ..language.lexicon import plural
 from ..processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
 from ..progress import Progress
-from ..scene import read_scene
+from ..scene import Scene
+from ..scene.foreign import open_any
 from ..scene.mesh import MeshConfig, SplatMesh, mesh_of
 from .apply import edited
 from .stack import EditStack, with_stack
@@ -55,7 +56,9 @@ class Request:
         """Make the mesh; see `mesh_of`."""
         progress("scene", 0, 1)
         stack = EditStack.from_json(json.loads(self.edits), str(self.scene))
-        scene = edited(with_stack(read_scene(self.scene), stack))
+        opened = open_any(self.scene, sequence=False)
+        assert isinstance(opened, Scene)
+        scene = edited(with_stack(opened, stack))
         return mesh_of(scene, np.isin(scene.ids, self.ids), self.time, self.config, progress)
 
 
