@@ -41,7 +41,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.troubles import EXPECTED
-from . import display
+from . import display, point_edits
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
 from .preferences import preferences
@@ -337,6 +337,8 @@ class F4X_OT_save_edits(SceneOperator, bpy.types.Operator):  # noqa: N801
         """Write atomically; edits that others wrote in the meantime are merged, undone ones are taken out."""
         stack = scene_object.save()
         display.refresh(scene_object)
+        if touched := point_edits.summary(scene_object):
+            self.report({"WARNING"}, f"{touched}; press Take Over Deleted and Moved Points, and save again")
         self.report({"INFO"}, f"Saved {len(stack)} {plural('edit', len(stack))} in {scene_object.path.name}")
 
 

@@ -31,8 +31,8 @@ from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.geometry.camera import CameraPath
-from ..f4x_core.scaffold.deformation import pairs_of
-from ..f4x_core.scene import Scene
+from ..f4x_core.scaffold.deformation import Pairs, pairs_of
+from ..f4x_core.scene import DynamicSet, Scene, StaticSet
 from ..f4x_core.scene.foreign import SplatSequence, identify, notes_of, open_any
 from ..f4x_core.scene.view import NEAR
 from . import display, scene_cache
@@ -141,7 +141,7 @@ def import_scene(
 
 def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy.types.Object]:
     """Add the point clouds of a scene, and the rig that moves the dynamic one."""
-    static, dynamic = _latent_colors(scene)
+    static, dynamic = latent_colors(scene)
     clouds = [_add_gaussians(f"{name} static", scene.static, static, collection, material)]
     if len(scene.dynamic):
         clouds.append(_add_gaussians(f"{name} dynamic", scene.dynamic, dynamic, collection, material))
@@ -197,7 +197,7 @@ def _add_object(name: str, data: bpy.types.ID | None, collection: bpy.types.Coll
     return item
 
 
-def _latent_colors(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
+def latent_colors(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Principal components of the features of the static and dynamic Gaussians, (N,3) each, mostly within 0 to 1."""
     if scene.features is None or scene.features.pca is None:
         return None, None
@@ -214,6 +214,15 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
     cloud = item.data
     if len(gaussians) == 0:
         return item
+    write_gaussians(cloud, gaussians, latent)
+    if gaussians.span is not None:
+        item.modifiers.new("Feature4X presence", "NODES").node_group = build_presence_tree(f"{name} presence")
+    cloud.materials.append(material)
+    return item
+
+
+def write_gaussians(cloud: bpy.types.PointCloud, gaussians: StaticSet, latent: np.ndarray | None = None) -> None:
+    """Write the attributes of one set of Gaussians; `latent (N,3)` where the scene has features."""
     quats = quaternion.normalize(gaussians.quats)
     write_places(cloud, gaussians.means, quats, gaussians.scales)
     write_appearance(cloud, quats, gaussians.sh, gaussians.opacities)
@@ -223,22 +232,24 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
     if gaussians.span is not None:
         for i, times in enumerate(np.clip(gaussians.span, -NEVER, NEVER).T):
             write_attribute(cloud, f"span_{i}", "FLOAT", times)
-        item.modifiers.new("Feature4X presence", "NODES").node_group = build_presence_tree(f"{name} presence")
-    cloud.materials.append(material)
-    return item
+
+
+def write_bindings(cloud: bpy.types.PointCloud, gaussians: DynamicSet) -> Pairs:
+    """Write which nodes move each dynamic Gaussian, for geometry nodes; returns the pairs that the attributes index."""
+    pairs = pairs_of(gaussians.node, gaussians.reference)
+    write_attribute(cloud, "reference", "INT", gaussians.reference)
+    write_attribute(cloud, "strength", "FLOAT", gaussians.strength)
+    for k in range(gaussians.node.shape[1]):
+        write_attribute(cloud, f"pair_{k}", "INT", pairs.index[:, k])
+        write_attribute(cloud, f"w_{k}", "FLOAT", gaussians.weight[:, k])
+    return pairs
 
 
 def _add_motion(name, scene: Scene, dynamic, collection, root) -> None:
     """Add nodes, helper and geometry nodes that move the dynamic Gaussians."""
     scaffold, gaussians = scene.scaffold, scene.dynamic
     assert scaffold is not None  # a Scene with dynamic Gaussians always has one
-    pairs = pairs_of(gaussians.node, gaussians.reference)
-    write_attribute(dynamic.data, "reference", "INT", gaussians.reference)
-    write_attribute(dynamic.data, "strength", "FLOAT", gaussians.strength)
-    for k in range(gaussians.node.shape[1]):
-        write_attribute(dynamic.data, f"pair_{k}", "INT", pairs.index[:, k])
-        write_attribute(dynamic.data, f"w_{k}", "FLOAT", gaussians.weight[:, k])
-
+    pairs = write_bindings(dynamic.data, gaussians)
     rest = scaffold.quat[pairs.reference, pairs.node], scaffold.xyz[pairs.reference, pairs.node]
     helper = add_pairs(f"{name} pairs", root, (pairs.node, scaffold.ids[pairs.node]), pairs.reference, rest)
     curves = scene.curves if isinstance(scene, EditedScene) else scaffold

@@ -14,8 +14,8 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.grab import grab, within_reach
 from . import display
-from .motion_edits import changes, mark_keyed
 from .edit_operators import F4X_OT_save_as
+from .motion_edits import changes, mark_keyed
 from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene, F4X_OT_set_up_render
 from .panel_operators import SceneOperator
 from .scaffold_rig import NODE, add_handles, all_nodes, hold, key_moved, nodes_of, read_poses, remove_handles

@@ -14,7 +14,7 @@ from .import_scene import NOTES, import_scene
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
 from .point_cloud import selected_in
-from .render_setup import SOURCE, ClipSettings, clip_camera, is_under_way, left_as_is, set_up
+from .render_setup import SOURCE, ClipSettings, clip_camera, is_under_way, left_as_is, set_up, was_set_up
 from .scene_object import PATH, SceneObject
 from .wording import Reporting
 
@@ -84,7 +84,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         takes_over = self._takes_over(context)
         root = import_scene(
             Path(self.filepath or self.directory),
-            set_up_render=False,
+            set_up_render=takes_over,
             clip=clip,
             sequence=self.sequence,
             step=self.step,
@@ -98,7 +98,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         root.select_set(True)
         context.view_layer.objects.active = root
         if takes_over:
-            self._set_up(context, root)
+            self._show_set_up(context, root)
         elif line := left_as_is(context.scene, clip_camera(root)):
             root.f4x.notice = line
             self.report({"INFO"}, line)
@@ -113,9 +113,9 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
             return self.set_up_render
         return not is_under_way(context.scene)
 
-    def _set_up(self, context: bpy.types.Context, root: bpy.types.Object) -> None:
-        """Use the clip's settings, and hide what was there before and is in the way."""
-        self.report({"INFO"}, set_up(context.scene, clip_camera(root)))
+    def _show_set_up(self, context: bpy.types.Context, root: bpy.types.Object) -> None:
+        """Name the clip's settings that are used now, and hide what was there before and is in the way."""
+        self.report({"INFO"}, was_set_up(clip_camera(root)))
         viewport.use_engine(context.scene)
         if not self.clear_view:
             return
@@ -162,11 +162,11 @@ class F4X_OT_set_up_render(SceneOperator, bpy.types.Operator):  # noqa: N801
     def act(self, context, scene_object):
         """Take over the settings, and name them."""
         left = left_as_is(context.scene, clip_camera(scene_object.root))
-        line = set_up(context.scene, clip_camera(scene_object.root))
+        set_up(context.scene, clip_camera(scene_object.root))
         if scene_object.state.notice == left:
             scene_object.state.notice = ""
         viewport.use_engine(context.scene)
-        self.report({"INFO"}, line)
+        self.report({"INFO"}, was_set_up(clip_camera(scene_object.root)))
 
 
 class F4X_OT_choose_clip(Reporting, bpy.types.Operator, ImportHelper):  # noqa: N801

@@ -7,7 +7,7 @@ import json
 import bpy
 
 from ..f4x_core.language.lexicon import plural
-from . import display, edit_operators, marking
+from . import display, edit_operators, marking, point_edits
 from .gesture_operators import TOOLS
 from .lines import draw_lines
 from .motion_edits import unwritten
@@ -91,13 +91,21 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row.operator("f4x.show_picture", text="", icon="SHADING_RENDERED")
         if not scene_object.path.exists():
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
+        touched = "" if context.screen.is_animation_playing else point_edits.summary(scene_object)
         row = layout.row()
         row.scale_y = 1.2
         if scene_object.holds_edits:
-            row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
-            row.active = not scene_object.is_saved
+            saved = scene_object.is_saved
+            text = "Save Edits to Scene" if saved and touched else scene_object.saving
+            row.operator("f4x.save_edits", text=text, icon="FILE_TICK")
+            row.active = bool(touched) or not saved
         else:
             row.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
+        if touched:
+            draw_lines(layout, context, touched, "ERROR")
+            row = layout.row(align=True)
+            row.operator("f4x.take_over_points")
+            row.operator("f4x.put_back_points", text="", icon="LOOP_BACK")
         camera = clip_camera(scene_object.root)
         if camera is not None and context.scene.camera != camera:
             layout.operator("f4x.set_up_render", icon="OUTLINER_OB_CAMERA")

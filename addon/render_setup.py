@@ -87,29 +87,33 @@ def is_under_way(target: bpy.types.Scene) -> bool:
     return moved or {item.name for item in target.objects} - DEFAULT_OBJECTS != set() or not _is_default(target)
 
 
-def set_up(target: bpy.types.Scene, camera: bpy.types.Object) -> str:
-    """Make `target` look through an imported `camera`, at its clip's size, rate and frames. Returns a sentence about it."""
-    clip, render, done = ClipSettings.read(camera), target.render, []
+def set_up(target: bpy.types.Scene, camera: bpy.types.Object) -> None:
+    """Make `target` look through an imported `camera`, at its clip's size, rate and frames."""
+    clip, render = ClipSettings.read(camera), target.render
     target.camera = camera
     if clip.size is not None:
         render.resolution_x, render.resolution_y = clip.size
         render.resolution_percentage = 100
         render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, clip.pixel_aspect), max(1.0, 1 / clip.pixel_aspect)
-        done.append(_size_text(*clip.size))
     if clip.fps is not None:
         render.fps = max(1, round(clip.fps))
         render.fps_base = render.fps / clip.fps
-        done.append(f"{clip.fps:.6g} fps")
-    if clip.frames is not None:
-        target.frame_start, target.frame_end = clip.frames
-        done.append(f"frames {_frames_text(*clip.frames)}")
     target.view_settings.view_transform = VIEW_TRANSFORM
     render.dither_intensity = 0.0  # the saved picture is then the core's
     # a frame is the same file whoever renders it, and whenever: what a farm leaves can be compared
     render.use_stamp_date = render.use_stamp_render_time = render.use_stamp_memory = render.use_stamp_hostname = False
     if clip.frames is not None:
+        target.frame_start, target.frame_end = clip.frames
         target.frame_set(target.frame_start)
     target[SET_UP] = json.dumps(_settings(target))
+
+
+def was_set_up(camera: bpy.types.Object) -> str:
+    """A sentence that names what `set_up` has changed."""
+    clip = ClipSettings.read(camera)
+    size, frames = clip.size and _size_text(*clip.size), clip.frames and f"frames {_frames_text(*clip.frames)}"
+    rate = clip.fps and f"{clip.fps:.6g} fps"
+    done = [part for part in (size, rate, frames) if part]
     return f"Set up: {', '.join([*done, f'camera {camera.name!r}', f'view transform {VIEW_TRANSFORM}'])}"
 
 
