@@ -100,7 +100,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         if takes_over:
             self._show_set_up(context, root)
         elif line := left_as_is(context.scene, clip_camera(root)):
-            root.f4x.notice = line
+            root.f4x.notice = "\n".join(part for part in (root.f4x.notice, line) if part)
             self.report({"INFO"}, line)
         if self.show:
             moves = takes_over and PATH in root and SceneObject(root).holds_edits
@@ -163,8 +163,8 @@ class F4X_OT_set_up_render(SceneOperator, bpy.types.Operator):  # noqa: N801
         """Take over the settings, and name them."""
         left = left_as_is(context.scene, clip_camera(scene_object.root))
         set_up(context.scene, clip_camera(scene_object.root))
-        if scene_object.state.notice == left:
-            scene_object.state.notice = ""
+        lines = scene_object.state.notice.splitlines()
+        scene_object.state.notice = "\n".join(each for each in lines if each != left)
         viewport.use_engine(context.scene)
         self.report({"INFO"}, was_set_up(clip_camera(scene_object.root)))
 
