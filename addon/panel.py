@@ -7,7 +7,7 @@ import json
 import bpy
 
 from ..f4x_core.language.lexicon import plural
-from . import display, edit_operators, marking, point_edits
+from . import cleanup_operators, display, edit_operators, marking, point_edits
 from .gesture_operators import TOOLS
 from .lines import draw_lines
 from .motion_edits import unwritten
@@ -260,6 +260,14 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row = column.row(align=True)
         row.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
         row.operator("f4x.retime", text="Retime…", icon="TIME")
+        column = layout.column(align=True)
+        column.operator("f4x.remove_floaters", icon="PARTICLES")
+        if cleanup_operators.box_of(SceneObject.of(context.object)) is None:
+            column.operator("f4x.add_crop_box", icon="CUBE")
+        else:
+            row = column.row(align=True)
+            row.operator("f4x.crop", text="Keep Inside", icon="CUBE").keep = "INSIDE"
+            row.operator("f4x.crop", text="Remove Inside").keep = "OUTSIDE"
 
 
 class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801

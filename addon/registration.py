@@ -4,6 +4,7 @@ import bpy
 
 from . import (
     camera_operators,
+    cleanup_operators,
     display,
     edit_operators,
     export_operator,
@@ -40,6 +41,7 @@ CLASSES = (
     *sphere_gizmo.CLASSES,
     *edit_operators.CLASSES,
     *motion_operators.CLASSES,
+    *cleanup_operators.CLASSES,
     *point_edits.CLASSES,
     *panel.CLASSES,
     *shadows.CLASSES,

@@ -8,7 +8,7 @@ scene nor its depth matters.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -36,7 +36,7 @@ FAINT = 0.15
 """Opacity at which a Gaussian counts as faint by half."""
 FEW = 0.1
 """Fraction of the clip's frames that see a place at which it counts as seen by few by half."""
-FEW_COUNTS = 0.4
+FEW_COUNTS = 0.25
 """Score of a Gaussian that is seen by few and is otherwise sound: below the threshold, for a clip ends somewhere."""
 SHARPNESS = 3.0
 """Exponent of the scores: how fast they pass from 0 to 1 about their middle."""
@@ -50,7 +50,9 @@ BITS = 20
 """Cells along an axis of a curve, as a power of 2."""
 BULK = (0.5, 99.5)
 """Percentiles of the positions that a curve spans; what is beyond shares its outermost cells."""
-WORDS = re.compile(r"(?:the |all )*(?:floaters?|floating (?:bits|specks|splats|gaussians)|stray (?:splats|gaussians))", re.I)
+WORDS = re.compile(
+    r"(?:the |all )*(?:floaters?|floating (?:bits|specks|splats|gaussians)|stray (?:splats|gaussians))", re.I
+)
 
 _SCORES: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 

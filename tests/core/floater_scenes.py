@@ -43,7 +43,9 @@ def _parts(kind, random):
     if kind == "statue":
         return [_ball(random, (0, 0, 3), 0.7, 4000), _ball(random, (0, -0.9, 3), 0.3, 2000), floor]
     if kind == "meadow":
-        tufts = [_ball(random, (random.uniform(-2, 2), 0.9, random.uniform(1, 6)), 0.1, 60, solid=True) for _ in range(40)]
+        tufts = [
+            _ball(random, (random.uniform(-2, 2), 0.9, random.uniform(1, 6)), 0.1, 60, solid=True) for _ in range(40)
+        ]
         sky = _ball(random, (0, 0, 0), 50, 800)
         return [floor, sky, *tufts]
     if kind == "shelf":
