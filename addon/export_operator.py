@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import bpy
+import numpy as np
 from bpy.props import BoolProperty, EnumProperty
 from bpy_extras.io_utils import ExportHelper
 
@@ -17,6 +18,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.formats import DEFAULT, FORMATS, choose_format
 from ..f4x_core.scene.formats.usd import expected_bytes
 from . import jobs, scene_cache
+from .axes import BLENDER_FROM_SCENE
 from .motion_edits import changes, unwritten
 from .point_edits import changes_of
 from .scene_object import SceneObject
@@ -69,6 +71,12 @@ def stack_as_seen(scene_object: SceneObject) -> EditStack:
     return stack
 
 
+def _placed(root: bpy.types.Object) -> tuple[float, ...] | None:
+    """How the root was moved since import, as a 4x4 matrix in the scene's axes, row by row; None where it was not."""
+    matrix = np.linalg.inv(BLENDER_FROM_SCENE) @ np.array(root.matrix_world, np.float64)
+    return None if np.allclose(matrix, np.eye(4), atol=1e-6) else tuple(matrix.ravel().tolist())
+
+
 class F4X_OT_export_scene(Reporting, bpy.types.Operator, ExportHelper):  # noqa: N801 - Blender wants this form
     """Export Gaussians for other programs, as they are seen: PLY, .splat, SPZ or glTF of one frame or all, animated USD."""
 
@@ -96,6 +104,12 @@ class F4X_OT_export_scene(Reporting, bpy.types.Operator, ExportHelper):  # noqa:
     with_edits: BoolProperty(  # type: ignore[valid-type]
         name="With Edits",
         description="Export what is seen, also where it is not saved yet; else the scene as its file has it, without edits",
+        default=True,
+    )
+
+    as_placed: BoolProperty(  # type: ignore[valid-type]
+        name="As Placed",
+        description="Export the scene as it was moved, rotated and scaled in Blender; else where its file has it",
         default=True,
     )
 
@@ -128,7 +142,7 @@ class F4X_OT_export_scene(Reporting, bpy.types.Operator, ExportHelper):  # noqa:
         """Draw the options, and how large a file of text becomes."""
         layout = self.layout
         layout.use_property_split = True
-        for name in ("format", "frames", "selected_only", "with_edits"):
+        for name in ("format", "frames", "selected_only", "with_edits", "as_placed"):
             layout.prop(self, name)
         scene_object = SceneObject.of(context.active_object)
         is_text = self.format == "usd" or (self.format == AUTO and self.filepath.lower().endswith(".usda"))
@@ -148,7 +162,8 @@ class F4X_OT_export_scene(Reporting, bpy.types.Operator, ExportHelper):  # noqa:
             stack = stack.append(Extract(scene_object.selected_ids))
         times = (scene_object.frame,) if one else tuple(scene_object.base.cameras.times.tolist())
         request = Path(mkdtemp(dir=bpy.app.tempdir, prefix="export-")) / "request.json"
-        ExportRequest(scene_object.path, scene_cache.text_of(stack), times, output, name).write(request)
+        transform = _placed(scene_object.root) if self.as_placed else None
+        ExportRequest(scene_object.path, scene_cache.text_of(stack), times, output, name, transform).write(request)
         jobs.start(Job(f"Export {scene_object.name}", own_command("edit.exporting", request)))
         self.report({"INFO"}, f"Exporting to {output}" if not bpy.app.background else f"Exported {output}")
         return {"FINISHED"}

@@ -113,6 +113,7 @@ def import_scene(
         camera = add_camera(f"{name} camera", opened.cameras, first, collection)
         for item in (*clouds, camera):
             item.parent = root
+        follow_scale(camera, root)
         if clip is not None:
             show_clip(camera, Path(clip), opened.cameras.times, barred=isinstance(opened, Scene) and has_bars(opened))
         ClipSettings.of(opened, foreign=kind != "scene").remember(camera)
@@ -278,6 +279,18 @@ def add_camera(name: str, cameras: CameraPath, scene: Scene, collection: bpy.typ
     if any(np.ptp(values) > 0 for values in lens.values()):
         writer.write(camera.data, cameras.times, lens)
     return camera
+
+
+def follow_scale(camera: bpy.types.Object, root: bpy.types.Object) -> None:
+    """Let the clip distances of a `camera` below `root` follow its scale, or a scene that was enlarged is cut off."""
+    for name in ("clip_start", "clip_end"):
+        distance = getattr(camera.data, name)
+        driver = camera.data.driver_add(name).driver
+        scale = driver.variables.new()
+        scale.name, scale.type = "scale", "TRANSFORMS"
+        target = scale.targets[0]
+        target.id, target.transform_type, target.transform_space = root, "SCALE_AVG", "WORLD_SPACE"
+        driver.expression = f"{distance!r} * scale"
 
 
 def _reach(scene: Scene) -> float:

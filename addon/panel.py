@@ -101,6 +101,10 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             row.active = bool(touched) or not saved
         else:
             row.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
+        row = layout.row(align=True)
+        row.operator("f4x.align_floor", icon="GRID")
+        row.operator("f4x.align_points", text="3 Points")
+        row.operator("f4x.scale_length", text="Scale")
         if touched:
             draw_lines(layout, context, touched, "ERROR")
             row = layout.row(align=True)

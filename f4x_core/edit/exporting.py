@@ -6,6 +6,9 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ..errors import F4xError
 from ..language.lexicon import plural
@@ -29,24 +32,28 @@ class ExportRequest:
     """A file, or the folder of many."""
     format: str
     """Name of an entry of `FORMATS`."""
+    transform: tuple[float, ...] | None = None
+    """4x4 similarity in the scene's axes, row by row, that is baked in."""
 
     def write(self, path: Path) -> None:
         """Write it for the child."""
-        fields = {"scene": str(self.scene), "output": str(self.output), "times": list(self.times)}
-        path.write_text(json.dumps(fields | {"edits": self.edits, "format": self.format}), encoding="utf-8")
+        fields: dict[str, Any] = {"scene": str(self.scene), "output": str(self.output), "times": list(self.times)}
+        fields |= {"edits": self.edits, "format": self.format, "transform": self.transform}
+        path.write_text(json.dumps(fields), encoding="utf-8")
 
     @classmethod
     def read(cls, path: Path) -> ExportRequest:
         """Read what `write` wrote."""
         fields = json.loads(path.read_text(encoding="utf-8"))
-        times = tuple(fields["times"])
-        return cls(Path(fields["scene"]), fields["edits"], times, Path(fields["output"]), fields["format"])
+        paths = {name: Path(fields[name]) for name in ("scene", "output")}
+        return cls(**fields | paths | {"times": tuple(fields["times"])})
 
     def export(self, progress: LineProgress) -> Exported:
         """Write the files."""
         progress("scene", 0, 1)
         scene = open_with(self.scene, EditStack.from_json(json.loads(self.edits), str(self.scene)))
-        return export(scene, self.output, self.times, self.format, progress=progress)
+        transform = None if self.transform is None else np.reshape(self.transform, (4, 4))
+        return export(scene, self.output, self.times, self.format, transform, progress)
 
 
 def main(arguments: list[str]) -> int:

@@ -46,7 +46,8 @@ def select_by_text(
     """Gaussians whose decoded latent matches one of `labels` better than any of `negatives` (see `labels.ask_for`).
 
     Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. Shadows and the like are found by what
-    is behind them (`cast`), floaters by what is around them (`floaters`). This and every other selection leaves out what edits have deleted (`not_deleted`).
+    is behind them (`cast`), floaters by what is around them (`floaters`). This and every other selection leaves out what edits
+    have deleted (`not_deleted`).
     """
     cast = [label for label in labels if is_cast(label)]
     floaters = [label for label in labels if is_floaters(label)]

@@ -98,7 +98,7 @@ noted["only moving"] = refused(ops.take_over_points)
 """
     noted, arrays = perform(folder, START + script)
     assert noted["summary"] == "Points that no edit holds: 55 moved" and noted["after"] == ["", 1]
-    expected = labelled_scene().static.means[:50] + [0.1, 0.2, 0.3]
+    expected = labelled_scene().static.means[:50] + np.array([0.1, 0.2, 0.3])
     np.testing.assert_allclose(arrays["posed"], expected, atol=1e-6)
     np.testing.assert_array_equal(arrays["dynamic"], arrays["at import"])
     assert noted["undone"] == [0, noted["summary"]] and noted["put back"] == ""
