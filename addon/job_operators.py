@@ -12,6 +12,7 @@ from bpy_extras.io_utils import ImportHelper
 from ..f4x_core.errors import F4xError
 from ..f4x_core.files import json_text
 from . import jobs
+from .clip_background import find_clip, shown_clip
 from .motion_edits import unwritten
 from .point_cloud import selected_in
 from .preferences import worker_python
@@ -112,6 +113,10 @@ class SavedSceneOperator(_WorkerOperator):
 def saved_scene(context: bpy.types.Context) -> tuple[SceneObject, Path]:
     """The active scene and its file. Raises F4xError if it has unsaved edits, because the worker reads only the file."""
     scene_object = SceneObject.of(context.active_object)
+    if not scene_object.holds_edits:
+        raise F4xError(
+            f"The worker reads scene files, and {scene_object.path.name} is none; press Save As Scene first."
+        )
     if not scene_object.is_saved:
         raise F4xError(f"{scene_object.name} has unsaved edits; press Save Edits to Scene first.")
     if unwritten(scene_object):
@@ -194,8 +199,25 @@ class F4X_OT_add_features(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
         scene_object, path = saved_scene(context)
         options = ["--teacher", self.teachers] if self.teachers else []
         options += ["--vocabulary", self.words] if self.words else []
-        options += ["--clip", bpy.path.abspath(self.clip)] if self.clip else []
+        clip = bpy.path.abspath(self.clip) if self.clip else _moved_clip(scene_object, path)
+        options += ["--clip", clip] if clip else []
         _add_features(scene_object, path, "" if self.teachers else self.words, options)
+
+
+def _moved_clip(scene_object: SceneObject, path: Path) -> Path | None:
+    """The clip of a scene where it lies elsewhere by now: near the scene file, or behind the camera; None: in its place, or
+    unknown.
+
+    Raises F4xError where it is at none of these.
+    """
+    source = scene_object.base.provenance.get("source")
+    if not source or (Path(source).is_absolute() and Path(source).exists()):
+        return None
+    found = find_clip(scene_object.base, path) or shown_clip(scene_object.root)
+    if found is None and not (path.parent / "features").is_dir():  # maps that were made before need no clip
+        line = f"The clip that {scene_object.name} was fitted to is no longer at {source}"
+        raise F4xError(f"{line}; choose it under Clip in this dialog.")
+    return found
 
 
 class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801

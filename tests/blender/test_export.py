@@ -1,5 +1,7 @@
 """Exporting in Blender's own Python: what is seen, saved or not, without the worker."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from labelled_scene import labelled_scene
@@ -96,3 +98,22 @@ for path, format, one, *_ in {TARGETS}:
 """
     noted, _ = perform(tmp_path, START + script)
     assert noted["found"] == [list(case[3:]) for case in TARGETS]
+
+
+def test_a_moved_clip_is_found_or_asked_for_before_a_job_starts(tmp_path):
+    scene = labelled_scene()
+    write_scene(replace(scene, provenance={"source": str(tmp_path / "was/clip")}), tmp_path / "scene.f4x")
+    script = """
+from feature4x.addon import job_operators
+started = []
+job_operators.start_verb = lambda title, done, *arguments: started.append([str(each) for each in arguments])
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+noted["gone"] = refused(ops.add_features)
+(folder / "clip").mkdir()
+ops.add_features()
+ops.add_features(clip="/elsewhere")
+noted["clips"] = [each[each.index("--clip") + 1] for each in started]
+"""
+    noted, _ = perform(tmp_path, START + script)
+    assert "is no longer at" in noted["gone"] and "choose it under Clip" in noted["gone"] and "--" not in noted["gone"]
+    assert noted["clips"] == [str(tmp_path / "clip"), "/elsewhere"]
