@@ -100,7 +100,7 @@ class F4X_OT_crop(SceneOperator, bpy.types.Operator):  # noqa: N801
     @classmethod
     def description(cls, context, properties):
         """The tooltip of each button."""
-        return cls.bl_rna.properties["keep"].enum_items[properties.keep].description
+        return properties.bl_rna.properties["keep"].enum_items[properties.keep].description
 
     def act(self, context, scene_object):
         """Append a removal, in place of what this box removed before."""

@@ -305,7 +305,7 @@ class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
     @classmethod
     def description(cls, context, properties):
         """The tooltip of each button."""
-        return cls.bl_rna.properties["how"].enum_items[properties.how].description
+        return properties.bl_rna.properties["how"].enum_items[properties.how].description
 
     def act(self, context, scene_object):
         """Change the stack, and show it."""

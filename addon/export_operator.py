@@ -127,7 +127,7 @@ class F4X_OT_export_scene(Reporting, bpy.types.Operator, ExportHelper):  # noqa:
         edited = scene_object.edited
         if not self.filepath:
             beside = Path(bpy.data.filepath).parent if bpy.data.filepath else scene_object.path.parent
-            self.filepath = str(beside / f"{edited.name}{self.filename_ext}")
+            self.filepath = str(beside / f"{edited.name}_export{self.filename_ext}")
         return super().invoke(context, event)
 
     def check(self, context):
@@ -157,6 +157,8 @@ class F4X_OT_export_scene(Reporting, bpy.types.Operator, ExportHelper):  # noqa:
         scene_object = SceneObject.of(context.active_object)
         one = self.frames == "CURRENT"
         name, output = target_of(Path(bpy.path.abspath(self.filepath)), self.format, one)
+        if output.exists() and output.samefile(scene_object.path):
+            raise F4xError(f"{output} is the file that {scene_object.name} is read from; choose another name.")
         stack = stack_as_seen(scene_object) if self.with_edits else EditStack()
         if self.selected_only:
             stack = stack.append(Extract(scene_object.selected_ids))

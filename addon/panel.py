@@ -101,10 +101,11 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             row.active = bool(touched) or not saved
         else:
             row.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
-        row = layout.row(align=True)
-        row.operator("f4x.align_floor", icon="GRID")
-        row.operator("f4x.align_points", text="3 Points")
-        row.operator("f4x.scale_length", text="Scale")
+        column = layout.column(align=True)
+        column.operator("f4x.align_floor", icon="GRID")
+        row = column.row(align=True)
+        row.operator("f4x.align_points")
+        row.operator("f4x.scale_length")
         if touched:
             draw_lines(layout, context, touched, "ERROR")
             row = layout.row(align=True)

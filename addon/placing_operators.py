@@ -45,6 +45,11 @@ def _extent(scene_object: SceneObject) -> float:
     return max(float(np.linalg.norm(matrix[:3, :3] @ corner + matrix[:3, 3])) for corner in corners)
 
 
+def _is_in(region: bpy.types.Region, x: int, y: int) -> bool:
+    """Whether a pixel of the window is in a region."""
+    return 0 <= x - region.x < region.width and 0 <= y - region.y < region.height
+
+
 class _Clicks(SceneOperator):
     """Base of operators on places in the scene that are clicked in a viewport, or given by a script."""
 
@@ -67,11 +72,11 @@ class _Clicks(SceneOperator):
             return {"CANCELLED"}
         if event.type != "LEFTMOUSE" or event.value != "PRESS":
             return {"PASS_THROUGH"}
-        region = next(region for region in context.area.regions if region.type == "WINDOW")
-        at = event.mouse_x - region.x, event.mouse_y - region.y
-        if not (0 <= at[0] < region.width and 0 <= at[1] < region.height):
+        under = [region for region in context.area.regions if _is_in(region, event.mouse_x, event.mouse_y)]
+        if [region.type for region in under] != ["WINDOW"]:  # the sidebar lies over the view
             return {"PASS_THROUGH"}
-        with context.temp_override(region=region):
+        at = event.mouse_x - under[0].x, event.mouse_y - under[0].y
+        with context.temp_override(region=under[0]):
             self._places.append(place_under(bpy.context, SceneObject.of(context.object), at))
         if len(self._places) < self.COUNT:
             self._say(context)
@@ -151,9 +156,15 @@ class F4X_OT_scale_length(_Clicks, bpy.types.Operator):  # noqa: N801
     bl_idname, bl_label = "f4x.scale_length", "Scale to Length"
     COUNT, hint = 2, "Click two places whose distance is known:"
 
-    a: FloatVectorProperty(name="First", description="In Blender's world", subtype="XYZ", options={"HIDDEN"})  # type: ignore[valid-type]
-    b: FloatVectorProperty(name="Second", description="In Blender's world", subtype="XYZ", options={"HIDDEN"})  # type: ignore[valid-type]
+    a: FloatVectorProperty(name="First", description="In Blender's world", subtype="XYZ", options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
+    b: FloatVectorProperty(name="Second", description="In Blender's world", subtype="XYZ", options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
     length: FloatProperty(name="Length", description="Their true distance", default=1.0, min=1e-4, subtype="DISTANCE")  # type: ignore[valid-type]
+
+    def invoke(self, context, event):
+        """Wait for the clicks, or with both places ask for the length."""
+        if self.properties.is_property_set("a"):
+            return context.window_manager.invoke_props_dialog(self)
+        return super().invoke(context, event)
 
     def take(self, places):
         """The two ends, and their distance now as what is to be changed."""
@@ -161,8 +172,9 @@ class F4X_OT_scale_length(_Clicks, bpy.types.Operator):  # noqa: N801
         self.length = (places[1] - places[0]).length
 
     def finish(self, context):
-        """Ask for the length."""
-        return context.window_manager.invoke_props_dialog(self)
+        """Ask for the length in an operator of its own: this one would go on taking the clicks on its dialog."""
+        bpy.ops.f4x.scale_length("INVOKE_DEFAULT", a=self.a, b=self.b, length=self.length)
+        return {"CANCELLED"}
 
     def act(self, context, scene_object):
         """Scale the root about the middle of the two places on the ground, so that what stands there stays there."""

@@ -77,3 +77,14 @@ ops.save_edits()
     assert "would remove nothing" in noted["nothing"] and noted["after"] == noted["remove"][:2]
     assert noted["moved"] == noted["keep"]
     assert edited(read_scene(tmp_path / "scene.f4x")).rows.gone.sum() == noted["keep"][1]
+
+
+def test_buttons_of_one_operator_have_tooltips_of_their_own(tmp_path):
+    script = """
+for name, value in (("crop", "OUTSIDE"), ("history", "CLEAR")):
+    properties = bpy.context.window_manager.operator_properties_last(f"f4x.{name}")
+    setattr(properties, "keep" if name == "crop" else "how", value)
+    noted[name] = getattr(bpy.types, f"F4X_OT_{name}").description(bpy.context, properties)
+"""
+    noted, _ = perform(tmp_path, script)
+    assert noted["crop"].startswith("Remove everything that is in the box") and noted["history"] == "Delete all edits"

@@ -72,8 +72,10 @@ ops.select_box(box=(600, 200, 1200, 800), through=True)
 noted["selected"] = root().f4x.selected
 ops.remove()
 ops.export_scene(filepath=str(folder / "cleaned.ply"))
+noted["itself"] = refused(ops.export_scene, filepath=str(folder / "frame.ply"))
 """
     noted, _ = perform(tmp_path, "bpy.ops.wm.read_factory_settings(use_empty=True)\n" + START + script)
+    assert "is read from" in noted["itself"]
     left = len(open_any(tmp_path / "frame.ply").ids) - noted["selected"]
     assert 0 < len(open_any(tmp_path / "cleaned.ply").ids) == left
 
