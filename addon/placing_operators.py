@@ -156,8 +156,12 @@ class F4X_OT_scale_length(_Clicks, bpy.types.Operator):  # noqa: N801
     bl_idname, bl_label = "f4x.scale_length", "Scale to Length"
     COUNT, hint = 2, "Click two places whose distance is known:"
 
-    a: FloatVectorProperty(name="First", description="In Blender's world", subtype="XYZ", options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
-    b: FloatVectorProperty(name="Second", description="In Blender's world", subtype="XYZ", options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
+    a: FloatVectorProperty(
+        name="First", description="In Blender's world", subtype="XYZ", options={"HIDDEN", "SKIP_SAVE"}
+    )  # type: ignore[valid-type]
+    b: FloatVectorProperty(
+        name="Second", description="In Blender's world", subtype="XYZ", options={"HIDDEN", "SKIP_SAVE"}
+    )  # type: ignore[valid-type]
     length: FloatProperty(name="Length", description="Their true distance", default=1.0, min=1e-4, subtype="DISTANCE")  # type: ignore[valid-type]
 
     def invoke(self, context, event):

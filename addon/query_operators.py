@@ -331,7 +331,7 @@ class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
     @classmethod
     def description(cls, context, properties):
         """The tooltip of each button."""
-        return cls.bl_rna.properties["how"].enum_items[properties.how].description
+        return properties.bl_rna.properties["how"].enum_items[properties.how].description
 
     def act(self, context, scene_object):
         """Use the positions of the Gaussians at the current frame."""
@@ -383,7 +383,7 @@ class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801
     @classmethod
     def description(cls, context, properties):
         """The tooltip of each button."""
-        return cls.bl_rna.properties["what"].enum_items[properties.what].description
+        return properties.bl_rna.properties["what"].enum_items[properties.what].description
 
     def act(self, context, scene_object):
         """Hide adds to the hidden points; Isolate replaces them."""

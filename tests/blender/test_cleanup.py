@@ -80,11 +80,18 @@ ops.save_edits()
 
 
 def test_buttons_of_one_operator_have_tooltips_of_their_own(tmp_path):
-    script = """
-for name, value in (("crop", "OUTSIDE"), ("history", "CLEAR")):
-    properties = bpy.context.window_manager.operator_properties_last(f"f4x.{name}")
-    setattr(properties, "keep" if name == "crop" else "how", value)
-    noted[name] = getattr(bpy.types, f"F4X_OT_{name}").description(bpy.context, properties)
+    buttons = [
+        ("crop", "keep", "OUTSIDE"),
+        ("history", "how", "CLEAR"),
+        ("change_selection", "how", "GROW"),
+        ("hide", "what", "OTHERS"),
+    ]
+    script = f"""
+for name, field, value in {buttons}:
+    properties = bpy.context.window_manager.operator_properties_last("f4x." + name)
+    setattr(properties, field, value)
+    noted[name] = getattr(bpy.types, "F4X_OT_" + name).description(bpy.context, properties)
 """
     noted, _ = perform(tmp_path, script)
     assert noted["crop"].startswith("Remove everything that is in the box") and noted["history"] == "Delete all edits"
+    assert len(set(noted.values())) == len(buttons)
