@@ -39,7 +39,7 @@ from . import display, scene_cache
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, has_bars, show_clip
-from .gaussian_attributes import FITTED_FOCAL, write_appearance, write_places
+from .gaussian_attributes import FITTED_FOCAL, RECOLORED, write_appearance, write_places
 from .motion_edits import mark_keyed
 from .motion_nodes import MOTION, build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
@@ -227,6 +227,7 @@ def write_gaussians(cloud: bpy.types.PointCloud, gaussians: StaticSet, latent: n
     quats = quaternion.normalize(gaussians.quats)
     write_places(cloud, gaussians.means, quats, gaussians.scales)
     write_appearance(cloud, quats, gaussians.sh, gaussians.opacities)
+    write_attribute(cloud, RECOLORED, "BOOLEAN", np.zeros(len(gaussians), bool))
     write_attribute(cloud, "gid", "INT", gaussians.ids)
     if latent is not None:
         write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", latent)
