@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..f4x_core.geometry import trajectory
-from .import_scene import add_camera
+from .import_scene import add_camera, follow_scale
 from .job_operators import SavedSceneOperator, saved_scene, start_verb
 from .panel_operators import SceneOperator
 
@@ -70,6 +70,7 @@ class F4X_OT_add_path_camera(SceneOperator, bpy.types.Operator):  # noqa: N801 -
         name = f"{scene_object.name} {self.path.lower()}"
         camera = add_camera(name, cameras, scene, scene_object.root.users_collection[0])
         camera.parent = scene_object.root
+        follow_scale(camera, scene_object.root)
         context.scene.camera = camera
 
 

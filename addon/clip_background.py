@@ -87,6 +87,16 @@ def show_clip(
     return True
 
 
+def shown_clip(root: bpy.types.Object) -> Path | None:
+    """The film, or the folder of pictures, behind a camera of `root`; None without one."""
+    for camera in (item for item in root.children if item.type == "CAMERA"):
+        for image in (each.image for each in camera.data.background_images if each.image is not None):
+            file = Path(bpy.path.abspath(image.filepath))
+            if file.exists():
+                return file.parent if image.source == "SEQUENCE" else file
+    return None
+
+
 def doubt(camera: bpy.types.Object, scene: Scene) -> str:
     """One sentence where the clip behind `camera` does not look like `scene`; nothing where it does."""
     shown = camera.data.background_images[0].image

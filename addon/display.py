@@ -25,7 +25,7 @@ from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED, sentence_of
-from .gaussian_attributes import write_appearance, write_places
+from .gaussian_attributes import RECOLORED, write_appearance, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 from .process_exit import end_process
@@ -153,15 +153,28 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool) -> None
     elsewhere[display.apart] = True
     if hasattr(scene_object.root, "f4x") and scene_object.state.show_score:
         appearance = by_score(appearance, scene_object.read(SCORE))
+    recolored = _differing(appearance.sh, scene_object.base.full_appearance[1])
     for cloud, at, row in scene_object.points():
         if APART in cloud:
             _draw_separate_cloud(cloud.data, (at, row), display, appearance, frame)
         elif everything and len(at) == len(cloud.data.points):  # else an artist joined it with something else
-            quats = display.rest_rotation[row]  # geometry nodes turn what the attributes hold, and harmonics by as much
             write_attribute(cloud.data, GONE, "BOOLEAN", elsewhere[row])
-            write_appearance(cloud.data, quats, appearance.sh[row], appearance.opacities[row])
+            before = read_attribute(cloud.data, RECOLORED)
+            rows = None if before is None else np.flatnonzero(before | recolored[row])
+            quats = display.rest_rotation[row]  # geometry nodes turn what the attributes hold, and harmonics by as much
+            write_appearance(cloud.data, quats, appearance.sh[row], appearance.opacities[row], rows)
+            write_attribute(cloud.data, RECOLORED, "BOOLEAN", recolored[row])
             cloud.data.update_tag()
     _add_visibility_modifier(scene_object.clouds)
+
+
+def _differing(sh: np.ndarray, of_file: np.ndarray) -> np.ndarray:
+    """(M,) bool: which of the M Gaussians of the file have other harmonics in `sh (N,S,3)`, copies last, than `of_file (M,S,3)`."""
+    if sh is of_file:
+        return np.zeros(len(of_file), bool)
+    if sh.shape[1:] != of_file.shape[1:]:
+        return np.ones(len(of_file), bool)
+    return (sh[: len(of_file)] != of_file).any((1, 2))
 
 
 def _draw_separate_cloud(

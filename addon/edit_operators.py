@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -15,6 +16,7 @@ from bpy.props import (
     IntProperty,
     StringProperty,
 )
+from bpy_extras.io_utils import ExportHelper
 from mathutils import Euler
 
 from ..f4x_core.edit.operations import (
@@ -39,7 +41,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.troubles import EXPECTED
-from . import display
+from . import display, point_edits
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
 from .preferences import preferences
@@ -303,7 +305,7 @@ class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
     @classmethod
     def description(cls, context, properties):
         """The tooltip of each button."""
-        return cls.bl_rna.properties["how"].enum_items[properties.how].description
+        return properties.bl_rna.properties["how"].enum_items[properties.how].description
 
     def act(self, context, scene_object):
         """Change the stack, and show it."""
@@ -335,7 +337,24 @@ class F4X_OT_save_edits(SceneOperator, bpy.types.Operator):  # noqa: N801
         """Write atomically; edits that others wrote in the meantime are merged, undone ones are taken out."""
         stack = scene_object.save()
         display.refresh(scene_object)
+        if touched := point_edits.summary(scene_object):
+            self.report({"WARNING"}, f"{touched}; press Take Over Deleted and Moved Points, and save again")
         self.report({"INFO"}, f"Saved {len(stack)} {plural('edit', len(stack))} in {scene_object.path.name}")
+
+
+class F4X_OT_save_as(SceneOperator, bpy.types.Operator, ExportHelper):  # noqa: N801
+    """Write the scene with its edits into a new scene file and use that from now on. The file it came from stays as it is."""
+
+    bl_idname, bl_label = "f4x.save_as", "Save As Scene"
+
+    filename_ext = ".f4x"
+    filter_glob: StringProperty(default="*.f4x", options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def act(self, context, scene_object):
+        """Write the new file, complete or not at all."""
+        scene_object.save_as(Path(bpy.path.abspath(self.filepath)))
+        display.refresh(scene_object)
+        self.report({"INFO"}, f"Saved {scene_object.path}")
 
 
 class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -440,7 +459,7 @@ def _save_along(path: str) -> None:
     settings = preferences()
     for scene_object in [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked]:
         try:
-            if settings is not None and settings.save_edits and not scene_object.is_saved:
+            if settings is not None and settings.save_edits and scene_object.holds_edits and not scene_object.is_saved:
                 scene_object.save()
             scene_object.remember()
         except EXPECTED as error:  # the .blend keeps the edits, and is saved all the same
@@ -504,6 +523,7 @@ CLASSES = (
     F4X_OT_name_selection,
     F4X_OT_history,
     F4X_OT_save_edits,
+    F4X_OT_save_as,
     F4X_OT_plan,
     F4X_OT_pick_reading,
     F4X_OT_apply_plan,

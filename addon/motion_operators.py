@@ -14,8 +14,9 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.grab import grab, within_reach
 from . import display
+from .edit_operators import F4X_OT_save_as
 from .motion_edits import changes, mark_keyed
-from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene
+from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene, F4X_OT_set_up_render
 from .panel_operators import SceneOperator
 from .scaffold_rig import NODE, add_handles, all_nodes, hold, key_moved, nodes_of, read_poses, remove_handles
 from .scene_object import SceneObject
@@ -222,6 +223,7 @@ OPERATORS: tuple[Any, ...] = (
     F4X_OT_remove_handles,
     F4X_OT_write_motion,
 )
+OF_FILES = (F4X_OT_choose_clip, F4X_OT_set_up_render, F4X_OT_find_scene, F4X_OT_pack_scene, F4X_OT_save_as)
 
 
 class F4X_MT_object(bpy.types.Menu):  # noqa: N801
@@ -231,7 +233,7 @@ class F4X_MT_object(bpy.types.Menu):  # noqa: N801
 
     def draw(self, context):
         """List the operators."""
-        for operator in (*OPERATORS, F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene):
+        for operator in (*OPERATORS, *OF_FILES):
             self.layout.operator(operator.bl_idname)
 
 

@@ -7,10 +7,11 @@ import json
 import bpy
 
 from ..f4x_core.language.lexicon import plural
-from . import display, edit_operators, marking, viewport
+from . import cleanup_operators, display, edit_operators, marking, point_edits, viewport
 from .gesture_operators import TOOLS
 from .lines import draw_lines
 from .motion_edits import unwritten
+from .render_setup import clip_camera
 from .scaffold_rig import layer_of
 from .scene_object import SceneObject
 
@@ -91,10 +92,29 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             layout.operator("f4x.show_picture", icon="SHADING_RENDERED")
         if not scene_object.path.exists():
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
+        touched = "" if context.screen.is_animation_playing else point_edits.summary(scene_object)
         row = layout.row()
         row.scale_y = 1.2
-        row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
-        row.active = not scene_object.is_saved
+        if scene_object.holds_edits:
+            saved = scene_object.is_saved
+            text = "Save Edits to Scene" if saved and touched else scene_object.saving
+            row.operator("f4x.save_edits", text=text, icon="FILE_TICK")
+            row.active = bool(touched) or not saved
+        else:
+            row.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
+        column = layout.column(align=True)
+        column.operator("f4x.align_floor", icon="GRID")
+        row = column.row(align=True)
+        row.operator("f4x.align_points")
+        row.operator("f4x.scale_length")
+        if touched:
+            draw_lines(layout, context, touched, "ERROR")
+            row = layout.row(align=True)
+            row.operator("f4x.take_over_points")
+            row.operator("f4x.put_back_points", text="", icon="LOOP_BACK")
+        camera = clip_camera(scene_object.root)
+        if camera is not None and context.scene.camera != camera:
+            layout.operator("f4x.set_up_render", icon="OUTLINER_OB_CAMERA")
         moved = 0 if context.screen.is_animation_playing else unwritten(scene_object)
         if moved:
             text = f"Write Back Motion of {moved} {plural('Node', moved)}"
@@ -246,6 +266,14 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row = column.row(align=True)
         row.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
         row.operator("f4x.retime", text="Retime…", icon="TIME")
+        column = layout.column(align=True)
+        column.operator("f4x.remove_floaters", icon="PARTICLES")
+        if cleanup_operators.box_of(SceneObject.of(context.object)) is None:
+            column.operator("f4x.add_crop_box", icon="CUBE")
+        else:
+            row = column.row(align=True)
+            row.operator("f4x.crop", text="Keep Inside", icon="CUBE").keep = "INSIDE"
+            row.operator("f4x.crop", text="Remove Inside").keep = "OUTSIDE"
 
 
 class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801

@@ -72,7 +72,7 @@ for name in ("frame.ply", "frame.splat", "frame.spz", "frame.glb", "renamed.dat"
     found[name + " in the world"] = found[name] @ np.array(cloud.matrix_world)[:3, :3].T
     found[name + " scale"] = values(cloud, "scale", "vector", 3)
     found[name + " radiance"] = values(cloud, "radiance:base", radiance, 4)
-    told[name] = [root["f4x_source"], scene.camera.name, "f4x_path" in root]
+    told[name] = [root["f4x_path"], scene.camera.name, "f4x_source" in root]
 
 for label, options in (("all", {}), ("step", {"step": 2}), ("alone", {"sequence": False})):
     root = load("walk_0001.ply", **options)
