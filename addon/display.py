@@ -25,6 +25,7 @@ from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED, sentence_of
+from . import clip_time
 from .gaussian_attributes import write_appearance, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
@@ -141,9 +142,9 @@ def _set_up_separate_cloud(scene_object: SceneObject, display: Display) -> None:
     scene_object.write(**kept)
 
 
-def _draw(scene_object: SceneObject, display: Display, everything: bool) -> None:
-    """Write the point attributes of the current frame; without `everything`, only those that have changed."""
-    frame = scene_object.frame
+def _draw(scene_object: SceneObject, display: Display, everything: bool, frame: float | None = None) -> None:
+    """Write the point attributes of a clip frame, None = the current one; without `everything`, only those that changed."""
+    frame = scene_object.frame if frame is None else display.time(frame)
     appearance = display.appearance(frame)
     gone = appearance.opacities == 0
     key = repr(display.appearance_key(frame))
@@ -242,7 +243,7 @@ def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
         _counts.pop(root.session_uid, None)
         before = _failures.pop(root.session_uid, None)
         try:
-            _draw_frame(SceneObject(root))
+            _draw_frame(SceneObject(root), depsgraph)
         except EXPECTED as error:  # playback goes on with what was drawn last; renders do not
             _failures[root.session_uid] = error
             if before is None or before.args != error.args:
@@ -250,12 +251,13 @@ def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
     _end_wrong_render(scene)
 
 
-def _draw_frame(scene_object: SceneObject) -> None:
+def _draw_frame(scene_object: SceneObject, depsgraph: bpy.types.Depsgraph | None) -> None:
     """Draw the current frame of a scene whose edits change over time. Raises F4xError where that is impossible."""
     if scene_object.is_linked:  # Blender drops what is written to points of another file
         raise F4xError(f"The edits of {scene_object.name} change over time, and {scene_object.why_linked_stays}.")
     try:
-        _draw(scene_object, scene_object.shown, everything=False)
+        time = clip_time.time_of(scene_object.root, depsgraph)
+        _draw(scene_object, scene_object.shown, everything=False, frame=time)
     except F4xError as error:
         raise F4xError(
             f"{error} The edits of {scene_object.name} change over time, so no frame can be rendered without its scene file;"

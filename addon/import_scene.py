@@ -10,7 +10,7 @@
 
 Below the root all data stay in the scene file's own frame and unit, bit for bit: edits can be written back, and
 harmonics stay right because Blender evaluates native splats in the frame of their object, which the root turns as a
-whole. Blender frame = clip frame index.
+whole. Which clip frame is shown at which frame of the timeline is `clip_time`'s.
 
 Attributes of the points (the names that Blender 5.3 draws as splats): `position`, `scale` (linear), `rotation` (wxyz),
 `radiance:base` (DC coefficients, opacity), `radiance:sh_0 ..` (higher coefficients, turned from the Gaussian's own
@@ -35,13 +35,13 @@ from ..f4x_core.scaffold.deformation import pairs_of
 from ..f4x_core.scene import Scene
 from ..f4x_core.scene.foreign import SplatSequence, identify, notes_of, open_any
 from ..f4x_core.scene.view import NEAR
-from . import display
+from . import clip_time, display
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, has_bars, show_clip
 from .gaussian_attributes import FITTED_FOCAL, write_appearance, write_places
 from .motion_edits import mark_keyed
-from .motion_nodes import MOTION, build_motion_tree, build_presence_tree
+from .motion_nodes import MOTION, PRESENCE, build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
 from .rig_repair import add_identity, add_pairs
 from .scaffold_rig import add_graph, add_nodes, layer_of
@@ -112,10 +112,12 @@ def import_scene(
         camera = add_camera(f"{name} camera", opened.cameras, first, collection)
         for item in (*clouds, camera):
             item.parent = root
-        if clip is not None:
-            show_clip(camera, Path(clip), opened.cameras.times, barred=isinstance(opened, Scene) and has_bars(opened))
         if set_up_render:
             _set_up_render(bpy.context.scene, opened, camera)
+        times = opened.cameras.times
+        clip_time.set_up(root, times[0], times[-1], clip_time.rate_between(opened.fps, bpy.context.scene))
+        if clip is not None:
+            show_clip(camera, Path(clip), times, barred=isinstance(opened, Scene) and has_bars(opened))
         if is_scene:
             scene_object = SceneObject(root)
             scene_object.attach()
@@ -221,7 +223,7 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
     if gaussians.span is not None:
         for i, times in enumerate(np.clip(gaussians.span, -NEVER, NEVER).T):
             write_attribute(cloud, f"span_{i}", "FLOAT", times)
-        item.modifiers.new("Feature4X presence", "NODES").node_group = build_presence_tree(f"{name} presence")
+        item.modifiers.new(PRESENCE, "NODES").node_group = build_presence_tree(f"{name} presence")
     cloud.materials.append(material)
     return item
 

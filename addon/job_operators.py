@@ -261,7 +261,7 @@ class F4X_OT_export_scene(SavedSceneOperator, bpy.types.Operator, ExportHelper):
         scene_object, path = saved_scene(context)
         output = Path(bpy.path.abspath(self.filepath))
         options = ["-o", output] + (["--format", self.format] if self.format != "auto" else [])
-        options += ["--time", f"{context.scene.frame_current_final:g}"] if self.one_frame else []
+        options += ["--time", f"{scene_object.frame:g}"] if self.one_frame else []
         start_verb(f"Export {scene_object.name}", None, "export", path, *options)
 
 

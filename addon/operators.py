@@ -8,7 +8,7 @@ import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from . import packing, viewport
+from . import clip_time, packing, viewport
 from .clip_background import doubt, show_clip
 from .import_scene import NOTES, SOURCE, import_scene
 from .occluders import hide_occluders
@@ -147,8 +147,7 @@ class F4X_OT_choose_clip(Reporting, bpy.types.Operator, ImportHelper):  # noqa: 
         camera = next(item for item in root.children if item.type == "CAMERA")
         clip = Path(bpy.path.abspath(self.filepath))
         images = clip.parent if clip.suffix.lower() in bpy.path.extensions_image else clip
-        scene = context.scene
-        show_clip(camera, images, np.arange(scene.frame_start, scene.frame_end + 1))
+        show_clip(camera, images, np.arange(root[clip_time.FIRST], root[clip_time.LAST] + 1))
         _warn_of_clip(self, root)
         return {"FINISHED"}
 

@@ -4,6 +4,7 @@ import bpy
 
 from . import (
     camera_operators,
+    clip_time,
     display,
     edit_operators,
     gesture_operators,
@@ -46,6 +47,7 @@ STARTED = (
     render_engine,
     panel_properties,
     gesture_operators,
+    clip_time,
     display,
     edit_operators,
     panel_overlay,

@@ -37,7 +37,7 @@ from ..f4x_core.language.lexicon import plural
 from ..f4x_core.query.gesture import View
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene, updating
-from . import packing, scene_cache
+from . import clip_time, packing, scene_cache
 from .axes import Eye
 from .packing import PACKED, pack, unpacked
 from .point_cloud import read_attribute, write_attribute
@@ -249,8 +249,8 @@ class SceneObject:
 
     @property
     def frame(self) -> float:
-        """The current clip frame, clamped to the clip."""
-        return self.shown.time(bpy.context.scene.frame_current_final)
+        """The clip frame that is shown, clamped to the clip."""
+        return self.shown.time(clip_time.time_of(self.root))
 
     @property
     def names(self) -> Mapping[str, np.ndarray]:
