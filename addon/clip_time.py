@@ -86,6 +86,22 @@ def set_up(root: bpy.types.Object, first: float, last: float, rate: float = 1.0)
     place(root, first, rate)
 
 
+def adopt(root: bpy.types.Object) -> None:
+    """Give clip time to a root of an older version, which shows clip frame n at frame n of the timeline."""
+    keyed = [curve.range() for curve in _own_curves(root)]
+    set_up(root, min((first for first, _ in keyed), default=0), max((last for _, last in keyed), default=0))
+    for camera in [item for item in _datablocks(root) if isinstance(item, bpy.types.Camera) and item.background_images]:
+        user, curves = camera.background_images[0].image_user, curves_of(camera)
+        offset = curves.find(OFFSET) if curves else None
+        first, step = user.frame_offset + 1, 1
+        if offset is not None:
+            first = round(offset.evaluate(root[FIRST])) + 1
+            step = round(offset.evaluate(root[FIRST] + 1)) + 2 - first
+            curves.remove(offset)
+        drive_background(root, camera, Numbers(first, step, user.frame_duration))
+        user.frame_duration, user.use_cyclic = 1, True
+
+
 def rate_between(clip_fps: float, scene: bpy.types.Scene) -> float:
     """Clip frames per frame of `scene` that play a clip at its own pace; 1 where the rates are nearly the same."""
     rate = clip_fps * scene.render.fps_base / scene.render.fps
@@ -305,6 +321,9 @@ def _changed(scene: bpy.types.Scene, *_) -> None:
 @persistent
 def _file_loaded(*_) -> None:
     _held.clear()
+    for root in [item for item in bpy.context.scene.objects if "f4x_path" in item and item.is_editable]:
+        if TIME not in root:
+            adopt(root)
     _changed(bpy.context.scene)
 
 

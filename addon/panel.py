@@ -6,11 +6,9 @@ import json
 
 import bpy
 
-from ..f4x_core.language.lexicon import plural
 from . import display, edit_operators, marking
 from .gesture_operators import TOOLS
 from .lines import draw_lines
-from .motion_edits import unwritten
 from .scaffold_rig import layer_of
 from .scene_object import SceneObject
 
@@ -94,10 +92,6 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row.scale_y = 1.2
         row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
         row.active = not scene_object.is_saved
-        moved = 0 if context.screen.is_animation_playing else unwritten(scene_object)
-        if moved:
-            text = f"Write Back Motion of {moved} {plural('Node', moved)}"
-            layout.operator("f4x.write_motion", text=text, icon="EMPTY_AXIS")
         draw_lines(layout, context, scene_object.state.notice, "ERROR")
         draw_lines(layout, context, scene_object.state.uncovered, "INFO")
 

@@ -12,6 +12,7 @@ from . import (
     jobs,
     meshes,
     motion_operators,
+    motion_panel,
     native_motion,
     operators,
     panel,
@@ -39,6 +40,7 @@ CLASSES = (
     *edit_operators.CLASSES,
     *motion_operators.CLASSES,
     *panel.CLASSES,
+    *motion_panel.CLASSES,
     *shadows.CLASSES,
     *meshes.CLASSES,
 )
