@@ -85,6 +85,18 @@ def copy_keys(source: bpy.types.FCurve, target: bpy.types.FCurve) -> None:
     target.update()
 
 
+def move_strips(datablock: bpy.types.ID, moved: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Put the NLA strips of a datablock at `moved(frames (n,))`, stretched where that stretches them."""
+    for track in datablock.animation_data.nla_tracks if datablock.animation_data else ():
+        strips = list(track.strips)
+        if strips and moved(np.array([strips[0].frame_start]))[0] > strips[0].frame_start:
+            strips.reverse()  # none may run into the next one
+        for strip in strips:
+            start, end = moved(np.array([strip.frame_start, strip.frame_end])).tolist()
+            strip.scale *= (end - start) / (strip.frame_end - strip.frame_start)
+            strip.frame_start_ui = start
+
+
 def move_keys(curve: bpy.types.FCurve, moved: Callable[[np.ndarray], np.ndarray]) -> None:
     """Put the keys of an F-curve, with their handles, at the frames `moved(frames (n,))`, which must increase with `frames`."""
     keys = curve.keyframe_points

@@ -24,7 +24,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from .animation import copy_keys, curves_of, move_keys
+from .animation import copy_keys, curves_of, move_keys, move_strips
 from .motion_nodes import PRESENCE, build_presence_tree
 
 FIRST, LAST, START, RATE, TIME = "f4x_first", "f4x_last", "f4x_start", "f4x_rate", "f4x_time"
@@ -143,8 +143,14 @@ def place(root: bpy.types.Object, start: float, rate: float) -> None:
         old = Timing(root[FIRST], *root[PLACED])
         new = timing_of(root)
         of_time = _time_curve(root)
+
+        def moved(frames: np.ndarray) -> np.ndarray:
+            return new.frames_of(_snapped(old.times_at(frames)))
+
         for curve in [*_own_curves(root), *([of_time] if of_time else [])]:
-            move_keys(curve, lambda frames: new.frames_of(_snapped(old.times_at(frames))))
+            move_keys(curve, moved)
+        for datablock in _datablocks(root):
+            move_strips(datablock, moved)
         root[PLACED] = (root[START], root[RATE])
     root.update_tag()
 

@@ -34,17 +34,18 @@ from ..f4x_core.edit.operations import (
     Vector,
 )
 from ..f4x_core.edit.plan_lines import plan_lines
+from ..f4x_core.edit.selects import All
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.troubles import EXPECTED
-from . import display
+from . import clip_time, display
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
 from .preferences import preferences
 from .scene_object import EDITS, PREVIEW, TIMED, SceneObject
-from .wording import error_line
+from .wording import error_line, panel_words
 
 READINGS = 4
 """Ways to carry out a sentence that are offered when the plain one is not it."""
@@ -382,7 +383,8 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
             row.name = candidate.why or "as said"
             row.operations = json.dumps([operation.to_json() for operation in candidate.operations])
             row.description = "\n".join(plan_lines(scene, candidate.operations, edit_context.frame))
-        state.answer = " ".join(proposal.notes)
+        state.answer = panel_words(" ".join(proposal.notes))
+        state.slower = _speed_of_everything(proposal.chosen.operations)
         state.reading_index = proposal.best
         state.preview = True
 
@@ -425,11 +427,37 @@ class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
         display.refresh(scene_object)
 
 
+class F4X_OT_slow_clip(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Play the whole clip slower, its camera too, in place of what is planned. It sets Speed in the panel Motion."""
+
+    bl_idname, bl_label = "f4x.slow_clip", "Slow the Whole Clip"
+
+    speed: FloatProperty(name="Speed", default=0.5, min=0.001, max=1000.0)  # type: ignore[valid-type]
+
+    def act(self, context, scene_object):
+        """Set the speed; where the frame range ended with the clip, it does so again."""
+        forget_readings(scene_object)
+        display.refresh(scene_object)
+        root, timing = scene_object.root, clip_time.timing_of(scene_object.root)
+        ends = context.scene.frame_end == round(float(timing.frames_of(root[clip_time.LAST])))
+        clip_time.place(root, timing.start, timing.rate * self.speed)
+        if ends:
+            context.scene.frame_end = round(float(clip_time.timing_of(root).frames_of(root[clip_time.LAST])))
+
+
+def _speed_of_everything(operations: tuple[Operation, ...]) -> float:
+    """The speed at which a plan plays everything all the time, where that is slower and all it does; else 0."""
+    match operations:
+        case (Retime(select=All(), speed=speed, frames=None),) if speed < 1:
+            return speed
+    return 0.0
+
+
 def forget_readings(scene_object: SceneObject) -> None:
     """Discard the plan and end the preview."""
     state = scene_object.state
     state.readings.clear()
-    state.answer = state.instead = ""
+    state.answer, state.instead, state.slower = "", "", 0.0
     if state.preview:
         state.preview = False
 
@@ -508,4 +536,5 @@ CLASSES = (
     F4X_OT_pick_reading,
     F4X_OT_apply_plan,
     F4X_OT_drop_plan,
+    F4X_OT_slow_clip,
 )

@@ -110,6 +110,8 @@ class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
         if state.readings:
             self._draw_readings(layout, context, state)
         draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
+        if state.slower:
+            layout.operator("f4x.slow_clip", icon="TIME").speed = state.slower
         if state.instead:
             layout.operator("f4x.plan", text="Read It So", icon="CHECKMARK").sentence = state.instead
 

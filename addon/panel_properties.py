@@ -208,6 +208,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     )
     answer: StringProperty()  # type: ignore[valid-type]
     instead: StringProperty()  # type: ignore[valid-type]  # the sentence that was probably meant, where that is asked
+    slower: FloatProperty()  # type: ignore[valid-type]  # speed of a plan that slows everything and so loses its end; else 0
     readings: CollectionProperty(type=F4X_PG_reading)  # type: ignore[valid-type]
     reading_index: IntProperty(update=_preview_changed)  # type: ignore[valid-type]
     preview: BoolProperty(  # type: ignore[valid-type]

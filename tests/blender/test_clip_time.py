@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -59,6 +60,7 @@ def end():
 TIMES = [0.0, 1.0, 2.0, 2.5, 4.0, 5.0]
 PICTURES = """
 root = fresh(clip=folder / "images")
+noted["axes"] = [root.empty_display_size, bpy.context.scene.camera.data.clip_start]
 for time in TIMES:
     picture(f"plain {time}", time)
 
@@ -127,9 +129,11 @@ def test_pictures_are_those_of_the_clip_frame_that_time_says(folder):
             plain, other = found[f"plain {time}"].astype(int), found[f"{label} {time}"].astype(int)
             assert np.abs(plain - other).max() <= 1, (label, time)
             assert noted[f"{label} {time}"] == noted[f"plain {time}"], (label, time)
+    size, near = noted["axes"]
+    assert size < near  # the clip's first camera is at the root
     assert noted["plain 2.5"][:2] == [2.5, 0]
     pictures = [found[f"plain {time}"].astype(int) for time in TIMES]
-    assert all(np.abs(a - b).max() > 20 for a, b in zip(pictures, pictures[1:], strict=False))
+    assert all(np.abs(a - b).max() > 20 for a, b in pairwise(pictures))
 
 
 MOTION = """
@@ -179,6 +183,16 @@ def freeze(root):
     for key in clip_time._time_curve(root).keyframe_points:
         key.co[0] *= 2
 
+root = fresh()
+node = scaffold_rig.nodes_of(root)[2]
+data = node.animation_data
+strip = data.nla_tracks.new().strips.new("pushed down", 0, data.action)
+strip.action_slot = data.action_slot
+data.action = None
+for label, frame in (("before", 3), ("after", 1001 + 3 / 0.8)):
+    scaffold_rig.set_frame(bpy.context.scene, frame)
+    found["strip " + label] = np.array(node.location)
+    shift(root)
 session("plain", lambda time: time, lambda root: None)
 session("shifted", lambda time: 1001 + time / 0.8, shift)
 session("slow", lambda time: 2 * time, freeze)
@@ -189,6 +203,7 @@ end()
 def test_motion_is_edited_and_written_back_at_clip_frames(folder):
     found, noted = run(folder, MOTION)
     assert noted.pop("refused") is False
+    assert np.abs(found["strip before"] - found["strip after"]).max() < 1e-6
     for label in ("shifted", "slow"):
         for step in ("grabbed", "handles", "taken back"):
             for time in (0.0, 1.0, 3.0, 4.0):
@@ -250,20 +265,34 @@ moment("by hand", 45, *names)
 ops.wm.save_as_mainfile(filepath=str(folder / "shots.blend"))
 ops.wm.open_mainfile(filepath=str(folder / "shots.blend"))
 moment("opened", 45, *names)
+
+ops.f4x.plan(sentence="slow everything to half")
+noted["answer"] = SceneObject(bpy.data.objects[one]).state.answer
+context.scene.frame_end = 46
+ops.f4x.slow_clip(speed=SceneObject(bpy.data.objects[one]).state.slower)
+noted["slowed"] = [context.scene.frame_end, bpy.data.objects[one].f4x.speed]
+moment("slow", 50, *names)
 end()
 """
 
 
 def test_two_shots_of_different_starts_and_rates_play_in_one_file(folder):
     _, noted = run(folder, SHOTS)
-    settings = {name: noted.pop(name) for name in ("rates", "undone start", "redone start", "said", "range")}
+    settings = {
+        name: noted.pop(name) for name in ("rates", "undone start", "redone start", "said", "range", "answer", "slowed")
+    }
     assert settings["rates"] == [pytest.approx(0.8)] * 2
     assert settings["undone start"] == 0 and settings["redone start"] == 20
     assert settings["said"] == [[2, 3], [4, None]]
     assert settings["range"] == [30, 77]
+    assert settings["answer"].endswith(
+        "Speed 0.5 in the panel Motion, or the button below, shows all of it, with a slower camera."
+    )
+    assert settings["slowed"] == [52, pytest.approx(0.4)]
     expected = {
         "5": [4, 0], "51": [5, 2], "copy at 51": [5, 2, 0], "copy at 5": [4, 0, 0],
         "undone": [4, 0, 0], "redone": [4, 0, 0], "by hand": [4, 0, 0], "opened": [4, 0, 0],
+        "slow": [4, 0, 0],
     }  # fmt: skip
     assert {label: [time for time, _ in shots] for label, shots in noted.items()} == expected
     assert not any(unwritten for shots in noted.values() for _, unwritten in shots)
