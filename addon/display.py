@@ -14,6 +14,7 @@ as fast as without edits.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 
 import bpy
 import numpy as np
@@ -31,10 +32,12 @@ from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 from .process_exit import end_process
 from .render_settings import ENGINE
-from .scene_object import APART, HIDDEN, SCORE, SELECTED, TIMED, SceneObject, forget
+from .scene_object import APART, EDITS, HIDDEN, PREVIEW, SCORE, SELECTED, TIMED, SceneObject, forget
 from .wording import error_line, panel_words
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
+DRAWN = "f4x_drawn"
+"""Property of a root: hash of the stack that its points show."""
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
 _rendering = False
@@ -51,9 +54,20 @@ def refresh(scene_object: SceneObject) -> None:
     _set_up_separate_cloud(scene_object, display)
     _draw(scene_object, display, everything=True)
     scene_object.root[TIMED] = display.changes
+    scene_object.root[DRAWN] = _hash(scene_object)
     if display.changes:  # a handler writes attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
     update_panel(scene_object)
+
+
+def is_drawn(scene_object: SceneObject) -> bool:
+    """Whether the points show the preview of a scene, or its pending edits."""
+    return scene_object.root.get(DRAWN) == _hash(scene_object)
+
+
+def _hash(scene_object: SceneObject) -> str:
+    text = scene_object.root.get(PREVIEW) or scene_object.root.get(EDITS, "")
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def redraw(scene_object: SceneObject) -> None:
@@ -104,11 +118,12 @@ def last_counts(scene_object: SceneObject) -> tuple[int, int]:
 def _fill_lists(scene_object: SceneObject) -> None:
     """Update the lists of edits and of named selections from the pending edits."""
     state = scene_object.state
+    before, picked = len(state.history), state.history_index
     state.history.clear()
     for edit in scene_object.stack.edits:
         row = state.history.add()
         row.name, row.edit_id, row.enabled = describe(edit.operation), edit.id, edit.enabled
-    state.history_index = len(state.history) - 1
+    state.history_index = picked if before == len(state.history) else len(state.history) - 1
     state.names.clear()
     for name, rows in scene_object.names.items():
         row = state.names.add()

@@ -31,7 +31,6 @@ from ..f4x_core.edit.operations import (
     Span,
     Style,
     Transform,
-    Vector,
 )
 from ..f4x_core.edit.plan_lines import plan_lines
 from ..f4x_core.edit.selects import All
@@ -40,8 +39,8 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.troubles import EXPECTED
-from . import clip_time, display
-from .axes import BLENDER_FROM_SCENE
+from . import clip_time, display, edit_fields
+from .axes import scene_vector
 from .panel_operators import SceneOperator
 from .preferences import preferences
 from .scene_object import EDITS, PREVIEW, TIMED, SceneObject
@@ -51,12 +50,6 @@ READINGS = 4
 """Ways to carry out a sentence that are offered when the plain one is not it."""
 
 _before: dict[int, str] = {}  # session_uid of a root -> its edits before the undo that is under way
-
-
-def _scene_vector(vector) -> Vector:
-    """A vector along Blender's axes as one along the scene's axes (OpenCV)."""
-    x, y, z = (BLENDER_FROM_SCENE[:3, :3].T @ np.array(vector, float)).tolist()
-    return x, y, z
 
 
 def _span(scene_object: SceneObject) -> Span | None:
@@ -212,8 +205,8 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
         turn = np.rad2deg(Euler(self.turn).to_quaternion().to_exponential_map())
         return Transform(
             scene_object.selected_ids,
-            translate=_scene_vector(self.move),
-            rotate=_scene_vector(turn),
+            translate=scene_vector(self.move),
+            rotate=scene_vector(turn),
             scale=round(self.size, 6),
             pivot=self.pivot,
             frames=(float(self.first), float(self.last)) if self.over_time else None,
@@ -237,7 +230,7 @@ class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
     def operation(self, scene_object):
         """In the scene's axes."""
         ids = scene_object.selected_ids
-        return Duplicate(ids, _scene_vector(self.offset), round(self.time_shift, 3), self.count)
+        return Duplicate(ids, scene_vector(self.offset), round(self.time_shift, 3), self.count)
 
 
 class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801
@@ -486,7 +479,8 @@ def _undone(*_) -> None:
     """Draw what undo or redo cannot bring back by itself.
 
     The preview of a plan whose edit was just undone ends: one Ctrl-Z takes both back. What changes over time is drawn anew, for
-    undo brings points back as they were at another frame, and keeps the frame.
+    undo brings points back as they were at another frame, and keeps the frame. So are edits that were not shown yet when Blender
+    noted down its step.
     """
     shown = bpy.context.scene.objects
     for scene_object in [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked]:
@@ -500,6 +494,8 @@ def _undone(*_) -> None:
             display.redraw(scene_object)
         if edits:
             scene_object.remember()
+            if root.name in shown and not display.is_drawn(scene_object):
+                edit_fields.show_after_undo(scene_object)
     _before.clear()
 
 

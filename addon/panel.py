@@ -7,6 +7,7 @@ import json
 import bpy
 
 from . import display, edit_operators, marking
+from .edit_fields import draw_fields
 from .gesture_operators import TOOLS
 from .lines import draw_lines
 from .scaffold_rig import layer_of
@@ -249,8 +250,9 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
     bl_label = "History"
 
     def draw(self, context):
-        """Draw the list, with buttons to move and delete edits."""
-        layout, state = self.layout, SceneObject.of(context.object).state
+        """Draw the list, with buttons to move and delete edits, and the fields of the one that is picked."""
+        layout, scene_object = self.layout, SceneObject.of(context.object)
+        state = scene_object.state
         row = layout.row()
         row.template_list("F4X_UL_history", "", state, "history", state, "history_index", rows=4)
         column = row.column(align=True)
@@ -262,6 +264,7 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
             draw_lines(layout, context, item.name)
         column.separator()
         column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
+        draw_fields(layout, scene_object)
 
 
 CLASSES = (

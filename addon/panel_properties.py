@@ -15,7 +15,7 @@ from bpy.props import (
 from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED
-from . import clip_time, display, marking
+from . import clip_time, display, edit_fields, marking
 from .scene_object import SceneObject
 from .wording import error_line
 
@@ -203,6 +203,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     name_index: IntProperty()  # type: ignore[valid-type]
     history: CollectionProperty(type=F4X_PG_edit)  # type: ignore[valid-type]
     history_index: IntProperty()  # type: ignore[valid-type]
+    fields: PointerProperty(type=edit_fields.F4X_PG_fields)  # type: ignore[valid-type]
     sentence: StringProperty(  # type: ignore[valid-type]
         name="Say", description='What to change, for example "make the dog red from second 2"'
     )
@@ -216,7 +217,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     )
 
 
-CLASSES = (F4X_PG_edit, F4X_PG_name, F4X_PG_reading, F4X_PG_scene)
+CLASSES = (*edit_fields.CLASSES, F4X_PG_edit, F4X_PG_name, F4X_PG_reading, F4X_PG_scene)
 
 
 def register() -> None:
