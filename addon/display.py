@@ -32,7 +32,7 @@ from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 from .process_exit import end_process
 from .render_settings import ENGINE
-from .scene_object import APART, EDITS, HIDDEN, PREVIEW, SCORE, SELECTED, TIMED, SceneObject, forget
+from .scene_object import APART, EDITS, HANDLE_OF, HIDDEN, PREVIEW, SCORE, SELECTED, TIMED, SceneObject, forget
 from .wording import error_line, panel_words
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
@@ -53,11 +53,19 @@ def refresh(scene_object: SceneObject) -> None:
     refresh_keys(scene_object)
     _set_up_separate_cloud(scene_object, display)
     _draw(scene_object, display, everything=True)
+    _remove_handles(scene_object)
     scene_object.root[TIMED] = display.changes
     scene_object.root[DRAWN] = _hash(scene_object)
     if display.changes:  # a handler writes attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
     update_panel(scene_object)
+
+
+def _remove_handles(scene_object: SceneObject) -> None:
+    """Remove the handles of edits that are gone."""
+    ids = {edit.id for edit in scene_object.stack.edits}
+    for item in [item for item in scene_object.root.children if item.get(HANDLE_OF, 0) not in {0, *ids}]:
+        bpy.data.objects.remove(item)
 
 
 def is_drawn(scene_object: SceneObject) -> bool:

@@ -22,7 +22,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProp
 from mathutils import Euler, Quaternion
 from mathutils import Vector as Vector3
 
-from ..f4x_core.edit.operations import MAX_NUMBER, MAX_SCALE, Operation, Span, Vector
+from ..f4x_core.edit.operations import MAX_NUMBER, MAX_SCALE, Operation, Span, Transform, Vector
 from ..f4x_core.edit.stack import EditStack
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.errors import F4xError
@@ -85,7 +85,7 @@ class Row:
         if not 0 <= state.history_index < len(state.history):
             return None
         id = state.history[state.history_index].edit_id
-        edits = _stack(scene_object.root.get(EDITS, scene_cache.NO_EDITS)).edits
+        edits = stack_of(scene_object).edits
         return next((cls(scene_object, id, edit.operation) for edit in edits if edit.id == id), None)
 
 
@@ -95,9 +95,17 @@ def _stack(text: str) -> EditStack:
     return scene_cache.stack_from(text, "edits")
 
 
-def change(scene_object: SceneObject, id: int, **values: Any) -> None:
-    """Give fields of the edit `id` other values, and show it; where they do not go together, the sidebar says so instead."""
-    state, stack = scene_object.state, _stack(scene_object.root[EDITS])
+def stack_of(scene_object: SceneObject) -> EditStack:
+    """The pending stack, read only where it has changed."""
+    return _stack(scene_object.root.get(EDITS, scene_cache.NO_EDITS))
+
+
+def change(scene_object: SceneObject, id: int, *, later: bool = False, **values: Any) -> None:
+    """Give fields of the edit `id` other values, and show it; where they do not go together, the sidebar says so instead.
+
+    `later`: it is shown after the handler of Blender that calls this.
+    """
+    state, stack = scene_object.state, stack_of(scene_object)
     try:
         operation = replace(stack.edits[stack.position(id)].operation, **values)
     except F4xError as error:
@@ -105,7 +113,7 @@ def change(scene_object: SceneObject, id: int, **values: Any) -> None:
         return
     scene_object.root[EDITS] = scene_cache.text_of(stack.replace(id, operation))
     scene_object.show_preview(None)
-    show_soon(scene_object)
+    show_soon(scene_object, later)
 
 
 _costs: dict[
@@ -113,13 +121,14 @@ _costs: dict[
 ] = {}  # session_uid of a root -> when its edits were shown last, and how long that took
 
 
-def show_soon(scene_object: SceneObject) -> None:
+def show_soon(scene_object: SceneObject, later: bool) -> None:
     """Show the pending edits of a scene: at once, or when the window had as much time as showing them takes."""
     ended, took = _costs.get(scene_object.root.session_uid, (0.0, 0.0))
-    if bpy.app.background or time.monotonic() - ended > took:
+    wait = max(ended + took - time.monotonic(), 0.0)
+    if bpy.app.background or not (wait or later):
         _show(scene_object)
     elif not bpy.app.timers.is_registered(show_late):
-        bpy.app.timers.register(show_late, first_interval=took)
+        bpy.app.timers.register(show_late, first_interval=wait)
 
 
 def show_after_undo(scene_object: SceneObject) -> None:
@@ -158,6 +167,8 @@ def draw_fields(layout: bpy.types.UILayout, scene_object: SceneObject) -> None:
     for shown in SHOWN[row.operation.TAG]:
         if shown.visible(row.operation):
             column.prop(group, shown.name)
+    if isinstance(row.operation, Transform):
+        layout.operator("f4x.edit_gizmo", icon="GIZMO").edit_id = row.id
 
 
 @dataclass(frozen=True)

@@ -237,7 +237,9 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.extract")
         row.operator("f4x.restore", icon="LOOP_BACK")
         column = layout.column(align=True)
-        column.operator("f4x.transform", text="Move, Rotate, Scale…", icon="ORIENTATION_GLOBAL")
+        row = column.row(align=True)
+        row.operator("f4x.transform", text="Move, Rotate, Scale…", icon="ORIENTATION_GLOBAL")
+        row.operator("f4x.edit_gizmo", text="", icon="GIZMO").edit_id = 0
         column.operator("f4x.duplicate", text="Duplicate…", icon="DUPLICATE")
         row = column.row(align=True)
         row.operator("f4x.freeze", text="Freeze…", icon="PAUSE")

@@ -45,6 +45,8 @@ from .point_cloud import read_attribute, write_attribute
 PATH, ARRAYS, EDITS, SAVED, PREVIEW = "f4x_path", "f4x_arrays", "f4x_edits", "f4x_saved", "f4x_preview"
 APART = "f4x_apart"
 """Property of the separate cloud for Gaussians whose motion is edited: moved, retimed and copied ones."""
+HANDLE_OF = "f4x_edit"
+"""Property of the handle of an edit (`edit_handles`): the edit's id."""
 SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
 """Point attributes: the selection (Blender's own name), the selection before the last query, and the query's scores."""
 HIDDEN = "f4x_hidden"

@@ -152,3 +152,68 @@ def test_a_change_is_shown_and_undone(tmp_path):
     assert noted["row"][1:] == [0, 1.0] and "opacity" in noted["row"][0]
     assert noted["undone"] == 0.5
     assert noted["refused"][0].startswith("inward needs an ease") and noted["refused"][1] is False
+
+
+HANDLE = """
+from mathutils import Matrix, Vector
+noted = {}
+
+def moved():
+    cloud = next(cloud for cloud in shot.clouds if cloud.name.endswith("edited"))
+    places = np.empty(3 * len(cloud.data.points), np.float32)
+    cloud.data.attributes["position"].data.foreach_get("vector", places)
+    return np.median(places.reshape(-1, 3), 0)
+
+def note(label):
+    bpy.context.view_layer.update()
+    edits = shot.stack.edits
+    one = edits[0].operation if edits else None
+    noted[label] = [len(edits), *([one.translate, one.rotate, one.scale] if one else [])]
+
+shot.write(**{".selection": ("BOOLEAN", np.arange(len(shot.shown.scene.ids)) < 100)})
+display.count(shot)
+before = np.median(shot.shown.scene.posed(0.0).means[:100], 0)
+bpy.ops.f4x.edit_gizmo()
+handle = bpy.context.object
+note("new")
+bpy.ops.f4x.edit_gizmo()
+note("once more")
+noted["on the thing"] = np.abs(np.array(handle.matrix_local.translation) - before).max().item()
+bpy.ops.ed.undo_push(message="handle")
+bpy.ops.transform.translate(value=(0.5, 0.0, 1.0))  # along Blender's axes
+note("moved")
+bpy.ops.ed.undo_push(message="moved")
+noted["shown"] = (moved() - before).tolist()
+bpy.ops.transform.rotate(value=1.5707963, orient_axis="Z")
+bpy.ops.transform.resize(value=(2.0, 2.0, 2.0))
+note("turned")
+bpy.ops.ed.undo_push(message="turned")
+bpy.ops.ed.undo()
+root = SceneObject.among(bpy.context.scene.objects)[0].root
+shot, state = SceneObject(root), root.f4x
+note("undone")
+noted["shown undone"] = (moved() - before).tolist()
+state.fields.transform.translate = (0.0, 0.25, 0.0)
+bpy.context.view_layer.update()
+handle = next(item for item in root.children if "f4x_edit" in item)
+noted["follows"] = list(handle.location)
+bpy.ops.f4x.edit_gizmo(edit_id=shot.stack.edits[0].id)
+noted["again"] = bpy.context.object == handle
+bpy.ops.f4x.history(how="REMOVE", edit_id=shot.stack.edits[0].id)
+noted["left"] = [item.name for item in root.children if "f4x_edit" in item]
+(folder / "noted.json").write_text(json.dumps(noted))
+door.end()
+"""
+
+
+def test_a_handle_moves_the_selection_again_and_again(tmp_path):
+    write_scene(fading_scene(), tmp_path / "scene.f4x")
+    noted = run(tmp_path, HANDLE)
+    still = [0.0, 0.0, 0.0]
+    assert noted["new"] == noted["once more"] == [1, still, still, 1.0] and noted["on the thing"] < 1e-6
+    moved = [1, pytest.approx([0.5, -1.0, 0.0], abs=1e-5), still, 1.0]  # the scene's y is down
+    assert noted["moved"] == noted["undone"] == moved
+    assert noted["shown"] == noted["shown undone"] == pytest.approx([0.5, -1.0, 0.0], abs=1e-5)
+    assert noted["turned"][0] == 1 and noted["turned"][3] == pytest.approx(2)
+    assert np.abs(noted["turned"][2]) == pytest.approx([0, 90, 0], abs=1e-3)
+    assert noted["follows"] == pytest.approx([0, 0, 0.25]) and noted["again"] and noted["left"] == []
