@@ -45,8 +45,11 @@ _failures: dict[int, Exception] = {}  # session_uid of a root -> why this frame 
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
 
 
-def refresh(scene_object: SceneObject) -> None:
-    """Show the preview of a scene, or its pending edits, at the current frame, and update the panel. May raise F4xError."""
+def refresh(scene_object: SceneObject, *, summary: bool = True) -> None:
+    """Show the preview of a scene, or its pending edits, at the current frame, and update the panel. May raise F4xError.
+
+    `summary`: that of what the edits uncover, too, which takes longer than all the rest.
+    """
     if bpy.context.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     display = scene_object.shown
@@ -58,7 +61,7 @@ def refresh(scene_object: SceneObject) -> None:
     scene_object.root[DRAWN] = _hash(scene_object)
     if display.changes:  # a handler writes attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
-    update_panel(scene_object)
+    update_panel(scene_object, summary)
 
 
 def _remove_handles(scene_object: SceneObject) -> None:
@@ -84,13 +87,14 @@ def redraw(scene_object: SceneObject) -> None:
         _draw(scene_object, scene_object.shown, everything=True)
 
 
-def update_panel(scene_object: SceneObject) -> None:
-    """Update the lists and counts of the sidebar from the pending edits, and the summary of what the shown ones uncover."""
+def update_panel(scene_object: SceneObject, summary: bool = True) -> None:
+    """Update the lists and counts of the sidebar from the pending edits, and the `summary` of what the shown ones uncover."""
     # a script may import without registering the extension; lists of a linked scene cannot be changed
     if hasattr(scene_object.root, "f4x") and not scene_object.is_linked:
         _fill_lists(scene_object)
         count(scene_object)
-        scene_object.state.uncovered = panel_words(summary_of(uncovered(scene_object.shown.scene)))
+        if summary:
+            scene_object.state.uncovered = panel_words(summary_of(uncovered(scene_object.shown.scene)))
 
 
 def hide(scene_object: SceneObject, hidden: np.ndarray) -> None:

@@ -9,6 +9,7 @@ time as it takes, so that a slider can be dragged.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -50,6 +51,8 @@ PLANNED = {
 """Fields that planning settles, or that later edits count on."""
 DIGITS = 6
 """Decimals of a number in the stack: Blender's properties are in single precision."""
+PAUSE = 0.7
+"""Seconds after the last change of a field until the sidebar sums up what the edits uncover."""
 RANGES = {
     "factor": (0, 10, 1), "strength": (0, 1, 1), "scale": (1 / MAX_SCALE, MAX_SCALE, 10), "speed": (1 / MAX_SCALE, MAX_SCALE, 10),
     "contrast": (0, 10, 2), "saturation": (0, 10, 2), "warmth": (-1, 1, 1), "radius": (0, MAX_SCALE, 0.2),
@@ -149,11 +152,22 @@ def show_late() -> None:
 def _show(scene_object: SceneObject) -> None:
     began = time.monotonic()
     try:
-        display.refresh(scene_object)
+        display.refresh(scene_object, summary=bpy.app.background)
     except F4xError as error:
         scene_object.state.answer = error_line(error)
     ended = time.monotonic()
     _costs[scene_object.root.session_uid] = (ended, ended - began)
+    if not bpy.app.background:
+        if bpy.app.timers.is_registered(_summarize):
+            bpy.app.timers.unregister(_summarize)
+        bpy.app.timers.register(_summarize, first_interval=PAUSE)
+
+
+def _summarize() -> None:
+    """Sum up what edits uncover, once nobody drags any more."""
+    for scene_object in SceneObject.among(bpy.context.scene.objects):
+        with contextlib.suppress(F4xError):
+            display.update_panel(scene_object)
 
 
 def draw_fields(layout: bpy.types.UILayout, scene_object: SceneObject) -> None:

@@ -28,7 +28,7 @@ from .scene_object import HANDLE_OF, SceneObject
 
 SYNCED = "f4x_synced"
 """Property of a handle: JSON of the values at which it and its edit agreed."""
-SIZE = 1.5
+SIZE = 1.0
 """Half the drawn width of a handle, in standard deviations of the thing along its widest axis."""
 
 
