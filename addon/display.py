@@ -40,6 +40,8 @@ DRAWN = "f4x_drawn"
 """Property of a root: hash of the stack that its points show."""
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
+DRAWN_AT = "f4x_drawn_at"
+"""Property of a root: Time at which its points were drawn last."""
 _rendering = False
 _failures: dict[int, Exception] = {}  # session_uid of a root -> why this frame of it could not be worked out
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
@@ -169,9 +171,10 @@ def _set_up_separate_cloud(scene_object: SceneObject, display: Display) -> None:
     scene_object.write(**kept)
 
 
-def _draw(scene_object: SceneObject, display: Display, everything: bool, frame: float | None = None) -> None:
+def _draw(scene_object: SceneObject, display: Display, everything: bool, time: float | None = None) -> None:
     """Write the point attributes of a clip frame, None = the current one; without `everything`, only those that changed."""
-    frame = scene_object.frame if frame is None else display.time(frame)
+    time = clip_time.time_of(scene_object.root) if time is None else time
+    scene_object.root[DRAWN_AT], frame = time, display.time(time)
     appearance = display.appearance(frame)
     gone = appearance.opacities == 0
     key = repr(display.appearance_key(frame))
@@ -267,24 +270,29 @@ def check_frame(scene: bpy.types.Scene) -> None:
 def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Update scenes whose edits change over time."""
     for root in [item for item in scene.objects if item.get(TIMED)]:
-        _counts.pop(root.session_uid, None)
-        before = _failures.pop(root.session_uid, None)
-        try:
-            _draw_frame(SceneObject(root), depsgraph)
-        except EXPECTED as error:  # playback goes on with what was drawn last; renders do not
-            _failures[root.session_uid] = error
-            if before is None or before.args != error.args:
-                print(f"Feature4X: {error_line(error)}")
+        _draw_timed(SceneObject(root), clip_time.time_of(root, depsgraph))
     _end_wrong_render(scene)
 
 
-def _draw_frame(scene_object: SceneObject, depsgraph: bpy.types.Depsgraph | None) -> None:
-    """Draw the current frame of a scene whose edits change over time. Raises F4xError where that is impossible."""
+def _draw_timed(scene_object: SceneObject, time: float) -> None:
+    """Draw a clip frame of a scene whose edits change over time; where that fails, renders of it are refused."""
+    uid = scene_object.root.session_uid
+    _counts.pop(uid, None)
+    before = _failures.pop(uid, None)
+    try:
+        _draw_frame(scene_object, time)
+    except EXPECTED as error:  # playback goes on with what was drawn last; renders do not
+        _failures[uid] = error
+        if before is None or before.args != error.args:
+            print(f"Feature4X: {error_line(error)}")
+
+
+def _draw_frame(scene_object: SceneObject, time: float) -> None:
+    """Draw a clip frame of a scene whose edits change over time. Raises F4xError where that is impossible."""
     if scene_object.is_linked:  # Blender drops what is written to points of another file
         raise F4xError(f"The edits of {scene_object.name} change over time, and {scene_object.why_linked_stays}.")
     try:
-        time = clip_time.time_of(scene_object.root, depsgraph)
-        _draw(scene_object, scene_object.shown, everything=False, frame=time)
+        _draw(scene_object, scene_object.shown, everything=False, time=time)
     except F4xError as error:
         raise F4xError(
             f"{error} The edits of {scene_object.name} change over time, so no frame can be rendered without its scene file;"
@@ -308,6 +316,16 @@ def _changed(*_) -> None:
 
 
 @persistent
+def _evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Update scenes whose edits change over time, where Time was changed at the same frame of the timeline."""
+    _counts.clear()
+    for root in [item for item in scene.objects if item.get(TIMED)]:
+        time = clip_time.time_of(root)
+        if root.get(DRAWN_AT, time) != time and root.session_uid not in _failures:
+            _draw_timed(SceneObject(root), time)
+
+
+@persistent
 def _render_began(scene: bpy.types.Scene, *_) -> None:
     global _rendering
     _rendering = True
@@ -328,7 +346,7 @@ def _file_loaded(path: str) -> None:
 
 _HANDLERS = {
     "frame_change_post": _frame_changed,
-    "depsgraph_update_post": _changed,
+    "depsgraph_update_post": _evaluated,
     "undo_post": _changed,
     "redo_post": _changed,
     "load_post": _file_loaded,

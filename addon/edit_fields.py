@@ -110,6 +110,7 @@ def change(scene_object: SceneObject, id: int, *, later: bool = False, **values:
     """
     state, stack = scene_object.state, stack_of(scene_object)
     try:
+        scene_object.check_file()
         operation = replace(stack.edits[stack.position(id)].operation, **values)
     except F4xError as error:
         state.answer = error_line(error)
@@ -173,7 +174,7 @@ def _summarize() -> None:
 def draw_fields(layout: bpy.types.UILayout, scene_object: SceneObject) -> None:
     """Draw the fields of the picked edit."""
     row = Row.picked(scene_object)
-    if row is None or row.operation.TAG not in SHOWN:
+    if row is None or row.operation.TAG not in KINDS:
         return
     column = layout.column()
     column.use_property_split, column.use_property_decorate = True, False

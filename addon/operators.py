@@ -87,6 +87,12 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
             _warn_of_clip(self, root)
         if NOTES in root:
             self.report({"INFO"}, root[NOTES])
+        if root.f4x.speed != 1:
+            fps = context.scene.render.fps / context.scene.render.fps_base
+            pace = f"it plays at its own pace, Speed {root.f4x.speed:.3g} in the panel Motion"
+            self.report(
+                {"INFO"}, f"The clip has {fps * root.f4x.speed:.4g} frames per second and this file {fps:.4g}: {pace}"
+            )
         for item in selected_in(context.view_layer):
             item.select_set(False)
         root.select_set(True)

@@ -353,6 +353,10 @@ class SceneObject:
         """The scene with the stack that `text` describes; F4xError where the file is gone or holds other Gaussians."""
         return scene_cache.displayed(self._checked_path(), text)
 
+    def check_file(self) -> None:
+        """Raise F4xError where the scene file is gone or holds other Gaussians."""
+        self._checked_path()
+
     def _checked_path(self) -> Path:
         """The scene file; F4xError unless its Gaussians are those that were imported."""
         path = self.path

@@ -141,7 +141,8 @@ def link_library(walk: Walk) -> None:
     """Link the scenes of another .blend, or override them."""
     library = walk.folder / "library.blend"
     if not library.exists() or near_limits(walk):
-        bpy.ops.wm.save_as_mainfile(filepath=str(library), copy=True, check_existing=False)
+        if not bpy.data.libraries:  # Blender overwrites none that it uses
+            bpy.ops.wm.save_as_mainfile(filepath=str(library), copy=True, check_existing=False)
         return
     with bpy.data.libraries.load(str(library), link=True) as (_, into):
         into.collections = walk.collections()

@@ -91,6 +91,19 @@ for time in TIMES:
 root.f4x.animate_time = False
 root.f4x.speed, root.f4x.start_frame = 1.0, 0
 shown("and back", lambda time: time)
+
+def red():
+    bpy.context.view_layer.update()
+    cloud = next(cloud for cloud in SceneObject(root).clouds if "static" in cloud.name)
+    values = np.empty(4 * len(cloud.data.points), np.float32)
+    cloud.data.attributes["rgb"].data.foreach_get("color", values)
+    return float(values[::4].mean())
+
+noted["red"] = []
+for frame, start in ((1, 0), (4, 0), (4, 3)):  # at last at the same frame of the timeline
+    root.f4x.start_frame = start
+    scaffold_rig.set_frame(bpy.context.scene, frame) if start == 0 else None
+    noted["red"].append(red())
 end()
 """
 
@@ -129,6 +142,8 @@ def test_pictures_are_those_of_the_clip_frame_that_time_says(folder):
             plain, other = found[f"plain {time}"].astype(int), found[f"{label} {time}"].astype(int)
             assert np.abs(plain - other).max() <= 1, (label, time)
             assert noted[f"{label} {time}"] == noted[f"plain {time}"], (label, time)
+    edited, plain, edited_again = noted["red"]
+    assert edited > plain + 0.1 and edited_again == pytest.approx(edited)
     size, near = noted["axes"]
     assert size < near  # the clip's first camera is at the root
     assert noted["plain 2.5"][:2] == [2.5, 0]
