@@ -59,12 +59,10 @@ RANGES = {
 }  # fmt: skip
 """Name of a number -> minimum, maximum, maximum of its slider."""
 LABELS = {
-    "rgb": "Color",
-    "translate": "Move",
-    "keep_luminance": "Keep Shading",
-    "at": "From Frame",
-    "until": "Until Frame",
-}
+    "rgb": "Color", "translate": "Move", "keep_luminance": "Keep Shading", "at": "From Frame", "until": "Until Frame",
+    "centroid": "Center", "assign": "Replace", "time_shift": "Time Offset",
+}  # fmt: skip
+"""Titles of fields and words that are not called so."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +236,11 @@ def _switch(name: str, title: str, put: Callable[[Row, bool], dict[str, Any]]) -
 
 def _bool(name: str) -> Shown:
     options = {"name": _title(name), "default": False}
-    return Shown(name, BoolProperty, options, lambda one: getattr(one, name), lambda row, value: {name: value})
+
+    def counts(one: Operation) -> bool:
+        return name != "inward" or one.ease is not None
+
+    return Shown(name, BoolProperty, options, lambda one: getattr(one, name), lambda row, value: {name: value}, counts)
 
 
 def _choice(name: str, choices: tuple[str, ...], optional: bool) -> Shown:
@@ -250,7 +252,7 @@ def _choice(name: str, choices: tuple[str, ...], optional: bool) -> Shown:
         return words.index(getattr(one, name))
 
     def is_word(one: Operation) -> bool:
-        return getattr(one, name) in words
+        return getattr(one, name) in words and (name != "ease" or one.frames is not None)  # only a span has an ease
 
     options = {"name": _title(name), "items": items}
     return Shown(name, EnumProperty, options, number_of, lambda row, value: {name: words[value]}, is_word)
@@ -268,6 +270,7 @@ def _color(name: str) -> Shown:
 
 def _place(name: str) -> Shown:
     options = {"name": _title(name), "subtype": "TRANSLATION", "size": 3, "default": (0.0, 0.0, 0.0)}
+    options |= {"soft_min": -10.0, "soft_max": 10.0, "step": 1, "precision": 4}
 
     def put(row: Row, value: Any) -> dict[str, Any]:
         return {name: scene_vector(tuple(round(part, DIGITS) for part in value))}
@@ -276,7 +279,7 @@ def _place(name: str) -> Shown:
 
 
 def _rotation(name: str) -> Shown:
-    options = {"name": _title(name), "subtype": "EULER", "size": 3, "default": (0.0, 0.0, 0.0)}
+    options = {"name": _title(name), "subtype": "EULER", "size": 3, "default": (0.0, 0.0, 0.0), "step": 100}
 
     def get(one: Operation) -> Any:
         return tuple(quaternion_of(getattr(one, name)).to_euler())

@@ -65,7 +65,11 @@ CHANGES = [
     (Recolour(SOME, (1.0, 0.0, 0.0)), {"rgb": (0.1, 0.2, 0.9), "strength": 0.5}, {"rgb": (0.1, 0.2, 0.9), "strength": 0.5}),
     (Recolour(SOME, (1.0, 0.0, 0.0)), {"mode": "hue", "keep_luminance": True}, {"mode": "hue", "keep_luminance": True}),
     (Opacity(SOME, 0.5), {"use_frames": True, "first": 2, "last": 4}, {"frames": (2.0, 4.0)}),
-    (Opacity(SOME, 0.5, (1.0, 3.0)), {"until_end": True, "ease": "smooth"}, {"frames": (1.0, None), "ease": "smooth"}),
+    (
+        Opacity(SOME, 0.5, (1.0, 3.0)),
+        {"until_end": True, "ease": "smooth", "inward": True},
+        {"frames": (1.0, None), "ease": "smooth", "inward": True},
+    ),
     (Opacity(SOME, 0.5, (1.0, 3.0)), {"first": 4}, {"frames": (4.0, 4.0)}),
     (Opacity(SOME, 0.5, (1.0, 3.0), "linear"), {"use_frames": False, "factor": 0.25}, {"frames": None, "factor": 0.25}),
     (Transform(SOME), {"translate": (1, 2, 3), "scale": 2}, {"translate": (1.0, -3.0, 2.0), "scale": 2.0}),
@@ -136,8 +140,9 @@ root = SceneObject.among(bpy.context.scene.objects)[0].root
 shot, state = SceneObject(root), root.f4x
 noted["undone"] = state.fields.opacity.factor
 noted["alpha"].append(drawn())
-state.fields.opacity.inward = True  # needs an ease
-noted["refused"] = [state.answer, shot.stack.edits[0].operation.inward]
+(folder / "scene.f4x").rename(folder / "elsewhere.f4x")
+state.fields.opacity.factor = 0.1
+noted["refused"] = [state.answer, shot.stack.edits[0].operation.factor]
 (folder / "noted.json").write_text(json.dumps(noted))
 door.end()
 """
@@ -151,7 +156,7 @@ def test_a_change_is_shown_and_undone(tmp_path):
     assert whole > 1.5 * half > 2.5 * quarter and undone == pytest.approx(half)
     assert noted["row"][1:] == [0, 1.0] and "opacity" in noted["row"][0]
     assert noted["undone"] == 0.5
-    assert noted["refused"][0].startswith("inward needs an ease") and noted["refused"][1] is False
+    assert "cannot be read" in noted["refused"][0] and noted["refused"][1] == 0.5  # nothing that nobody could show
 
 
 HANDLE = """
