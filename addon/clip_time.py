@@ -137,7 +137,12 @@ def follows_timeline(root: bpy.types.Object) -> bool:
 
 
 def place(root: bpy.types.Object, start: float, rate: float) -> None:
-    """Let the first frame of the clip be shown at frame `start`, and `rate` clip frames per frame; all keys move along."""
+    """Let the first frame of the clip be shown at frame `start`, and `rate` clip frames per frame; all keys move along.
+
+    A root of another file stays as it is.
+    """
+    if not _is_own(root):
+        return
     root[START], root[RATE] = float(start), round(float(rate), DIGITS)
     if tuple(root[PLACED]) != (root[START], root[RATE]):
         old = Timing(root[FIRST], *root[PLACED])
@@ -156,7 +161,12 @@ def place(root: bpy.types.Object, start: float, rate: float) -> None:
 
 
 def animate(root: bpy.types.Object, on: bool) -> None:
-    """Let Time be keyed - at first so that the clip plays as before - or follow the timeline again; its keys are kept."""
+    """Let Time be keyed - at first so that the clip plays as before - or follow the timeline again; its keys are kept.
+
+    A root of another file stays as it is.
+    """
+    if not _is_own(root):
+        return
     if on and follows_timeline(root):
         root.driver_remove(_path(TIME))
         if _time_curve(root) is None:
@@ -207,6 +217,9 @@ def drive_background(root: bpy.types.Object, camera: bpy.types.Camera, images: N
 
 def retarget(root: bpy.types.Object, original: bpy.types.Object) -> None:
     """Let what is below a copied root follow its Time, not that of the original."""
+    for item in root.children_recursive:
+        if item.type == "CAMERA" and item.data.users > 1:  # the clip behind it has a time of its own
+            item.data = item.data.copy()
     for datablock in _datablocks(root):
         for curve in datablock.animation_data.drivers if datablock.animation_data else ():
             for target in (target for variable in curve.driver.variables for target in variable.targets):
@@ -314,20 +327,25 @@ def _time_curve(root: bpy.types.Object) -> bpy.types.FCurve | None:
     return None if curves is None else curves.find(_path(TIME))
 
 
+def _is_own(root: bpy.types.Object) -> bool:
+    """Whether a root is not another file's."""
+    return root.library is None and root.override_library is None
+
+
 def _path(name: str) -> str:
     return f'["{name}"]'
 
 
 @persistent
 def _changed(scene: bpy.types.Scene, *_) -> None:
-    for root in [item for item in scene.objects if TIME in item and item.is_editable]:
+    for root in [item for item in scene.objects if TIME in item and _is_own(item)]:
         keep(root)
 
 
 @persistent
 def _file_loaded(*_) -> None:
     _held.clear()
-    for root in [item for item in bpy.context.scene.objects if "f4x_path" in item and item.is_editable]:
+    for root in [item for item in bpy.context.scene.objects if "f4x_path" in item and _is_own(item)]:
         if TIME not in root:
             adopt(root)
     _changed(bpy.context.scene)

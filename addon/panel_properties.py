@@ -178,10 +178,10 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         update=_shown_changed,
     )
     use_span: BoolProperty(  # type: ignore[valid-type]
-        name="Time Span", description="Limit the selection and its edits to a range of frames"
+        name="Time Span", description="Limit the selection and its edits to a range of clip frames"
     )
-    first: IntProperty(name="First", description="First frame of the time span", min=0)  # type: ignore[valid-type]
-    last: IntProperty(name="Last", description="Last frame of the time span", min=0)  # type: ignore[valid-type]
+    first: IntProperty(name="First", description="First clip frame of the time span", min=0)  # type: ignore[valid-type]
+    last: IntProperty(name="Last", description="Last clip frame of the time span", min=0)  # type: ignore[valid-type]
     reach: FloatProperty(  # type: ignore[valid-type]
         name="Step",
         description="Distance by which to grow or shrink the selection",

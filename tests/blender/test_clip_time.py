@@ -236,10 +236,13 @@ def moment(label, frame, *names):
     context.scene.frame_set(frame)
     shots = [SceneObject(bpy.data.objects[name]) for name in names]
     noted[label] = [[shot.frame, motion_edits.unwritten(shot)] for shot in shots]
+    for shot in shots:
+        (camera,) = [item for item in shot.root.children if item.type == "CAMERA"]
+        assert camera.data.background_images[0].image_user.frame_offset == shot.frame - 1, (label, shot.name)
 
 bpy.ops.wm.read_factory_settings(use_empty=True)
 context.scene.render.fps, context.scene.frame_end = 30, 77
-roots = [import_scene(folder / "scene.f4x", set_up_render=False) for _ in range(2)]
+roots = [import_scene(folder / "scene.f4x", set_up_render=False, clip=folder / "images") for _ in range(2)]
 one, two = names = [root.name for root in roots]
 noted["rates"] = [root.f4x.speed for root in roots]
 roots[1].f4x.start_frame, roots[1].f4x.speed = 50, 2.0
