@@ -29,7 +29,7 @@ from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.errors import F4xError
 from . import display, scene_cache
 from .axes import blender_vector, scene_vector
-from .clip_time import LAST
+from .clip_time import FIRST, LAST, time_of
 from .scene_object import EDITS, SceneObject
 from .wording import error_line
 
@@ -311,10 +311,11 @@ def _span(optional: bool) -> list[Shown]:
     """The first and last clip frame, with switches for always and for the end of the clip."""
 
     def now(row: Row) -> float:
-        return float(round(row.scene_object.frame))
+        root = row.scene_object.root
+        return float(round(min(max(time_of(root), root.get(FIRST, 0.0)), end(row))))
 
     def end(row: Row) -> float:
-        return float(row.scene_object.root.get(LAST, now(row)))
+        return float(row.scene_object.root.get(LAST, 0.0))
 
     def is_set(one: Operation) -> bool:
         return one.frames is not None
