@@ -10,7 +10,7 @@
 
 Below the root all data stay in the scene file's own frame and unit, bit for bit: edits can be written back, and
 harmonics stay right because Blender evaluates native splats in the frame of their object, which the root turns as a
-whole. Blender frame = clip frame index.
+whole. Which clip frame is shown at which frame of the timeline is `clip_time`'s.
 
 Attributes of the points (the names that Blender 5.3 draws as splats): `position`, `scale` (linear), `rotation` (wxyz),
 `radiance:base` (DC coefficients, opacity), `radiance:sh_0 ..` (higher coefficients, turned from the Gaussian's own
@@ -35,13 +35,13 @@ from ..f4x_core.scaffold.deformation import Pairs, pairs_of
 from ..f4x_core.scene import DynamicSet, Scene, StaticSet
 from ..f4x_core.scene.foreign import SplatSequence, identify, notes_of, open_any
 from ..f4x_core.scene.view import NEAR
-from . import display, scene_cache
+from . import clip_time, display, scene_cache
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, has_bars, show_clip
 from .gaussian_attributes import FITTED_FOCAL, RECOLORED, write_appearance, write_places
 from .motion_edits import mark_keyed
-from .motion_nodes import MOTION, build_motion_tree, build_presence_tree
+from .motion_nodes import MOTION, PRESENCE, build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
 from .render_setup import SOURCE, ClipSettings, set_up
 from .rig_repair import add_identity, add_pairs
@@ -52,7 +52,8 @@ from .sequence import add_sequence, check_size
 MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
 MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
 MIN_REACH = 100.0  # Blender's own clip end, world units
-SMALL = 0.1  # drawn size of the root and the camera, world units: the scene is about one away from them
+SMALL = 0.1  # drawn size of the camera, world units: the scene is about one away from it
+TINY = 0.1 * NEAR  # drawn size of the root, which is where the clip's first camera is: its axes would cross the picture
 NEVER = 1e9  # frames; stands for infinity, which geometry nodes cannot reckon with
 NOTES = "f4x_notes"
 """Property of that root: what a person must know of how the file was read."""
@@ -98,7 +99,7 @@ def import_scene(
     try:
         root = _add_object(name, None, collection)
         root.matrix_world = Matrix(BLENDER_FROM_SCENE)
-        root.empty_display_size = SMALL
+        root.empty_display_size = TINY
         root[SOURCE if kind == "sequence" else PATH] = str(path)
         notes = () if kind == "scene" else notes_of(opened)
         if notes:
@@ -114,11 +115,13 @@ def import_scene(
         for item in (*clouds, camera):
             item.parent = root
         follow_scale(camera, root)
-        if clip is not None:
-            show_clip(camera, Path(clip), opened.cameras.times, barred=isinstance(opened, Scene) and has_bars(opened))
         ClipSettings.of(opened, foreign=kind != "scene").remember(camera)
         if set_up_render:
             set_up(bpy.context.scene, camera)
+        times = opened.cameras.times
+        clip_time.set_up(root, times[0], times[-1], clip_time.rate_between(opened.fps, bpy.context.scene))
+        if clip is not None:
+            show_clip(camera, Path(clip), times, barred=isinstance(opened, Scene) and has_bars(opened))
         if kind != "sequence":
             scene_object = SceneObject(root)
             scene_object.attach()
@@ -217,7 +220,7 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
         return item
     write_gaussians(cloud, gaussians, latent)
     if gaussians.span is not None:
-        item.modifiers.new("Feature4X presence", "NODES").node_group = build_presence_tree(f"{name} presence")
+        item.modifiers.new(PRESENCE, "NODES").node_group = build_presence_tree(f"{name} presence")
     cloud.materials.append(material)
     return item
 

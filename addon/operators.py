@@ -8,7 +8,7 @@ import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from . import packing, viewport
+from . import clip_time, packing, viewport
 from .clip_background import doubt, show_clip
 from .import_scene import NOTES, import_scene
 from .occluders import hide_occluders
@@ -93,6 +93,12 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
             _warn_of_clip(self, root)
         if NOTES in root:
             self.report({"INFO"}, root[NOTES])
+        if root.f4x.speed != 1:
+            fps = context.scene.render.fps / context.scene.render.fps_base
+            pace = f"it plays at its own pace, Speed {root.f4x.speed:.3g} in the panel Motion"
+            self.report(
+                {"INFO"}, f"The clip has {fps * root.f4x.speed:.4g} frames per second and this file {fps:.4g}: {pace}"
+            )
         for item in selected_in(context.view_layer):
             item.select_set(False)
         root.select_set(True)
@@ -195,8 +201,7 @@ class F4X_OT_choose_clip(Reporting, bpy.types.Operator, ImportHelper):  # noqa: 
         camera = next(item for item in root.children if item.type == "CAMERA")
         clip = Path(bpy.path.abspath(self.filepath))
         images = clip.parent if clip.suffix.lower() in bpy.path.extensions_image else clip
-        scene = context.scene
-        show_clip(camera, images, np.arange(scene.frame_start, scene.frame_end + 1))
+        show_clip(camera, images, np.arange(root[clip_time.FIRST], root[clip_time.LAST] + 1))
         _warn_of_clip(self, root)
         return {"FINISHED"}
 

@@ -6,11 +6,10 @@ import json
 
 import bpy
 
-from ..f4x_core.language.lexicon import plural
 from . import cleanup_operators, display, edit_operators, marking, point_edits, viewport
+from .edit_fields import draw_fields
 from .gesture_operators import TOOLS
 from .lines import draw_lines
-from .motion_edits import unwritten
 from .render_setup import clip_camera
 from .scaffold_rig import layer_of
 from .scene_object import SceneObject
@@ -115,10 +114,6 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         camera = clip_camera(scene_object.root)
         if camera is not None and context.scene.camera != camera:
             layout.operator("f4x.set_up_render", icon="OUTLINER_OB_CAMERA")
-        moved = 0 if context.screen.is_animation_playing else unwritten(scene_object)
-        if moved:
-            text = f"Write Back Motion of {moved} {plural('Node', moved)}"
-            layout.operator("f4x.write_motion", text=text, icon="EMPTY_AXIS")
         draw_lines(layout, context, scene_object.state.notice, "ERROR")
         draw_lines(layout, context, scene_object.state.uncovered, "INFO")
 
@@ -137,6 +132,8 @@ class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
         if state.readings:
             self._draw_readings(layout, context, state)
         draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
+        if state.slower:
+            layout.operator("f4x.slow_clip", icon="TIME").speed = state.slower
         if state.instead:
             layout.operator("f4x.plan", text="Read It So", icon="CHECKMARK").sentence = state.instead
 
@@ -261,7 +258,9 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.extract")
         row.operator("f4x.restore", icon="LOOP_BACK")
         column = layout.column(align=True)
-        column.operator("f4x.transform", text="Move, Rotate, Scale…", icon="ORIENTATION_GLOBAL")
+        row = column.row(align=True)
+        row.operator("f4x.transform", text="Move, Rotate, Scale…", icon="ORIENTATION_GLOBAL")
+        row.operator("f4x.edit_gizmo", text="", icon="GIZMO").edit_id = 0
         column.operator("f4x.duplicate", text="Duplicate…", icon="DUPLICATE")
         row = column.row(align=True)
         row.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
@@ -282,8 +281,9 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
     bl_label = "History"
 
     def draw(self, context):
-        """Draw the list, with buttons to move and delete edits."""
-        layout, state = self.layout, SceneObject.of(context.object).state
+        """Draw the list, with buttons to move and delete edits, and the fields of the one that is picked."""
+        layout, scene_object = self.layout, SceneObject.of(context.object)
+        state = scene_object.state
         row = layout.row()
         row.template_list("F4X_UL_history", "", state, "history", state, "history_index", rows=4)
         column = row.column(align=True)
@@ -295,6 +295,7 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
             draw_lines(layout, context, item.name)
         column.separator()
         column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
+        draw_fields(layout, scene_object)
 
 
 CLASSES = (

@@ -37,7 +37,7 @@ from ..f4x_core.language.lexicon import plural
 from ..f4x_core.query.gesture import View
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene, updating, write_scene
-from . import packing, scene_cache
+from . import clip_time, packing, scene_cache
 from .axes import Eye
 from .packing import PACKED, pack, unpacked
 from .point_cloud import read_attribute, write_attribute
@@ -45,6 +45,8 @@ from .point_cloud import read_attribute, write_attribute
 PATH, ARRAYS, EDITS, SAVED, PREVIEW = "f4x_path", "f4x_arrays", "f4x_edits", "f4x_saved", "f4x_preview"
 APART = "f4x_apart"
 """Property of the separate cloud for Gaussians whose motion is edited: moved, retimed and copied ones."""
+HANDLE_OF = "f4x_edit"
+"""Property of the handle of an edit (`edit_handles`): the edit's id."""
 SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
 """Point attributes: the selection (Blender's own name), the selection before the last query, and the query's scores."""
 HIDDEN = "f4x_hidden"
@@ -272,8 +274,8 @@ class SceneObject:
 
     @property
     def frame(self) -> float:
-        """The current clip frame, clamped to the clip."""
-        return self.shown.time(bpy.context.scene.frame_current_final)
+        """The clip frame that is shown, clamped to the clip."""
+        return self.shown.time(clip_time.time_of(self.root))
 
     @property
     def names(self) -> Mapping[str, np.ndarray]:
@@ -373,6 +375,10 @@ class SceneObject:
     def _display(self, text: str) -> Display:
         """The scene with the stack that `text` describes; F4xError where the file is gone or holds other Gaussians."""
         return scene_cache.displayed(self._checked_path(), text)
+
+    def check_file(self) -> None:
+        """Raise F4xError where the scene file is gone or holds other Gaussians."""
+        self._checked_path()
 
     def _checked_path(self) -> Path:
         """The scene file; F4xError unless its Gaussians are those that were imported."""

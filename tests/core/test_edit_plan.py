@@ -644,6 +644,11 @@ def test_what_a_clip_has_no_time_left_for_is_told(scene, sentence, reached):
     assert (not notes) if reached is None else notes[0].endswith(f"so what comes after frame {reached} is not shown.")
 
 
+def test_how_to_keep_the_end_of_a_slowed_clip_is_told(scene):
+    (note,) = plan.propose(scene, "slow everything to half", HERE).notes
+    assert note.endswith("`f4x render --path slow:2` shows all of it, with a slower camera.")
+
+
 def test_what_stands_still_cannot_be_stopped_and_that_is_told(scene):
     assert "stands still already" in plan.propose(scene, "freeze the background", HERE).notes[0]
     assert "stands still already" in plan.propose(scene, "reverse the background", HERE).notes[0]
