@@ -77,8 +77,10 @@ def draw_exactly(space: bpy.types.SpaceView3D) -> bool:
     return exact
 
 
-def shows_picture(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
-    """Whether a viewport shows `scene` as *Show Picture* would."""
+def shows_picture(scene: bpy.types.Scene, space: bpy.types.SpaceView3D | None) -> bool:
+    """Whether a viewport shows `scene` as *Show Picture* would, or there is none."""
+    if space is None:
+        return True
     exact = scene.render.engine == Feature4XRenderEngine.bl_idname
     return space.shading.type == (EXACT if exact else COLOURED) and (exact or not _may_use_engine())
 

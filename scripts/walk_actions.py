@@ -374,6 +374,22 @@ def plan(walk: Walk) -> None:
         walk.remember()
 
 
+@action(0.3)
+def composite(walk: Walk) -> None:
+    """Meshes by Cycles or EEVEE in renders; what is rendered then is Feature4X's again."""
+    walk.call(bpy.ops.f4x.composite, engine=walk.random.choice(("CYCLES", "EEVEE")))
+    bpy.context.scene.render.use_compositing = False  # minutes, where the processor draws
+
+
+@action(0.5)
+def hold_out(walk: Walk) -> None:
+    """An object or a collection is held out, or not."""
+    item = walk.random.choice(list(bpy.context.view_layer.objects))
+    item.is_holdout = not item.is_holdout
+    for child in bpy.context.view_layer.layer_collection.children:
+        child.holdout, child.indirect_only = walk.random.random() < 0.2, walk.random.random() < 0.1
+
+
 @action(2, GROWS)
 def apply_plan(walk: Walk) -> None:
     """Apply it, or another reading of it."""
