@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -38,13 +41,20 @@ from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
 from ..f4x_core.language.lexicon import plural
+from ..f4x_core.progress import Progress
 from ..f4x_core.troubles import EXPECTED
-from . import display
+from . import display, marking, scene_cache
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
 from .preferences import preferences
 from .scene_object import EDITS, PREVIEW, TIMED, SceneObject
+from .searching import SearchOperator
+from .submitting import quietly
 from .wording import error_line
+
+if TYPE_CHECKING:
+    from ..f4x_core.edit.plan import Proposal
+    from ..f4x_core.edit.selecting import SelectingSentence
 
 READINGS = 4
 """Ways to carry out a sentence that are offered when the plain one is not it."""
@@ -338,10 +348,21 @@ class F4X_OT_save_edits(SceneOperator, bpy.types.Operator):  # noqa: N801
         self.report({"INFO"}, f"Saved {len(stack)} {plural('edit', len(stack))} in {scene_object.path.name}")
 
 
-class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Show what the sentence would do, without changing the scene."""
+@dataclass(frozen=True)
+class Understood:
+    """What a sentence asks for: a selection, or edits to choose from."""
+
+    selecting: SelectingSentence | None = None
+    proposal: Proposal | None = None
+    descriptions: Sequence[str] = ()
+    """Each candidate of the proposal in words."""
+
+
+class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
+    """Show what the sentence would do, without changing the scene. A sentence that selects does so at once."""
 
     bl_idname, bl_label = "f4x.plan", "Plan"
+    section, title = "EDIT", "Reading the sentence"
 
     sentence: StringProperty(name="Say", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     readings: IntProperty(
@@ -353,35 +374,71 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
         scene_object = SceneObject.of(context.object)
         self.sentence = self.sentence or scene_object.state.sentence
         try:
-            self.act(context, scene_object)
-        except EXPECTED:  # the panel shows it, below the sentence; once is enough
-            return {"CANCELLED"}
-        return {"FINISHED"}
+            return self.search(context)
+        except EXPECTED as error:
+            return self.failed(scene_object, error)
+
+    def work(self, scene_object):
+        """Read the sentence as one that selects, or else as one that edits."""
+        state = scene_object.state
+        self._ended = state.preview
+        with quietly():
+            state.sentence, state.instead = self.sentence, ""
+        forget_readings(scene_object)
+        sentence, readings = self.sentence, self.readings
+        base, scene, asker = scene_object.base, scene_object.edited, scene_object.context
+
+        def search(progress: Progress) -> Understood:
+            # Not above: Blender starts more often than somebody speaks.
+            from ..f4x_core.edit.plan import propose
+            from ..f4x_core.edit.selecting import read_selecting
+
+            scene_cache.wait_until_prepared(base, progress)
+            if selecting := read_selecting(scene, sentence, asker):
+                return Understood(selecting)
+            proposal = propose(scene, sentence, asker, candidates=readings)
+            return Understood(
+                proposal=proposal,
+                descriptions=["\n".join(plan_lines(scene, one.operations, asker.frame)) for one in proposal.candidates],
+            )
+
+        return search
 
     def act(self, context, scene_object):
         """Show the readings in the panel, or why the sentence was not understood."""
-        state = scene_object.state
-        ended, state.sentence, state.instead = state.preview, self.sentence, ""
-        forget_readings(scene_object)
         try:
-            scene_object.prepared()
-            scene, edit_context = scene_object.edited, scene_object.context
-            # Not above: Blender starts more often than somebody speaks.
-            from ..f4x_core.edit.plan import propose
-
-            proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
+            super().act(context, scene_object)
         except EXPECTED as error:
-            state.answer = error_line(error)
-            state.instead = error.instead if isinstance(error, Doubt) else ""
-            if ended:
-                # Blender must know of the points that went with the preview, although this operator ends as cancelled
-                bpy.ops.ed.undo_push(message=self.bl_label)
+            self.failed(scene_object, error)
             raise
-        for candidate in proposal.candidates:
+
+    def failed(self, scene_object, error):
+        """Show the error below the sentence, where it is asked what was meant; once is enough."""
+        if not isinstance(error, EXPECTED):
+            raise error
+        state = scene_object.state
+        state.answer = error_line(error)
+        state.instead = error.instead if isinstance(error, Doubt) else ""
+        if self._ended:
+            # Blender must know of the points that went with the preview, although this operator ends as cancelled
+            bpy.ops.ed.undo_push(message=self.bl_label)
+        return {"CANCELLED"}
+
+    def take(self, context, scene_object, found):
+        """Select, or show the readings and preview the best."""
+        state = scene_object.state
+        if selecting := found.selecting:
+            marking.combine(scene_object, selecting.chosen, selecting.mode)
+            state.called = selecting.words if selecting.mode == "SET" else ""
+            state.answer = f"{state.selected:,} of {state.total:,} Gaussians selected."
+            return
+        proposal = found.proposal
+        assert proposal is not None  # it is one or the other
+        for candidate, description in zip(proposal.candidates, found.descriptions, strict=True):
             row = state.readings.add()
             row.name = candidate.why or "as said"
             row.operations = json.dumps([operation.to_json() for operation in candidate.operations])
-            row.description = "\n".join(plan_lines(scene, candidate.operations, edit_context.frame))
+            row.description = description
         state.answer = " ".join(proposal.notes)
         state.reading_index = proposal.best
         state.preview = True

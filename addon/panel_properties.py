@@ -17,6 +17,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED
 from . import display, marking
 from .scene_object import SceneObject
+from .submitting import submit
 from .wording import error_line
 
 MODES = (
@@ -66,6 +67,16 @@ def _preview_changed(self, context) -> None:
         self.answer = error_line(error)
 
 
+def _asked(self, context) -> None:
+    if self.text.strip():
+        submit(context, self.id_data, "query_text")
+
+
+def _said(self, context) -> None:
+    if self.sentence.strip():
+        submit(context, self.id_data, "plan")
+
+
 class F4X_PG_edit(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form
     """A row of the history; `name` is the edit in words."""
 
@@ -90,12 +101,17 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     """The sidebar's state."""
 
     text: StringProperty(  # type: ignore[valid-type]
-        name="Text", description="What to select; separate several words by commas", search=_complete
+        name="Text",
+        description="What to select: words separated by commas, what moves, what stands still, everything or nothing",
+        search=_complete,
+        update=_asked,
     )
+    found: StringProperty()  # type: ignore[valid-type]  # why the words found nothing
     negatives: StringProperty(  # type: ignore[valid-type]
         name="But Not",
         description="What not to select, separated by commas; empty: common surroundings such as sky and grass",
         search=_complete,
+        update=_asked,
     )
     mode: EnumProperty(name="Mode", items=MODES, default="SET")  # type: ignore[valid-type]
     threshold: FloatProperty(  # type: ignore[valid-type]
@@ -168,7 +184,9 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     history: CollectionProperty(type=F4X_PG_edit)  # type: ignore[valid-type]
     history_index: IntProperty()  # type: ignore[valid-type]
     sentence: StringProperty(  # type: ignore[valid-type]
-        name="Say", description='What to change, for example "make the dog red from second 2"'
+        name="Say",
+        description="What to change or select, such as: make the dog red from second 2; select what moves",
+        update=_said,
     )
     answer: StringProperty()  # type: ignore[valid-type]
     instead: StringProperty()  # type: ignore[valid-type]  # the sentence that was probably meant, where that is asked

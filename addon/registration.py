@@ -20,6 +20,7 @@ from . import (
     query_operators,
     render_engine,
     rig_repair,
+    searching,
     shadows,
     sphere_gizmo,
 )
@@ -32,6 +33,7 @@ CLASSES = (
     *job_operators.CLASSES,
     *camera_operators.CLASSES,
     *panel_properties.CLASSES,
+    *searching.CLASSES,
     *query_operators.CLASSES,
     *gesture_operators.CLASSES,
     *sphere_gizmo.CLASSES,

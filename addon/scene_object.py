@@ -231,12 +231,6 @@ class SceneObject:
         """The scene without its edits."""
         return self._display(scene_cache.NO_EDITS).scene
 
-    def prepared(self) -> Scene:
-        """The scene without its edits, with the caches for text queries filled, so that the first query is fast."""
-        scene = self.base
-        scene_cache.wait_until_prepared(scene)
-        return scene
-
     @property
     def edited(self) -> Scene:
         """The scene with the pending edits."""
