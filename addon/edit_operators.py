@@ -102,16 +102,16 @@ class _Dialog(_Edit):
 
 
 class F4X_OT_recolour(_Edit, bpy.types.Operator):  # noqa: N801 - Blender wants this form
-    """Change the colour of the selection."""
+    """Change the color of the selection."""
 
-    bl_idname, bl_label = "f4x.recolour", "Recolour"
+    bl_idname, bl_label = "f4x.recolour", "Recolor"
 
     rgb: FloatVectorProperty(  # type: ignore[valid-type]
-        name="Colour", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
+        name="Color", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
     )
     hue: BoolProperty(name="Hue Only", description="Change the hue and keep the brightness")  # type: ignore[valid-type]
     shading: BoolProperty(
-        name="Keep Shading", description="Keep shadows and texture visible under the new colour", default=True
+        name="Keep Shading", description="Keep shadows and texture visible under the new color", default=True
     )  # type: ignore[valid-type]
     strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
 
@@ -179,7 +179,7 @@ class F4X_OT_restore(SceneOperator, bpy.types.Operator):  # noqa: N801
         stack = scene_object.stack
         removing = [edit for edit in stack.edits if edit.enabled and isinstance(edit.operation, Delete | Extract)]
         if not removing:
-            raise F4xError("No active edit removes anything, so there is nothing to restore; see the History panel.")
+            raise F4xError("No active edit removes anything, so there is nothing to restore; see the panel Edits.")
         for edit in removing:
             stack = stack.enable(edit.id, False)
         scene_object.set_stack(stack)
@@ -197,7 +197,7 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
     pivot: EnumProperty(  # type: ignore[valid-type]
         name="Pivot",
         items=(
-            ("centroid", "Centre", "The centre of the selection"),
+            ("centroid", "Center", "The center of the selection"),
             ("base", "Base", "The lowest point of the selection"),
         ),
     )

@@ -295,7 +295,7 @@ def _set_up_render(target: bpy.types.Scene, scene: Scene | SplatSequence, camera
 
 def _splat_material(name: str) -> bpy.types.Material:
     """Emission of `rgb`, as transparent as its alpha: a coarse picture in Cycles and EEVEE, exact in neither."""
-    material = bpy.data.materials.new(f"{name} colour")
+    material = bpy.data.materials.new(f"{name} color")
     material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()

@@ -11,6 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 from . import packing, viewport
 from .clip_background import doubt, show_clip
 from .import_scene import NOTES, SOURCE, import_scene
+from .lines import CATEGORY
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
 from .point_cloud import selected_in
@@ -63,7 +64,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         options={"SKIP_SAVE"},
     )
     show: BoolProperty(  # type: ignore[valid-type]
-        name="Show", description="Show the scene in the viewports, in its colours", default=True, options=PASSING
+        name="Show", description="Show the scene in the viewports, in its colors", default=True, options=PASSING
     )
 
     def draw(self, context):
@@ -85,22 +86,21 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         )
         if clip is not None:
             _warn_of_clip(self, root)
-        if NOTES in root:
-            self.report({"INFO"}, root[NOTES])
         for item in selected_in(context.view_layer):
             item.select_set(False)
         root.select_set(True)
         context.view_layer.objects.active = root
+        hidden = ""
         if self.set_up_render:
             viewport.use_engine(context.scene)
         if self.set_up_render and self.clear_view:
             first, last = context.scene.frame_start, context.scene.frame_end
             hidden = hide_occluders(root, (first, (first + last) // 2, last))
-            if hidden:
+            if bpy.data.filepath:  # in a new file it is Blender's own cube that is in the way
                 root.f4x.notice = hidden
-                self.report({"WARNING"}, hidden)
         if self.show:
             viewport.show(root, context.scene.camera if self.set_up_render and PATH in root else None)
+        self.report({"INFO"}, " ".join(filter(None, (_summary(root), hidden))))
         return {"FINISHED"}
 
     def invoke(self, context, event):
@@ -108,8 +108,21 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         return self.invoke_popup(context) if self.filepath else super().invoke(context, event)
 
 
+def _summary(root: bpy.types.Object) -> str:
+    """What was imported, and what to do next."""
+    clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD"]
+    count = sum(len(item.data.points) for item in clouds if not item.hide_viewport)
+    if PATH not in root:
+        return f"Imported {root.name}: {count:,} Gaussians. {root.get(NOTES, '')}".strip()
+    frames = len(SceneObject(root).base.cameras)
+    return (
+        f"Imported {root.name}: {frames} frames, {count:,} Gaussians. Space plays it; the tab {CATEGORY} of the sidebar (N)"
+        " selects and edits."
+    )
+
+
 class F4X_OT_show_picture(Reporting, bpy.types.Operator):  # noqa: N801
-    """Show this viewport with the Feature4X engine. Solid shading, Blender's default, shows point clouds in grey."""
+    """Show this viewport with the Feature4X engine. Solid shading, Blender's default, shows point clouds in gray."""
 
     bl_idname = "f4x.show_picture"
     bl_label = "Show Picture"

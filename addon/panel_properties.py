@@ -141,7 +141,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     )
     sphere: FloatVectorProperty(  # type: ignore[valid-type]
         name="Sphere",
-        description="Centre of the selecting sphere in Blender's world",
+        description="Center of the selecting sphere in Blender's world",
         subtype="XYZ",
         update=_sphere_moved,
     )
@@ -154,7 +154,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     )
     show_score: BoolProperty(  # type: ignore[valid-type]
         name="Heat Map",
-        description="Show the scores of the last query as colours, also in renders",
+        description="Show the scores of the last query as colors, also in renders",
         update=_shown_changed,
     )
     use_span: BoolProperty(  # type: ignore[valid-type]
@@ -172,10 +172,15 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         precision=3,
     )
     rgb: FloatVectorProperty(  # type: ignore[valid-type]
-        name="Colour", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
+        name="Color", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
     )
     opacity: FloatProperty(  # type: ignore[valid-type]
         name="Opacity", description="Opacity is multiplied by it", default=0.5, min=0.0, max=1.0, subtype="FACTOR"
+    )
+    show_believed: BoolProperty(  # type: ignore[valid-type]
+        name="Show How Far to Believe",
+        description="Show in viewports how far beside the clip's camera the scene can be believed",
+        default=True,
     )
     notice: StringProperty()  # type: ignore[valid-type]  # what happened to the nodes
     uncovered: StringProperty()  # type: ignore[valid-type]  # what edits bring to light that no frame saw

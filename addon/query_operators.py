@@ -27,8 +27,7 @@ from ..f4x_core.scene import Scene
 from . import display, marking, scene_cache
 from .job_operators import look_up
 from .outline import Outline
-from .panel_operators import require_viewport
-from .panel_operators import SceneOperator
+from .panel_operators import SceneOperator, require_viewport
 from .preferences import find_interpreter
 from .scene_object import HIDDEN, SELECTED, SceneObject
 from .searching import SearchOperator
@@ -36,8 +35,10 @@ from .submitting import quietly
 from .wording import panel_words
 
 PHRASES = frozenset(
-    "what moves|everything that moves|moving things|moving objects|what stands still|background|the background|everything|all|"
-    "nothing|none".split("|")
+    (
+        *("what moves", "everything that moves", "moving things", "moving objects"),
+        *("what stands still", "background", "the background", "everything", "all", "nothing", "none"),
+    )
 )
 """What the field of words takes besides words of the scene."""
 MIN_BOX_PIXELS = 4
@@ -255,7 +256,7 @@ class _Prompt(SearchOperator):
 class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
     """Click on an object to select it, in any view."""
 
-    bl_idname, bl_label = "f4x.query_point", "Point"
+    bl_idname, bl_label = "f4x.query_point", "Pick"
     cursor, hint = "EYEDROPPER", "Click on an object. Press Esc to cancel."
 
     frame: IntProperty(name="Frame", description="Clip frame", min=0)  # type: ignore[valid-type]
@@ -278,7 +279,7 @@ class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
 class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
     """Drag a box around an object to select it, in the view of the clip's camera."""
 
-    bl_idname, bl_label = "f4x.query_box", "Box"
+    bl_idname, bl_label = "f4x.query_box", "Pick in Box"
     hint = "Drag a box around an object. Press Esc to cancel."
 
     frame: IntProperty(name="Frame", description="Clip frame", min=0)  # type: ignore[valid-type]
@@ -360,7 +361,7 @@ class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_select_named(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Select a named selection. The mode in the Ask panel says how it combines with the current selection."""
+    """Select a named selection. The mode in the panel Select says how it combines with the current selection."""
 
     bl_idname, bl_label = "f4x.select_named", "Select"
 
@@ -401,7 +402,7 @@ class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801
         """Hide adds to the hidden points; Isolate replaces them."""
         chosen = scene_object.read(SELECTED)
         if self.what != "NOTHING" and not chosen.any():
-            raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
+            raise F4xError("Nothing is selected; type words, use Pick or a gesture, or select points in Edit Mode.")
         already = scene_object.read(HIDDEN)
         hidden = {"SELECTED": already | chosen, "OTHERS": ~chosen, "NOTHING": np.zeros_like(chosen)}[self.what]
         display.hide(scene_object, hidden)

@@ -3,8 +3,10 @@
 import bpy
 
 from . import (
+    believed,
     camera_operators,
     display,
+    documentation,
     edit_operators,
     gesture_operators,
     job_operators,
@@ -27,6 +29,7 @@ from . import (
 
 CLASSES = (
     *operators.CLASSES,
+    *documentation.CLASSES,
     *render_engine.CLASSES,
     *jobs.CLASSES,
     *preferences.CLASSES,
@@ -51,6 +54,7 @@ STARTED = (
     display,
     edit_operators,
     panel_overlay,
+    believed,
     rig_repair,
     native_motion,
     shadows,

@@ -17,7 +17,7 @@ from ..f4x_core.scene import cryptomatte, layers, stage
 from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ..f4x_core.scene.passes import Mist
 from ..f4x_core.troubles import EXPECTED
-from . import display, evaluated, shadows, viewport_gpu
+from . import believed, display, evaluated, shadows, viewport_gpu
 from .axes import camera_eye, camera_lens, eye
 from .render_settings import ENGINE
 from .wording import refuse
@@ -180,6 +180,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         self.update_stats("Feature4X", "reading the scene")
         display.check_frame(scene.original)
         seen = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
+        believed.warn(self.report, scene.original, scene.camera.evaluated_get(depsgraph))
         region, passes = _region(scene.render, self.resolution_x, self.resolution_y), _wanted(layer)
         mattes = evaluated.Mattes() if any(name.startswith(stage.MATTE) for name in passes) else None
         more = evaluated.More(mattes, "unseen" in passes, shadows.lighting(depsgraph))

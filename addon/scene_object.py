@@ -312,7 +312,7 @@ class SceneObject:
         """The selected Gaussians as a stack holds them; F4xError where there are none."""
         chosen, state = self.selection, self.state
         if chosen is None:
-            raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
+            raise F4xError("Nothing is selected; type words, use Pick or a gesture, or select points in Edit Mode.")
         ids = Ids.of(chosen.chosen_ids)
         # points may have been selected in edit mode since, and then they are not what was asked for
         if chosen.chosen.sum() != state.selected:

@@ -47,7 +47,14 @@ def test_what_a_sentence_selects(scene, sentence, mode, wall, square):
 
 @pytest.mark.parametrize(
     "sentence",
-    ["make the square red", "select the square and make it red", "remove the square", "what moves?", "highlight red", ""],
+    [
+        "make the square red",
+        "select the square and make it red",
+        "remove the square",
+        "what moves?",
+        "highlight red",
+        "",
+    ],
 )
 def test_other_sentences_are_left_to_the_edits(scene, sentence):
     assert read_selecting(scene, sentence) is None
