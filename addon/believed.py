@@ -22,7 +22,7 @@ RING_COLOUR, WARNING_COLOUR = (0.35, 0.85, 0.45, 0.9), (1.0, 0.65, 0.2, 1.0)
 SPOKES = 8
 """Lines of the cone from the ring to what the camera looks at."""
 TEXT, MARGIN = 13, 14
-"""Size of the line and its distance from the lower left corner, pixels at a scale of 1."""
+"""Size of the line and its distance from the lower edge, pixels at a scale of 1."""
 
 _zones: dict[tuple[str, str], BelievedZone | None] = {}  # (path, hash of its Gaussians) -> zone
 _warned: set[int] = set()  # session_uid of roots of which the render under way has warned
@@ -107,11 +107,11 @@ def _draw_rings() -> None:
 
 
 def _draw_line() -> None:
-    """Say in the lower left corner how far aside a viewport looks from, where that is a guess."""
+    """Say at the bottom how far aside a viewport looks from, where that is a guess."""
     context = bpy.context
     scale = context.preferences.system.ui_scale
     height = MARGIN * scale
-    left = height + sum(region.width for region in context.area.regions if region.type == "TOOLS")
+    covered = sum(region.width for region in context.area.regions if region.type == "UI")
     for scene_object in _scenes(context):
         line = line_at(scene_object, _eye(context.region_data))
         if line:
@@ -119,7 +119,7 @@ def _draw_line() -> None:
             blf.color(0, *WARNING_COLOUR)
             blf.enable(0, blf.SHADOW)
             blf.shadow(0, 5, 0.0, 0.0, 0.0, 0.9)
-            blf.position(0, left, height, 0)
+            blf.position(0, (context.region.width - covered - blf.dimensions(0, line)[0]) / 2, height, 0)
             blf.draw(0, line)
             blf.disable(0, blf.SHADOW)
             height += 1.6 * TEXT * scale

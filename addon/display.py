@@ -20,7 +20,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..f4x_core.edit.apply import Appearance
-from ..f4x_core.edit.description import describe
+from ..f4x_core.edit.description import describe_in
 from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
@@ -36,6 +36,8 @@ from .wording import error_line, panel_words
 GONE, LOOKS = "f4x_gone", "f4x_looks"
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
+WORLD_AXES = "Blender's X, Y and Z"
+"""Axes of the ways and turns in the list of edits."""
 _rendering = False
 _failures: dict[int, Exception] = {}  # session_uid of a root -> why this frame of it could not be worked out
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
@@ -106,7 +108,8 @@ def _fill_lists(scene_object: SceneObject) -> None:
     state.history.clear()
     for edit in scene_object.stack.edits:
         row = state.history.add()
-        row.name, row.edit_id, row.enabled = describe(edit.operation), edit.id, edit.enabled
+        words = describe_in(edit.operation, np.array(scene_object.root.matrix_world.to_3x3()), WORLD_AXES)
+        row.name, row.edit_id, row.enabled = words, edit.id, edit.enabled
     state.history_index = len(state.history) - 1
     state.names.clear()
     for name, rows in scene_object.names.items():

@@ -40,7 +40,7 @@ from ..f4x_core.edit.plan_lines import plan_lines
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
-from ..f4x_core.language.lexicon import plural
+from ..f4x_core.language.lexicon import PLACES, plural
 from ..f4x_core.progress import Progress
 from ..f4x_core.troubles import EXPECTED
 from . import display, marking, scene_cache
@@ -117,7 +117,7 @@ class F4X_OT_recolour(_Edit, bpy.types.Operator):  # noqa: N801 - Blender wants 
 
     def operation(self, scene_object):
         """A colour change, of the whole colour or of the hue only."""
-        rgb = tuple(round(value, 4) for value in self.rgb)
+        rgb = tuple(round(round(255 * value) / 255, PLACES) for value in self.rgb)  # the list of edits has its hex code
         mode = {"mode": "hue"} if self.hue else {"keep_luminance": self.shading}
         return Recolour(
             scene_object.selected_ids, rgb, strength=round(self.strength, 4), frames=_span(scene_object), **mode
@@ -373,10 +373,7 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
         """Take the sentence from the panel, where the button does not bring one."""
         scene_object = SceneObject.of(context.object)
         self.sentence = self.sentence or scene_object.state.sentence
-        try:
-            return self.search(context)
-        except EXPECTED as error:
-            return self.failed(scene_object, error)
+        return self.search(context)
 
     def work(self, scene_object):
         """Read the sentence as one that selects, or else as one that edits."""
@@ -403,14 +400,6 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
             )
 
         return search
-
-    def act(self, context, scene_object):
-        """Show the readings in the panel, or why the sentence was not understood."""
-        try:
-            super().act(context, scene_object)
-        except EXPECTED as error:
-            self.failed(scene_object, error)
-            raise
 
     def failed(self, scene_object, error):
         """Show the error below the sentence, where it is asked what was meant; once is enough."""

@@ -11,7 +11,6 @@ from bpy_extras.io_utils import ImportHelper
 from . import packing, viewport
 from .clip_background import doubt, show_clip
 from .import_scene import NOTES, SOURCE, import_scene
-from .lines import CATEGORY
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
 from .point_cloud import selected_in
@@ -100,7 +99,8 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
                 root.f4x.notice = hidden
         if self.show:
             viewport.show(root, context.scene.camera if self.set_up_render and PATH in root else None)
-        self.report({"INFO"}, " ".join(filter(None, (_summary(root), hidden))))
+        for line in filter(None, (hidden, root.get(NOTES), _summary(root))):  # the last one stays in the status bar
+            self.report({"INFO"}, line)
         return {"FINISHED"}
 
     def invoke(self, context, event):
@@ -109,16 +109,11 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
 
 
 def _summary(root: bpy.types.Object) -> str:
-    """What was imported, and what to do next."""
+    """What was imported, in as few words as the status bar shows."""
+    if PATH in root:
+        return f"{root.name}: {len(SceneObject(root).base.cameras)} frames. Space plays"
     clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD"]
-    count = sum(len(item.data.points) for item in clouds if not item.hide_viewport)
-    if PATH not in root:
-        return f"Imported {root.name}: {count:,} Gaussians. {root.get(NOTES, '')}".strip()
-    frames = len(SceneObject(root).base.cameras)
-    return (
-        f"Imported {root.name}: {frames} frames, {count:,} Gaussians. Space plays it; the tab {CATEGORY} of the sidebar (N)"
-        " selects and edits."
-    )
+    return f"{root.name}: {sum(len(item.data.points) for item in clouds):,} Gaussians"
 
 
 class F4X_OT_show_picture(Reporting, bpy.types.Operator):  # noqa: N801

@@ -113,9 +113,10 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row.operator("f4x.show_picture", text="", icon="SHADING_RENDERED")
         if not scene_object.path.exists():
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
-        row = layout.row()
-        row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
-        row.active = not scene_object.is_saved
+        if scene_object.state.history or not scene_object.is_saved:
+            row = layout.row()
+            row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
+            row.active = not scene_object.is_saved
         if scene_object.state.notice:
             row = layout.row()
             draw_lines(row, context, scene_object.state.notice, "ERROR", beside=CLOSE_BUTTON)
@@ -140,7 +141,7 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row.prop(state, "mode", expand=True, icon_only=True)
         row.separator()
         row.operator("f4x.query_point", icon="EYEDROPPER")
-        row.operator("f4x.query_box", icon="SELECT_SET")
+        row.operator("f4x.query_box")
         row = layout.row(align=True)
         for tool in TOOLS:
             row.operator("wm.tool_set_by_id", text=tool.bl_label.rpartition(" ")[2]).name = tool.bl_idname
@@ -213,7 +214,8 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         draw_search(layout, "EDIT")
         if state.readings:
             self._draw_readings(layout, context, state)
-        draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
+        if state.answer or not state.readings:
+            draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
         if state.instead:
             layout.operator("f4x.plan", text="Read It So", icon="CHECKMARK").sentence = state.instead
         if state.use_span:
@@ -271,19 +273,15 @@ class F4X_PT_motion(_Section, bpy.types.Panel):  # noqa: N801
         nodes = layer_of(scene_object.root)
         row = layout.row(align=True)
         if nodes is not None:
-            shown = not nodes.hide_viewport
-            row.prop(
-                nodes, "hide_viewport", text="Hide Nodes" if shown else "Show Nodes", icon="EMPTY_AXIS", toggle=True
-            )
+            row.prop(nodes, "hide_viewport", text="Nodes", icon="EMPTY_AXIS", toggle=True, invert_checkbox=True)
         row.operator("f4x.grab_nodes", text="Grab Softly", icon="VIEW_PAN")
         row = layout.row(align=True)
         row.operator("f4x.add_handles", text="Group Handles", icon="MESH_UVSPHERE")
         row.operator("f4x.remove_handles", text="", icon="REMOVE")
         moved = 0 if context.screen.is_animation_playing else unwritten(scene_object)
-        text = f"Write Back Motion of {moved} {plural('Node', moved)}" if moved else "Write Motion Back"
-        row = layout.row()
-        row.active = bool(moved)
-        row.operator("f4x.write_motion", text=text, icon="FILE_TICK")
+        if moved:
+            text = f"Write Back Motion of {moved} {plural('Node', moved)}"
+            layout.operator("f4x.write_motion", text=text, icon="FILE_TICK")
 
 
 class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
@@ -295,7 +293,7 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
         """Draw the list, with buttons to move and delete edits."""
         layout, state = self.layout, SceneObject.of(context.object).state
         row = layout.row()
-        row.template_list("F4X_UL_history", "", state, "history", state, "history_index", rows=3)
+        row.template_list("F4X_UL_history", "", state, "history", state, "history_index", rows=2)
         column = row.column(align=True)
         if 0 <= state.history_index < len(state.history):
             item = state.history[state.history_index]

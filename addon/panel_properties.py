@@ -27,16 +27,20 @@ MODES = (
     ("INTERSECT", "Intersect", "Keep selected only what is also in the result", "SELECT_INTERSECT", 3),
 )
 
+OFFERED = ("what moves", "what stands still", "everything", "nothing")
+"""What the field of words offers besides labels of the scene."""
+
 
 def _complete(self, context, typed: str) -> list[str]:
     """Labels of the scene's vocabulary that contain the last word typed."""
     try:
         labels = labels_of(SceneObject(self.id_data).base)
     except F4xError:
-        return []
+        labels = []
     *complete, begun = (word.strip() for word in typed.split(","))
+    known = labels if complete else (*OFFERED, *labels)
     return [
-        ", ".join([*complete, label]) for label in labels if begun.lower() in label.lower() and label not in complete
+        ", ".join([*complete, label]) for label in known if begun.lower() in label.lower() and label not in complete
     ]
 
 

@@ -14,8 +14,10 @@ import bpy
 
 from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.progress import Progress
+from ..f4x_core.troubles import EXPECTED
 from .panel_operators import SceneOperator
 from .scene_object import EDITS, PREVIEW, SceneObject
+from .wording import Reporting
 
 LOOK = 0.1
 """Seconds between two checks of a running search."""
@@ -72,12 +74,18 @@ class SearchOperator(SceneOperator):
         raise NotImplementedError
 
     def failed(self, scene_object: SceneObject, error: Exception) -> set[str]:
-        """Report the error with which a search in its thread ended."""
+        """Report the error with which a search ended."""
         raise error
 
     def act(self, context, scene_object):
         """Search now."""
+        try:
+            self._search_now(context, scene_object)
+        except EXPECTED as error:
+            self.failed(scene_object, error)
+            raise
 
+    def _search_now(self, context: bpy.types.Context, scene_object: SceneObject) -> None:
         def progress(stage: str, done: int, total: int, message: str = "") -> None:
             context.window_manager.progress_update(100 * done / max(total, 1))
 
@@ -91,10 +99,13 @@ class SearchOperator(SceneOperator):
     def search(self, context: bpy.types.Context) -> set[str]:
         """Start the search and wait for it in `modal`; without a window search now."""
         scene_object = SceneObject.of(context.object)
-        if bpy.app.background:
-            self.act(context, scene_object)
-            return {"FINISHED"}
-        self.begin(context, scene_object)
+        try:
+            if bpy.app.background:
+                self._search_now(context, scene_object)
+                return {"FINISHED"}
+            self.begin(context, scene_object)
+        except EXPECTED as error:
+            return self.failed(scene_object, error)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -164,7 +175,7 @@ def draw_search(layout: bpy.types.UILayout, section: str) -> None:
         row.operator("f4x.stop_search", text="", icon="X")
 
 
-class F4X_OT_stop_search(bpy.types.Operator):  # noqa: N801 - Blender wants this form
+class F4X_OT_stop_search(Reporting, bpy.types.Operator):  # noqa: N801 - Blender wants this form
     """Stop the search that is under way; the scene does not change."""
 
     bl_idname, bl_label = "f4x.stop_search", "Cancel Search"

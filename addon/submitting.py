@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import bpy
 
 _quiet = False
+_waiting: set[tuple[int, str]] = set()  # (session_uid of a root, operator) of calls that are to come
 
 
 @contextmanager
@@ -27,15 +28,18 @@ def submit(context: bpy.types.Context, root: bpy.types.Object, name: str) -> Non
     Blender tells of a new text in the middle of an event, when no operator may run yet. Scripts, which have no window, act by
     calling the operator.
     """
-    if _quiet or bpy.app.background or context.area is None:
-        return
-    window, area, uid = context.window, context.area, root.session_uid
+    call = root.session_uid, name
+    if _quiet or bpy.app.background or context.area is None or call in _waiting:
+        return  # Blender tells of one key several times
+    window, area = context.window, context.area
+    _waiting.add(call)
 
     def act() -> None:
+        _waiting.discard(call)
         regions = [region for region in area.regions if region.type == "WINDOW"]
         with bpy.context.temp_override(window=window, area=area, region=regions[0]):
             shown = bpy.context.view_layer.objects
-            if any(item.session_uid == uid for item in shown):
+            if any(item.session_uid == call[0] for item in shown):
                 operator = getattr(bpy.ops.f4x, name)
                 try:
                     operator("INVOKE_DEFAULT", True)  # True: a step of undo

@@ -63,4 +63,4 @@ class BelievedZone:
         if degrees <= self.degrees:
             return ""
         within = f"{self.degrees:.0f}°" if self.degrees >= 1 else "1°"
-        return f"{degrees:.0f}° beside the clip: a guess. The clip tells up to {within}."
+        return f"{degrees:.0f}° beside the clip's camera: guesswork (good up to about {within})"

@@ -51,15 +51,17 @@ noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_pre
 def test_a_refused_sentence_is_shown_in_the_panel_alone(folder):
     script = """
 from feature4x.addon.edit_operators import F4X_OT_plan
+from feature4x.addon.searching import SearchOperator
 reports = []
 
-class Button:  # without a window Blender presses none
-    sentence, readings, act = "", 1, F4X_OT_plan.act
+class Button(SearchOperator):  # without a window Blender presses none
+    sentence, readings = "", 1
+    invoke, work, failed, take = (getattr(F4X_OT_plan, name) for name in ("invoke", "work", "failed", "take"))
     def report(self, kind, text):
         reports.append(text)
 
 root().f4x.sentence = "make the square bark"
-noted["button"], noted["reports"] = list(F4X_OT_plan.invoke(Button(), bpy.context, None)), reports
+noted["button"], noted["reports"] = list(Button().invoke(bpy.context, None)), reports
 noted["answer"] = root().f4x.answer
 noted["script"] = refused(ops.plan, sentence="make the square bark")
 """

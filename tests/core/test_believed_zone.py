@@ -38,7 +38,7 @@ def test_the_ring_is_just_as_far_aside_as_can_be_believed(zone):
 
 
 def test_what_is_said_beyond_it(zone):
-    assert zone.line(9.9) == "" and zone.line(34.4) == "34° beside the clip: a guess. The clip tells up to 10°."
+    assert zone.line(9.9) == "" and zone.line(34.4) == "34° beside the clip's camera: guesswork (good up to about 10°)"
 
 
 @pytest.mark.parametrize("known", [{}, {"believed_degrees": None}, {"believed_degrees": 95}])
