@@ -31,6 +31,8 @@ EXAMPLES = "Such as: delete the car; copy the dog to the left; select what moves
 WITHOUT = "No scene yet. Drop a .f4x file into the viewport, or make a scene of a video."
 CHOOSE_ONE = "There are several scenes. Select an object of one."
 """What stands in the panel where it can show no scene."""
+ROW_CHARACTERS = 24
+"""Characters of an edit that its row shows in a sidebar as wide as Blender's own."""
 CLOSE_BUTTON = 4
 """Characters that a button beside lines takes."""
 ANSWER_LINES = 2
@@ -113,15 +115,10 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row.operator("f4x.show_picture", text="", icon="SHADING_RENDERED")
         if not scene_object.path.exists():
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
-        if scene_object.state.history or not scene_object.is_saved:
-            row = layout.row()
-            row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
-            row.active = not scene_object.is_saved
         if scene_object.state.notice:
             row = layout.row()
             draw_lines(row, context, scene_object.state.notice, "ERROR", beside=CLOSE_BUTTON)
             row.operator("f4x.dismiss_notice", text="", icon="X", emboss=False)
-        draw_lines(layout, context, scene_object.state.uncovered, "INFO")
 
 
 class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
@@ -285,13 +282,14 @@ class F4X_PT_motion(_Section, bpy.types.Panel):  # noqa: N801
 
 
 class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
-    """The edit stack."""
+    """The edit stack, and whether it is saved in the scene file."""
 
     bl_label = "Edits"
 
     def draw(self, context):
-        """Draw the list, with buttons to move and delete edits."""
-        layout, state = self.layout, SceneObject.of(context.object).state
+        """Draw the list, with buttons to move, delete and save edits."""
+        layout, scene_object = self.layout, SceneObject.of(context.object)
+        state = scene_object.state
         row = layout.row()
         row.template_list("F4X_UL_history", "", state, "history", state, "history_index", rows=2)
         column = row.column(align=True)
@@ -300,9 +298,15 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
             for how, icon in (("UP", "TRIA_UP"), ("DOWN", "TRIA_DOWN")):
                 button = column.operator("f4x.history", text="", icon=icon)
                 button.how, button.edit_id = how, item.edit_id
-            draw_lines(layout, context, item.name)
-        column.separator()
+            if len(item.name) > ROW_CHARACTERS:
+                draw_lines(layout, context, item.name)
         column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
+        draw_lines(layout, context, state.uncovered, "INFO")
+        saved = scene_object.is_saved
+        if state.history or not saved:
+            row = layout.row()
+            row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
+            row.active = not saved
 
 
 CLASSES = (

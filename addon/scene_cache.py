@@ -126,7 +126,7 @@ def wait_until_prepared(scene: Scene, progress: Progress = silent) -> None:
     if id(scene.static) not in _preparing:
         prepare_questions(scene)
     while not _preparing[id(scene.static)].wait(LOOK):
-        progress("prepare", 0, 0, f"Preparing {len(scene.ids):,} Gaussians for the first question")
+        progress("prepare", 0, 0, "Preparing the scene once")
 
 
 def forget() -> None:

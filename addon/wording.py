@@ -10,8 +10,8 @@ from ..f4x_core.printing import one_line
 from ..f4x_core.troubles import EXPECTED, with_code
 
 _PANEL_WORDS = (
-    (r"`?f4x distill [^`.;]*--vocabulary[^`.;]*`?", "Tasks > Add Features, Words"),
-    (r"`f4x distill[^`]*`", "Tasks > Add Features"),
+    (r"`?f4x distill [^`.;]*--vocabulary[^`.;]*`?", "Tasks > Features, Words"),
+    (r"`f4x distill[^`]*`", "Tasks > Features"),
     (r"`f4x fit[^`]*`", "Tasks > Fit Video"),
     (r"`f4x ask[^`]*`", "Tasks > Question"),
     (r"`f4x query[^`]*`", "Select"),
