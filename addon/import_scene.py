@@ -51,7 +51,8 @@ from .sequence import add_sequence, check_size
 MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
 MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
 MIN_REACH = 100.0  # Blender's own clip end, world units
-SMALL = 0.1  # drawn size of the root and the camera, world units: the scene is about one away from them
+SMALL = 0.1  # drawn size of the camera, world units: the scene is about one away from it
+TINY = 0.002  # drawn size of the root, world units: the clip's camera is often beside it, and sees its axes as long lines
 NEVER = 1e9  # frames; stands for infinity, which geometry nodes cannot reckon with
 SOURCE = "f4x_source"
 """Property of the root of what came from another program: its file. A scene's root has `f4x_path` instead."""
@@ -97,7 +98,7 @@ def import_scene(
     try:
         root = _add_object(name, None, collection)
         root.matrix_world = Matrix(BLENDER_FROM_SCENE)
-        root.empty_display_size = SMALL
+        root.empty_display_size = TINY
         root[PATH if is_scene else SOURCE] = str(path)
         notes = () if is_scene else notes_of(opened)
         if notes:
@@ -254,6 +255,7 @@ def add_camera(name: str, cameras: CameraPath, scene: Scene, collection: bpy.typ
     camera = _add_object(name, bpy.data.cameras.new(name), collection)
     camera.data.sensor_fit = "HORIZONTAL"
     camera.data.display_size = SMALL
+    camera.data.passepartout_alpha = 1.0  # outside the clip's picture nothing was filmed, and Gaussians fray
     camera.data.clip_start, camera.data.clip_end = NEAR, _reach(scene)
     camera.rotation_mode = "QUATERNION"
     q, centre = pose.from_matrix(np.linalg.inv(cameras.world_to_camera) @ FLIP_YZ)

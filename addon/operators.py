@@ -96,11 +96,11 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
             first, last = context.scene.frame_start, context.scene.frame_end
             hidden = hide_occluders(root, (first, (first + last) // 2, last))
             if bpy.data.filepath:  # in a new file it is Blender's own cube that is in the way
-                root.f4x.notice = hidden
+                root.f4x.notice, hidden = hidden, ""
         if self.show:
             viewport.show(root, context.scene.camera if self.set_up_render and PATH in root else None)
-        for line in filter(None, (hidden, root.get(NOTES), _summary(root))):  # the last one stays in the status bar
-            self.report({"INFO"}, line)
+        # one report: of several the status bar shows none, and of a long one its ends
+        self.report({"INFO"}, ". ".join(filter(None, (_summary(root), root.get(NOTES), hidden))))
         return {"FINISHED"}
 
     def invoke(self, context, event):

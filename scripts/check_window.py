@@ -26,7 +26,7 @@ PLACES = {
     "save": (1002, 743),
     "point": (1010, 223),
     "box": (1072, 223),
-    "stop job": (1095, 850),
+    "stop job": (1095, 778),
     "viewport": (300, 800),
 }
 SCROLL_DOWN, F12 = 5, 96
