@@ -22,9 +22,11 @@ from bpy.app.handlers import persistent
 from ..f4x_core.edit.apply import Appearance
 from ..f4x_core.edit.description import describe_in
 from ..f4x_core.edit.display import Display, by_score
+from ..f4x_core.edit.operations import Operation
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED, sentence_of
+from .axes import BLENDER_FROM_SCENE
 from .gaussian_attributes import write_appearance, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
@@ -102,14 +104,18 @@ def last_counts(scene_object: SceneObject) -> tuple[int, int]:
     return _counts[uid]
 
 
+def words_of(operation: Operation) -> str:
+    """An edit as its row shows it: with the numbers of its dialog, which are along Blender's axes as the scene came in."""
+    return describe_in(operation, BLENDER_FROM_SCENE[:3, :3], WORLD_AXES)
+
+
 def _fill_lists(scene_object: SceneObject) -> None:
     """Update the lists of edits and of named selections from the pending edits."""
     state = scene_object.state
     state.history.clear()
     for edit in scene_object.stack.edits:
         row = state.history.add()
-        words = describe_in(edit.operation, np.array(scene_object.root.matrix_world.to_3x3()), WORLD_AXES)
-        row.name, row.edit_id, row.enabled = words, edit.id, edit.enabled
+        row.name, row.edit_id, row.enabled = words_of(edit.operation), edit.id, edit.enabled
     state.history_index = len(state.history) - 1
     state.names.clear()
     for name, rows in scene_object.names.items():

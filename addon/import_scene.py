@@ -52,7 +52,9 @@ MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
 MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
 MIN_REACH = 100.0  # Blender's own clip end, world units
 SMALL = 0.1  # drawn size of the camera, world units: the scene is about one away from it
-TINY = 0.002  # drawn size of the root, world units: the clip's camera is often beside it, and sees its axes as long lines
+TINY = (
+    0.002  # drawn size of the root, world units: the clip's camera is often beside it, and sees its axes as long lines
+)
 NEVER = 1e9  # frames; stands for infinity, which geometry nodes cannot reckon with
 SOURCE = "f4x_source"
 """Property of the root of what came from another program: its file. A scene's root has `f4x_path` instead."""
