@@ -21,12 +21,14 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..f4x_core.edit.apply import Appearance
-from ..f4x_core.edit.description import describe
+from ..f4x_core.edit.description import describe_in
 from ..f4x_core.edit.display import Display, by_score
+from ..f4x_core.edit.operations import Operation
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED, sentence_of
 from . import clip_time
+from .axes import BLENDER_FROM_SCENE
 from .gaussian_attributes import RECOLORED, write_appearance, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
@@ -42,6 +44,8 @@ VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
 DRAWN_AT = "f4x_drawn_at"
 """Property of a root: Time at which its points were drawn last."""
+WORLD_AXES = "Blender's X, Y and Z"
+"""Axes of the ways and turns in the list of edits."""
 _rendering = False
 _failures: dict[int, Exception] = {}  # session_uid of a root -> why this frame of it could not be worked out
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
@@ -129,6 +133,11 @@ def last_counts(scene_object: SceneObject) -> tuple[int, int]:
     return _counts[uid]
 
 
+def words_of(operation: Operation) -> str:
+    """An edit as its row shows it: with the numbers of its dialog, which are along Blender's axes as the scene came in."""
+    return describe_in(operation, BLENDER_FROM_SCENE[:3, :3], WORLD_AXES)
+
+
 def _fill_lists(scene_object: SceneObject) -> None:
     """Update the lists of edits and of named selections from the pending edits."""
     state = scene_object.state
@@ -136,7 +145,7 @@ def _fill_lists(scene_object: SceneObject) -> None:
     state.history.clear()
     for edit in scene_object.stack.edits:
         row = state.history.add()
-        row.name, row.edit_id, row.enabled = describe(edit.operation), edit.id, edit.enabled
+        row.name, row.edit_id, row.enabled = words_of(edit.operation), edit.id, edit.enabled
     state.history_index = picked if before == len(state.history) else len(state.history) - 1
     state.names.clear()
     for name, rows in scene_object.names.items():

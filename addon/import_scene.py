@@ -272,6 +272,7 @@ def add_camera(name: str, cameras: CameraPath, scene: Scene, collection: bpy.typ
     camera = _add_object(name, bpy.data.cameras.new(name), collection)
     camera.data.sensor_fit = "HORIZONTAL"
     camera.data.display_size = SMALL
+    camera.data.passepartout_alpha = 1.0  # outside the clip's picture nothing was filmed, and Gaussians fray
     camera.data.clip_start, camera.data.clip_end = NEAR, _reach(scene)
     camera.rotation_mode = "QUATERNION"
     q, centre = pose.from_matrix(np.linalg.inv(cameras.world_to_camera) @ FLIP_YZ)
@@ -306,7 +307,7 @@ def _reach(scene: Scene) -> float:
 
 def _splat_material(name: str) -> bpy.types.Material:
     """Emission of `rgb`, as transparent as its alpha: a coarse picture in Cycles and EEVEE, exact in neither."""
-    material = bpy.data.materials.new(f"{name} colour")
+    material = bpy.data.materials.new(f"{name} color")
     material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()

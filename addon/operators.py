@@ -1,6 +1,7 @@
 """Import operators, for the menu, drag and drop and scripts, and the operator that chooses the clip behind a scene."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
@@ -68,7 +69,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         options={"SKIP_SAVE"},
     )
     show: BoolProperty(  # type: ignore[valid-type]
-        name="Show", description="Show the scene in the viewports, in its colours", default=True, options=PASSING
+        name="Show", description="Show the scene in the viewports, in its colors", default=True, options=PASSING
     )
 
     def draw(self, context):
@@ -91,26 +92,25 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         )
         if clip is not None:
             _warn_of_clip(self, root)
-        if NOTES in root:
-            self.report({"INFO"}, root[NOTES])
+        details = [root[NOTES]] if NOTES in root else []
         if root.f4x.speed != 1:
             fps = context.scene.render.fps / context.scene.render.fps_base
             pace = f"it plays at its own pace, Speed {root.f4x.speed:.3g} in the panel Motion"
-            self.report(
-                {"INFO"}, f"The clip has {fps * root.f4x.speed:.4g} frames per second and this file {fps:.4g}: {pace}"
-            )
+            details.append(f"The clip has {fps * root.f4x.speed:.4g} frames per second and this file {fps:.4g}: {pace}")
         for item in selected_in(context.view_layer):
             item.select_set(False)
         root.select_set(True)
         context.view_layer.objects.active = root
         if takes_over:
-            self._show_set_up(context, root)
+            details += self._set_up(context, root)
         elif line := left_as_is(context.scene, clip_camera(root)):
             root.f4x.notice = "\n".join(part for part in (root.f4x.notice, line) if part)
-            self.report({"INFO"}, line)
+            details.append(line)
         if self.show:
             moves = takes_over and PATH in root and SceneObject(root).holds_edits
             viewport.show(root, context.scene.camera if moves else None)
+        # one report: of several the status bar shows none, and of a long one its ends
+        self.report({"INFO"}, ". ".join([_summary(root), *details]))
         return {"FINISHED"}
 
     def _takes_over(self, context: bpy.types.Context) -> bool:
@@ -119,22 +119,31 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
             return self.set_up_render
         return not is_under_way(context.scene)
 
-    def _show_set_up(self, context: bpy.types.Context, root: bpy.types.Object) -> None:
-        """Name the clip's settings that are used now, and hide what was there before and is in the way."""
-        self.report({"INFO"}, was_set_up(clip_camera(root)))
+    def _set_up(self, context: bpy.types.Context, root: bpy.types.Object) -> Iterator[str]:
+        """Use the engine, hide what was there before and is in the way, and name the settings and things that changed."""
+        yield was_set_up(clip_camera(root))
         viewport.use_engine(context.scene)
         if not self.clear_view:
             return
         first, last = ClipSettings.read(clip_camera(root)).frames or (context.scene.frame_current,) * 2
         hidden = hide_occluders(root, sorted({first, (first + last) // 2, last}))
-        if hidden:
+        if hidden and bpy.data.filepath:  # in a new file it is Blender's own cube that is in the way
             root.f4x.notice = hidden
-            self.report({"WARNING"}, hidden)
+        elif hidden:
+            yield hidden
 
     def invoke(self, context, event):
         """Open the file browser, or only the options if a file was dropped into the viewport."""
         self.set_up_render = self._takes_over(context)
         return self.invoke_popup(context) if self.filepath else super().invoke(context, event)
+
+
+def _summary(root: bpy.types.Object) -> str:
+    """What was imported, in as few words as the status bar shows."""
+    if PATH in root:
+        return f"{root.name}: {len(SceneObject(root).base.cameras)} frames. Space plays"
+    clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD"]
+    return f"{root.name}: {sum(len(item.data.points) for item in clouds):,} Gaussians"
 
 
 class F4X_OT_show_picture(Reporting, bpy.types.Operator):  # noqa: N801

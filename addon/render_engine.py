@@ -17,7 +17,7 @@ from ..f4x_core.scene import cryptomatte, layers, stage
 from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ..f4x_core.scene.passes import Mist
 from ..f4x_core.troubles import EXPECTED
-from . import display, evaluated, shadows, viewport_gpu
+from . import believed, display, evaluated, shadows, viewport_gpu
 from .axes import Eye, Stereo, camera_eye, camera_lens, eye
 from .render_settings import ENGINE
 from .wording import refuse
@@ -189,6 +189,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         scene, layer = depsgraph.scene, depsgraph.view_layer
         self.update_stats("Feature4X", "reading the scene")
         display.check_frame(scene.original)
+        believed.warn(self.report, scene.original, scene.camera.evaluated_get(depsgraph))
         for title, channels in _titles(layer).items():
             self.add_pass(title, len(channels), channels, layer=layer.name)
         for view in _views(scene.render):
