@@ -59,7 +59,7 @@ ops.import_scene(filepath=str(folder / "scene.f4x"))
 noted["new file"] = root().f4x.notice  # Blender's own cube is no news for long
 bpy.ops.wm.read_factory_settings(use_empty=False)
 bpy.ops.wm.save_as_mainfile(filepath=str(folder / "project.blend"))
-ops.import_scene(filepath=str(folder / "scene.f4x"))
+ops.import_scene(filepath=str(folder / "scene.f4x"), set_up_render=True)
 noted["project"] = root().f4x.notice
 ops.dismiss_notice()
 noted["dismissed"] = root().f4x.notice
