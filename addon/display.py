@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -26,10 +27,11 @@ from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.edit.operations import Operation
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
+from ..f4x_core.scene.linear import Look, fitted_look
 from ..f4x_core.troubles import EXPECTED, sentence_of
 from . import clip_time
 from .axes import BLENDER_FROM_SCENE
-from .gaussian_attributes import RECOLORED, write_appearance, write_places
+from .gaussian_attributes import RECOLORED, write_appearance, write_linear, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 from .process_exit import end_process
@@ -193,10 +195,11 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool, time: f
     elsewhere[display.apart] = True
     if hasattr(scene_object.root, "f4x") and scene_object.state.show_score:
         appearance = by_score(appearance, scene_object.read(SCORE))
+    linear = _Linear.of(scene_object, frame)
     recolored = _differing(appearance.sh, scene_object.base.full_appearance[1])
     for cloud, at, row in scene_object.points():
         if APART in cloud:
-            _draw_separate_cloud(cloud.data, (at, row), display, appearance, frame)
+            _draw_separate_cloud(cloud.data, (at, row), display, appearance, frame, linear)
         elif everything and len(at) == len(cloud.data.points):  # else an artist joined it with something else
             write_attribute(cloud.data, GONE, "BOOLEAN", elsewhere[row])
             before = read_attribute(cloud.data, RECOLORED)
@@ -204,8 +207,47 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool, time: f
             quats = display.rest_rotation[row]  # geometry nodes turn what the attributes hold, and harmonics by as much
             write_appearance(cloud.data, quats, appearance.sh[row], appearance.opacities[row], rows)
             write_attribute(cloud.data, RECOLORED, "BOOLEAN", recolored[row])
+            if linear is not None:
+                linear.write(cloud.data, row, appearance, display)
             cloud.data.update_tag()
     _add_visibility_modifier(scene_object.clouds)
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """What engines that blend in linear light draw in place of the fitted appearance."""
+
+    display: Display
+    appearance: Appearance
+
+    @classmethod
+    def of(cls, scene_object: SceneObject, frame: float) -> _Linear | None:
+        """At a clip frame; None where no engine wants it."""
+        display = scene_object.shown_linear
+        if display is None:
+            return None
+        appearance = display.appearance(frame)
+        if hasattr(scene_object.root, "f4x") and scene_object.state.show_score:
+            appearance = by_score(appearance, scene_object.read(SCORE))
+        return cls(display, appearance)
+
+    def write(self, data: bpy.types.PointCloud, row: np.ndarray, fitted: Appearance, shown: Display) -> None:
+        """Write both appearances of the points that are rows `row` of the base scene."""
+        pairs = (shown, fitted), (self.display, self.appearance)
+        looks = (
+            Look(fitted_look(display.scene).scales[row], part.opacities[row], part.sh[row, 0])
+            for display, part in pairs
+        )
+        write_linear(data, *looks)
+
+
+def show_linear(scene_object: SceneObject) -> None:
+    """Let Blender's own engines draw the unedited scene as they should, where they draw splats."""
+    linear = _Linear.of(scene_object, scene_object.frame)
+    if linear is not None:
+        shown = scene_object.shown
+        for cloud, _, row in scene_object.points():
+            linear.write(cloud.data, row, shown.appearance(scene_object.frame), shown)
 
 
 def _differing(sh: np.ndarray, of_file: np.ndarray) -> np.ndarray:
@@ -223,6 +265,7 @@ def _draw_separate_cloud(
     display: Display,
     appearance: Appearance,
     frame: float,
+    linear: _Linear | None = None,
 ) -> None:
     """Write what the separate cloud shows at `frame`; `points`: (at, row) as of `SceneObject.points`.
 
@@ -245,6 +288,13 @@ def _draw_separate_cloud(
 
         write_places(data, spread(moment.means[part]), spread(quats), spread(moment.scales[part]))
         write_appearance(data, spread(quats), spread(appearance.sh[row]), spread(moment.opacities[part]))
+        if linear is not None:
+            other = linear.display.moment(frame)
+            looks = (
+                Look(spread(each.scales[part]), spread(each.opacities[part]), spread(colors.sh[row, 0]))
+                for each, colors in ((moment, appearance), (other, linear.appearance))
+            )
+            write_linear(data, *looks)
     data.update_tag()
 
 

@@ -14,7 +14,7 @@ from ..f4x_core.query.unseen import unseen_gaussians
 from ..f4x_core.scene.color import srgb_from_linear
 from ..f4x_core.scene.cryptomatte import identify
 from ..f4x_core.scene.stage import Cloud, Surface
-from .gaussian_attributes import FITTED_FOCAL
+from .gaussian_attributes import FITTED_FOCAL, FITTED_SCALE, read_look
 from .native_motion import carried_cloud
 from .point_cloud import read_attribute
 from .scene_object import HIDDEN, SceneObject, root_of
@@ -270,10 +270,9 @@ def world_color(world: bpy.types.World | None) -> np.ndarray:
 
 def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Cloud | None:
     """The Gaussians of a point cloud; None where it holds none."""
-    found = {name: read_attribute(data, name) for name in ("position", "rotation", "scale", "radiance:base")}
-    if any(values is None or not len(values) for values in found.values()):
+    means, quats, look = read_attribute(data, "position"), read_attribute(data, "rotation"), read_look(data)
+    if means is None or quats is None or look is None or not len(means):
         return None
-    base = found["radiance:base"]
     higher = []
     while (coefficients := read_attribute(data, f"radiance:sh_{len(higher)}")) is not None:
         higher.append(coefficients)
@@ -281,23 +280,24 @@ def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Clou
     hidden = read_attribute(data, HIDDEN)
     layers = {name: read_attribute(data, attribute) for name, attribute in LAYERS.items()}
     return Cloud(
-        means=found["position"],
-        quats=found["rotation"],
-        scales=found["scale"],
-        opacities=np.clip(base[:, 3], 0, 1) * (1 if hidden is None else ~hidden.astype(bool)),
-        sh=np.stack([base[:, :3], *higher[: whole - 1]], 1),
+        means=means,
+        quats=quats,
+        scales=look.scales,
+        opacities=look.opacities * (1 if hidden is None else ~hidden.astype(bool)),
+        sh=np.stack([look.dc, *higher[: whole - 1]], 1),
         turn=read_attribute(data, "turn"),
         to_world=to_world,
         index=index,
         fitted_focal=data.get(FITTED_FOCAL),
-        layers={name: values.reshape(len(base), -1) for name, values in layers.items() if values is not None},
+        layers={name: values.reshape(len(means), -1) for name, values in layers.items() if values is not None},
     )
 
 
 def _reread(data: bpy.types.PointCloud, old: Cloud, written: frozenset[str]) -> Cloud | None:
     """The cloud with what its modifiers write read anew; None where it holds no Gaussians any more."""
     found = {name: read_attribute(data, name) for name in written & _POSED.keys()}
-    if any(values is None or len(values) != len(old.means) for values in found.values()):
+    linear = FITTED_SCALE in data.attributes and not found.keys().isdisjoint(("scale", "radiance:base"))
+    if linear or any(values is None or len(values) != len(old.means) for values in found.values()):
         return _cloud(data, old.to_world, old.index)
     new = {_POSED[name]: values for name, values in found.items()}
     if "looks" in new:

@@ -1,10 +1,15 @@
-"""Gaussians as point attributes: where they are and what they look like, in the names that Blender 5.3 draws as splats."""
+"""Gaussians as point attributes: where they are and what they look like, in the names that Blender 5.3 draws as splats.
+
+Where Blender draws splats itself, `scale` and `radiance:base` are the appearance for linear light (`f4x_core.scene.linear`); two
+more attributes say how the fitted one, which our engine draws, follows from them.
+"""
 
 import bpy
 import numpy as np
 
 from ..f4x_core.geometry import spherical_harmonics
 from ..f4x_core.scene.color import linear_from_srgb
+from ..f4x_core.scene.linear import Fitted, Look
 from .point_cloud import FLOAT4, read_attribute, write_attribute
 
 FITTED_FOCAL = "f4x_fitted_focal"
@@ -12,6 +17,34 @@ FITTED_FOCAL = "f4x_fitted_focal"
 
 RECOLORED = "f4x_recolored"
 """Point attribute, BOOLEAN: points whose harmonics an edit or a heat map made other than the scene file's."""
+
+
+FITTED_SCALE, FITTED_BASE = "f4x_fitted_scale", "f4x_fitted_base"
+"""Point attributes, `Fitted.scale` and `Fitted.dc` with `Fitted.depth`; there where Blender draws splats itself."""
+
+
+def draws_splats() -> bool:
+    """Whether this Blender has splats of its own (5.3)."""
+    return "type" in bpy.types.PointCloud.bl_rna.properties
+
+
+def write_linear(cloud: bpy.types.PointCloud, fitted: Look, linear: Look) -> None:
+    """Let other engines draw `linear` and ours `fitted`; both of all points, of which the fitted one has been written."""
+    step = Fitted.of(fitted, linear)
+    write_attribute(cloud, "scale", "FLOAT_VECTOR", linear.scales)
+    write_attribute(cloud, "radiance:base", FLOAT4, np.concatenate([linear.dc, linear.opacities[:, None]], 1))
+    write_attribute(cloud, FITTED_SCALE, "FLOAT_VECTOR", step.scale)
+    write_attribute(cloud, FITTED_BASE, FLOAT4, np.concatenate([step.dc, step.depth[:, None]], 1))
+
+
+def read_look(cloud: bpy.types.PointCloud) -> Look | None:
+    """The fitted appearance of evaluated points, whatever modifiers did to them; None where they are no Gaussians."""
+    scales, base = (read_attribute(cloud, name) for name in ("scale", "radiance:base"))
+    if scales is None or base is None:
+        return None
+    look = Look(scales, np.clip(base[:, 3], 0, 1), base[:, :3])
+    scale, shift = (read_attribute(cloud, name) for name in (FITTED_SCALE, FITTED_BASE))
+    return look if scale is None or shift is None else Fitted(scale, shift[:, :3], shift[:, 3]).from_linear(look)
 
 
 def write_places(cloud: bpy.types.PointCloud, means: np.ndarray, rotation: np.ndarray, scale: np.ndarray) -> None:

@@ -134,6 +134,7 @@ def import_scene(
             if first.edits:
                 display.refresh(scene_object)
             else:
+                display.show_linear(scene_object)
                 display.update_panel(scene_object)
     except F4xError:
         _take_out(collection)

@@ -25,6 +25,7 @@ from ..f4x_core.query.calibration import prepare
 from ..f4x_core.query.following import draw_views
 from ..f4x_core.scene import Scene, read_header, read_scene
 from ..f4x_core.scene.foreign import identify, open_any
+from ..f4x_core.scene.linear import linear_scene
 
 NO_EDITS = "[]"
 """JSON of the empty stack."""
@@ -34,7 +35,7 @@ LATENT = "/latent"
 """End of the names of arrays that belong to features, which may be added later."""
 LOOK = 0.1
 """Seconds between two looks at a preparation that is waited for."""
-KEPT = 4
+KEPT = 8
 """Number of scenes in the cache, including edited ones, so that switching a preview on and off is fast."""
 
 
@@ -53,6 +54,8 @@ class SceneFile(NamedTuple):
     """True for a `.f4x` scene; splats of another program are a scene whose edits stay in the .blend."""
 
 
+LINEAR = "linear "
+"""Begins the key of what is kept for linear light."""
 _files: dict[str, SceneFile] = {}  # path -> what it held when it was looked at last
 _preparing: dict[int, Event] = {}  # id of a scene's static set -> set when its neighbourhoods are known
 _scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
@@ -101,6 +104,19 @@ def displayed(path: Path, text: str) -> Display:
         _scenes.move_to_end(key)
     while len(_scenes) > KEPT:
         _scenes.popitem(last=False)
+    return _scenes[wanted]
+
+
+def displayed_linear(path: Path, text: str) -> Display:
+    """As `displayed`, of the scene's appearance for linear light (`f4x_core.scene.linear`)."""
+    arrays = look_at(path).arrays
+    base, wanted = (str(path), arrays, LINEAR), (str(path), arrays, LINEAR + text)
+    if base not in _scenes:
+        _scenes[base] = Display(linear_scene(displayed(path, NO_EDITS).scene))
+    if wanted not in _scenes:
+        _scenes[wanted] = Display(edited(with_stack(_scenes[base].scene, stack_from(text, str(path)))))
+    for key in (base, wanted):
+        _scenes.move_to_end(key)
     return _scenes[wanted]
 
 

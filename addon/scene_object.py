@@ -39,6 +39,7 @@ from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene, updating, write_scene
 from . import clip_time, packing, scene_cache
 from .axes import Eye
+from .gaussian_attributes import draws_splats
 from .packing import PACKED, pack, unpacked
 from .point_cloud import read_attribute, write_attribute
 
@@ -265,6 +266,13 @@ class SceneObject:
     def shown(self) -> Display:
         """The scene that the viewport shows: with the preview if there is one, else with the pending edits."""
         return self._display(self.root.get(PREVIEW) or self._pending)
+
+    @property
+    def shown_linear(self) -> Display | None:
+        """`shown` for engines that blend in linear light without a footprint; None where Blender has none or it is the same."""
+        if not draws_splats() or self.base.fitted_focal(float(self.base.cameras.times[0])) is None:
+            return None
+        return scene_cache.displayed_linear(self._checked_path(), self.root.get(PREVIEW) or self._pending)
 
     @property
     def frame(self) -> float:

