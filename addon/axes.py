@@ -41,6 +41,18 @@ class Stereo(NamedTuple):
     """Of the lens, in place of the camera's own."""
 
 
+def scene_vector(vector: Iterable[float]) -> tuple[float, float, float]:
+    """A vector along Blender's axes as one along the scene's axes (OpenCV)."""
+    x, y, z = (BLENDER_FROM_SCENE[:3, :3].T @ np.array(vector, float) + 0.0).tolist()  # no -0
+    return x, y, z
+
+
+def blender_vector(vector: Iterable[float]) -> tuple[float, float, float]:
+    """A vector along the scene's axes as one along Blender's axes."""
+    x, y, z = (BLENDER_FROM_SCENE[:3, :3] @ np.array(vector, float) + 0.0).tolist()
+    return x, y, z
+
+
 def eye(projection: np.ndarray, world_to_view: np.ndarray, width: int, height: int) -> Eye:
     """The view of Blender's (4,4) matrices, clipping as in OpenGL, on a picture of `width` x `height` pixels."""
     p = np.asarray(projection, np.float64)

@@ -6,11 +6,11 @@ import json
 
 import bpy
 
-from ..f4x_core.language.lexicon import plural
-from . import display, edit_operators, marking, viewport
+from . import cleanup_operators, display, edit_operators, marking, point_edits, viewport
+from .edit_fields import draw_fields
 from .gesture_operators import TOOLS
 from .lines import draw_lines
-from .motion_edits import unwritten
+from .render_setup import clip_camera
 from .scaffold_rig import layer_of
 from .scene_object import SceneObject
 
@@ -91,14 +91,29 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             layout.operator("f4x.show_picture", icon="SHADING_RENDERED")
         if not scene_object.path.exists():
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
+        touched = "" if context.screen.is_animation_playing else point_edits.summary(scene_object)
         row = layout.row()
         row.scale_y = 1.2
-        row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
-        row.active = not scene_object.is_saved
-        moved = 0 if context.screen.is_animation_playing else unwritten(scene_object)
-        if moved:
-            text = f"Write Back Motion of {moved} {plural('Node', moved)}"
-            layout.operator("f4x.write_motion", text=text, icon="EMPTY_AXIS")
+        if scene_object.holds_edits:
+            saved = scene_object.is_saved
+            text = "Save Edits to Scene" if saved and touched else scene_object.saving
+            row.operator("f4x.save_edits", text=text, icon="FILE_TICK")
+            row.active = bool(touched) or not saved
+        else:
+            row.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
+        column = layout.column(align=True)
+        column.operator("f4x.align_floor", icon="GRID")
+        row = column.row(align=True)
+        row.operator("f4x.align_points")
+        row.operator("f4x.scale_length")
+        if touched:
+            draw_lines(layout, context, touched, "ERROR")
+            row = layout.row(align=True)
+            row.operator("f4x.take_over_points")
+            row.operator("f4x.put_back_points", text="", icon="LOOP_BACK")
+        camera = clip_camera(scene_object.root)
+        if camera is not None and context.scene.camera != camera:
+            layout.operator("f4x.set_up_render", icon="OUTLINER_OB_CAMERA")
         draw_lines(layout, context, scene_object.state.notice, "ERROR")
         draw_lines(layout, context, scene_object.state.uncovered, "INFO")
 
@@ -117,6 +132,8 @@ class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
         if state.readings:
             self._draw_readings(layout, context, state)
         draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
+        if state.slower:
+            layout.operator("f4x.slow_clip", icon="TIME").speed = state.slower
         if state.instead:
             layout.operator("f4x.plan", text="Read It So", icon="CHECKMARK").sentence = state.instead
 
@@ -241,11 +258,21 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.extract")
         row.operator("f4x.restore", icon="LOOP_BACK")
         column = layout.column(align=True)
-        column.operator("f4x.transform", text="Move, Rotate, Scale…", icon="ORIENTATION_GLOBAL")
+        row = column.row(align=True)
+        row.operator("f4x.transform", text="Move, Rotate, Scale…", icon="ORIENTATION_GLOBAL")
+        row.operator("f4x.edit_gizmo", text="", icon="GIZMO").edit_id = 0
         column.operator("f4x.duplicate", text="Duplicate…", icon="DUPLICATE")
         row = column.row(align=True)
         row.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
         row.operator("f4x.retime", text="Retime…", icon="TIME")
+        column = layout.column(align=True)
+        column.operator("f4x.remove_floaters", icon="PARTICLES")
+        if cleanup_operators.box_of(SceneObject.of(context.object)) is None:
+            column.operator("f4x.add_crop_box", icon="CUBE")
+        else:
+            row = column.row(align=True)
+            row.operator("f4x.crop", text="Keep Inside", icon="CUBE").keep = "INSIDE"
+            row.operator("f4x.crop", text="Remove Inside").keep = "OUTSIDE"
 
 
 class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
@@ -254,8 +281,9 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
     bl_label = "History"
 
     def draw(self, context):
-        """Draw the list, with buttons to move and delete edits."""
-        layout, state = self.layout, SceneObject.of(context.object).state
+        """Draw the list, with buttons to move and delete edits, and the fields of the one that is picked."""
+        layout, scene_object = self.layout, SceneObject.of(context.object)
+        state = scene_object.state
         row = layout.row()
         row.template_list("F4X_UL_history", "", state, "history", state, "history_index", rows=4)
         column = row.column(align=True)
@@ -267,6 +295,7 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
             draw_lines(layout, context, item.name)
         column.separator()
         column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
+        draw_fields(layout, scene_object)
 
 
 CLASSES = (

@@ -14,6 +14,8 @@ PLAIN = "SOLID"
 """Shading that every engine has."""
 COLOURED = "MATERIAL"
 """Shading that shows point clouds in colour whatever the engine: Solid draws them grey up to 5.2."""
+NEAREST = 1e-3
+"""Near clip distance of a viewport at most, by the distance that it has to see."""
 
 WAS_EXACT = "f4x_rendered"
 """Property of a screen in a saved file: numbers of its areas that showed what an engine draws. Blender itself opens every file
@@ -53,6 +55,16 @@ def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
         region = next(region for region in area.regions if region.type == "WINDOW")
         with bpy.context.temp_override(window=window, area=area, region=region):
             _look_at(root)
+
+
+def see_to(distance: float) -> None:
+    """Let every 3D viewport see at least as far as `distance`, and as near as depth precision then allows."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                space = area.spaces.active
+                space.clip_end = max(space.clip_end, distance)
+                space.clip_start = min(space.clip_start, distance * NEAREST)
 
 
 def draw_exactly(space: bpy.types.SpaceView3D) -> bool:

@@ -36,10 +36,10 @@ fresh(False); noted["own camera"] = hidden(set_up_render=False)
 fresh()
 cube("dome", 100, (0, 0, 0)); cube("prop", 0.15, (0.1, {SQUARE} - 0.2, 0)); cube("behind", 0.5, (0, -1, 0))
 cube("floor", 0.2, (0, {WALL} / 2, -0.6))
-noted["set"] = hidden()
+noted["set"] = hidden(set_up_render=True)
 fresh()
 cube("outer", 1.2, (0, 0, 0)); cube("inner", 0.5, (0, 0, 0))
-noted["nested"] = hidden()
+noted["nested"] = hidden(set_up_render=True)
 """
 
 
