@@ -322,7 +322,7 @@ def edit_points(walk: Walk) -> None:
         chosen = np.random.default_rng(walk.random.randrange(10**6)).random(len(cloud.data.points)) < 0.1
         if how == "move":
             positions = read_attribute(cloud.data, "position")
-            positions[chosen] += np.float32([0.1, 0, 0.2])
+            positions[chosen] += np.array([0.1, 0, 0.2], np.float32)
             write_attribute(cloud.data, "position", "FLOAT_VECTOR", positions)
             cloud.data.update_tag()
         elif cloud.visible_get() and len(cloud.data.points):
