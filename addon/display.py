@@ -204,7 +204,10 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool, time: f
             write_attribute(cloud.data, GONE, "BOOLEAN", elsewhere[row])
             before = read_attribute(cloud.data, RECOLORED)
             rows = None if before is None else np.flatnonzero(before | recolored[row])
-            quats = display.rest_rotation[row]  # geometry nodes turn what the attributes hold, and harmonics by as much
+            origin = display.scene.origin[row]  # of a copy that an artist joined with its original
+            quats = display.rest_rotation[
+                origin
+            ]  # geometry nodes turn what the attributes hold, and harmonics by as much
             write_appearance(cloud.data, quats, appearance.sh[row], appearance.opacities[row], rows)
             write_attribute(cloud.data, RECOLORED, "BOOLEAN", recolored[row])
             if linear is not None:
@@ -251,12 +254,13 @@ def show_linear(scene_object: SceneObject) -> None:
 
 
 def _differing(sh: np.ndarray, of_file: np.ndarray) -> np.ndarray:
-    """(M,) bool: which of the M Gaussians of the file have other harmonics in `sh (N,S,3)`, copies last, than `of_file (M,S,3)`."""
+    """(N,) bool: which of N Gaussians have other harmonics in `sh (N,S,3)` than the file, `of_file (M,S,3)`; copies, last, have."""
+    differs = np.ones(len(sh), bool)
     if sh is of_file:
-        return np.zeros(len(of_file), bool)
-    if sh.shape[1:] != of_file.shape[1:]:
-        return np.ones(len(of_file), bool)
-    return (sh[: len(of_file)] != of_file).any((1, 2))
+        differs[:] = False
+    elif sh.shape[1:] == of_file.shape[1:]:
+        differs[: len(of_file)] = (sh[: len(of_file)] != of_file).any((1, 2))
+    return differs
 
 
 def _draw_separate_cloud(
