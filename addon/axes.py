@@ -32,6 +32,27 @@ class Eye(NamedTuple):
     """How far the pinhole stands behind the view's own plane of depth 0; 0 with perspective."""
 
 
+class Stereo(NamedTuple):
+    """Where one eye of a stereo camera is, as Blender says."""
+
+    to_world: np.ndarray
+    """(4,4)."""
+    shift_x: float
+    """Of the lens, in place of the camera's own."""
+
+
+def scene_vector(vector: Iterable[float]) -> tuple[float, float, float]:
+    """A vector along Blender's axes as one along the scene's axes (OpenCV)."""
+    x, y, z = (BLENDER_FROM_SCENE[:3, :3].T @ np.array(vector, float) + 0.0).tolist()  # no -0
+    return x, y, z
+
+
+def blender_vector(vector: Iterable[float]) -> tuple[float, float, float]:
+    """A vector along the scene's axes as one along Blender's axes."""
+    x, y, z = (BLENDER_FROM_SCENE[:3, :3] @ np.array(vector, float) + 0.0).tolist()
+    return x, y, z
+
+
 def eye(projection: np.ndarray, world_to_view: np.ndarray, width: int, height: int) -> Eye:
     """The view of Blender's (4,4) matrices, clipping as in OpenGL, on a picture of `width` x `height` pixels."""
     p = np.asarray(projection, np.float64)
@@ -51,19 +72,36 @@ def eye(projection: np.ndarray, world_to_view: np.ndarray, width: int, height: i
 
 
 def camera_eye(
-    camera: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, width: int, height: int
+    camera: bpy.types.Object,
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    width: int,
+    height: int,
+    stereo: Stereo | None = None,
 ) -> Eye:
     """A camera of the scene, as evaluated, on a picture of this many pixels; F4xError for one that is no pinhole."""
-    camera = camera.evaluated_get(depsgraph)
+    camera, render = camera.evaluated_get(depsgraph), scene.render
     if camera.type != "CAMERA" or camera.data.type == "PANO":
         raise F4xError(f"{camera.name} is not a perspective or orthographic camera; change its type or choose another.")
-    projection = camera.calc_matrix_camera(
-        depsgraph, x=width, y=height, scale_x=scene.render.pixel_aspect_x, scale_y=scene.render.pixel_aspect_y
-    )
+    aspect = (render.pixel_aspect_x, render.pixel_aspect_y)
+    projection = np.array(camera.calc_matrix_camera(depsgraph, x=width, y=height, scale_x=aspect[0], scale_y=aspect[1]))
     to_world = np.array(camera.matrix_world.normalized(), np.float64)  # a camera's own scale counts for nothing
-    seen = eye(np.array(projection), np.linalg.inv(to_world), width, height)
+    if stereo is not None:
+        to_world = stereo.to_world / np.append(np.linalg.norm(stereo.to_world[:3], axis=0)[:3], 1)
+        _shift(projection, camera.data, stereo.shift_x - camera.data.shift_x, (width * aspect[0], height * aspect[1]))
+    seen = eye(projection, np.linalg.inv(to_world), width, height)
     # from the matrix, in single precision, the far end would be off by some percent
     return seen._replace(near=seen.back + camera.data.clip_start, far=seen.back + camera.data.clip_end)
+
+
+def _shift(projection: np.ndarray, data: bpy.types.Camera, shift_x: float, size: tuple[float, float]) -> None:
+    """Shift the picture of a camera by so much more, a fraction of the side that its sensor is fitted to."""
+    fit = data.sensor_fit if data.sensor_fit != "AUTO" else ("HORIZONTAL" if size[0] >= size[1] else "VERTICAL")
+    moved = 2 * shift_x * (1 if fit == "HORIZONTAL" else size[1] / size[0])
+    if projection[3, 3] == 0:
+        projection[0, 2] += moved
+    else:
+        projection[0, 3] -= moved
 
 
 def camera_lens(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph, back: float) -> Lens | None:

@@ -9,9 +9,11 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..f4x_core.geometry import trajectory
-from .import_scene import add_camera
+from .clip_time import keys_in_force
+from .import_scene import add_camera, follow_scale
 from .job_operators import SavedSceneOperator, saved_scene, start_verb
 from .panel_operators import SceneOperator
+from .scene_object import SceneObject
 
 PATHS = (
     ("STABILISE", "Stabilize", "The clip's camera in a calm hand"),
@@ -66,10 +68,13 @@ class F4X_OT_add_path_camera(SceneOperator, bpy.types.Operator):  # noqa: N801 -
             if self.path == "STABILISE"
             else trajectory.orbit(scene.cameras, degrees=self.degrees)
         )
-        cameras = replace(trajectory.cameras_of(views), times=scene.cameras.times)
-        name = f"{scene_object.name} {self.path.lower()}"
-        camera = add_camera(name, cameras, scene, scene_object.root.users_collection[0])
-        camera.parent = scene_object.root
+        root, name = scene_object.root, f"{scene_object.name} {self.path.lower()}"
+        with keys_in_force(root) as timing:
+            frames = timing.frames_of(scene.cameras.times)
+            cameras = replace(trajectory.cameras_of(views), times=frames)
+            camera = add_camera(name, cameras, scene, root.users_collection[0])
+            camera.parent = root
+            follow_scale(camera, root)
         context.scene.camera = camera
 
 
@@ -100,7 +105,8 @@ class F4X_OT_render_film(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
     def invoke(self, context, event):
         """Open the dialog, with the current frame as the one at which time stops."""
         if not self.properties.is_property_set("frame"):
-            self.frame = max(0, context.scene.frame_current)
+            scene_object = SceneObject.of(context.object)
+            self.frame = round(scene_object.frame) if scene_object else 0
         return context.window_manager.invoke_props_dialog(self, width=420)
 
     def start(self, context):

@@ -12,6 +12,7 @@ from ..f4x_core.clip.model import Picture
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene import Scene
 from ..f4x_core.scene.resemblance import ALIKE, resemblance
+from .clip_time import Numbers, drive_background
 
 FILMS = {".mp4", ".mov", ".mkv", ".webm", ".avi", ".m4v", ".mpg", ".mpeg", ".ogv"}
 
@@ -48,7 +49,7 @@ def show_clip(
     picked: range | None = None,
     barred: bool = False,
 ) -> bool:
-    """Show `clip`, a film or a folder of numbered pictures, in `camera` at Blender frames `frames (T,)`; whether it did.
+    """Show `clip`, a film or a folder of numbered pictures, in `camera` at the clip frames `frames (T,)`; whether it did.
 
     `exact`: only when it has one picture for each frame, so that a selection of frames is never shown beside another, or
     when `picked` says which of its pictures they are. `barred`: it has bars that the scene has not. Raises F4xError for what
@@ -78,13 +79,22 @@ def show_clip(
     # Opposite bars are alike: where the picture fills the view, they fall outside.
     background.display_depth, background.frame_method = "BACK", "CROP" if barred else "STRETCH"
     user = background.image_user
-    user.frame_start, user.frame_duration = int(frames[0]), count
-    user.frame_offset = first - 1 + (picked.start if picked else 0)
+    user.frame_duration, user.use_cyclic = 1, True  # Blender counts no frames itself: Time gives the offset
     user.use_auto_refresh = True
-    if picked and picked.step > 1:
-        _skip(camera.data, user, frames, picked.step)
+    shown = Numbers(first + picked.start, picked.step, len(picked)) if picked else Numbers(first, 1, count)
+    drive_background(camera.parent, camera.data, shown)
     camera.data.show_background_images = True
     return True
+
+
+def shown_clip(root: bpy.types.Object) -> Path | None:
+    """The film, or the folder of pictures, behind a camera of `root`; None without one."""
+    for camera in (item for item in root.children if item.type == "CAMERA"):
+        for image in (each.image for each in camera.data.background_images if each.image is not None):
+            file = Path(bpy.path.abspath(image.filepath))
+            if file.exists():
+                return file.parent if image.source == "SEQUENCE" else file
+    return None
 
 
 def doubt(camera: bpy.types.Object, scene: Scene) -> str:
@@ -110,14 +120,6 @@ def _fits(exact: bool, picked: range | None, image_count: int, frames: int) -> b
     if picked is not None:
         return len(picked) == frames and picked[-1] < image_count
     return not exact or image_count == frames
-
-
-def _skip(data: bpy.types.Camera, user: bpy.types.ImageUser, frames: np.ndarray, step: int) -> None:
-    """Advance the background by `step` images per frame. Blender plays every image, so the offset is animated."""
-    start = user.frame_offset
-    for index, frame in enumerate(frames):
-        user.frame_offset = start + (step - 1) * index
-        data.keyframe_insert("background_images[0].image_user.frame_offset", frame=float(frame))
 
 
 def _image(file: Path) -> bpy.types.Image:

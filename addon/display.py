@@ -14,6 +14,7 @@ as fast as without edits.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 
 import bpy
 import numpy as np
@@ -26,37 +27,64 @@ from ..f4x_core.edit.operations import Operation
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED, sentence_of
+from . import clip_time
 from .axes import BLENDER_FROM_SCENE
-from .gaussian_attributes import write_appearance, write_places
+from .gaussian_attributes import RECOLORED, write_appearance, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 from .process_exit import end_process
 from .render_settings import ENGINE
-from .scene_object import APART, HIDDEN, SCORE, SELECTED, TIMED, SceneObject, forget
+from .scene_object import APART, EDITS, HANDLE_OF, HIDDEN, PREVIEW, SCORE, SELECTED, TIMED, SceneObject, forget
 from .wording import error_line, panel_words
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
+DRAWN = "f4x_drawn"
+"""Property of a root: hash of the stack that its points show."""
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
 WORLD_AXES = "Blender's X, Y and Z"
 """Axes of the ways and turns in the list of edits."""
+DRAWN_AT = "f4x_drawn_at"
+"""Property of a root: Time at which its points were drawn last."""
 _rendering = False
 _failures: dict[int, Exception] = {}  # session_uid of a root -> why this frame of it could not be worked out
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
 
 
-def refresh(scene_object: SceneObject) -> None:
-    """Show the preview of a scene, or its pending edits, at the current frame, and update the panel. May raise F4xError."""
+def refresh(scene_object: SceneObject, *, summary: bool = True) -> None:
+    """Show the preview of a scene, or its pending edits, at the current frame, and update the panel. May raise F4xError.
+
+    `summary`: that of what the edits uncover, too, which takes longer than all the rest.
+    """
     if bpy.context.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     display = scene_object.shown
     refresh_keys(scene_object)
     _set_up_separate_cloud(scene_object, display)
     _draw(scene_object, display, everything=True)
+    _remove_handles(scene_object)
     scene_object.root[TIMED] = display.changes
+    scene_object.root[DRAWN] = _hash(scene_object)
     if display.changes:  # a handler writes attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
-    update_panel(scene_object)
+    update_panel(scene_object, summary)
+
+
+def _remove_handles(scene_object: SceneObject) -> None:
+    """Remove the handles of edits that are gone."""
+    ids = {edit.id for edit in scene_object.stack.edits}
+    for item in [item for item in scene_object.root.children if item.get(HANDLE_OF, 0) not in {0, *ids}]:
+        bpy.data.objects.remove(item)
+
+
+def is_drawn(scene_object: SceneObject) -> bool:
+    """Whether the points show the preview of a scene, or its pending edits."""
+    return scene_object.root.get(DRAWN) == _hash(scene_object)
+
+
+def _hash(scene_object: SceneObject) -> str:
+    text = scene_object.root.get(PREVIEW) or scene_object.root.get(EDITS, "")
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def redraw(scene_object: SceneObject) -> None:
@@ -65,13 +93,14 @@ def redraw(scene_object: SceneObject) -> None:
         _draw(scene_object, scene_object.shown, everything=True)
 
 
-def update_panel(scene_object: SceneObject) -> None:
-    """Update the lists and counts of the sidebar from the pending edits, and the summary of what the shown ones uncover."""
+def update_panel(scene_object: SceneObject, summary: bool = True) -> None:
+    """Update the lists and counts of the sidebar from the pending edits, and the `summary` of what the shown ones uncover."""
     # a script may import without registering the extension; lists of a linked scene cannot be changed
     if hasattr(scene_object.root, "f4x") and not scene_object.is_linked:
         _fill_lists(scene_object)
         count(scene_object)
-        scene_object.state.uncovered = panel_words(summary_of(uncovered(scene_object.shown.scene)))
+        if summary:
+            scene_object.state.uncovered = panel_words(summary_of(uncovered(scene_object.shown.scene)))
 
 
 def hide(scene_object: SceneObject, hidden: np.ndarray) -> None:
@@ -112,11 +141,12 @@ def words_of(operation: Operation) -> str:
 def _fill_lists(scene_object: SceneObject) -> None:
     """Update the lists of edits and of named selections from the pending edits."""
     state = scene_object.state
+    before, picked = len(state.history), state.history_index
     state.history.clear()
     for edit in scene_object.stack.edits:
         row = state.history.add()
         row.name, row.edit_id, row.enabled = words_of(edit.operation), edit.id, edit.enabled
-    state.history_index = len(state.history) - 1
+    state.history_index = picked if before == len(state.history) else len(state.history) - 1
     state.names.clear()
     for name, rows in scene_object.names.items():
         row = state.names.add()
@@ -150,9 +180,10 @@ def _set_up_separate_cloud(scene_object: SceneObject, display: Display) -> None:
     scene_object.write(**kept)
 
 
-def _draw(scene_object: SceneObject, display: Display, everything: bool) -> None:
-    """Write the point attributes of the current frame; without `everything`, only those that have changed."""
-    frame = scene_object.frame
+def _draw(scene_object: SceneObject, display: Display, everything: bool, time: float | None = None) -> None:
+    """Write the point attributes of a clip frame, None = the current one; without `everything`, only those that changed."""
+    time = clip_time.time_of(scene_object.root) if time is None else time
+    scene_object.root[DRAWN_AT], frame = time, display.time(time)
     appearance = display.appearance(frame)
     gone = appearance.opacities == 0
     key = repr(display.appearance_key(frame))
@@ -162,15 +193,28 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool) -> None
     elsewhere[display.apart] = True
     if hasattr(scene_object.root, "f4x") and scene_object.state.show_score:
         appearance = by_score(appearance, scene_object.read(SCORE))
+    recolored = _differing(appearance.sh, scene_object.base.full_appearance[1])
     for cloud, at, row in scene_object.points():
         if APART in cloud:
             _draw_separate_cloud(cloud.data, (at, row), display, appearance, frame)
         elif everything and len(at) == len(cloud.data.points):  # else an artist joined it with something else
-            quats = display.rest_rotation[row]  # geometry nodes turn what the attributes hold, and harmonics by as much
             write_attribute(cloud.data, GONE, "BOOLEAN", elsewhere[row])
-            write_appearance(cloud.data, quats, appearance.sh[row], appearance.opacities[row])
+            before = read_attribute(cloud.data, RECOLORED)
+            rows = None if before is None else np.flatnonzero(before | recolored[row])
+            quats = display.rest_rotation[row]  # geometry nodes turn what the attributes hold, and harmonics by as much
+            write_appearance(cloud.data, quats, appearance.sh[row], appearance.opacities[row], rows)
+            write_attribute(cloud.data, RECOLORED, "BOOLEAN", recolored[row])
             cloud.data.update_tag()
     _add_visibility_modifier(scene_object.clouds)
+
+
+def _differing(sh: np.ndarray, of_file: np.ndarray) -> np.ndarray:
+    """(M,) bool: which of the M Gaussians of the file have other harmonics in `sh (N,S,3)`, copies last, than `of_file (M,S,3)`."""
+    if sh is of_file:
+        return np.zeros(len(of_file), bool)
+    if sh.shape[1:] != of_file.shape[1:]:
+        return np.ones(len(of_file), bool)
+    return (sh[: len(of_file)] != of_file).any((1, 2))
 
 
 def _draw_separate_cloud(
@@ -248,23 +292,29 @@ def check_frame(scene: bpy.types.Scene) -> None:
 def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Update scenes whose edits change over time."""
     for root in [item for item in scene.objects if item.get(TIMED)]:
-        _counts.pop(root.session_uid, None)
-        before = _failures.pop(root.session_uid, None)
-        try:
-            _draw_frame(SceneObject(root))
-        except EXPECTED as error:  # playback goes on with what was drawn last; renders do not
-            _failures[root.session_uid] = error
-            if before is None or before.args != error.args:
-                print(f"Feature4X: {error_line(error)}")
+        _draw_timed(SceneObject(root), clip_time.time_of(root, depsgraph))
     _end_wrong_render(scene)
 
 
-def _draw_frame(scene_object: SceneObject) -> None:
-    """Draw the current frame of a scene whose edits change over time. Raises F4xError where that is impossible."""
+def _draw_timed(scene_object: SceneObject, time: float) -> None:
+    """Draw a clip frame of a scene whose edits change over time; where that fails, renders of it are refused."""
+    uid = scene_object.root.session_uid
+    _counts.pop(uid, None)
+    before = _failures.pop(uid, None)
+    try:
+        _draw_frame(scene_object, time)
+    except EXPECTED as error:  # playback goes on with what was drawn last; renders do not
+        _failures[uid] = error
+        if before is None or before.args != error.args:
+            print(f"Feature4X: {error_line(error)}")
+
+
+def _draw_frame(scene_object: SceneObject, time: float) -> None:
+    """Draw a clip frame of a scene whose edits change over time. Raises F4xError where that is impossible."""
     if scene_object.is_linked:  # Blender drops what is written to points of another file
         raise F4xError(f"The edits of {scene_object.name} change over time, and {scene_object.why_linked_stays}.")
     try:
-        _draw(scene_object, scene_object.shown, everything=False)
+        _draw(scene_object, scene_object.shown, everything=False, time=time)
     except F4xError as error:
         raise F4xError(
             f"{error} The edits of {scene_object.name} change over time, so no frame can be rendered without its scene file;"
@@ -288,6 +338,16 @@ def _changed(*_) -> None:
 
 
 @persistent
+def _evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Update scenes whose edits change over time, where Time was changed at the same frame of the timeline."""
+    _counts.clear()
+    for root in [item for item in scene.objects if item.get(TIMED)]:
+        time = clip_time.time_of(root)
+        if root.get(DRAWN_AT, time) != time and root.session_uid not in _failures:
+            _draw_timed(SceneObject(root), time)
+
+
+@persistent
 def _render_began(scene: bpy.types.Scene, *_) -> None:
     global _rendering
     _rendering = True
@@ -308,7 +368,7 @@ def _file_loaded(path: str) -> None:
 
 _HANDLERS = {
     "frame_change_post": _frame_changed,
-    "depsgraph_update_post": _changed,
+    "depsgraph_update_post": _evaluated,
     "undo_post": _changed,
     "redo_post": _changed,
     "load_post": _file_loaded,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
@@ -18,6 +19,7 @@ from bpy.props import (
     IntProperty,
     StringProperty,
 )
+from bpy_extras.io_utils import ExportHelper
 from mathutils import Euler
 
 from ..f4x_core.edit.operations import (
@@ -34,23 +36,23 @@ from ..f4x_core.edit.operations import (
     Span,
     Style,
     Transform,
-    Vector,
 )
 from ..f4x_core.edit.plan_lines import plan_lines
+from ..f4x_core.edit.selects import All
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
 from ..f4x_core.language.lexicon import PLACES, plural
 from ..f4x_core.progress import Progress
 from ..f4x_core.troubles import EXPECTED
-from . import display, marking, scene_cache
-from .axes import BLENDER_FROM_SCENE
+from . import clip_time, display, edit_fields, marking, point_edits, scene_cache
+from .axes import scene_vector
 from .panel_operators import SceneOperator
 from .preferences import preferences
 from .scene_object import EDITS, PREVIEW, TIMED, SceneObject
 from .searching import SearchOperator
 from .submitting import quietly
-from .wording import error_line
+from .wording import error_line, panel_words
 
 if TYPE_CHECKING:
     from ..f4x_core.edit.plan import Proposal
@@ -60,12 +62,6 @@ READINGS = 4
 """Ways to carry out a sentence that are offered when the plain one is not it."""
 
 _before: dict[int, str] = {}  # session_uid of a root -> its edits before the undo that is under way
-
-
-def _scene_vector(vector) -> Vector:
-    """A vector along Blender's axes as one along the scene's axes (OpenCV)."""
-    x, y, z = (BLENDER_FROM_SCENE[:3, :3].T @ np.array(vector, float)).tolist()
-    return x, y, z
 
 
 def _span(scene_object: SceneObject) -> Span | None:
@@ -221,8 +217,8 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
         turn = np.rad2deg(Euler(self.turn).to_quaternion().to_exponential_map())
         return Transform(
             scene_object.selected_ids,
-            translate=_scene_vector(self.move),
-            rotate=_scene_vector(turn),
+            translate=scene_vector(self.move),
+            rotate=scene_vector(turn),
             scale=round(self.size, 6),
             pivot=self.pivot,
             frames=(float(self.first), float(self.last)) if self.over_time else None,
@@ -246,7 +242,7 @@ class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
     def operation(self, scene_object):
         """In the scene's axes."""
         ids = scene_object.selected_ids
-        return Duplicate(ids, _scene_vector(self.offset), round(self.time_shift, 3), self.count)
+        return Duplicate(ids, scene_vector(self.offset), round(self.time_shift, 3), self.count)
 
 
 class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801
@@ -313,7 +309,7 @@ class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
     @classmethod
     def description(cls, context, properties):
         """The tooltip of each button."""
-        return cls.bl_rna.properties["how"].enum_items[properties.how].description
+        return properties.bl_rna.properties["how"].enum_items[properties.how].description
 
     def act(self, context, scene_object):
         """Change the stack, and show it."""
@@ -345,7 +341,24 @@ class F4X_OT_save_edits(SceneOperator, bpy.types.Operator):  # noqa: N801
         """Write atomically; edits that others wrote in the meantime are merged, undone ones are taken out."""
         stack = scene_object.save()
         display.refresh(scene_object)
+        if touched := point_edits.summary(scene_object):
+            self.report({"WARNING"}, f"{touched}; press Take Over Deleted and Moved Points, and save again")
         self.report({"INFO"}, f"Saved {len(stack)} {plural('edit', len(stack))} in {scene_object.path.name}")
+
+
+class F4X_OT_save_as(SceneOperator, bpy.types.Operator, ExportHelper):  # noqa: N801
+    """Write the scene with its edits into a new scene file and use that from now on. The file it came from stays as it is."""
+
+    bl_idname, bl_label = "f4x.save_as", "Save As Scene"
+
+    filename_ext = ".f4x"
+    filter_glob: StringProperty(default="*.f4x", options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def act(self, context, scene_object):
+        """Write the new file, complete or not at all."""
+        scene_object.save_as(Path(bpy.path.abspath(self.filepath)))
+        display.refresh(scene_object)
+        self.report({"INFO"}, f"Saved {scene_object.path}")
 
 
 @dataclass(frozen=True)
@@ -428,7 +441,8 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
             row.name = candidate.why or "as said"
             row.operations = json.dumps([operation.to_json() for operation in candidate.operations])
             row.description = description
-        state.answer = " ".join(proposal.notes)
+        state.answer = panel_words(" ".join(proposal.notes))
+        state.slower = _speed_of_everything(proposal.chosen.operations)
         state.reading_index = proposal.best
         state.preview = True
 
@@ -471,11 +485,37 @@ class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
         display.refresh(scene_object)
 
 
+class F4X_OT_slow_clip(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Play the whole clip slower, its camera too, in place of what is planned. It sets Speed in the panel Motion."""
+
+    bl_idname, bl_label = "f4x.slow_clip", "Slow the Whole Clip"
+
+    speed: FloatProperty(name="Speed", default=0.5, min=0.001, max=1000.0)  # type: ignore[valid-type]
+
+    def act(self, context, scene_object):
+        """Set the speed; where the frame range ended with the clip, it does so again."""
+        forget_readings(scene_object)
+        display.refresh(scene_object)
+        root, timing = scene_object.root, clip_time.timing_of(scene_object.root)
+        ends = context.scene.frame_end == round(float(timing.frames_of(root[clip_time.LAST])))
+        clip_time.place(root, timing.start, timing.rate * self.speed)
+        if ends:
+            context.scene.frame_end = round(float(clip_time.timing_of(root).frames_of(root[clip_time.LAST])))
+
+
+def _speed_of_everything(operations: tuple[Operation, ...]) -> float:
+    """The speed at which a plan plays everything all the time, where that is slower and all it does; else 0."""
+    match operations:
+        case (Retime(select=All(), speed=speed, frames=None),) if speed < 1:
+            return speed
+    return 0.0
+
+
 def forget_readings(scene_object: SceneObject) -> None:
     """Discard the plan and end the preview."""
     state = scene_object.state
     state.readings.clear()
-    state.answer = state.instead = ""
+    state.answer, state.instead, state.slower = "", "", 0.0
     if state.preview:
         state.preview = False
 
@@ -486,7 +526,7 @@ def _save_along(path: str) -> None:
     settings = preferences()
     for scene_object in [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked]:
         try:
-            if settings is not None and settings.save_edits and not scene_object.is_saved:
+            if settings is not None and settings.save_edits and scene_object.holds_edits and not scene_object.is_saved:
                 scene_object.save()
             scene_object.remember()
         except EXPECTED as error:  # the .blend keeps the edits, and is saved all the same
@@ -504,7 +544,8 @@ def _undone(*_) -> None:
     """Draw what undo or redo cannot bring back by itself.
 
     The preview of a plan whose edit was just undone ends: one Ctrl-Z takes both back. What changes over time is drawn anew, for
-    undo brings points back as they were at another frame, and keeps the frame.
+    undo brings points back as they were at another frame, and keeps the frame. So are edits that were not shown yet when Blender
+    noted down its step.
     """
     shown = bpy.context.scene.objects
     for scene_object in [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked]:
@@ -518,6 +559,8 @@ def _undone(*_) -> None:
             display.redraw(scene_object)
         if edits:
             scene_object.remember()
+            if root.name in shown and not display.is_drawn(scene_object):
+                edit_fields.show_after_undo(scene_object)
     _before.clear()
 
 
@@ -550,8 +593,10 @@ CLASSES = (
     F4X_OT_name_selection,
     F4X_OT_history,
     F4X_OT_save_edits,
+    F4X_OT_save_as,
     F4X_OT_plan,
     F4X_OT_pick_reading,
     F4X_OT_apply_plan,
     F4X_OT_drop_plan,
+    F4X_OT_slow_clip,
 )

@@ -17,12 +17,11 @@ from ..f4x_core.scene.stage import Cloud, Surface
 from .gaussian_attributes import FITTED_FOCAL
 from .native_motion import carried_cloud
 from .point_cloud import read_attribute
-from .scene_object import HIDDEN, SceneObject
+from .scene_object import HIDDEN, SceneObject, root_of
+from .surfaces import Images, surface_of
 
 LAYERS = {"latent": "f4x_latent", "selection": ".selection", "score": "f4x_score"}
 """Passes of the stage and the point attributes they show."""
-GREY = (0.8, 0.8, 0.8)
-"""Linear colour of a surface without a material, Blender's own."""
 _POSED = {"position": "means", "rotation": "quats", "turn": "turn", "scale": "scales", "radiance:base": "looks"}
 """Attributes that may be read anew one by one, and what of a cloud they are."""
 _UNSEEN = {"rgb", "radius"}
@@ -81,12 +80,27 @@ class More(NamedTuple):
     """Whether Gaussians are to say that no frame of their clip shows them."""
     lit: Callable[[bpy.types.Object, Cloud], Cloud] | None = None
     """What gives the cloud of an evaluated object its light."""
+    hold_out: bool = False
+    """Whether all surfaces are held out."""
+
+
+class _Holdouts:
+    """What a view layer holds out: objects, collections, and all of a scene whose root is held out."""
+
+    def __init__(self, depsgraph: bpy.types.Depsgraph):
+        self._layer = depsgraph.view_layer
+
+    def is_held(self, owner: bpy.types.Object) -> bool:
+        """Whether an object that owns something seen cuts a hole."""
+        root = root_of(owner) if owner.type == "POINTCLOUD" else None
+        return owner.holdout_get(view_layer=self._layer) or (root is not None and root.is_holdout)
 
 
 def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[list[Cloud], list[Surface]]:
     """Every visible point cloud that holds Gaussians and every visible surface, instances too, in Blender's world."""
     more = more or More()
     mattes = more.mattes
+    holds, images = _Holdouts(depsgraph), Images()
     clouds: list[Cloud] = []
     surfaces: list[Surface] = []
     for instance, item, owner in _visible(depsgraph, None):
@@ -98,11 +112,13 @@ def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[lis
                 cloud = more.lit(item, cloud) if more.lit else cloud
                 ids = mattes.of_points(item.original, item.data) if mattes else {}
                 unseen = _unseen(item.original, item.data) if more.unseen else {}
-                clouds.append(replace(cloud, key=key, mattes=ids, layers={**cloud.layers, **unseen}))
+                held = holds.is_held(owner)
+                clouds.append(replace(cloud, key=key, mattes=ids, layers={**cloud.layers, **unseen}, holdout=held))
         else:
-            surface = surface_of(item, to_world)
+            surface = surface_of(item, to_world, images)
             if surface is not None:
-                surfaces.append(replace(surface, key=key, mattes=mattes.of(item.original) if mattes else {}))
+                ids = mattes.of(item.original) if mattes else {}
+                surfaces.append(replace(surface, key=key, mattes=ids, holdout=more.hold_out or holds.is_held(owner)))
     return clouds, surfaces
 
 
@@ -128,6 +144,7 @@ def _visible(
             continue
         owner = (instance.parent or item).original
         hidden = not instance.show_self or not item.visible_camera or OF in item.original
+        hidden = hidden or owner.indirect_only_get(view_layer=depsgraph.view_layer)
         if not hidden and (view is None or owner.visible_in_viewport_get(view)):
             yield instance, item, owner
 
@@ -143,6 +160,7 @@ class Reader:
         self._clouds: dict[tuple, tuple[Cloud | None, frozenset[str] | None]] = {}
         self._surfaces: dict[tuple, tuple[np.ndarray, Surface | None]] = {}
         self._written: dict[int, frozenset[str] | None] = {}
+        self._images = Images()
 
     def stage(
         self, depsgraph: bpy.types.Depsgraph, view: bpy.types.SpaceView3D | None = None
@@ -151,19 +169,25 @@ class Reader:
         changed = _Changes(depsgraph)
         if changed.trees:
             self._written = {}
+        if changed.others:
+            self._images = Images()
         clouds: dict[tuple, tuple[Cloud | None, frozenset[str] | None]] = {}
         surfaces: dict[tuple, tuple[np.ndarray, Surface | None]] = {}
         shown: list[Cloud] = []
+        holds = _Holdouts(depsgraph)
         for instance, item, owner in _visible(depsgraph, view):
             to_world = np.array(instance.matrix_world)
             data = item.original.data.session_uid
             key = (item.original.session_uid, data, *instance.persistent_id, owner.session_uid)
             if item.type == "POINTCLOUD":
-                clouds[key] = self._cloud(key, item, to_world, changed)
+                cloud, written = self._cloud(key, item, to_world, changed)
+                clouds[key] = None if cloud is None else replace(cloud, holdout=holds.is_held(owner)), written
                 if clouds[key][0] is not None:
                     shown.append(carried_cloud(item.original, clouds[key][0], item.data))
             else:
-                surfaces[key] = to_world, self._surface(key, item, to_world, changed)
+                surface, held = self._surface(key, item, to_world, changed), holds.is_held(owner)
+                same = surface is None or surface.holdout == held
+                surfaces[key] = to_world, surface if same else replace(surface, holdout=held)
         self._clouds, self._surfaces = clouds, surfaces
         parts = [surface for _, surface in surfaces.values()]
         return shown, [part for part in parts if part is not None]
@@ -198,7 +222,7 @@ class Reader:
     def _surface(self, key: tuple, item: bpy.types.Object, to_world: np.ndarray, changed: _Changes) -> Surface | None:
         old = self._surfaces.get(key)
         if old is None or changed.others or changed.shape(item) or not np.array_equal(old[0], to_world):
-            return surface_of(item, to_world)
+            return surface_of(item, to_world, self._images)
         return old[1]
 
 
@@ -299,29 +323,3 @@ def _attributes_of(tree: bpy.types.NodeTree | None) -> frozenset[str] | None:
         elif makes and node.bl_idname not in _READERS:
             return None
     return frozenset(written) if written <= _POSED.keys() | _UNSEEN else None
-
-
-def surface_of(item: bpy.types.Object, to_world: np.ndarray) -> Surface | None:
-    """The evaluated triangles of an object; None where it has none."""
-    mesh = item.to_mesh()
-    try:
-        mesh.calc_loop_triangles()
-        count = len(mesh.loop_triangles)
-        if not count:
-            return None
-        points = np.empty(3 * len(mesh.vertices), np.float32)
-        corners, slots = np.empty(3 * count, np.int32), np.empty(count, np.int32)
-        mesh.vertices.foreach_get("co", points)
-        mesh.loop_triangles.foreach_get("vertices", corners)
-        mesh.loop_triangles.foreach_get("material_index", slots)
-    finally:
-        item.to_mesh_clear()
-    points = points.reshape(-1, 3) @ to_world[:3, :3].T + to_world[:3, 3]
-    materials = [slot.material for slot in item.material_slots] or [None]
-    colors = np.array([GREY if material is None else material.diffuse_color[:3] for material in materials])
-    return Surface(
-        triangles=points[corners.reshape(-1, 3)],
-        colors=srgb_from_linear(colors)[np.minimum(slots, len(materials) - 1)],
-        index=item.pass_index,
-        holdout=item.is_holdout,
-    )

@@ -5,10 +5,13 @@ import numpy as np
 
 from ..f4x_core.geometry import spherical_harmonics
 from ..f4x_core.scene.color import linear_from_srgb
-from .point_cloud import FLOAT4, write_attribute
+from .point_cloud import FLOAT4, read_attribute, write_attribute
 
 FITTED_FOCAL = "f4x_fitted_focal"
 """Custom property of a point cloud: `Scene.fitted_focal` of the scene that it shows. The render engine draws by it."""
+
+RECOLORED = "f4x_recolored"
+"""Point attribute, BOOLEAN: points whose harmonics an edit or a heat map made other than the scene file's."""
 
 
 def write_places(cloud: bpy.types.PointCloud, means: np.ndarray, rotation: np.ndarray, scale: np.ndarray) -> None:
@@ -20,12 +23,35 @@ def write_places(cloud: bpy.types.PointCloud, means: np.ndarray, rotation: np.nd
     write_attribute(cloud, "radius", "FLOAT", np.prod(scale, axis=1) ** (1 / 3))
 
 
-def write_appearance(cloud: bpy.types.PointCloud, rotation: np.ndarray, sh: np.ndarray, opacity: np.ndarray) -> None:
-    """Write harmonics `sh (N,S,3)`, in the Gaussians' own frames which `rotation (N,4)` turns, and `opacity (N,)`."""
+def write_appearance(
+    cloud: bpy.types.PointCloud,
+    rotation: np.ndarray,
+    sh: np.ndarray,
+    opacity: np.ndarray,
+    rows: np.ndarray | None = None,
+) -> None:
+    """Write harmonics `sh (N,S,3)`, in the Gaussians' own frames which `rotation (N,4)` turns, and `opacity (N,)`.
+
+    `rows (n,)` int: the other points keep their harmonics, whose turning takes most of the time, and get their opacity.
+    """
+    if rows is not None:
+        rotation, sh = rotation[rows], sh[rows]
     sh = spherical_harmonics.rotate(sh, rotation)  # own frame -> the object's frame
     rgb = np.clip(spherical_harmonics.rgb_from_dc(sh[:, 0]), 0.0, 1.0)
-    alpha = opacity[:, None]
-    write_attribute(cloud, "radiance:base", FLOAT4, np.concatenate([sh[:, 0], alpha], 1))
+    for name, kind, colors in (("radiance:base", FLOAT4, sh[:, 0]), ("rgb", "FLOAT_COLOR", linear_from_srgb(rgb))):
+        values = _kept(cloud, name, rows, (len(opacity), 4))
+        values[slice(None) if rows is None else rows, :3] = colors
+        values[:, 3] = opacity
+        write_attribute(cloud, name, kind, values)
+    if rows is not None and not len(rows):
+        return
     for i in range(1, sh.shape[1]):
-        write_attribute(cloud, f"radiance:sh_{i - 1}", "FLOAT_VECTOR", sh[:, i])
-    write_attribute(cloud, "rgb", "FLOAT_COLOR", np.concatenate([linear_from_srgb(rgb), alpha], 1))
+        values = _kept(cloud, f"radiance:sh_{i - 1}", rows, (len(opacity), 3))
+        values[slice(None) if rows is None else rows] = sh[:, i]
+        write_attribute(cloud, f"radiance:sh_{i - 1}", "FLOAT_VECTOR", values)
+
+
+def _kept(cloud: bpy.types.PointCloud, name: str, rows: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
+    """The values of an attribute of which only `rows` change; zeros where all do."""
+    values = None if rows is None else read_attribute(cloud, name)
+    return np.zeros(shape, np.float32) if values is None else values

@@ -248,7 +248,7 @@ class F4X_OT_select_sphere(_Gesture, bpy.types.Operator):  # noqa: N801
         """The centre is what is under the first place; the radius is the distance to the last one, in the depth of the centre."""
         context = bpy.context
         if len(corners) == 1:
-            self.centre = _place_under(context, SceneObject.of(context.object), corners[0])
+            self.centre = place_under(context, SceneObject.of(context.object), corners[0])
         at = view3d_utils.region_2d_to_location_3d(
             context.region, context.region_data, corners[-1], Vector(self.centre)
         )
@@ -269,7 +269,7 @@ class F4X_OT_select_sphere(_Gesture, bpy.types.Operator):  # noqa: N801
         scene_object.state.sphere, scene_object.state.sphere_radius = self.centre, self.radius
 
 
-def _place_under(context: bpy.types.Context, scene_object: SceneObject, at: Corner) -> Vector:
+def place_under(context: bpy.types.Context, scene_object: SceneObject, at: Corner) -> Vector:
     """Where a surface of the scene is under a place of the viewport, in Blender's world; F4xError where there is none."""
     region, view, to_world = context.region, context.region_data, scene_object.root.matrix_world
     to_scene = to_world.inverted()

@@ -10,7 +10,7 @@
 
 Below the root all data stay in the scene file's own frame and unit, bit for bit: edits can be written back, and
 harmonics stay right because Blender evaluates native splats in the frame of their object, which the root turns as a
-whole. Blender frame = clip frame index.
+whole. Which clip frame is shown at which frame of the timeline is `clip_time`'s.
 
 Attributes of the points (the names that Blender 5.3 draws as splats): `position`, `scale` (linear), `rotation` (wxyz),
 `radiance:base` (DC coefficients, opacity), `radiance:sh_0 ..` (higher coefficients, turned from the Gaussian's own
@@ -31,18 +31,19 @@ from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.geometry.camera import CameraPath
-from ..f4x_core.scaffold.deformation import pairs_of
-from ..f4x_core.scene import Scene
+from ..f4x_core.scaffold.deformation import Pairs, pairs_of
+from ..f4x_core.scene import DynamicSet, Scene, StaticSet
 from ..f4x_core.scene.foreign import SplatSequence, identify, notes_of, open_any
 from ..f4x_core.scene.view import NEAR
-from . import display
+from . import clip_time, display, scene_cache
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, has_bars, show_clip
-from .gaussian_attributes import FITTED_FOCAL, write_appearance, write_places
+from .gaussian_attributes import FITTED_FOCAL, RECOLORED, write_appearance, write_places
 from .motion_edits import mark_keyed
-from .motion_nodes import MOTION, build_motion_tree, build_presence_tree
+from .motion_nodes import MOTION, PRESENCE, build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
+from .render_setup import SOURCE, ClipSettings, set_up
 from .rig_repair import add_identity, add_pairs
 from .scaffold_rig import add_graph, add_nodes, layer_of
 from .scene_object import PATH, SELECTED, SceneObject
@@ -52,12 +53,8 @@ MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
 MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
 MIN_REACH = 100.0  # Blender's own clip end, world units
 SMALL = 0.1  # drawn size of the camera, world units: the scene is about one away from it
-TINY = (
-    0.002  # drawn size of the root, world units: the clip's camera is often beside it, and sees its axes as long lines
-)
+TINY = 0.1 * NEAR  # drawn size of the root, which is where the clip's first camera is: its axes would cross the picture
 NEVER = 1e9  # frames; stands for infinity, which geometry nodes cannot reckon with
-SOURCE = "f4x_source"
-"""Property of the root of what came from another program: its file. A scene's root has `f4x_path` instead."""
 NOTES = "f4x_notes"
 """Property of that root: what a person must know of how the file was read."""
 
@@ -82,12 +79,14 @@ def import_scene(
     What `f4x_core.scene.foreign.open_any` opens, told by content: a `.f4x` scene with its edits, a file of splats, a
     numbered PLY sequence (unless not `sequence`: that file alone), of which every `step`th is taken.
 
-    `set_up_render` also takes over the clip's size, rate, frame range, camera and the Standard view transform. `clip` is shown
-    behind the scene; without it the clip that the scene was made of, if it is still there with as many pictures.
+    All but a sequence is then a `SceneObject`, which edits and exports. `set_up_render` also takes over the clip's camera and
+    settings (`render_setup.set_up`). `clip` is shown behind the scene; without it the clip that the scene was made of, if
+    it is still there with as many pictures.
     Raises F4xError for a missing, damaged or unsuitable file; nothing is added to Blender then.
     """
     path = Path(path)
-    opened, is_scene = open_any(path, sequence), identify(path, sequence) == "scene"
+    kind = identify(path, sequence)
+    opened = open_any(path) if kind == "sequence" else scene_cache.opened(path)
     if isinstance(opened, SplatSequence):
         check_size(opened, step)
         first = opened[0]
@@ -101,8 +100,8 @@ def import_scene(
         root = _add_object(name, None, collection)
         root.matrix_world = Matrix(BLENDER_FROM_SCENE)
         root.empty_display_size = TINY
-        root[PATH if is_scene else SOURCE] = str(path)
-        notes = () if is_scene else notes_of(opened)
+        root[SOURCE if kind == "sequence" else PATH] = str(path)
+        notes = () if kind == "scene" else notes_of(opened)
         if notes:
             root[NOTES] = "; ".join(notes)
         material = _splat_material(name)
@@ -115,11 +114,15 @@ def import_scene(
         camera = add_camera(f"{name} camera", opened.cameras, first, collection)
         for item in (*clouds, camera):
             item.parent = root
-        if clip is not None:
-            show_clip(camera, Path(clip), opened.cameras.times, barred=isinstance(opened, Scene) and has_bars(opened))
+        follow_scale(camera, root)
+        ClipSettings.of(opened, foreign=kind != "scene").remember(camera)
         if set_up_render:
-            _set_up_render(bpy.context.scene, opened, camera)
-        if is_scene:
+            set_up(bpy.context.scene, camera)
+        times = opened.cameras.times
+        clip_time.set_up(root, times[0], times[-1], clip_time.rate_between(opened.fps, bpy.context.scene))
+        if clip is not None:
+            show_clip(camera, Path(clip), times, barred=isinstance(opened, Scene) and has_bars(opened))
+        if kind != "sequence":
             scene_object = SceneObject(root)
             scene_object.attach()
             for cloud in clouds:  # Blender 5 takes new points for selected
@@ -135,14 +138,14 @@ def import_scene(
     except F4xError:
         _take_out(collection)
         raise
-    if clip is None and is_scene:
+    if clip is None and kind == "scene":
         _show_own_clip(first, path, camera)
     return root
 
 
 def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy.types.Object]:
     """Add the point clouds of a scene, and the rig that moves the dynamic one."""
-    static, dynamic = _latent_colors(scene)
+    static, dynamic = latent_colors(scene)
     clouds = [_add_gaussians(f"{name} static", scene.static, static, collection, material)]
     if len(scene.dynamic):
         clouds.append(_add_gaussians(f"{name} dynamic", scene.dynamic, dynamic, collection, material))
@@ -198,7 +201,7 @@ def _add_object(name: str, data: bpy.types.ID | None, collection: bpy.types.Coll
     return item
 
 
-def _latent_colors(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
+def latent_colors(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Principal components of the features of the static and dynamic Gaussians, (N,3) each, mostly within 0 to 1."""
     if scene.features is None or scene.features.pca is None:
         return None, None
@@ -215,31 +218,43 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
     cloud = item.data
     if len(gaussians) == 0:
         return item
+    write_gaussians(cloud, gaussians, latent)
+    if gaussians.span is not None:
+        item.modifiers.new(PRESENCE, "NODES").node_group = build_presence_tree(f"{name} presence")
+    cloud.materials.append(material)
+    return item
+
+
+def write_gaussians(cloud: bpy.types.PointCloud, gaussians: StaticSet, latent: np.ndarray | None = None) -> None:
+    """Write the attributes of one set of Gaussians; `latent (N,3)` where the scene has features."""
     quats = quaternion.normalize(gaussians.quats)
     write_places(cloud, gaussians.means, quats, gaussians.scales)
     write_appearance(cloud, quats, gaussians.sh, gaussians.opacities)
+    write_attribute(cloud, RECOLORED, "BOOLEAN", np.zeros(len(gaussians), bool))
     write_attribute(cloud, "gid", "INT", gaussians.ids)
     if latent is not None:
         write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", latent)
     if gaussians.span is not None:
         for i, times in enumerate(np.clip(gaussians.span, -NEVER, NEVER).T):
             write_attribute(cloud, f"span_{i}", "FLOAT", times)
-        item.modifiers.new("Feature4X presence", "NODES").node_group = build_presence_tree(f"{name} presence")
-    cloud.materials.append(material)
-    return item
+
+
+def write_bindings(cloud: bpy.types.PointCloud, gaussians: DynamicSet) -> Pairs:
+    """Write which nodes move each dynamic Gaussian, for geometry nodes; returns the pairs that the attributes index."""
+    pairs = pairs_of(gaussians.node, gaussians.reference)
+    write_attribute(cloud, "reference", "INT", gaussians.reference)
+    write_attribute(cloud, "strength", "FLOAT", gaussians.strength)
+    for k in range(gaussians.node.shape[1]):
+        write_attribute(cloud, f"pair_{k}", "INT", pairs.index[:, k])
+        write_attribute(cloud, f"w_{k}", "FLOAT", gaussians.weight[:, k])
+    return pairs
 
 
 def _add_motion(name, scene: Scene, dynamic, collection, root) -> None:
     """Add nodes, helper and geometry nodes that move the dynamic Gaussians."""
     scaffold, gaussians = scene.scaffold, scene.dynamic
     assert scaffold is not None  # a Scene with dynamic Gaussians always has one
-    pairs = pairs_of(gaussians.node, gaussians.reference)
-    write_attribute(dynamic.data, "reference", "INT", gaussians.reference)
-    write_attribute(dynamic.data, "strength", "FLOAT", gaussians.strength)
-    for k in range(gaussians.node.shape[1]):
-        write_attribute(dynamic.data, f"pair_{k}", "INT", pairs.index[:, k])
-        write_attribute(dynamic.data, f"w_{k}", "FLOAT", gaussians.weight[:, k])
-
+    pairs = write_bindings(dynamic.data, gaussians)
     rest = scaffold.quat[pairs.reference, pairs.node], scaffold.xyz[pairs.reference, pairs.node]
     helper = add_pairs(f"{name} pairs", root, (pairs.node, scaffold.ids[pairs.node]), pairs.reference, rest)
     curves = scene.curves if isinstance(scene, EditedScene) else scaffold
@@ -271,30 +286,23 @@ def add_camera(name: str, cameras: CameraPath, scene: Scene, collection: bpy.typ
     return camera
 
 
+def follow_scale(camera: bpy.types.Object, root: bpy.types.Object) -> None:
+    """Let the clip distances of a `camera` below `root` follow its scale, or a scene that was enlarged is cut off."""
+    for name in ("clip_start", "clip_end"):
+        distance = getattr(camera.data, name)
+        driver = camera.data.driver_add(name).driver
+        scale = driver.variables.new()
+        scale.name, scale.type = "scale", "TRANSFORMS"
+        target = scale.targets[0]
+        target.id, target.transform_type, target.transform_space = root, "SCALE_AVG", "WORLD_SPACE"
+        driver.expression = f"{distance!r} * scale"
+
+
 def _reach(scene: Scene) -> float:
     """A distance beyond every Gaussian from every camera, world units."""
     points = np.concatenate([scene.static.means, scene.dynamic.means])
     spread = np.ptp(np.concatenate([points, scene.cameras.centers]), axis=0)
     return max(MIN_REACH, 2 * float(np.linalg.norm(spread)))
-
-
-def _set_up_render(target: bpy.types.Scene, scene: Scene | SplatSequence, camera: bpy.types.Object) -> None:
-    """Make the Blender scene look through the clip's camera at the clip's size and rate."""
-    cameras, render = scene.cameras, target.render
-    target.camera = camera
-    render.resolution_x, render.resolution_y, render.resolution_percentage = cameras.width, cameras.height, 100
-    # focal lengths that differ between x and y are pixels that are not square
-    aspect = cameras.intrinsics[0, 0, 0] / cameras.intrinsics[0, 1, 1]
-    render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / aspect), max(1.0, aspect)
-    render.fps = max(1, round(scene.fps))
-    render.fps_base = render.fps / scene.fps
-    target.frame_start, target.frame_end = int(cameras.times[0]), int(cameras.times[-1])
-    # the saved picture is then the core's: Standard undoes the linear light of the pass, noise would be added to it
-    target.view_settings.view_transform = "Standard"
-    render.dither_intensity = 0.0
-    # a frame is the same file whoever renders it, and whenever: what a farm leaves can be compared
-    render.use_stamp_date = render.use_stamp_render_time = render.use_stamp_memory = render.use_stamp_hostname = False
-    target.frame_set(target.frame_start)
 
 
 def _splat_material(name: str) -> bpy.types.Material:

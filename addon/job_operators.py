@@ -1,4 +1,4 @@
-"""Operators that run a verb of `f4x` in the worker: fit a clip, add features, answer a question, export."""
+"""Operators that run a verb of `f4x` in the worker: fit a clip, add features, answer a question."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -7,13 +7,12 @@ from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
-from bpy_extras.io_utils import ExportHelper, ImportHelper
+from bpy_extras.io_utils import ImportHelper
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.files import json_text
-from ..f4x_core.scene.formats import FORMATS
-from ..f4x_core.scene.formats.usd import expected_bytes
 from . import jobs
+from .clip_background import find_clip, shown_clip
 from .lines import CATEGORY
 from .motion_edits import unwritten
 from .point_cloud import selected_in
@@ -45,16 +44,6 @@ def _selection_options(scene_object: SceneObject) -> tuple[Path | str, ...]:
     with NamedTemporaryFile("w", dir=bpy.app.tempdir, prefix="selection-", suffix=".json", delete=False) as file:
         file.write(json_text(selection.to_json()))
     return "--select", Path(file.name)
-
-
-def usd_megabytes(scene_object: SceneObject, one_frame: bool) -> float:
-    """About the size of the scene as USD; its text grows with frames and moving Gaussians. 0 without the scene file."""
-    try:
-        scene = scene_object.edited
-    except F4xError:
-        return 0.0
-    moments = 1 if one_frame else len(scene.cameras)
-    return expected_bytes(len(scene.static), len(scene.dynamic), moments, scene.static.sh.shape[1]) / 1e6
 
 
 def import_fitted(result: dict[str, Any]) -> None:
@@ -125,6 +114,10 @@ class SavedSceneOperator(_WorkerOperator):
 def saved_scene(context: bpy.types.Context) -> tuple[SceneObject, Path]:
     """The active scene and its file. Raises F4xError if it has unsaved edits, because the worker reads only the file."""
     scene_object = SceneObject.of(context.active_object)
+    if not scene_object.holds_edits:
+        raise F4xError(
+            f"The worker reads scene files, and {scene_object.path.name} is none; press Save As Scene first."
+        )
     if not scene_object.is_saved:
         raise F4xError(f"{scene_object.name} has unsaved edits; press Save Edits to Scene first.")
     if unwritten(scene_object):
@@ -207,8 +200,25 @@ class F4X_OT_add_features(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
         scene_object, path = saved_scene(context)
         options = ["--teacher", self.teachers] if self.teachers else []
         options += ["--vocabulary", self.words] if self.words else []
-        options += ["--clip", bpy.path.abspath(self.clip)] if self.clip else []
+        clip = bpy.path.abspath(self.clip) if self.clip else _moved_clip(scene_object, path)
+        options += ["--clip", clip] if clip else []
         _add_features(scene_object, path, "" if self.teachers else self.words, options)
+
+
+def _moved_clip(scene_object: SceneObject, path: Path) -> Path | None:
+    """The clip of a scene where it lies elsewhere by now: near the scene file, or behind the camera; None: in its place, or
+    unknown.
+
+    Raises F4xError where it is at none of these.
+    """
+    source = scene_object.base.provenance.get("source")
+    if not source or (Path(source).is_absolute() and Path(source).exists()):
+        return None
+    found = find_clip(scene_object.base, path) or shown_clip(scene_object.root)
+    if found is None and not (path.parent / "features").is_dir():  # maps that were made before need no clip
+        line = f"The clip that {scene_object.name} was fitted to is no longer at {source}"
+        raise F4xError(f"{line}; choose it under Clip in this dialog.")
+    return found
 
 
 class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
@@ -229,43 +239,6 @@ class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
         start_verb(f"Ask: {self.question}", None, "ask", path, self.question, *_selection_options(scene_object))
 
 
-class F4X_OT_export_scene(SavedSceneOperator, bpy.types.Operator, ExportHelper):  # noqa: N801
-    """Export the scene for other programs: one frame as PLY, .splat or glTF, all frames as USD or numbered PLY files."""
-
-    bl_idname = "f4x.export_scene"
-    bl_label = "Export Feature4X Scene"
-
-    filename_ext = ".usda"
-    check_extension = None  # the ending goes with the format, or is a folder's
-    format: EnumProperty(  # type: ignore[valid-type]
-        name="Format",
-        items=[("auto", "From File Name", "The extension of the file name decides")]
-        + [(name, name, entry.keeps) for name, entry in FORMATS.items()],
-    )
-    one_frame: BoolProperty(  # type: ignore[valid-type]
-        name="Current Frame Only", description="Export the current frame instead of all frames", default=False
-    )
-
-    def draw(self, context):
-        """Draw the options, and how large a file of text becomes."""
-        layout = self.layout
-        layout.use_property_split = True
-        layout.prop(self, "format")
-        layout.prop(self, "one_frame")
-        scene_object = SceneObject.of(context.active_object)
-        is_text = self.format == "usd" or (self.format == "auto" and self.filepath.lower().endswith(".usda"))
-        if scene_object is not None and is_text:
-            layout.label(text=f"USD as text: about {usd_megabytes(scene_object, self.one_frame):,.0f} MB", icon="INFO")
-
-    def start(self, context):
-        """Start `f4x export`."""
-        scene_object, path = saved_scene(context)
-        output = Path(bpy.path.abspath(self.filepath))
-        options = ["-o", output] + (["--format", self.format] if self.format != "auto" else [])
-        options += ["--time", f"{context.scene.frame_current_final:g}"] if self.one_frame else []
-        start_verb(f"Export {scene_object.name}", None, "export", path, *options)
-
-
 class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
     """Buttons that start jobs of the worker, and its jobs."""
 
@@ -284,7 +257,7 @@ class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
         grid.operator(F4X_OT_fit_clip.bl_idname, text="Fit Video…", icon="FILE_MOVIE")
         grid.operator(F4X_OT_add_features.bl_idname, text="Features…", icon="OUTLINER_OB_POINTCLOUD")
         grid.operator(F4X_OT_ask_scene.bl_idname, text="Question…", icon="QUESTION")
-        grid.operator(F4X_OT_export_scene.bl_idname, text="Export…", icon="EXPORT")
+        grid.operator("f4x.export_scene", text="Export…", icon="EXPORT")
         grid.operator("f4x.render_film", text="Film…", icon="RENDER_ANIMATION")
         grid.operator("f4x.add_path_camera", text="Camera…", icon="CAMERA_DATA")
         ended = [job for job in jobs.in_order() if job.state != RUNNING]
@@ -294,4 +267,4 @@ class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
             layout.operator("f4x.clear_jobs", icon="TRASH")
 
 
-CLASSES = (F4X_OT_fit_clip, F4X_OT_add_features, F4X_OT_ask_scene, F4X_OT_export_scene, F4X_PT_jobs)
+CLASSES = (F4X_OT_fit_clip, F4X_OT_add_features, F4X_OT_ask_scene, F4X_PT_jobs)

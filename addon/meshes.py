@@ -219,6 +219,7 @@ class F4X_PT_mesh(bpy.types.Panel):  # noqa: N801
         row = layout.row()
         row.active = context.scene.f4x_shadows.use
         row.prop(context.scene.f4x_shadows, "strength", slider=True)
+        layout.operator_menu_enum("f4x.composite", "engine", text="Composite Meshes With", icon="NODE_COMPOSITING")
 
 
 def is_made(item: bpy.types.Object | None) -> bool:

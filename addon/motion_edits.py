@@ -11,6 +11,7 @@ from ..f4x_core.edit.apply import EditedScene
 from ..f4x_core.edit.operations import Rekey
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scaffold import Scaffold
+from .clip_time import keys_in_force, time_of
 from .scaffold_rig import all_nodes, nodes_of, poses_now, poses_of, read_poses, write_poses
 from .scene_object import SceneObject
 
@@ -45,7 +46,7 @@ def unwritten(scene_object: SceneObject) -> int:
 
     Between clip frames, where Blender and the core interpolate differently, and without the scene file it is 0.
     """
-    frame, nodes = bpy.context.scene.frame_current_final, nodes_of(scene_object.root)
+    frame, nodes = time_of(scene_object.root), nodes_of(scene_object.root)
     try:
         scene = scene_object.edited
     except F4xError:
@@ -68,10 +69,12 @@ def refresh_keys(scene_object: SceneObject) -> None:
     there = [i for i, id in enumerate(curves.ids.tolist()) if id in found]
     nodes = [found[curves.ids[i]] for i in there]
     xyz, quat = (values[:, there] for values in poses_of(curves, frames))
-    now_xyz, now_quat = read_poses(scene_object.root, nodes, frames)
-    moved = np.flatnonzero(_differ(scene_object.root, now_xyz, now_quat, xyz, quat).any(0))
+    with keys_in_force(scene_object.root):
+        now_xyz, now_quat = read_poses(scene_object.root, nodes, frames)
+        moved = np.flatnonzero(_differ(scene_object.root, now_xyz, now_quat, xyz, quat).any(0))
+        if len(moved):
+            write_poses(scene_object.root, [nodes[i] for i in moved], frames, xyz[:, moved], quat[:, moved])
     if len(moved):
-        write_poses(scene_object.root, [nodes[i] for i in moved], frames, xyz[:, moved], quat[:, moved])
         bpy.context.scene.frame_set(bpy.context.scene.frame_current)
     scene_object.root[SHOWN] = ids
 

@@ -27,6 +27,8 @@ from ..f4x_core.scaffold.deformation import COLLAPSED, SIGN_BAND
 
 MOTION = "Feature4X motion"
 """Name of the modifier that moves the dynamic Gaussians."""
+PRESENCE = "Feature4X presence"
+"""Name of the modifier by which Gaussians come and go; its input `Time` is the clip frame that is shown (`clip_time`)."""
 STEP = 1e-4
 """Frames that the shortest ramp of a presence lasts."""
 SCENE_FRAME = "RELATIVE"
@@ -178,10 +180,11 @@ def build_graph_tree(name: str, nodes: bpy.types.Collection) -> bpy.types.Geomet
 def build_presence_tree(name: str) -> bpy.types.GeometryNodeTree:
     """Return the tree that fades Gaussians by their attributes `span_0 .. span_3`, as `f4x_core.scene.model.faded` does.
 
-    It changes the alpha of `radiance:base` and `rgb` by the frame of the Blender scene.
+    It changes the alpha of `radiance:base` and `rgb` by the clip frame on its input `Time`.
     """
-    tree = _Tree(name, {"Geometry": "NodeSocketGeometry"}, {"Faded": "NodeSocketGeometry"})
-    frame = tree.add("GeometryNodeInputSceneTime").outputs["Frame"]
+    sockets = {"Geometry": "NodeSocketGeometry", "Time": "NodeSocketFloat"}
+    tree = _Tree(name, sockets, {"Faded": "NodeSocketGeometry"})
+    frame = tree.inputs["Time"]
     start, there, until, end = (tree.attribute(f"span_{i}", "FLOAT") for i in range(4))
 
     def ramp(since, first, last):

@@ -14,8 +14,10 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.grab import grab, within_reach
 from . import display
+from .clip_time import follows_timeline, keys_in_force, time_of
+from .edit_operators import F4X_OT_save_as
 from .motion_edits import changes, mark_keyed
-from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene
+from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene, F4X_OT_set_up_render
 from .panel_operators import SceneOperator
 from .scaffold_rig import NODE, add_handles, all_nodes, hold, key_moved, nodes_of, read_poses, remove_handles
 from .scene_object import SceneObject
@@ -77,6 +79,9 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
         if not any(NODE in item for item in context.selected_objects):
             cls.poll_message_set("Show the nodes by the button beside the scene's name in the sidebar, and select some")
             return False
+        if not follows_timeline(SceneObject.of(context.object).root):
+            cls.poll_message_set("Nodes look up Time; switch Animate Time off to move them, and on again afterwards")
+            return False
         return True
 
     def act(self, context, scene_object):
@@ -130,7 +135,7 @@ class _Grab:
         self.root, self.nodes = scene_object.root, all_nodes(scene_object.root, scaffold.ids)
         self.unit, self.edges = scaffold.unit, scaffold.edges
         self.frames = scene_object.base.cameras.times
-        self.frame = context.scene.frame_current_final
+        self.frame = time_of(scene_object.root)
         xyz, quat = read_poses(scene_object.root, self.nodes, np.array([self.frame]))
         self.xyz, self.quat = xyz[0], quat[0]
         self.grabbed = np.array([i for i, item in enumerate(self.nodes) if item.select_get()])
@@ -164,7 +169,7 @@ class _Grab:
         if not whole_clip:
             near = np.clip(1 - np.abs(self.frames - self.frame) / (frames + 1), 0, 1)
             falloff = near * near * (3 - 2 * near)
-        hold([self.nodes[i] for i in self.free], self.frames, self.offsets(offset), falloff)
+        hold(self.root, [self.nodes[i] for i in self.free], self.frames, self.offsets(offset), falloff)
         bpy.context.scene.frame_set(bpy.context.scene.frame_current)
 
 
@@ -181,7 +186,8 @@ class F4X_OT_add_handles(_MotionOperator):  # noqa: N801
     def act(self, context, scene_object):
         """Group the nodes anew."""
         scene = scene_object.base
-        handles = add_handles(scene_object.root, scene.scaffold.unit, scene.cameras.times, self.count or None)
+        with keys_in_force(scene_object.root):
+            handles = add_handles(scene_object.root, scene.scaffold.unit, scene.cameras.times, self.count or None)
         self.report({"INFO"}, f"Added {len(handles)} handles for {len(nodes_of(scene_object.root))} nodes")
 
 
@@ -193,7 +199,8 @@ class F4X_OT_remove_handles(_MotionOperator):  # noqa: N801
 
     def act(self, context, scene_object):
         """Key the nodes where they are."""
-        remove_handles(scene_object.root, scene_object.base.cameras.times)
+        with keys_in_force(scene_object.root):
+            remove_handles(scene_object.root, scene_object.base.cameras.times)
 
 
 class F4X_OT_write_motion(_MotionOperator):  # noqa: N801
@@ -204,9 +211,11 @@ class F4X_OT_write_motion(_MotionOperator):  # noqa: N801
 
     def act(self, context, scene_object):
         """Append one edit with all changed poses; like every edit it pends until it is saved."""
-        if context.scene.frame_current_final in scene_object.base.cameras.times:
-            key_moved(scene_object.root)
-        change = changes(scene_object)
+        root = scene_object.root
+        if follows_timeline(root) and time_of(root) in scene_object.base.cameras.times:
+            key_moved(root)
+        with keys_in_force(root):
+            change = changes(scene_object)
         if change is None:
             self.report({"INFO"}, "No node was moved, so there is nothing to write back")
             return
@@ -222,6 +231,7 @@ OPERATORS: tuple[Any, ...] = (
     F4X_OT_remove_handles,
     F4X_OT_write_motion,
 )
+OF_FILES = (F4X_OT_choose_clip, F4X_OT_set_up_render, F4X_OT_find_scene, F4X_OT_pack_scene, F4X_OT_save_as)
 
 
 class F4X_MT_object(bpy.types.Menu):  # noqa: N801
@@ -231,7 +241,7 @@ class F4X_MT_object(bpy.types.Menu):  # noqa: N801
 
     def draw(self, context):
         """List the operators."""
-        for operator in (*OPERATORS, F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene):
+        for operator in (*OPERATORS, *OF_FILES):
             self.layout.operator(operator.bl_idname)
 
 

@@ -1,14 +1,17 @@
-"""Moving Gaussians posed by the core while all viewports show the engine's picture: the same places as by geometry nodes, sooner.
+"""Moving Gaussians posed by the core while they play in viewports of the engine: the same places as by geometry nodes, sooner.
 
 The modifier `Feature4X motion` is then off in viewports, not in renders, and the engine's reader asks `carried_cloud` where the
-Gaussians are: the core's deformer moves them by the empties as Blender has evaluated them. As soon as another kind of viewport
-opens, a mode other than Object Mode begins, geometry nodes of others may look at the points, or the .blend is saved, the
-modifier is on again. Blender saves by itself without telling anybody: what is off is marked with the property `f4x_carried`, and
-on again in a file that was opened.
+Gaussians are: the core's deformer moves them by the empties as Blender has evaluated them. Blender itself, which outlines and
+picks objects, sees unposed points then. So the modifier is off only during playback, scrubbing and transforms; outlines are
+hidden meanwhile, and a click or a selection tool in a viewport switches it on first. It is also on as soon as another kind of
+viewport opens, a mode other than Object Mode begins, geometry nodes of others may look at the points, or the .blend is saved.
+Blender saves by itself without telling anybody: what is off is marked with the property `f4x_carried`, and on again in a file
+that was opened.
 """
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import bpy
@@ -26,16 +29,24 @@ from .render_settings import ENGINE
 from .rig_repair import ORDER
 from .scaffold_rig import NODE, NODES
 from .scene_object import SceneObject, root_of
+from .wording import Reporting
 
 GLANCE = 0.5
 """Seconds between two looks at the viewports."""
 OURS = "Feature4X "
 """How the names of our modifiers begin."""
 
+PAUSE = 1.0
+"""Seconds that geometry nodes stay on after a press in a viewport: the click may begin a selection by box or lasso."""
+
+WATCHES = "F4X_OT_watch_clicks"
+"""What Blender calls the operator below while it runs."""
 CARRIED = "f4x_carried"
 """Property of objects whose modifier we have switched off; a person may do so, too."""
 
 _clouds: dict[int, _CarriedCloud | None] = {}  # session_uid of a cloud's object -> what carries it; None = cannot be
+_unlined: set[int] = set()  # pointers of the viewports whose outlines are hidden
+_pressed = -PAUSE  # when a mouse button was last pressed in a viewport
 
 
 class _CarriedCloud:
@@ -116,6 +127,10 @@ def switch_on() -> None:
     for item in bpy.data.objects:
         if CARRIED in item and item.is_editable:
             _switch_on(item)
+    for space in _viewports():
+        if space.as_pointer() in _unlined:
+            space.overlay.show_outline_selected = True
+    _unlined.clear()
     _clouds.clear()
 
 
@@ -140,14 +155,95 @@ def _switch_on(item: bpy.types.Object) -> None:
 
 def look() -> float:
     """Switch modifiers off or on, as the viewports want it. Returns the seconds until the next look."""
-    wanted = _may_carry()
+    wanted = _is_moving() and not _is_selecting() and _may_carry()
     if not wanted:
         switch_on()
     for item in bpy.context.scene.objects if wanted else ():
         if _is_off(item) and _carries(item) is None:  # a node was deleted
             _switch_on(item)
         switch_off(item)
+        if _is_off(item) and item.select_get():
+            _hide_outlines()
+    if wanted and not _is_watched():
+        _watch()
     return GLANCE
+
+
+def _viewports() -> list[bpy.types.SpaceView3D]:
+    """The 3D viewports of all windows."""
+    return [
+        area.spaces.active
+        for window in bpy.context.window_manager.windows
+        for area in window.screen.areas
+        if area.type == "VIEW_3D"
+    ]
+
+
+def _hide_outlines() -> None:
+    """Hide the outlines of selected objects: Blender would draw them around unposed points."""
+    for space in _viewports():
+        if space.overlay.show_outline_selected:
+            space.overlay.show_outline_selected = False
+            _unlined.add(space.as_pointer())
+
+
+def _modal_operators() -> list[str]:
+    """Names of the operators that follow the mouse at present."""
+    return [operator.bl_idname for window in bpy.context.window_manager.windows for operator in window.modal_operators]
+
+
+def _is_moving() -> bool:
+    """Whether an animation plays, somebody scrubs, or transforms an object."""
+    screens = [window.screen for window in bpy.context.window_manager.windows]
+    moves = any(screen.is_animation_playing or screen.is_scrubbing for screen in screens)
+    return moves or any(name.startswith("TRANSFORM_OT") for name in _modal_operators())
+
+
+def _is_selecting() -> bool:
+    """Whether somebody selects objects in a viewport at present, or is about to."""
+    return time.monotonic() - _pressed < PAUSE or any("_OT_select" in name for name in _modal_operators())
+
+
+def _is_watched() -> bool:
+    return WATCHES in _modal_operators()
+
+
+def _watch() -> None:
+    """Start to watch the presses of mouse buttons in the windows."""
+    for window in bpy.context.window_manager.windows:
+        with bpy.context.temp_override(window=window):
+            bpy.ops.f4x.watch_clicks("INVOKE_DEFAULT")
+
+
+class F4X_OT_watch_clicks(Reporting, bpy.types.Operator):  # noqa: N801 - Blender wants this form
+    """Let geometry nodes pose moving Gaussians before a click in a viewport selects objects."""
+
+    bl_idname = "f4x.watch_clicks"
+    bl_label = "Watch Clicks"
+    bl_options = {"INTERNAL"}  # noqa: RUF012 - read by Blender
+
+    def invoke(self, context, event):
+        """Watch until nothing is carried any more."""
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        """Hand on every event; a press in a viewport finds points where the picture shows them."""
+        global _pressed
+        if event.value == "PRESS" and event.type in ("LEFTMOUSE", "RIGHTMOUSE") and _in_viewport(context, event):
+            _pressed = time.monotonic()
+            switch_on()
+            context.view_layer.update()
+        return {"PASS_THROUGH"} if _clouds or _is_moving() else {"FINISHED", "PASS_THROUGH"}
+
+
+def _in_viewport(context: bpy.types.Context, event: bpy.types.Event) -> bool:
+    """Whether the mouse is over a 3D viewport."""
+    return any(
+        0 <= event.mouse_x - area.x < area.width and 0 <= event.mouse_y - area.y < area.height
+        for area in context.window.screen.areas
+        if area.type == "VIEW_3D"
+    )
 
 
 def _is_off(item: bpy.types.Object) -> bool:
@@ -177,20 +273,18 @@ def _may_carry() -> bool:
     """Whether every viewport shows the engine's picture, and nobody else looks at the points."""
     context = bpy.context
     engine = context.scene.render.engine
-    areas = [
-        area for window in context.window_manager.windows for area in window.screen.areas if area.type == "VIEW_3D"
-    ]
-    exact = all(area.spaces.active.shading.type == "RENDERED" for area in areas)
+    views = _viewports()
+    exact = all(space.shading.type == "RENDERED" for space in views)
     others = (
         modifier.type == "NODES" and not modifier.name.startswith(OURS)
         for item in context.scene.objects
         for modifier in item.modifiers
     )
-    return engine == ENGINE and bool(areas) and exact and context.mode == "OBJECT" and not any(others)
+    return engine == ENGINE and bool(views) and exact and context.mode == "OBJECT" and not any(others)
 
 
 @persistent
-def _saving_or_opened(*_) -> None:
+def _let_nodes_pose(*_) -> None:
     switch_on()
 
 
@@ -200,8 +294,9 @@ def _changed(*_) -> None:
 
 
 _HANDLERS = {
-    "save_pre": _saving_or_opened,
-    "load_post": _saving_or_opened,
+    "save_pre": _let_nodes_pose,
+    "load_post": _let_nodes_pose,
+    "animation_playback_post": _let_nodes_pose,
     "undo_post": _changed,
     "redo_post": _changed,
 }
@@ -222,3 +317,6 @@ def unregister() -> None:
     if bpy.app.timers.is_registered(look):
         bpy.app.timers.unregister(look)
         switch_on()
+
+
+CLASSES = (F4X_OT_watch_clicks,)

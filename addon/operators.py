@@ -8,17 +8,21 @@ import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from . import packing, viewport
+from . import clip_time, packing, viewport
 from .clip_background import doubt, show_clip
-from .import_scene import NOTES, SOURCE, import_scene
+from .import_scene import NOTES, import_scene
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
 from .point_cloud import selected_in
+from .render_setup import SOURCE, ClipSettings, clip_camera, is_under_way, left_as_is, set_up, was_set_up
 from .scene_object import PATH, SceneObject
 from .wording import Reporting
 
 PASSING = {"HIDDEN", "SKIP_SAVE"}
 """Options of properties that Blender or a job sets for a single call."""
+
+SCENE_FILES = "*.f4x;*.ply;*.splat;*.spz;*.glb;*.gltf"
+"""What file browsers show."""
 
 
 def options_for(filepath: str) -> list[str]:
@@ -35,11 +39,12 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - read by Blender at registration
 
     filename_ext = ".f4x"
-    filter_glob: StringProperty(default="*.f4x;*.ply;*.splat;*.spz;*.glb;*.gltf", options={"HIDDEN"})  # type: ignore[valid-type]
+    filter_glob: StringProperty(default=SCENE_FILES, options={"HIDDEN"})  # type: ignore[valid-type]
     directory: StringProperty(subtype="DIR_PATH", options=PASSING)  # type: ignore[valid-type]
     set_up_render: BoolProperty(  # type: ignore[valid-type]
         name="Set Up Render",
-        description="Use the clip's size, frame rate, frame range and camera, and the render engine Feature4X",
+        description="Use the clip's size, frame rate, frame range and camera, and the render engine Feature4X. "
+        "On by default only in a new file: a project that is under way keeps its settings",
         default=True,
         options={"SKIP_SAVE"},
     )
@@ -76,9 +81,10 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
     def execute(self, context):
         """Import the chosen file."""
         clip = Path(bpy.path.abspath(self.clip)) if self.clip else None
+        takes_over = self._takes_over(context)
         root = import_scene(
             Path(self.filepath or self.directory),
-            set_up_render=self.set_up_render,
+            set_up_render=takes_over,
             clip=clip,
             sequence=self.sequence,
             step=self.step,
@@ -89,35 +95,59 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
             item.select_set(False)
         root.select_set(True)
         context.view_layer.objects.active = root
-        hidden = ""
-        if self.set_up_render:
-            viewport.use_engine(context.scene)
-        if self.set_up_render and self.clear_view:
-            first, last = context.scene.frame_start, context.scene.frame_end
-            hidden = hide_occluders(root, (first, (first + last) // 2, last))
-            if bpy.data.filepath:  # in a new file it is Blender's own cube that is in the way
-                root.f4x.notice, hidden = hidden, ""
+        lines = self._show_set_up(context, root) if takes_over else []
+        if not takes_over and (line := left_as_is(context.scene, clip_camera(root))):
+            root.f4x.notice = "\n".join(part for part in (root.f4x.notice, line) if part)
         if self.show:
-            viewport.show(root, context.scene.camera if self.set_up_render and PATH in root else None)
-        # one report: of several the status bar shows none, and of a long one its ends
-        self.report({"INFO"}, ". ".join(filter(None, (_summary(root), root.get(NOTES), hidden))))
+            moves = takes_over and PATH in root and SceneObject(root).holds_edits
+            viewport.show(root, context.scene.camera if moves else None)
+        if root.f4x.speed != 1:
+            lines.append(_own_pace(root, context.scene))
+        # one report: of several the status bar shows none
+        self.report({"INFO"}, ". ".join(filter(None, (_summary(root), root.get(NOTES), *lines))))
         return {"FINISHED"}
+
+    def _takes_over(self, context: bpy.types.Context) -> bool:
+        """Whether to set up the render: as asked, else in a new file."""
+        if self.properties.is_property_set("set_up_render"):
+            return self.set_up_render
+        return not is_under_way(context.scene)
+
+    def _show_set_up(self, context: bpy.types.Context, root: bpy.types.Object) -> list[str]:
+        """Hide what was there before and is in the way; returns sentences about the clip's settings and what is hidden."""
+        done = [was_set_up(clip_camera(root))]
+        viewport.use_engine(context.scene)
+        if not self.clear_view:
+            return done
+        first, last = ClipSettings.read(clip_camera(root)).frames or (context.scene.frame_current,) * 2
+        hidden = hide_occluders(root, sorted({first, (first + last) // 2, last}))
+        if hidden and bpy.data.filepath:  # in a new file it is Blender's own cube that is in the way
+            root.f4x.notice = hidden
+        return [*done, hidden]
 
     def invoke(self, context, event):
         """Open the file browser, or only the options if a file was dropped into the viewport."""
+        self.set_up_render = self._takes_over(context)
         return self.invoke_popup(context) if self.filepath else super().invoke(context, event)
+
+
+def _own_pace(root: bpy.types.Object, scene: bpy.types.Scene) -> str:
+    """The sentence about a clip whose frame rate is not that of the file."""
+    fps = scene.render.fps / scene.render.fps_base
+    pace = f"it plays at its own pace, Speed {root.f4x.speed:.3g} in the panel Motion"
+    return f"The clip has {fps * root.f4x.speed:.4g} frames per second and this file {fps:.4g}: {pace}"
 
 
 def _summary(root: bpy.types.Object) -> str:
     """What was imported, in as few words as the status bar shows."""
-    if PATH in root:
+    if PATH in root and SceneObject(root).holds_edits:
         return f"{root.name}: {len(SceneObject(root).base.cameras)} frames. Space plays"
     clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD"]
     return f"{root.name}: {sum(len(item.data.points) for item in clouds):,} Gaussians"
 
 
 class F4X_OT_show_picture(Reporting, bpy.types.Operator):  # noqa: N801
-    """Show this viewport with the Feature4X engine. Solid shading, Blender's default, shows point clouds in gray."""
+    """Show this viewport with the engine Feature4X. Solid shading, Blender's default, shows point clouds in gray up to 5.2."""
 
     bl_idname = "f4x.show_picture"
     bl_label = "Show Picture"
@@ -127,6 +157,31 @@ class F4X_OT_show_picture(Reporting, bpy.types.Operator):  # noqa: N801
         viewport.use_engine(context.scene)
         viewport.draw_exactly(context.space_data)
         return {"FINISHED"}
+
+
+class F4X_OT_set_up_render(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Use the clip's size, frame rate, frame range and camera, and the render engine Feature4X."""
+
+    bl_idname = "f4x.set_up_render"
+    bl_label = "Set Up Render"
+
+    @classmethod
+    def poll(cls, context):
+        """Allowed if the scene still has the camera that came with it."""
+        scene_object = SceneObject.of(context.object)
+        if scene_object is not None and clip_camera(scene_object.root) is not None:
+            return True
+        cls.poll_message_set("Select an object of an imported scene that has its clip's camera")
+        return False
+
+    def act(self, context, scene_object):
+        """Take over the settings, and name them."""
+        left = left_as_is(context.scene, clip_camera(scene_object.root))
+        set_up(context.scene, clip_camera(scene_object.root))
+        lines = scene_object.state.notice.splitlines()
+        scene_object.state.notice = "\n".join(each for each in lines if each != left)
+        viewport.use_engine(context.scene)
+        self.report({"INFO"}, was_set_up(clip_camera(scene_object.root)))
 
 
 class F4X_OT_choose_clip(Reporting, bpy.types.Operator, ImportHelper):  # noqa: N801
@@ -155,8 +210,7 @@ class F4X_OT_choose_clip(Reporting, bpy.types.Operator, ImportHelper):  # noqa: 
         camera = next(item for item in root.children if item.type == "CAMERA")
         clip = Path(bpy.path.abspath(self.filepath))
         images = clip.parent if clip.suffix.lower() in bpy.path.extensions_image else clip
-        scene = context.scene
-        show_clip(camera, images, np.arange(scene.frame_start, scene.frame_end + 1))
+        show_clip(camera, images, np.arange(root[clip_time.FIRST], root[clip_time.LAST] + 1))
         _warn_of_clip(self, root)
         return {"FINISHED"}
 
@@ -198,7 +252,7 @@ class F4X_OT_find_scene(SceneOperator, bpy.types.Operator, ImportHelper):  # noq
     bl_label = "Find Scene File"
 
     filename_ext = ".f4x"
-    filter_glob: StringProperty(default="*.f4x", options={"HIDDEN"})  # type: ignore[valid-type]
+    filter_glob: StringProperty(default=SCENE_FILES, options={"HIDDEN"})  # type: ignore[valid-type]
 
     def act(self, context, scene_object):
         """Use the chosen file if it holds the same scene."""
@@ -223,6 +277,7 @@ CLASSES = (
     F4X_OT_import_scene,
     F4X_OT_find_scene,
     F4X_OT_show_picture,
+    F4X_OT_set_up_render,
     F4X_OT_choose_clip,
     F4X_FH_scene,
 )

@@ -1,4 +1,4 @@
-"""The panels of the sidebar (N): Scene, Select, Edit, Edits, Motion. They only draw; operators do the work."""
+"""The panels of the sidebar (N): Scene, Select, Edit, Edits, Clean and Place. They only draw; operators do the work."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import json
 
 import bpy
 
-from ..f4x_core.language.lexicon import plural
-from . import display, edit_operators, marking
+from . import cleanup_operators, display, edit_operators, marking, point_edits, viewport
+from .edit_fields import draw_fields
 from .gesture_operators import TOOLS
 from .lines import CATEGORY, draw_lines
-from .motion_edits import unwritten
-from .scaffold_rig import layer_of
+from .render_setup import clip_camera
 from .scene_object import SceneObject
 from .searching import draw_search
 from .wording import Reporting
@@ -26,7 +25,7 @@ def _bars(counts: list[int]) -> str:
     return "".join(LEVELS[round((count / highest) ** 0.5 * (len(LEVELS) - 1))] for count in counts)
 
 
-EXAMPLES = "Such as: delete the car; copy the dog to the left; select what moves"
+EXAMPLES = "Or: select what moves"
 """What stands where answers do while there is none."""
 WITHOUT = "No scene yet. Drop a .f4x file into the viewport, or make a scene of a video."
 CHOOSE_ONE = "There are several scenes. Select an object of one."
@@ -35,7 +34,7 @@ ROW_CHARACTERS = 24
 """Characters of an edit that its row shows in a sidebar as wide as Blender's own."""
 CLOSE_BUTTON = 4
 """Characters that a button beside lines takes."""
-ANSWER_LINES = 2
+ANSWER_LINES = 1
 """Lines kept free for an answer, so that it moves no button under the mouse."""
 
 
@@ -87,6 +86,11 @@ class F4X_OT_dismiss_notice(Reporting, bpy.types.Operator):  # noqa: N801
         return {"FINISHED"}
 
 
+def _touched(context: bpy.types.Context, scene_object: SceneObject) -> str:
+    """What other tools changed on the points and no edit holds; nothing while the scene plays."""
+    return "" if context.screen.is_animation_playing else point_edits.summary(scene_object)
+
+
 class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
     """The active scene, and whether its edits are saved in its file."""
 
@@ -112,9 +116,18 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row = layout.row(align=True)
         row.label(text=scene_object.name, icon="OUTLINER_OB_POINTCLOUD")
         row.prop(scene_object.state, "show_believed", text="", icon="VIEW_CAMERA")
-        row.operator("f4x.show_picture", text="", icon="SHADING_RENDERED")
+        if not viewport.shows_picture(context.scene, context.space_data):
+            layout.operator("f4x.show_picture", icon="SHADING_RENDERED")
         if not scene_object.path.exists():
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
+        if _touched(context, scene_object):
+            draw_lines(layout, context, _touched(context, scene_object), "ERROR")
+            row = layout.row(align=True)
+            row.operator("f4x.take_over_points")
+            row.operator("f4x.put_back_points", text="", icon="LOOP_BACK")
+        camera = clip_camera(scene_object.root)
+        if camera is not None and context.scene.camera != camera:
+            layout.operator("f4x.set_up_render", icon="OUTLINER_OB_CAMERA")
         if scene_object.state.notice:
             row = layout.row()
             draw_lines(row, context, scene_object.state.notice, "ERROR", beside=CLOSE_BUTTON)
@@ -213,6 +226,8 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
             self._draw_readings(layout, context, state)
         if state.answer or not state.readings:
             draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
+        if state.slower:
+            layout.operator("f4x.slow_clip", icon="TIME").speed = state.slower
         if state.instead:
             layout.operator("f4x.plan", text="Read It So", icon="CHECKMARK").sentence = state.instead
         if state.use_span:
@@ -230,7 +245,9 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.extract")
         row.operator("f4x.restore", icon="LOOP_BACK")
         grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
-        grid.operator("f4x.transform", text="Move, Rotate…", icon="ORIENTATION_GLOBAL")
+        row = grid.row(align=True)
+        row.operator("f4x.transform", text="Move…", icon="ORIENTATION_GLOBAL")
+        row.operator("f4x.edit_gizmo", text="", icon="GIZMO").edit_id = 0
         grid.operator("f4x.duplicate", text="Duplicate…", icon="DUPLICATE")
         grid.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
         grid.operator("f4x.retime", text="Retime…", icon="TIME")
@@ -259,26 +276,29 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
             again.readings = edit_operators.READINGS
 
 
-class F4X_PT_motion(_Section, bpy.types.Panel):  # noqa: N801
-    """The nodes that carry the motion."""
+class F4X_PT_place(_Section, bpy.types.Panel):  # noqa: N801
+    """Tools that clean a scene, and put it where it belongs."""
 
-    bl_label = "Motion"
+    bl_label = "Clean and Place"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
+    bl_order = 80
 
     def draw(self, context):
-        """Draw the switch that shows the nodes, the tools that move them, and what is not an edit yet."""
-        layout, scene_object = self.layout, SceneObject.of(context.object)
-        nodes = layer_of(scene_object.root)
-        row = layout.row(align=True)
-        if nodes is not None:
-            row.prop(nodes, "hide_viewport", text="Nodes", icon="EMPTY_AXIS", toggle=True, invert_checkbox=True)
-        row.operator("f4x.grab_nodes", text="Grab Softly", icon="VIEW_PAN")
-        row = layout.row(align=True)
-        row.operator("f4x.add_handles", text="Group Handles", icon="MESH_UVSPHERE")
-        row.operator("f4x.remove_handles", text="", icon="REMOVE")
-        moved = 0 if context.screen.is_animation_playing else unwritten(scene_object)
-        if moved:
-            text = f"Write Back Motion of {moved} {plural('Node', moved)}"
-            layout.operator("f4x.write_motion", text=text, icon="FILE_TICK")
+        """Draw the tools."""
+        layout = self.layout
+        column = layout.column(align=True)
+        column.operator("f4x.remove_floaters", icon="PARTICLES")
+        if cleanup_operators.box_of(SceneObject.of(context.object)) is None:
+            column.operator("f4x.add_crop_box", icon="CUBE")
+        else:
+            row = column.row(align=True)
+            row.operator("f4x.crop", text="Keep Inside", icon="CUBE").keep = "INSIDE"
+            row.operator("f4x.crop", text="Remove Inside").keep = "OUTSIDE"
+        column = layout.column(align=True)
+        column.operator("f4x.align_floor", icon="GRID")
+        row = column.row(align=True)
+        row.operator("f4x.align_points")
+        row.operator("f4x.scale_length")
 
 
 class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
@@ -287,7 +307,7 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
     bl_label = "Edits"
 
     def draw(self, context):
-        """Draw the list, with buttons to move, delete and save edits."""
+        """Draw the list, with buttons to move, delete and save edits, and the fields of the one that is picked."""
         layout, scene_object = self.layout, SceneObject.of(context.object)
         state = scene_object.state
         row = layout.row()
@@ -302,11 +322,16 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
                 draw_lines(layout, context, item.name)
         column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
         draw_lines(layout, context, state.uncovered, "INFO")
-        saved = scene_object.is_saved
-        if state.history or not saved:
+        draw_fields(layout, scene_object)
+        if not scene_object.holds_edits:
+            layout.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
+            return
+        saved, touched = scene_object.is_saved, bool(_touched(context, scene_object))
+        if state.history or not saved or touched:
             row = layout.row()
-            row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
-            row.active = not saved
+            text = "Save Edits to Scene" if saved and touched else scene_object.saving
+            row.operator("f4x.save_edits", text=text, icon="FILE_TICK")
+            row.active = touched or not saved
 
 
 CLASSES = (
@@ -317,6 +342,6 @@ CLASSES = (
     F4X_PT_selection,
     F4X_PT_change,
     F4X_PT_history,
-    F4X_PT_motion,
+    F4X_PT_place,
     F4X_OT_dismiss_notice,
 )

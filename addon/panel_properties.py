@@ -15,7 +15,7 @@ from bpy.props import (
 from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED
-from . import display, marking
+from . import clip_time, display, edit_fields, marking
 from .scene_object import SceneObject
 from .submitting import submit
 from .wording import error_line
@@ -101,9 +101,45 @@ class F4X_PG_reading(bpy.types.PropertyGroup):  # noqa: N801
     description: StringProperty()  # type: ignore[valid-type]
 
 
+def _set_start(self, frame: float) -> None:
+    clip_time.place(self.id_data, frame, clip_time.timing_of(self.id_data).rate)
+
+
+def _set_speed(self, rate: float) -> None:
+    clip_time.place(self.id_data, clip_time.timing_of(self.id_data).start, rate)
+
+
 class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     """The sidebar's state."""
 
+    start_frame: FloatProperty(  # type: ignore[valid-type]
+        name="Start Frame",
+        description="Frame of the timeline at which the clip begins; all that is keyed below the scene's root moves along",
+        step=100,
+        precision=2,
+        options=set(),
+        get=lambda self: clip_time.timing_of(self.id_data).start,
+        set=_set_start,
+    )
+    speed: FloatProperty(  # type: ignore[valid-type]
+        name="Speed",
+        description="Clip frames for each frame of the timeline, the camera's too: 0.5 plays the whole clip half as fast",
+        min=0.001,
+        max=1000.0,
+        soft_min=0.1,
+        soft_max=10.0,
+        precision=3,
+        options=set(),
+        get=lambda self: clip_time.timing_of(self.id_data).rate,
+        set=_set_speed,
+    )
+    animate_time: BoolProperty(  # type: ignore[valid-type]
+        name="Animate Time",
+        description="Key or drive Time - ramps, freezes, reverse - in place of Start Frame and Speed; its keys are kept when off",
+        options=set(),
+        get=lambda self: not clip_time.follows_timeline(self.id_data),
+        set=lambda self, on: clip_time.animate(self.id_data, on),
+    )
     text: StringProperty(  # type: ignore[valid-type]
         name="Text",
         description="What to select: words separated by commas, what moves, what stands still, everything or nothing",
@@ -162,10 +198,10 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         update=_shown_changed,
     )
     use_span: BoolProperty(  # type: ignore[valid-type]
-        name="Time Span", description="Limit the selection and its edits to a range of frames"
+        name="Time Span", description="Limit the selection and its edits to a range of clip frames"
     )
-    first: IntProperty(name="First", description="First frame of the time span", min=0)  # type: ignore[valid-type]
-    last: IntProperty(name="Last", description="Last frame of the time span", min=0)  # type: ignore[valid-type]
+    first: IntProperty(name="First", description="First clip frame of the time span", min=0)  # type: ignore[valid-type]
+    last: IntProperty(name="Last", description="Last clip frame of the time span", min=0)  # type: ignore[valid-type]
     reach: FloatProperty(  # type: ignore[valid-type]
         name="Step",
         description="Distance by which to grow or shrink the selection",
@@ -192,6 +228,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     name_index: IntProperty()  # type: ignore[valid-type]
     history: CollectionProperty(type=F4X_PG_edit)  # type: ignore[valid-type]
     history_index: IntProperty()  # type: ignore[valid-type]
+    fields: PointerProperty(type=edit_fields.F4X_PG_fields)  # type: ignore[valid-type]
     sentence: StringProperty(  # type: ignore[valid-type]
         name="Say",
         description="What to change or select, such as: make the dog red from second 2; select what moves",
@@ -199,6 +236,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     )
     answer: StringProperty()  # type: ignore[valid-type]
     instead: StringProperty()  # type: ignore[valid-type]  # the sentence that was probably meant, where that is asked
+    slower: FloatProperty()  # type: ignore[valid-type]  # speed of a plan that slows everything and so loses its end; else 0
     readings: CollectionProperty(type=F4X_PG_reading)  # type: ignore[valid-type]
     reading_index: IntProperty(update=_preview_changed)  # type: ignore[valid-type]
     preview: BoolProperty(  # type: ignore[valid-type]
@@ -206,7 +244,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     )
 
 
-CLASSES = (F4X_PG_edit, F4X_PG_name, F4X_PG_reading, F4X_PG_scene)
+CLASSES = (*edit_fields.CLASSES, F4X_PG_edit, F4X_PG_name, F4X_PG_reading, F4X_PG_scene)
 
 
 def register() -> None:

@@ -16,7 +16,7 @@ from ..f4x_core.edit.resolve import labels_of, nothing_called
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.lexicon import spellings
 from ..f4x_core.progress import Progress
-from ..f4x_core.query.cast import is_cast
+from ..f4x_core.query.cast import needs_no_teacher
 from ..f4x_core.query.inventory import instead
 from ..f4x_core.query.knowledge import refuse_unknown
 from ..f4x_core.query.labels import words_of
@@ -137,7 +137,9 @@ def _query(
         refuse_unknown(scene, label)
     known = {label.lower() for label in labels_of(scene)}
     unknown = [
-        word for word in (*labels, *(negatives or ())) if known.isdisjoint(spellings(word)) and not is_cast(word)
+        word
+        for word in (*labels, *(negatives or ()))
+        if known.isdisjoint(spellings(word)) and not needs_no_teacher(word)
     ]
     others = instead(scene, unknown)[1] if known and unknown else ""
     hint = f" {others[0].upper()}{others[1:]}." if others else ""
@@ -344,7 +346,7 @@ class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
     @classmethod
     def description(cls, context, properties):
         """The tooltip of each button."""
-        return cls.bl_rna.properties["how"].enum_items[properties.how].description
+        return properties.bl_rna.properties["how"].enum_items[properties.how].description
 
     def act(self, context, scene_object):
         """Use the positions of the Gaussians at the current frame."""
@@ -396,7 +398,7 @@ class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801
     @classmethod
     def description(cls, context, properties):
         """The tooltip of each button."""
-        return cls.bl_rna.properties["what"].enum_items[properties.what].description
+        return properties.bl_rna.properties["what"].enum_items[properties.what].description
 
     def act(self, context, scene_object):
         """Hide adds to the hidden points; Isolate replaces them."""

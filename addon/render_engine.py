@@ -18,7 +18,7 @@ from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ..f4x_core.scene.passes import Mist
 from ..f4x_core.troubles import EXPECTED
 from . import believed, display, evaluated, shadows, viewport_gpu
-from .axes import camera_eye, camera_lens, eye
+from .axes import Eye, Stereo, camera_eye, camera_lens, eye
 from .render_settings import ENGINE
 from .wording import refuse
 
@@ -59,6 +59,10 @@ class F4X_PG_passes(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this
     score: BoolProperty(  # type: ignore[valid-type]
         name="Score", description="How well the points match a query (point attribute f4x_score)"
     )
+    holdout: BoolProperty(  # type: ignore[valid-type]
+        name="Holdout",
+        description="Coverage of held-out meshes, where they are not hidden: lay a picture of them there",
+    )
     unseen: BoolProperty(  # type: ignore[valid-type]
         name="Unseen", description="Matte of what no frame of the clip shows, such as behind what was removed"
     )
@@ -90,6 +94,7 @@ class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
         column.prop(layer, "pass_cryptomatte_depth", text="Cryptomatte Levels")
         for name in F4X_PG_passes.__annotations__:
             column.prop(layer.f4x_passes, name)
+        self.layout.prop(layer, "f4x_hold_out_meshes")
 
 
 class F4X_PT_film(bpy.types.Panel):  # noqa: N801
@@ -147,7 +152,7 @@ class F4X_PT_mist(bpy.types.Panel):  # noqa: N801
 
 
 class Feature4XRenderEngine(bpy.types.RenderEngine):
-    """Render engine that draws Gaussians as the core does; other surfaces occlude them and show a flat colour."""
+    """Render engine that draws Gaussians as the core does; other surfaces occlude them and show their plain colors."""
 
     bl_idname = ENGINE
     bl_label = "Feature4X"
@@ -179,21 +184,30 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         scene, layer = depsgraph.scene, depsgraph.view_layer
         self.update_stats("Feature4X", "reading the scene")
         display.check_frame(scene.original)
-        seen = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
         believed.warn(self.report, scene.original, scene.camera.evaluated_get(depsgraph))
+        for title, channels in _titles(layer).items():
+            self.add_pass(title, len(channels), channels, layer=layer.name)
+        for view in _views(scene.render):
+            self.active_view_set(view)
+            self._render_view(depsgraph, view)
+
+    def _render_view(self, depsgraph, view: str) -> None:
+        """Render what one eye sees; without stereo there is one, which has no name."""
+        scene, layer = depsgraph.scene, depsgraph.view_layer
+        seen = self._eye(depsgraph, view)
         region, passes = _region(scene.render, self.resolution_x, self.resolution_y), _wanted(layer)
         mattes = evaluated.Mattes() if any(name.startswith(stage.MATTE) for name in passes) else None
-        more = evaluated.More(mattes, "unseen" in passes, shadows.lighting(depsgraph))
+        more = evaluated.More(mattes, "unseen" in passes, shadows.lighting(depsgraph), layer.f4x_hold_out_meshes)
         background = None if scene.render.film_transparent else evaluated.world_color(scene.world)
 
         def progress(name: str, done: int, total: int, message: str = "") -> None:
             if self.test_break():
                 raise Cancelled
             self.update_progress(done / total)
-            self.update_stats("Feature4X", f"row {done} of {total}")
+            self.update_stats("Feature4X", f"{view} row {done} of {total}".lstrip())
 
         images = shoot(
-            self._takes(depsgraph, more),
+            self._takes(depsgraph, more, view),
             _exposure(scene, depsgraph, seen.back),
             stage.DrawSettings(seen.near, seen.far, background, mist=_mist(scene.world, seen.back)),
             passes,
@@ -203,9 +217,18 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         if "depth" in images:
             there = images["depth"] < stage.NOTHING
             images["depth"] = np.where(there, images["depth"] - seen.back, stage.NOTHING)
-        self._write(layer, images, region, mattes)
+        self._write(layer, images, region, mattes, view)
 
-    def _takes(self, depsgraph, more: evaluated.More) -> Callable[[float], Take]:
+    def _eye(self, depsgraph, view: str) -> Eye:
+        """What the camera of a view sees at present."""
+        scene, size = depsgraph.scene, (self.resolution_x, self.resolution_y)
+        if not view:
+            return camera_eye(scene.camera, scene, depsgraph, *size)
+        camera = self.camera_override or scene.camera
+        stereo = Stereo(np.array(self.camera_model_matrix(camera)), self.camera_shift_x(camera))
+        return camera_eye(camera, scene, depsgraph, *size, stereo)
+
+    def _takes(self, depsgraph, more: evaluated.More, view: str) -> Callable[[float], Take]:
         """What reads the scene so many frames from the one that is rendered; Blender evaluates it anew where that is another."""
         scene = depsgraph.scene
         start = shown = scene.frame_current + scene.frame_subframe
@@ -216,21 +239,20 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
                 shown = start + offset
                 whole = int(np.floor(shown))
                 self.frame_set(whole, shown - whole)
-            here = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
+            here = self._eye(depsgraph, view)
             clouds, surfaces = evaluated.stage(depsgraph, more)
             return Take(stage.as_seen(clouds, here.back), surfaces, here.camera)
 
         return take_at
 
-    def _write(self, layer, images: dict[str, np.ndarray], region: tuple[slice, slice], mattes) -> None:
+    def _write(self, layer, images: dict[str, np.ndarray], region: tuple[slice, slice], mattes, view: str) -> None:
         """Hand the pictures over to Blender in its own names, with the names of mattes in the file's header."""
         written = layers.named_layers(images, layer.pass_cryptomatte_depth)
         if "index" in images:
             written[_INDEX[0]] = (images["index"][..., None], _INDEX[1])
-        for title, channels in _titles(layer).items():
-            self.add_pass(title, len(channels), channels, layer=layer.name)
         rows, columns = region
-        result = self.begin_result(0, 0, columns.stop - columns.start, rows.stop - rows.start, layer=layer.name)
+        size = columns.stop - columns.start, rows.stop - rows.start
+        result = self.begin_result(0, 0, *size, layer=layer.name, view=view)
         whole = self.get_result()
         for name, names in mattes.names.items() if mattes else ():
             if f"{stage.MATTE}{name}" in _wanted(layer):
@@ -295,9 +317,9 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         size = (-(-width // coarse), -(-height // coarse))
         seen = eye(projection, world_to_view, *size)
         clouds, surfaces, background = self._stage
-        settings = stage.DrawSettings(seen.near, seen.far, background)
+        settings = stage.DrawSettings(seen.near, seen.far, background, surface_samples=1)
         images = stage.draw(stage.as_seen(clouds, seen.back), surfaces, seen.camera, settings)
-        picture = combined(images["rgb"], images["alpha"], transparent=False)
+        picture = combined(images["rgb"], np.ones_like(images["alpha"]))
         flat = np.ascontiguousarray(picture[::-1], np.float32).ravel()
         return gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
 
@@ -306,6 +328,14 @@ def _wanted(layer: bpy.types.ViewLayer) -> list[str]:
     """Passes of the stage that a view layer asks for."""
     own = [name for name in F4X_PG_passes.__annotations__ if getattr(layer.f4x_passes, name)]
     return [name for name, switch in _SWITCHES.items() if getattr(layer, switch)] + own
+
+
+def _views(render: bpy.types.RenderSettings) -> list[str]:
+    """Names of the views that are rendered; without stereo one without a name."""
+    if not render.use_multiview:
+        return [""]
+    stereo = render.views_format == "STEREO_3D"
+    return [view.name for view in render.views if view.use and (not stereo or view.name in ("left", "right"))]
 
 
 def _titles(layer: bpy.types.ViewLayer) -> dict[str, str]:
@@ -366,6 +396,10 @@ def register() -> None:
         min=1,
         max=1024,
     )
+    bpy.types.ViewLayer.f4x_hold_out_meshes = BoolProperty(
+        name="Hold Out Meshes",
+        description="Cut holes where meshes are, for the picture of another engine",
+    )
     for panel in _shared_panels():
         panel.COMPAT_ENGINES.add(Feature4XRenderEngine.bl_idname)
 
@@ -374,7 +408,7 @@ def unregister() -> None:
     """Undo `register`."""
     for panel in _shared_panels():
         panel.COMPAT_ENGINES.discard(Feature4XRenderEngine.bl_idname)
-    del bpy.types.ViewLayer.f4x_passes, bpy.types.Scene.f4x_samples
+    del bpy.types.ViewLayer.f4x_passes, bpy.types.ViewLayer.f4x_hold_out_meshes, bpy.types.Scene.f4x_samples
     viewport_gpu.forget()
 
 

@@ -23,6 +23,7 @@ from bpy.app.handlers import persistent
 from ..f4x_core.geometry import quaternion
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.scaffold.missing import carriers
+from .clip_time import retarget
 from .point_cloud import read_attribute, write_attribute
 from .scaffold_rig import HANDLE, NODE, NODES, layer_of, nodes_of
 from .scene_object import SceneObject, root_of
@@ -184,6 +185,7 @@ def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
         if item.data.users > 1:
             item.data = item.data.copy()
         _swap_all(item, swaps)
+    retarget(root, original)
     root[ORDER] = ""
 
 

@@ -25,6 +25,7 @@ from ..f4x_core.scaffold.deformation import node_poses_at
 from ..f4x_core.scaffold.grab import add_offset
 from ..f4x_core.scaffold.groups import group_motion, rigid_groups
 from .animation import ActionWriter, rewrite, sample
+from .clip_time import timing_of
 from .motion_nodes import build_graph_tree
 from .point_cloud import write_attribute
 from .scene_object import TIMED, SceneObject
@@ -113,13 +114,20 @@ def read_poses(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The poses (xyz (T,n,3), quat (T,n,4)) float64 of `items` at clip frames in the scene's frame, as Blender evaluates them."""
     scene, present = bpy.context.scene, bpy.context.scene.frame_current_final
+    shown_at = timing_of(root).frames_of(frames)
     xyz, quat = np.zeros((len(frames), len(items), 3)), np.zeros((len(frames), len(items), 4))
     with _gaussians_at_rest(root):
-        for i, frame in enumerate(frames):
-            scene.frame_set(int(frame), subframe=float(frame) % 1)
+        for i, frame in enumerate(shown_at):
+            set_frame(scene, frame)
             xyz[i], quat[i] = poses_now(root, items)
-        scene.frame_set(int(present), subframe=present % 1)
+        set_frame(scene, present)
     return xyz, quaternion.align_sequence(quat)
+
+
+def set_frame(scene: bpy.types.Scene, frame: float) -> None:
+    """Go to a frame of the timeline, or between two."""
+    whole = int(np.floor(frame))
+    scene.frame_set(whole, subframe=float(frame) - whole)
 
 
 def poses_now(root: bpy.types.Object, items: Sequence[bpy.types.Object]) -> tuple[np.ndarray, np.ndarray]:
@@ -133,7 +141,7 @@ def poses_now(root: bpy.types.Object, items: Sequence[bpy.types.Object]) -> tupl
 
 def key_moved(root: bpy.types.Object) -> None:
     """Key at the current frame the nodes and handles that were moved there by hand: a look at another frame would put them back."""
-    frame = bpy.context.scene.frame_current
+    frame = bpy.context.scene.frame_current_final
     for item in root.children_recursive:
         if NODE not in item and HANDLE not in item:
             continue
@@ -147,6 +155,7 @@ def write_poses(
 ) -> None:
     """Key `items` at clip frames so that they stand at `xyz (T,n,3)`, `quat (T,n,4)` of the scene's frame, whoever their
     parents are."""
+    keyed_at = timing_of(root).frames_of(frames)
     parents = list(dict.fromkeys(item.parent for item in items))
     above_xyz, above_quat = read_poses(root, parents, frames)
     for i, item in enumerate(items):
@@ -154,13 +163,19 @@ def write_poses(
         item.matrix_parent_inverse = Matrix()
         item.rotation_mode = "QUATERNION"
         local = pose.compose(*pose.invert(above_quat[:, above], above_xyz[:, above]), quat[:, i], xyz[:, i])
-        rewrite(item, frames, {PLACE: local[1], TURN: quaternion.align_sequence(local[0])})
+        rewrite(item, keyed_at, {PLACE: local[1], TURN: quaternion.align_sequence(local[0])})
 
 
 def hold(
-    items: Sequence[bpy.types.Object], frames: np.ndarray, offset: tuple[np.ndarray, np.ndarray], fraction: np.ndarray
+    root: bpy.types.Object,
+    items: Sequence[bpy.types.Object],
+    frames: np.ndarray,
+    offset: tuple[np.ndarray, np.ndarray],
+    fraction: np.ndarray,
 ) -> None:
-    """Add `fraction (T,)` of `offset` = `(quat (n,4), xyz (n,3))`, in each item's own frame, to its keys at `frames (T,)`."""
+    """Add `fraction (T,)` of `offset` = `(quat (n,4), xyz (n,3))`, in each item's own frame, to its keys at clip frames
+    `frames (T,)`."""
+    frames = timing_of(root).frames_of(frames)
     for i, item in enumerate(items):
         keyed = sample(item, frames, (PLACE, TURN))
         one = offset[0][i : i + 1], offset[1][i : i + 1]
@@ -190,7 +205,7 @@ def add_handles(root: bpy.types.Object, unit: float, frames: np.ndarray, count: 
         handle.empty_display_type = "SPHERE"
         carrier[HANDLE] = handle[HANDLE] = number
         turn, place = group_motion(xyz[:, members])
-        writer.write(carrier, frames, {PLACE: place, TURN: turn})
+        writer.write(carrier, timing_of(root).frames_of(frames), {PLACE: place, TURN: turn})
         carrier.hide_set(True)
         for member in members:
             nodes[member].parent = handle

@@ -24,6 +24,7 @@ from ..f4x_core.progress import Progress, silent
 from ..f4x_core.query.calibration import prepare
 from ..f4x_core.query.following import draw_views
 from ..f4x_core.scene import Scene, read_header, read_scene
+from ..f4x_core.scene.foreign import identify, open_any
 
 NO_EDITS = "[]"
 """JSON of the empty stack."""
@@ -48,6 +49,8 @@ class SceneFile(NamedTuple):
     """Hash of the arrays that stay the same when features and words are added."""
     edits: str
     """JSON of the edits."""
+    holds_edits: bool
+    """True for a `.f4x` scene; splats of another program are a scene whose edits stay in the .blend."""
 
 
 _files: dict[str, SceneFile] = {}  # path -> what it held when it was looked at last
@@ -56,7 +59,7 @@ _scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
 
 
 def look_at(path: Path) -> SceneFile:
-    """What a scene file holds, from its header, which is read anew only when the file has changed."""
+    """What a scene or splat file holds, from its header; read anew only when the file has changed."""
     try:
         found = path.stat()
     except OSError as error:
@@ -66,10 +69,24 @@ def look_at(path: Path) -> SceneFile:
     stamp = (found.st_mtime_ns, found.st_size)
     file = _files.get(str(path))
     if file is None or file.stamp != stamp:
-        arrays = read_header(path)["arrays"]
-        same = {name: entry for name, entry in arrays.items() if name.startswith(GROUPS) and not name.endswith(LATENT)}
-        file = _files[str(path)] = SceneFile(stamp, _hash(arrays), _hash(same), text_of(read_stack(path)))
+        file = _files[str(path)] = _look_at_scene(path, stamp) if _is_scene(path) else _look_at_splats(path, stamp)
     return file
+
+
+def _is_scene(path: Path) -> bool:
+    return identify(path, sequence=False) == "scene"
+
+
+def _look_at_scene(path: Path, stamp: tuple[int, int]) -> SceneFile:
+    arrays = read_header(path)["arrays"]
+    same = {name: entry for name, entry in arrays.items() if name.startswith(GROUPS) and not name.endswith(LATENT)}
+    return SceneFile(stamp, _hash(arrays), _hash(same), text_of(read_stack(path)), holds_edits=True)
+
+
+def _look_at_splats(path: Path, stamp: tuple[int, int]) -> SceneFile:
+    with path.open("rb") as file:
+        content = hashlib.file_digest(file, "sha256").hexdigest()
+    return SceneFile(stamp, content, content, NO_EDITS, holds_edits=False)
 
 
 def displayed(path: Path, text: str) -> Display:
@@ -77,9 +94,7 @@ def displayed(path: Path, text: str) -> Display:
     arrays = look_at(path).arrays
     base, wanted = (str(path), arrays, NO_EDITS), (str(path), arrays, text)
     if base not in _scenes:
-        scene = read_scene(path)
-        fields = {name: value for name, value in scene.extra_fields.items() if name != UNDONE}
-        _scenes[base] = Display(replace(scene, edits=(), extra_fields=fields))
+        opened(path)
     if wanted not in _scenes:
         _scenes[wanted] = Display(edited(with_stack(_scenes[base].scene, stack_from(text, str(path)))))
     for key in (base, wanted):
@@ -87,6 +102,19 @@ def displayed(path: Path, text: str) -> Display:
     while len(_scenes) > KEPT:
         _scenes.popitem(last=False)
     return _scenes[wanted]
+
+
+def opened(path: Path) -> Scene:
+    """The scene of a `.f4x` or splat file with the file's edits, which is read here; `displayed` then knows it without them.
+
+    Raises F4xError for a missing, damaged or unsuitable file.
+    """
+    key = str(path), look_at(path).arrays, NO_EDITS
+    scene = read_scene(path) if _is_scene(path) else open_any(path, sequence=False)
+    assert isinstance(scene, Scene)
+    fields = {name: value for name, value in scene.extra_fields.items() if name != UNDONE}
+    _scenes[key] = Display(replace(scene, edits=(), extra_fields=fields))
+    return scene
 
 
 def text_of(stack: EditStack) -> str:

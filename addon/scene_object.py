@@ -2,7 +2,7 @@
 
 The state is stored in the .blend on the scene's root empty, so that Blender's Undo covers it:
 
-    f4x_path     the scene file
+    f4x_path     the scene file, or the splat file of another program, which holds no edits
     f4x_arrays   hash of the file's Gaussians at import: the file has to hold the same ones
     f4x_edits    JSON of the pending stack
     f4x_saved    JSON of the stack that the file held when this scene last read or wrote it
@@ -36,8 +36,8 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.query.gesture import View
 from ..f4x_core.query.selection import Selection
-from ..f4x_core.scene import Scene, updating
-from . import packing, scene_cache
+from ..f4x_core.scene import Scene, updating, write_scene
+from . import clip_time, packing, scene_cache
 from .axes import Eye
 from .packing import PACKED, pack, unpacked
 from .point_cloud import read_attribute, write_attribute
@@ -45,6 +45,8 @@ from .point_cloud import read_attribute, write_attribute
 PATH, ARRAYS, EDITS, SAVED, PREVIEW = "f4x_path", "f4x_arrays", "f4x_edits", "f4x_saved", "f4x_preview"
 APART = "f4x_apart"
 """Property of the separate cloud for Gaussians whose motion is edited: moved, retimed and copied ones."""
+HANDLE_OF = "f4x_edit"
+"""Property of the handle of an edit (`edit_handles`): the edit's id."""
 SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
 """Point attributes: the selection (Blender's own name), the selection before the last query, and the query's scores."""
 HIDDEN = "f4x_hidden"
@@ -134,6 +136,14 @@ class SceneObject:
             self.root[PATH] = before
             raise
 
+    @property
+    def holds_edits(self) -> bool:
+        """Whether the scene's file is a `.f4x`, in which edits can be saved; true where it is missing."""
+        try:
+            return scene_cache.look_at(self.path).holds_edits
+        except F4xError:
+            return True
+
     def attach(self) -> None:
         """Take over the scene file's edits and remember its arrays: after an import, or when a job has written the file."""
         path = self.path
@@ -208,6 +218,8 @@ class SceneObject:
         Raises F4xError: the file is missing, holds other Gaussians or is being changed, or both sides changed the same edit.
         """
         path = self._checked_path()
+        if not scene_cache.look_at(path).holds_edits:
+            raise F4xError(f"{path.name} cannot hold edits; use Save As Scene, which makes a .f4x file of both.")
         with updating(path, PATIENCE):
             self._checked_path()  # again: the file may have been replaced before it was locked
             ours, met, theirs = self.stack, scene_cache.stack_from(self._met, self.name), read_stack(path)
@@ -219,6 +231,19 @@ class SceneObject:
         self.set_stack(stack)
         self._meet(self.root[EDITS])
         return stack
+
+    def save_as(self, path: Path) -> None:
+        """Write the scene with its pending edits into a new `.f4x` file `path`, which is the scene's file from then on."""
+        path = path.with_suffix(".f4x")
+        if path.exists() and path.samefile(self._checked_path()):
+            raise F4xError(f"{path} is the scene file itself; press Save Edits to Scene, or choose another name.")
+        write_scene(with_stack(self.base, self.stack), path)
+        self.root[PATH] = str(path)
+        file = scene_cache.look_at(path)
+        self.root[ARRAYS], self.root[EDITS] = file.gaussians, file.edits
+        self._meet(file.edits)
+        if PACKED in self.root:
+            pack(self.root, path)
 
     def remember(self) -> None:
         """Put into the .blend, which may be saved at any time, what the file held when the scene last met it."""
@@ -243,8 +268,8 @@ class SceneObject:
 
     @property
     def frame(self) -> float:
-        """The current clip frame, clamped to the clip."""
-        return self.shown.time(bpy.context.scene.frame_current_final)
+        """The clip frame that is shown, clamped to the clip."""
+        return self.shown.time(clip_time.time_of(self.root))
 
     @property
     def names(self) -> Mapping[str, np.ndarray]:
@@ -344,6 +369,10 @@ class SceneObject:
     def _display(self, text: str) -> Display:
         """The scene with the stack that `text` describes; F4xError where the file is gone or holds other Gaussians."""
         return scene_cache.displayed(self._checked_path(), text)
+
+    def check_file(self) -> None:
+        """Raise F4xError where the scene file is gone or holds other Gaussians."""
+        self._checked_path()
 
     def _checked_path(self) -> Path:
         """The scene file; F4xError unless its Gaussians are those that were imported."""

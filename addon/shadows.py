@@ -12,8 +12,9 @@ from mathutils.bvhtree import BVHTree
 
 from ..f4x_core.scene import shadows
 from ..f4x_core.scene.stage import Cloud
-from .evaluated import OF, SOLID, surface_of
+from .evaluated import OF, SOLID
 from .scene_object import SceneObject
+from .surfaces import surface_of
 
 
 class F4X_PG_shadows(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form

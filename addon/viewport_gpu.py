@@ -195,7 +195,6 @@ def _compile() -> dict[str, gpu.types.GPUShader]:
         {"pos": "VEC3", "normal": "VEC3", "color": "VEC4"},
         {"ground": "VEC4", "nearest": "FLOAT"},
     )
-    surface.vertex_out(_interface("surface_flat", glsl.SURFACE_FLAT, flat=True))
     surface.vertex_out(_interface("surface_smooth", glsl.SURFACE_SMOOTH))
     linear = _info({}, ("picture",), {"corner": "VEC2"}, {"color": "VEC4"})
     sources = {

@@ -15,6 +15,10 @@ _PANEL_WORDS = (
     (r"`f4x fit[^`]*`", "Tasks > Fit Video"),
     (r"`f4x ask[^`]*`", "Tasks > Question"),
     (r"`f4x query[^`]*`", "Select"),
+    (
+        r"`f4x render --path slow:([\d.]+)`",
+        lambda found: f"Speed {1 / float(found[1]):.3g} in the panel Motion, or the button below,",
+    ),
     (r"`f4x render[^`]*unseen`", "The pass Unseen of Feature4X's renders"),
     (r"`f4x export[^`]*`", "Tasks > Export"),
     (r"`f4x bake` (them|the scene)", r"bake \1 with the command f4x bake"),

@@ -30,6 +30,7 @@ from .errors import Cancelled, F4xError
 from .files import json_text
 from .printing import write
 from .progress import Progress, silent
+from .troubles import EXPECTED, sentence_of
 
 EXIT_INTERRUPTED = 130
 START = "start"
@@ -67,6 +68,24 @@ class LineProgress:
             write(self.file, json_text(line))
         except BrokenPipeError as error:
             raise Cancelled from error
+
+
+def serve(work: Callable[[LineProgress], tuple[dict[str, Any], str]]) -> int:
+    """Do `work(progress)` for a parent that reads JSON lines, and return the exit code.
+
+    `work` returns the result and a sentence about it. An expected error is reported as `error`; the parent's end ends the work.
+    """
+    progress = LineProgress(sys.stdout)
+    stop_with_parent()
+    try:
+        result, text = work(progress)
+    except (KeyboardInterrupt, Cancelled):
+        return EXIT_INTERRUPTED
+    except EXPECTED as error:
+        progress.tell(error=sentence_of(error))
+        return 2
+    progress.tell(result=result, text=text)
+    return 0
 
 
 def stop_with_parent() -> None:

@@ -113,7 +113,7 @@ def compare(clouds: list, surfaces: list, seen) -> dict[str, float]:
     from feature4x.f4x_core.scene import stage
 
     background = np.array([0.2, 0.3, 0.5])
-    settings = stage.DrawSettings(seen.near, seen.far, background)
+    settings = stage.DrawSettings(seen.near, seen.far, background, surface_samples=1)  # edges are hard in viewports
     engine = stage.draw(stage.as_seen(clouds, seen.back), surfaces, seen.camera, settings)["rgb"]
     picture = viewport_gpu.GpuPicture()
     picture.load(clouds, surfaces, background)

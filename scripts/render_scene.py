@@ -3,6 +3,8 @@
 python scripts/render_scene.py SCENE.f4x -o OUT --frames 0:24:4
 blender -b --factory-startup --python-exit-code 1 -P scripts/render_scene.py -- SHOT.blend -o OUT --engine CYCLES --exr
 
+blender -b --factory-startup --python-exit-code 1 -P scripts/render_scene.py -- SHOT.blend -o OUT --composite CYCLES
+
 OUT/00000.png …, and with --exr OUT/00000.exr … with all passes that the view layer has, in 32 bits.
 """
 
@@ -26,6 +28,11 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument(
         "--engine", choices=ENGINES, default=ENGINES[0], help=f"default: {ENGINES[0]}, the exact picture"
     )
+    parser.add_argument(
+        "--composite",
+        choices=("CYCLES", "EEVEE"),
+        help="let this engine draw the meshes, merged with the Gaussians by depth",
+    )
     parser.add_argument("--frames", metavar="A:B:S", help="first frame, end and step (default: all of the file)")
     parser.add_argument("--percent", type=int, default=100, metavar="P", help="size in percent (default: 100)")
     parser.add_argument("--exr", action="store_true", help="also a multilayer EXR of each frame, with depth and alpha")
@@ -36,6 +43,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
     """Open the scene, render frame by frame, and report the seconds."""
     options = parse(arguments)
     import bpy
+    from feature4x.addon import compositing
     from feature4x.addon.render_settings import save_multilayer, save_png
     from feature4x.f4x_core.errors import F4xError
 
@@ -50,6 +58,8 @@ def main(arguments: list[str]) -> dict[str, Any]:
     if not 1 <= options.percent <= 1000:
         raise F4xError(f"--percent {options.percent}: give a number from 1 to 1000.")
     scene.render.engine = options.engine
+    if options.composite:
+        compositing.set_up(scene, bpy.context.view_layer, options.composite)
     scene.render.resolution_percentage = options.percent
     frames = door.frame_range(options.frames, scene.frame_start, scene.frame_end)
     if options.exr:

@@ -21,7 +21,7 @@ import door
 
 door.load_extension().register()
 
-from feature4x.addon import jobs  # noqa: E402 - there once the extension is loaded
+from feature4x.addon import jobs, native_motion  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.scaffold_rig import layer_of  # noqa: E402
 from feature4x.addon.scene_object import SceneObject  # noqa: E402
 
@@ -30,6 +30,8 @@ FRAME = 12
 """What the pictures show."""
 ORBIT = 25.0
 """Degrees of the other camera's circle."""
+MONKEY, LAMP = (-0.02, 0.1, 1.1), (0.7, -0.6, 0.2)
+"""Where a mesh and a lamp are put, in the scene's axes."""
 RAISED = 0.12
 """How far the node is pulled up."""
 CRATE = (-0.45, 0.19, 1.09), 0.16
@@ -47,6 +49,11 @@ class View:
     def area(self):
         """The viewport; None while a picture that is being rendered fills the window."""
         return next((area for area in self.window.screen.areas if area.type == "VIEW_3D"), None)
+
+    @property
+    def editor(self):
+        """The largest area, whatever it shows."""
+        return max(self.window.screen.areas, key=lambda area: area.width * area.height)
 
     def region(self, kind: str = "WINDOW"):
         """A part of the viewport."""
@@ -121,6 +128,103 @@ def say(view: View, sentence: str) -> None:
 def apply(view: View) -> None:
     """Do what was planned."""
     view.call(bpy.ops.f4x.apply_plan)
+
+
+def play(view: View) -> None:
+    """Play the animation slowly, or stop it."""
+    bpy.context.scene.render.fps = 1
+    view.call(bpy.ops.screen.animation_play)
+
+
+def reopen(view: View) -> None:
+    """Save the .blend and open it again."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(view.home / "room.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(view.home / "room.blend"))
+
+
+def solid(view: View) -> None:
+    """Blender's own shading."""
+    view.area.spaces.active.shading.type = "SOLID"
+
+
+def add_mesh(view: View) -> None:
+    """A smooth red monkey between the crate, the ball and the wall, and an area lamp on it."""
+    to_world = view.scene_object.root.matrix_world
+    view.call(bpy.ops.mesh.primitive_monkey_add, size=0.35, location=to_world @ Vector(MONKEY))
+    item = bpy.context.object
+    view.call(bpy.ops.object.shade_smooth)
+    item.modifiers.new("Subdivision", "SUBSURF").levels = 2
+    material = bpy.data.materials.new("Red")
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Base Color"].default_value = (0.8, 0.05, 0.03, 1)
+    shader.inputs["Roughness"].default_value = 0.25
+    item.data.materials.append(material)
+    for lamp in [each for each in bpy.data.objects if each.type == "LIGHT"]:
+        bpy.data.objects.remove(lamp)
+    place = to_world @ Vector(LAMP)
+    view.call(bpy.ops.object.light_add, type="AREA", location=place)
+    lamp = bpy.context.object
+    lamp.data.energy, lamp.data.size = 14, 0.25
+    lamp.rotation_euler = (to_world @ Vector(MONKEY) - place).to_track_quat("-Z", "Y").to_euler()
+    view.area.spaces.active.overlay.show_extras = False  # the lamp's lines
+    select_only(item)
+
+
+def show_mesh_panel(view: View) -> None:
+    """Make the scene's root the active object; no Gaussian is selected."""
+    select_only(view.scene_object.root)
+    view.call(bpy.ops.f4x.change_selection, how="NONE")
+
+
+def ball_mesh(view: View) -> None:
+    """Start the job that makes a mesh of the ball, which casts shadows."""
+    mesh(view)
+
+
+def composite(view: View) -> None:
+    """Let Cycles draw the meshes."""
+    view.call(bpy.ops.f4x.composite, engine="CYCLES")
+    bpy.context.scene["f4x_meshes"].cycles.samples = 64
+
+
+def show_nodes_of_compositor(view: View) -> None:
+    """The compositor in place of the viewport."""
+    view.area.type = "NODE_EDITOR"
+
+
+def choose_nodes(view: View) -> None:
+    """The compositor's nodes, and nothing beside them."""
+    area = view.editor
+    area.ui_type = "CompositorNodeTree"
+    space = area.spaces.active
+    space.node_tree = bpy.context.scene.compositing_node_group
+    space.show_region_ui = space.show_region_asset_shelf = False
+    for node in space.node_tree.nodes:
+        node.select = False
+
+
+def fit_nodes(view: View) -> None:
+    """All nodes in view."""
+    area = view.editor
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with bpy.context.temp_override(window=view.window, area=area, region=region):
+        bpy.ops.node.view_all()
+
+
+def show_viewport(view: View) -> None:
+    """The viewport again."""
+    view.editor.ui_type = "VIEW_3D"
+
+
+def targets(view: View) -> list[list[float]]:
+    """Select nothing; the places of the ball at this frame and of the wall where the ball was when it was stored."""
+    for item in bpy.context.view_layer.objects.selected:
+        item.select_set(False)
+    frame = bpy.context.scene.frame_current
+    ball = view.scene_object.shown.scene.posed(frame)
+    moving = ball.means[-len(view.scene_object.shown.scene.dynamic) :]
+    stored = view.scene_object.shown.scene.dynamic.means
+    return view.on_screen(np.array([moving.mean(0), stored.mean(0)]))
 
 
 def select_only(item: bpy.types.Object) -> None:
@@ -212,7 +316,9 @@ def fine_mesh(view: View) -> None:
 
 STEPS = (
     maximise, drop, look, choose_tab, query, box, plan, apply, move_node, write_motion,
-    mesh, show_mesh, camera, plate, passes, save, gold, plan_green, name_it, fine_mesh,
+    mesh, show_mesh, camera, plate, passes, save, gold, plan_green, name_it, fine_mesh, play, targets,
+    reopen, solid, add_mesh, show_mesh_panel, ball_mesh, composite, show_nodes_of_compositor, choose_nodes, fit_nodes,
+    show_viewport,
 )  # fmt: skip
 
 
@@ -220,15 +326,20 @@ class Pilot:
     """Takes one step at a time, from a timer."""
 
     def __init__(self, home: Path):
-        self.home, self.taken, self.beat, self.view = home, 0, 0, View(home)
+        self.home, self.taken, self.beat = home, 0, 0
         self.places: list[list[float]] | None = None
         self.rendered, self.error = "", ""
         bpy.app.handlers.render_complete.append(lambda *_: setattr(self, "rendered", "complete"))
 
+    @property
+    def view(self) -> View:
+        """The window, another one once a file was opened."""
+        return View(self.home)
+
     def tick(self) -> float:
         """Take the step that is asked for, and say how things are."""
         order = self.home / "order.json"
-        if order.exists() and self.view.area is not None:
+        if order.exists() and (self.view.area is not None or self.view.editor.type == "NODE_EDITOR"):
             asked = json.loads(order.read_text())
             if asked["number"] > self.taken:
                 self.taken = asked["number"]
@@ -247,6 +358,13 @@ class Pilot:
         state = dict(beat=self.beat, taken=self.taken, places=self.places, rendered=self.rendered, error=self.error)
         state |= dict(screen="view" if self.view.area else "picture", jobs=[job.state for job in jobs.all_jobs()])
         state |= dict(stages=[job.stage for job in jobs.all_jobs()])
+        overlay = None if self.view.area is None else self.view.area.spaces.active.overlay
+        state |= dict(
+            outlined=overlay is not None and overlay.show_outline_selected,
+            carried=any(native_motion.CARRIED in item for item in bpy.data.objects),
+            chosen=sorted(item.name for item in bpy.context.view_layer.objects.selected),
+            frame=bpy.context.scene.frame_current,
+        )
         if self.view.area is not None:
             state["sidebar"] = self.view.region("UI").x
         if found:

@@ -1,4 +1,4 @@
-"""The pictures of docs/blender_steps.md, taken from the window of a real Blender: one person's way through the extension.
+"""The pictures of docs/blender_steps.md and docs/compositing.md, taken from the window of a real Blender.
 
 python scripts/step_pictures.py --root CHROOT [--out FOLDER]
 
@@ -207,10 +207,35 @@ def panels(guide: Guide) -> None:
     )
 
 
+def compositing(guide: Guide) -> None:
+    """The pictures of docs/compositing.md."""
+    begin(guide, lambda name: None)
+    guide.take("add_mesh")
+    guide.picture("../compositing_1_mesh")
+    guide.alone("Scene")
+    guide.take("show_mesh_panel")
+    guide.open("Mesh")
+    guide.take("ball_mesh", lambda state: state["jobs"] == ["done"])
+    guide.take("show_mesh_panel")
+    guide.picture("../compositing_2_panel")
+    guide.take("composite")
+    guide.take("show_nodes_of_compositor")
+    guide.take("choose_nodes")
+    guide.take("fit_nodes")
+    time.sleep(1)  # the view moves there
+    guide.picture("../compositing_3_nodes")
+    guide.take("show_viewport")
+    guide.press(F12)
+    guide.expect("render", lambda state: state["rendered"] == "complete")
+    guide.wait(DRAWN)
+    guide.picture("../compositing_4_render")
+
+
 def main() -> None:
     """Take them."""
     parser = argparse.ArgumentParser(prog="step_pictures.py", description=__doc__.splitlines()[0])
     parser.add_argument("--root", type=Path, required=True, help="folder of the system to chroot into")
+    parser.add_argument("--page", choices=("blender", "compositing"), help="only the pictures of this page")
     out = REPOSITORY / "docs/images/steps"
     parser.add_argument(
         "--out",
@@ -220,10 +245,14 @@ def main() -> None:
     )
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    with blender(options.root, options.out, SIZE) as guide:
-        walk(guide)
-    with blender(options.root, options.out, LARGE) as guide:
-        panels(guide)
+    if options.page != "compositing":
+        with blender(options.root, options.out, SIZE) as guide:
+            walk(guide)
+        with blender(options.root, options.out, LARGE) as guide:
+            panels(guide)
+    if options.page != "blender":
+        with blender(options.root, options.out, SIZE) as guide:
+            compositing(guide)
 
 
 if __name__ == "__main__":

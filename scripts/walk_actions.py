@@ -19,9 +19,10 @@ from walk_checks import content, require, same
 
 door.load_extension()
 
-from feature4x.addon import jobs  # noqa: E402 - there once the extension is loaded
+from feature4x.addon import edit_fields, jobs  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.evaluated import OF  # noqa: E402
 from feature4x.addon.scaffold_rig import HANDLE, NODE, layer_of  # noqa: E402
+from feature4x.addon.scene_object import HANDLE_OF  # noqa: E402
 from feature4x.f4x_core.edit.operations import Opacity  # noqa: E402
 from feature4x.f4x_core.edit.selects import All  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack, write_stack  # noqa: E402
@@ -140,7 +141,8 @@ def link_library(walk: Walk) -> None:
     """Link the scenes of another .blend, or override them."""
     library = walk.folder / "library.blend"
     if not library.exists() or near_limits(walk):
-        bpy.ops.wm.save_as_mainfile(filepath=str(library), copy=True, check_existing=False)
+        if not bpy.data.libraries:  # Blender overwrites none that it uses
+            bpy.ops.wm.save_as_mainfile(filepath=str(library), copy=True, check_existing=False)
         return
     with bpy.data.libraries.load(str(library), link=True) as (_, into):
         into.collections = walk.collections()
@@ -284,6 +286,44 @@ def transform(walk: Walk) -> None:
         first=walk.random.randrange(4),
         last=walk.random.randrange(6),
     )
+
+
+@action(1.5, ANY)
+def change_field(walk: Walk) -> None:
+    """Another value of a field of an edit, as in the list of edits."""
+    found, random = walk.scene(), walk.random
+    if found is None or found.is_linked or not len(found.state.history):
+        return
+    found.state.history_index = random.randrange(len(found.state.history))
+    row = edit_fields.Row.picked(found)
+    if row is None or row.operation.TAG not in edit_fields.KINDS:
+        return
+    group = getattr(found.state.fields, row.operation.TAG)
+    name = random.choice([shown.name for shown in edit_fields.SHOWN[row.operation.TAG] if shown.visible(row.operation)])
+    value = getattr(group, name)
+    kind = group.bl_rna.properties[name]
+    if kind.type == "BOOLEAN":
+        value = not value
+    elif kind.type == "ENUM":
+        value = random.choice([item.identifier for item in kind.enum_items])
+    else:
+        value = [random.uniform(0, 2) for _ in value] if kind.is_array else random.uniform(0, 5)
+    walk.note(f"  {found.name} {row.operation.TAG} {name} {value}")
+    setattr(group, name, value)
+    walk.push(name)
+
+
+@action(1, ANY)
+def edit_gizmo(walk: Walk) -> None:
+    """A handle for the selection or an edit, moved."""
+    found = walk.scene()
+    rows = [] if found is None else [row.edit_id for row in found.state.history]
+    walk.call(bpy.ops.f4x.edit_gizmo, edit_id=walk.random.choice((0, *rows)))
+    handles = [item for item in bpy.context.selected_objects if HANDLE_OF in item]
+    if handles:
+        handles[0].location.x += 0.1
+        bpy.context.view_layer.update()
+        walk.push("handle")
 
 
 @action(1, GROWS)
@@ -479,9 +519,9 @@ def duplicate_objects(walk: Walk) -> None:
     walk.call(bpy.ops.object.duplicate, linked=walk.random.random() < 0.3)
 
 
-@action(1)
+@action(1, ANY)
 def transform_object(walk: Walk) -> None:
-    """Move, turn or scale an object."""
+    """Move, turn or scale an object; the handle of an edit changes that."""
     items = [item for item in walk.pickable() if item.library is None]
     if items:
         item = walk.random.choice(items)
@@ -567,6 +607,22 @@ def grab_nodes(walk: Walk) -> None:
         offset = [walk.random.uniform(-0.1, 0.1) for _ in range(3)]
         hold, reach = walk.random.choice(("CLIP", "AROUND")), walk.random.choice((0, 3))
         walk.call(bpy.ops.f4x.grab_nodes, offset=offset, hold=hold, reach=reach)
+
+
+@action(1.5)
+def time_clip(walk: Walk) -> None:
+    """Another start, speed or course of time."""
+    found, random = walk.scene(), walk.random
+    if found is None or found.is_linked:
+        return
+    what = random.choice(("start_frame", "speed", "animate_time", "key"))
+    if what == "key" and found.state.animate_time:
+        found.root["f4x_time"] = random.uniform(-1, 6)
+        found.root.keyframe_insert('["f4x_time"]', frame=random.randrange(-2, 9))
+    elif what != "key":
+        values = {"start_frame": random.choice((0, 0, 2, -1.5)), "speed": random.choice((1, 1, 0.5, 1.25))}
+        setattr(found.state, what, values.get(what, not found.state.animate_time))
+    walk.push(what)
 
 
 @action(0.7)

@@ -35,7 +35,7 @@ import door
 from walk_actions import ACTIONS, ANY, GROWS, copies_of
 from walk_checks import WrongError, check_points, check_words, content, draw_panels, own_scenes, pending, require, same
 
-from feature4x.addon import scene_cache  # isort: skip - there once `walk_actions` has loaded the extension
+from feature4x.addon import edit_fields, scene_cache  # isort: skip - there once `walk_actions` has loaded the extension
 from feature4x.addon.scene_object import PATH, SceneObject  # isort: skip
 from feature4x.f4x_core.edit.stack import EditStack, read_stack  # isort: skip
 
@@ -173,6 +173,7 @@ class Walk:
             chosen.run(self)
         self.slowest[name] = max(self.slowest.get(name, 0.0), round(time.monotonic() - begin, 2))
         bpy.context.view_layer.update()
+        edit_fields.show_late()  # in a window a timer shows what a drag has changed
         self._check(chosen.edits, edits)
         require(chosen.file or files == self._in_files(), "a scene file has changed without being saved")
 

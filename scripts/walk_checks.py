@@ -15,6 +15,7 @@ import numpy as np
 door.load_extension()
 
 from feature4x.addon import display, registration, scene_cache  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.clip_time import time_of  # noqa: E402
 from feature4x.addon.lines import CATEGORY  # noqa: E402
 from feature4x.addon.motion_edits import unwritten  # noqa: E402
 from feature4x.addon.motion_nodes import MOTION  # noqa: E402
@@ -96,9 +97,7 @@ def check_points(scene_object: SceneObject) -> None:
     if len(np.unique(covered)) < len(shown.scene.ids) - (~shown.there).sum():  # an artist took points away
         return
     opacities, posed = shown.appearance(frame).opacities, shown.scene.posed(frame)
-    at_frame = (
-        bpy.context.scene.frame_current_final in shown.scene.cameras.times
-    )  # elsewhere the nodes are not compared
+    at_frame = time_of(scene_object.root) in shown.scene.cameras.times  # elsewhere the nodes are not compared
     # the points of a copy without nodes of its own follow the original's
     own = NODES in scene_object.root or not len(shown.scene.dynamic)
     still = at_frame and own and unwritten(scene_object) == 0 and not scene_object.state.notice

@@ -49,7 +49,7 @@ def _distill(
     args: argparse.Namespace, names: list[str], labels: list[str], config: DistilConfig, progress: Progress
 ) -> dict[str, Any]:
     """Read the scene, add heads and words, and write it."""
-    scene, arrays = _read(args.scene)
+    scene, arrays = read_with_arrays(args.scene)
     # With --vocabulary only the new words are wanted; --teacher alone learns an existing head again.
     there = [name for name in names if labels and scene.features is not None and name in scene.features.names]
     names = [name for name in names if name not in there]
@@ -70,7 +70,7 @@ def distill_into(
 ) -> dict[str, Any]:
     """Extract the maps of teachers from the scene's clip at `source` into `folder`, and distil them into the file at `path`."""
     with only_distiller(path):
-        scene, arrays = _read(path)
+        scene, arrays = read_with_arrays(path)
         clip = reel_of_scene(scene, source, scene.provenance.get("frames"))
         maps = [extract(clip, name, folder / name, progress=progress) for name in names]
         return write_distilled(distil(scene, maps, config, progress), path, arrays, names, [])
@@ -87,7 +87,7 @@ def only_distiller(path: Path) -> Iterator[None]:
         yield
 
 
-def _read(path: Path) -> tuple[Scene, dict[str, Any]]:
+def read_with_arrays(path: Path) -> tuple[Scene, dict[str, Any]]:
     """(scene, what its header says of arrays and features)."""
     with updating(path):  # both of one file
         return read_scene(path), _arrays_of(read_header(path))
@@ -97,7 +97,7 @@ def _arrays_of(header: dict[str, Any]) -> dict[str, Any]:
     return {name: header.get(name) for name in ("arrays", "features")}
 
 
-def _with_edits_since(scene: Scene, path: Path, arrays: dict[str, Any]) -> Scene:
+def with_edits_since(scene: Scene, path: Path, arrays: dict[str, Any]) -> Scene:
     """The scene with the edits that its file has by now; F4xError if others have put other arrays there than it was read with."""
     header = read_header(path)
     if _arrays_of(header) != arrays:
@@ -113,9 +113,9 @@ def write_distilled(
 ) -> dict[str, Any]:
     """Add the vocabulary, write the scene to `path` and return the result of the verb.
 
-    `arrays` is what `_read` found where the scene was read from `path`: edits that others put into the file meanwhile stay.
-    None: the scene is from another file. A new head with a text encoder also gets a vocabulary of everyday words if that encoder
-    is installed.
+    `arrays` is what `read_with_arrays` found where the scene was read from `path`: edits that others put into the file
+    meanwhile stay. None: the scene is from another file. A new head with a text encoder also gets a vocabulary of everyday
+    words if that encoder is installed.
     """
     field = scene.require_field()
     new = sorted({encoder for name in names if (encoder := field.spec(name).text_encoder)} - field.vocabularies.keys())
@@ -125,7 +125,7 @@ def write_distilled(
     wordless = [name for name in new if name not in here and not labels]
     assert scene.features is not None
     with updating(path):
-        write_scene(scene if arrays is None else _with_edits_since(scene, path, arrays), path)
+        write_scene(scene if arrays is None else with_edits_since(scene, path, arrays), path)
     field, megabytes = scene.features, scene.info()["megabytes"]
     heads = {head.spec.name: dict(head.report) for head in field.heads}
     fraction = megabytes["features"] / max(sum(megabytes.values()) - megabytes["features"], 1e-9)

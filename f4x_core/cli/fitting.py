@@ -33,6 +33,7 @@ from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, f
 from ..fit.checkpoint import OtherSettingsError
 from ..fit.config import SETTINGS, THREADS, FitConfig, profile
 from ..fit.distil_config import DistilConfig
+from ..fit.linear_config import LinearConfig
 from ..fit.pipeline import CHECKPOINT, NOT_DECIDING, fit_clip
 from ..fit.settings import as_lines, list_settings, set_fields
 from ..priors import build_priors
@@ -42,6 +43,7 @@ from ..reading import load_json, undamaged
 from ..scene import Scene
 from .checks import listed_teachers, require_backend
 from .distilling import distill_into
+from .refitting import refit_file
 
 GRANT = "grant.json"
 """File beside the scene: the settings that `--minutes` and `--memory` came to."""
@@ -183,7 +185,15 @@ def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress
         path = Path(result["scene"])
         added = distill_into(path, args.clip, names, args.output / "features", settings, progress)
         result |= {"features": added, "text": result["text"] + "\n" + added.pop("text")}
+    if args.linear_light:
+        refitted = refit_file(Path(result["scene"]), linear_config(config), args.resume, progress)
+        result |= {"linear_light": refitted, "text": result["text"] + "\n" + refitted.pop("text")}
     return result
+
+
+def linear_config(config: FitConfig) -> LinearConfig:
+    """The refit for linear light that belongs to a fit."""
+    return LinearConfig(seed=config.seed, threads=config.threads or 0)
 
 
 def granted(args: argparse.Namespace, size: ClipSize, config: FitConfig, progress: Progress) -> FitConfig:
@@ -363,6 +373,9 @@ def fit_windows(
             added = distill_into(path, args.clip, names, path.parent / "features", settings, progress)
             lines.append(added.pop("text"))
             shot["features"] = added
+        if args.linear_light:
+            shot["linear_light"] = refit_file(Path(shot["scene"]), linear_config(config), args.resume, progress)
+            lines.append(shot["linear_light"].pop("text"))
     longest = max(fitted_shots, key=lambda shot: shot["frames"][1] - shot["frames"][0])
     start, end = longest["frames"]
     middle = start + (end - start) // 2

@@ -24,7 +24,10 @@ EXIT_UNREAD = 141
 IDLE_THREADS = ("OMP_WAIT_POLICY", "PASSIVE")
 """How torch's threads wait for work, where nobody said otherwise: asleep. By default they spin and take the cores from each other
 and from Blender: beside three busy programs `f4x eval` then takes 35 s in place of 21 on two cores; alone it is the same."""
-AGAIN = {"fit": "; the same command with --resume continues", "batch": "; the same command continues"}
+AGAIN = {
+    **dict.fromkeys(("fit", "refit"), "; the same command with --resume continues"),
+    "batch": "; the same command continues",
+}
 """Message after Ctrl-C, by verb, where there is something to continue."""
 SAVED = ("priors/*", "checkpoints/*", "**/windows/*/*")
 """Patterns of what a stopped fit leaves in its folder and goes on from."""
@@ -38,7 +41,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
     modules |= dict.fromkeys(("fit", "window", "priors"), "fitting")
     modules |= {"open": "opening", "mesh": "meshing", "query": "querying", "name": "querying", "ask": "asking"}
     modules |= {"edit": "editing", "undo": "history", "redo": "history", "bake": "history"}
-    modules |= {"models": "features", "distill": "distilling"}
+    modules |= {"models": "features", "distill": "distilling", "refit": "refitting"}
     modules |= {"bench": "laboratory", "report": "laboratory"}
     module = import_module(f".{modules.get(name, name)}", __package__)
     return getattr(module, f"run_{name}")

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from .. import __version__
 from ..errors import F4xError
 from ..fit.distil_config import DistilConfig
+from ..fit.linear_config import LinearConfig
 from ..printing import print_text
 from ..scene.formats import FORMATS
 from ..scene.mesh import MeshConfig
@@ -91,6 +92,9 @@ def _fit(verbs: Verbs) -> None:
     sub.add_argument(
         "--features", metavar="NAME[,NAME]", help="also distil these teachers' features, see `f4x models list`"
     )
+    sub.add_argument(
+        "--linear-light", action="store_true", help="also refit for Blender 5.3's own renderers, as `f4x refit` does"
+    )
 
 
 def _window(verbs: Verbs) -> None:
@@ -132,6 +136,19 @@ def _distill(verbs: Verbs) -> None:
     sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
     sub.add_argument("--threads", type=int, help="threads (default: all cores)")
     backend_option(sub)
+
+
+def _refit(verbs: Verbs) -> None:
+    """`f4x refit`."""
+    sub = add_verb(
+        verbs, "refit", "Refit colours, opacities and scales for linear light: Blender 5.3's Cycles and EEVEE."
+    )
+    scene_option(sub)
+    steps = LinearConfig.steps
+    sub.add_argument("--steps", type=int, default=steps, help=f"optimiser steps (default: {steps})")
+    sub.add_argument("--resume", action="store_true", help="go on where the same command was interrupted")
+    sub.add_argument("--seed", type=int, default=0, help="seed of the choice of views")
+    sub.add_argument("--threads", type=int, help="threads (default: all cores)")
 
 
 def _render(verbs: Verbs) -> None:
@@ -545,6 +562,7 @@ VERBS = (
     _fit,
     _priors,
     _distill,
+    _refit,
     _render,
     _eval,
     _info,

@@ -20,6 +20,7 @@ from ..geometry import quaternion, spherical_harmonics
 from ..scaffold import Scaffold
 from ..scaffold.deformation import motions_to, node_poses_at
 from ..scene import PosedSplats, Scene, read_scene
+from ..scene.foreign import open_any
 from ..scene.model import faded
 from . import colours
 from .keys import rekeyed
@@ -468,6 +469,13 @@ def open_scene(path: Path | str, edits: bool = True) -> Scene:
         return edited(scene)
     except F4xError as error:
         raise F4xError(f"{path}: {str(error).rstrip('.')}; --without-edits opens it without.") from error
+
+
+def open_with(path: Path, stack: EditStack) -> Scene:
+    """Open a scene or splat file with `stack` in place of its own edits. Raises F4xError that names the file."""
+    opened = open_any(path, sequence=False)
+    assert isinstance(opened, Scene)  # only a sequence is none
+    return edited(with_stack(opened, stack))
 
 
 def next_id(scene: Scene) -> int:

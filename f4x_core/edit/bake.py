@@ -21,6 +21,7 @@ from ..scaffold import Scaffold
 from ..scaffold.control import prune_nodes, resample_in_time
 from ..scaffold.deformation import node_poses_at
 from ..scene import DynamicSet, Scene, StaticSet
+from ..scene.linear import fitted_look, is_refitted, linear_scene, with_look
 from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
 from .apply import APPEARANCE_OPERATIONS, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
 from .keys import with_keys_folded
@@ -41,6 +42,19 @@ NEAR = 0.05
 
 
 def bake(scene: Scene) -> Scene:
+    """The scene with its edits folded in; those that no arrays can hold stay in the stack, and names too. See `_bake`.
+
+    An appearance for linear light (`scene.linear`) is baked alike; where other edits can be folded into it, it is left out.
+    """
+    baked = _bake(scene)
+    if not is_refitted(scene.base):
+        return baked
+    alike = _bake(with_stack(linear_scene(base_of(scene)), of(scene)))
+    same = all(np.array_equal(getattr(baked, part).ids, getattr(alike, part).ids) for part in ("static", "dynamic"))
+    return with_look(baked, fitted_look(alike) if same and alike.edits == baked.edits else None)
+
+
+def _bake(scene: Scene) -> Scene:
     """The scene with its edits folded in; those that no arrays can hold stay in the stack, and names too.
 
     Gaussians keep their ids, copies have theirs; deleted ones are dropped, nodes that nobody follows any longer too. Edits that

@@ -159,11 +159,12 @@ def _(operation: Transform) -> str:
         parts.append(f"move {who} {_way(operation.translate, operation.unit, operation.axes)}")
     if any(operation.rotate):
         parts.append(_turn(who, operation.rotate, operation.axes))
-    if operation.scale != 1 or not parts:
+    if operation.scale != 1:
         size = _times(operation.scale, "big", "bigger", "smaller") if 0.5 <= operation.scale <= 2 else ""
         parts.append(
             (f"make {who} {size}" if size else f"scale {who} by {operation.scale:g}") + _about(operation.pivot)
         )
+    parts = parts or [f"leave {who} where it is"]
     if operation.frames and operation.ease == "step":
         return " and ".join(parts) + f" at frame {operation.frames[0]:g}"
     eased = " evenly" if operation.frames and operation.ease == "linear" else ""

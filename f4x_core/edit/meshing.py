@@ -14,14 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import Cancelled, F4xError
+from ..errors import F4xError
 from ..language.lexicon import plural
-from ..processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
+from ..processes import LineProgress, serve
 from ..progress import Progress
-from ..scene import read_scene
 from ..scene.mesh import MeshConfig, SplatMesh, mesh_of
-from .apply import edited
-from .stack import EditStack, with_stack
+from .apply import open_with
+from .stack import EditStack
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,27 +54,22 @@ class Request:
         """Make the mesh; see `mesh_of`."""
         progress("scene", 0, 1)
         stack = EditStack.from_json(json.loads(self.edits), str(self.scene))
-        scene = edited(with_stack(read_scene(self.scene), stack))
+        scene = open_with(self.scene, stack)
         return mesh_of(scene, np.isin(scene.ids, self.ids), self.time, self.config, progress)
 
 
 def main(arguments: list[str]) -> int:
     """Make the mesh of a request, telling how far it is."""
-    progress = LineProgress(sys.stdout)
-    stop_with_parent()
-    try:
+
+    def work(progress: LineProgress) -> tuple[dict, str]:
         if len(arguments) != 2:
             raise F4xError("name two files: python -m f4x_core.edit.meshing REQUEST.npz MADE.npz")
         mesh = Request.read(Path(arguments[0])).made(progress)
         mesh.write(Path(arguments[1]))
-    except F4xError as error:
-        progress.tell(error=str(error))
-        return 2
-    except (KeyboardInterrupt, Cancelled):
-        return EXIT_INTERRUPTED
-    text = f"{len(mesh.faces):,} triangles in {mesh.parts} {plural('part', mesh.parts)}"
-    progress.tell(result={"faces": len(mesh.faces), "parts": mesh.parts}, text=text)
-    return 0
+        text = f"{len(mesh.faces):,} triangles in {mesh.parts} {plural('part', mesh.parts)}"
+        return {"faces": len(mesh.faces), "parts": mesh.parts}, text
+
+    return serve(work)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from .records import Record
 from .request import Request
 from .resolve import Absent, EditorState, Resolver, labels_of, rows_of
 from .retiming import time_map_of
-from .selects import Ids, SelectKind, Text
+from .selects import All, Ids, SelectKind, Text
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
 from .stack import undo as undo
@@ -198,7 +198,10 @@ def _idle(scene: Scene, operations: tuple[Operation, ...]) -> Iterator[str]:
             and (shown := time_map_of(operation, (first, last)))
             and shown(last) < last - 1
         ):
-            yield f"{describe(operation)}: the clip keeps its length, so what comes after frame {shown(last):.0f} is not shown."
+            told = f"{describe(operation)}: the clip keeps its length, so what comes after frame {shown(last):.0f} is not shown."
+            if operation.select == All() and operation.frames is None:
+                told += f" `f4x render --path slow:{1 / operation.speed:.3g}` shows all of it, with a slower camera."
+            yield told
         scene = with_operations(scene, operation)
 
 

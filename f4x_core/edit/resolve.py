@@ -133,7 +133,7 @@ class Resolver:
         if not len(rows_of(scene, found)):
             if chosen(scene, found).any():
                 raise Absent(
-                    f"In the scene '{scene.name}' {whom(select)} was removed before; take that back, or name something else."
+                    f"In the scene '{scene.name}' an edit removed {whom(select)} before; take that back, or name something else."
                 )
             raise Absent(self._nothing(scene, select))
         return found

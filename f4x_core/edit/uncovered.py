@@ -83,13 +83,16 @@ def summary_of(shows: Uncovered | None) -> str:
 
 
 def uncovered(scene: Scene) -> Uncovered | None:
-    """What the edits of `scene`, in effect or baked in, bring to light; None where none of them takes anything away.
+    """What the edits of `scene`, in effect or baked in, bring to light; None where none of them takes anything away,
+    and for splats of another program.
 
     Made up is what the scene file marks so (`MADE_UP`); scenes that were fitted before there was such a mark have none of it.
     Cached for the lifetime of the edited scene.
     """
     folded = {entry.get("op") for entry in scene.provenance.get("baked", ())}
     in_effect = takes_away(edit.operation for edit in of(scene).edits if edit.enabled)
+    if "import" in scene.provenance:  # splats of another program, which no clip shows
+        return None
     if not in_effect and folded.isdisjoint(kind.TAG for kind in _TAKES_AWAY):
         return None
     scene = edited(scene)

@@ -10,6 +10,7 @@ import re
 import numpy as np
 
 from ..scene import Scene
+from .floaters import is_floaters
 from .objects import graph_of
 
 _WORDS = re.compile(
@@ -20,6 +21,11 @@ _WORDS = re.compile(
 def is_cast(label: str) -> bool:
     """Whether `label` names what is cast: "shadow", "the dog's shadow", "reflections"."""
     return _WORDS.fullmatch(" ".join(label.split())) is not None
+
+
+def needs_no_teacher(label: str) -> bool:
+    """Whether the scene itself tells what `label` means, so that no vocabulary has to know it: what is cast, and floaters."""
+    return is_cast(label) or is_floaters(label)
 
 
 def caster(label: str) -> str | None:

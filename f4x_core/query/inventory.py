@@ -14,7 +14,7 @@ from ..language.compounds import head_of, names_another
 from ..language.lexicon import misspelt, spellings
 from ..scene import Scene
 from .calibration import evidence
-from .cast import is_cast
+from .cast import needs_no_teacher
 from .labels import Encode, ask_for, text_head, unknown_label
 from .not_deleted import not_deleted
 from .pixels import label_scores
@@ -50,7 +50,7 @@ def find(scene: Scene, label: str, encode: Encode | None = None) -> Selection:
 
     Without a null vector scores say which word rather than whether one, so the label is weighed against the whole vocabulary.
     """
-    if is_cast(label):  # which needs no vocabulary, but for who casts it
+    if needs_no_teacher(label):  # but for who casts it
         return select_by_text(scene, [label], encode=encode)
     return select_word(scene, label, None if is_calibrated(scene) else labels_of(scene), encode=encode)
 

@@ -12,7 +12,7 @@ from ..language.compounds import names_another
 from ..language.lexicon import spellings
 from ..scene import Scene
 from .calibration import evidence
-from .cast import is_cast
+from .cast import needs_no_teacher
 from .inventory import instead
 from .labels import Encode, ask_for, text_head
 from .score import cosines
@@ -28,8 +28,8 @@ the label sofa has 0.03 more."""
 
 def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> None:
     """Raise F4xError where the scene's teacher knows nothing of the kind of thing that `label` names."""
-    kind = None if is_cast(label) else unknown_kind(text_head(scene).spec.text_encoder or "", label)
-    if kind is None:  # what is cast needs no teacher
+    kind = None if needs_no_teacher(label) else unknown_kind(text_head(scene).spec.text_encoder or "", label)
+    if kind is None:
         return
     _, hint = instead(scene, [label], encode)
     raise F4xError(
@@ -40,7 +40,7 @@ def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> No
 
 def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encode: Encode | None = None) -> None:
     """Raise F4xError where what `label` has `found` answers clearly more to a label that means something else."""
-    if is_cast(label):
+    if needs_no_teacher(label):
         return
     head = text_head(scene)
     encoder = head.spec.text_encoder or ""

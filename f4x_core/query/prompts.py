@@ -17,6 +17,7 @@ from ..progress import Progress, silent
 from ..scene import Scene
 from .calibration import word_probabilities
 from .cast import cast_of, caster, is_cast
+from .floaters import floater_scores, is_floaters
 from .following import FollowConfig, decoder_of, follow_masks, follow_thing
 from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
@@ -45,16 +46,21 @@ def select_by_text(
     """Gaussians whose decoded latent matches one of `labels` better than any of `negatives` (see `labels.ask_for`).
 
     Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. Shadows and the like are found by what
-    is behind them (`cast`). This and every other selection leaves out what edits have deleted (`not_deleted`).
+    is behind them (`cast`), floaters by what is around them (`floaters`). This and every other selection leaves out what edits
+    have deleted (`not_deleted`).
     """
     cast = [label for label in labels if is_cast(label)]
-    things = [label for label in labels if label not in cast]
+    floaters = [label for label in labels if is_floaters(label)]
+    things = [label for label in labels if label not in (*cast, *floaters)]
     parts = []
+    for label in floaters:
+        scores = floater_scores(scene)
+        parts.append(_selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label))
     for label in cast:
         whose = caster(label)
         by = None if whose is None else select_by_text(scene, [whose], negatives, head=head, encode=encode).chosen
         parts.append(_selection(scene, cast_of(scene, by), np.zeros(len(scene.ids), bool), threshold, span, label))
-    if things or not cast:
+    if things or not parts:
         query = ask_for(scene, things, negatives, head, encode)
         parts.append(text_selection(scene, query, threshold, span, calibrated=calibrated))
     return reduce(or_, parts)

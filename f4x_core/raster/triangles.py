@@ -45,8 +45,10 @@ def draw_triangles(
     corners = local @ K.T  # (T, 3 corners, 3): u z, v z, z
     top, rows = _rows_met(corners, height, near)
     sizes = np.prod(np.linalg.norm(corners, axis=2), axis=1)
-    seen = np.flatnonzero((rows > 0) & (np.abs(np.linalg.det(corners)) > FLAT * sizes))
-    edges = np.linalg.inv(corners[seen].transpose(0, 2, 1))  # (V, 3, 3): e = edges (u, v, 1)
+    edges = edge_functions(corners)
+    volume = (corners[:, 0] * edges[:, 0]).sum(1)
+    seen = np.flatnonzero((rows > 0) & (np.abs(volume) > FLAT * sizes))
+    edges = edges[seen] / volume[seen, None, None]  # (V, 3, 3): e = edges (u, v, 1)
 
     item, offset = _expand(rows[seen])  # one item per (triangle, pixel row)
     triangle, row = seen[item], top[seen[item]] + offset
@@ -74,6 +76,22 @@ def draw_triangles(
         nearest = depth[pixel] == z
         index[pixel[nearest]] = triangle[span[nearest]]
     return depth.reshape(height, width), index.reshape(height, width)
+
+
+def edge_functions(corners: np.ndarray) -> np.ndarray:
+    """(T,3,3) `edges`, so that `edges (u, v, 1)` are in proportion to the barycentric coordinates divided by z.
+
+    Args:
+        corners: (T,3,3) u z, v z, z of each corner.
+    """
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.transpose(1, 2, 0)
+    # the cofactors of the matrix whose columns are the corners
+    rows = (
+        (by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx),
+        (cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax),
+        (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx),
+    )
+    return np.array(rows).transpose(2, 0, 1)
 
 
 def _rows_met(corners: np.ndarray, height: int, near: float) -> tuple[np.ndarray, np.ndarray]:

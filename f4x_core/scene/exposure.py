@@ -14,12 +14,10 @@ from ..geometry.arrays import GOLDEN_RATIO
 from ..geometry.camera import Camera
 from ..progress import Progress, silent
 from .color import linear_from_srgb
-from .stage import Cloud, DrawSettings, Surface, draw
+from .stage import HOLE, SHARP, Cloud, DrawSettings, Surface, draw
 
 GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 """Points of a disc at this angle from one to the next cover it evenly (Vogel 1979)."""
-SHARP = ("depth", "index", "latent", "score", "vector", "normal", "position")
-"""Passes that are no light: they show the frame's own moment through the middle of the lens."""
 
 
 @dataclass(frozen=True)
@@ -150,19 +148,19 @@ def draw_one(
     transparent = settings.background is None
 
     def finish(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return images | {"combined": combined(images.pop("rgb"), images["alpha"], transparent)}
+        seen = images["alpha"] if transparent else 1 - images.pop(HOLE, np.zeros_like(images["alpha"]))
+        images.pop(HOLE, None)
+        return images | {"combined": combined(images.pop("rgb"), seen)}
 
     return draw(clouds, surfaces, take.camera, settings, passes=passes, region=region, progress=progress, finish=finish)
 
 
-def combined(rgb: np.ndarray, alpha: np.ndarray, transparent: bool) -> np.ndarray:
-    """(H,W,4) linear light of `rgb (H,W,3)` sRGB over something (alpha is 1 then), or premultiplied over nothing.
+def combined(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """(H,W,4) linear light, premultiplied, of `rgb (H,W,3)` sRGB that covers `alpha (H,W)`; 1 over a background.
 
-    Over nothing the colour under the `alpha (H,W)` is what is linearised, and then premultiplied.
+    The color under the alpha is what is linearised, and then premultiplied.
     """
     alpha = alpha[..., None]
-    if not transparent:
-        return np.concatenate([linear_from_srgb(rgb), np.ones_like(alpha)], -1)
     straight = rgb / np.where(alpha > 0, alpha, 1)
     return np.concatenate([linear_from_srgb(straight) * alpha, alpha], -1)
 

@@ -67,6 +67,8 @@ SIGNATURES = (
     (0, b"{", "a JSON file; choose a .f4x scene or a splat file"),
 )
 """(offset, bytes there, what the file is and what to do)."""
+BINARY = re.compile(rb"[\x00-\x08\x0e-\x1f]")
+"""Bytes that no text has; the first byte of a .splat can be that of any text."""
 READERS = {"splat": read_splat, "spz": read_spz, "gltf": read_gltf}
 """Of one file of splats, by kind; PLY files have notes besides."""
 MAX_STEP = 100
@@ -171,7 +173,7 @@ def identify(path: Path | str, sequence: bool = True) -> Kind:
         if (start.startswith(b"glTF") or text.startswith(b"{")) and holds_splats(path):
             return "gltf"
         for offset, signature, sentence in SIGNATURES:
-            if start.startswith(signature, offset):
+            if start.startswith(signature, offset) and (signature != b"{" or not BINARY.search(start)):
                 raise F4xError(f"{path}: {sentence.format(path=path)}")
         if looks_like_splat(path):
             return "splat"

@@ -28,6 +28,7 @@ PASSES = {
     "selection": ("Selection", "X"),
     "score": ("Score", "X"),
     "unseen": ("Unseen", "X"),
+    "holdout": ("Holdout", "X"),
 }
 """Pass of `stage.draw` -> (name, channels)."""
 CRYPTO_CHANNELS = "rgba"

@@ -426,6 +426,9 @@ class Scene:
     def _constant(self) -> dict[str, np.ndarray]:
         """The fields of `PosedSplats` that do not change with time, static ones first."""
         static, dynamic = self.static, self.dynamic
+        if not len(dynamic):  # nothing is copied: a million splats with harmonics are 200 MB
+            names = ("scales", "opacities", "sh", "ids")
+            return {name: getattr(static, name) for name in names} | {"dynamic": np.zeros(len(static), bool)}
         size = max(part.sh.shape[1] for part in (static, dynamic) if len(part) or part is static)
         sh = [
             np.pad(part.sh, ((0, 0), (0, size - part.sh.shape[1]), (0, 0))) for part in (static, dynamic) if len(part)

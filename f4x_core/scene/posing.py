@@ -89,7 +89,11 @@ def require_time(scene: Posable, time: float, flag: str) -> None:
 
 def moment(scene: Posable, time: float, transform: np.ndarray | None = None) -> PosedSplats:
     """All that is visible at clip time `time`, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
-    posed = scene.posed(time)
+    return visible(scene.posed(time), transform)
+
+
+def visible(posed: PosedSplats, transform: np.ndarray | None = None) -> PosedSplats:
+    """What of `posed` is visible, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
     return transformed(posed.take(posed.opacities > 0), transform)
 
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 from ..geometry import spherical_harmonics as sh
 from ..geometry.camera import Camera
 from ..raster.contract import FRUSTUM_MARGIN, RasterConfig
+from .ground import AMBIENT
 from .splat_textures import CHANNELS, VIEW_TEXELS, WIDTH, SplatTextures
-from .stage import AMBIENT
 
 SPLAT_SAMPLERS = ("order", "view", *CHANNELS, "limit")
 """2D float textures, in the order of their slots."""
@@ -166,8 +166,7 @@ def splat_constants(
 
 SURFACE_CONSTANTS = {"to_clip": "MAT4", "eye": "VEC4"}
 """World to clip space; the camera's centre and the depth from which on nothing is drawn."""
-SURFACE_FLAT = {"normal_at": "VEC3", "color_at": "VEC4"}
-SURFACE_SMOOTH = {"ray": "VEC3", "depth": "FLOAT"}
+SURFACE_SMOOTH = {"ray": "VEC3", "depth": "FLOAT", "normal_at": "VEC3", "color_at": "VEC4"}
 SURFACE_VERTEX = """
 void main()
 {

@@ -22,6 +22,8 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry.camera import Camera
+from ..geometry.spherical_harmonics import dc_from_rgb
+from .color import linear_from_srgb, srgb_from_linear
 from .depth_order import OrderSettings, depth_order
 from .stage import Cloud, Surface
 
@@ -147,19 +149,22 @@ def refuse_too_large(textures: SplatTextures, limit: int) -> None:
 def triangle_vertices(surfaces: Sequence[Surface]) -> dict[str, np.ndarray]:
     """Surfaces as a list of corners: `pos (3 T,3)`, `normal (3 T,3)` of any length, `color (3 T,4)` sRGB; float32.
 
-    A holdout shows black.
+    A holdout shows black. An image is seen at the corners alone, and what glows as if it were lit.
     """
-    triangles = np.concatenate([np.zeros((0, 3, 3)), *(surface.triangles for surface in surfaces)])
-    colors = [surface.colors * (not surface.holdout) for surface in surfaces]
-    rgb = np.concatenate([np.zeros((0, 3)), *colors])
-    a, b, c = triangles.transpose(1, 0, 2)
-    normal = np.cross(b - a, c - a)
+    nothing = np.zeros((0, 3, 3))
+    rgb = np.concatenate([nothing, *(_lit(surface) * (not surface.holdout) for surface in surfaces)]).reshape(-1, 3)
     corners = {
-        "pos": triangles.reshape(-1, 3),
-        "normal": np.repeat(normal, 3, 0),
-        "color": np.repeat(np.concatenate([rgb, np.ones((len(rgb), 1))], 1), 3, 0),
+        "pos": np.concatenate([nothing, *(surface.triangles for surface in surfaces)]).reshape(-1, 3),
+        "normal": np.concatenate([nothing, *(surface.corner_normals for surface in surfaces)]).reshape(-1, 3),
+        "color": np.concatenate([rgb, np.ones((len(rgb), 1))], 1),
     }
     return {name: np.ascontiguousarray(values, np.float32) for name, values in corners.items()}
+
+
+def _lit(surface: Surface) -> np.ndarray:
+    """(T,3,3) sRGB at the corners, with what the surface gives off."""
+    colors = surface.corner_colors
+    return colors if surface.glow is None else srgb_from_linear(linear_from_srgb(colors) + surface.glow[:, None])
 
 
 def clip_matrix(camera: Camera, near: float) -> np.ndarray:
@@ -199,12 +204,13 @@ def _fill_shapes(cloud: Cloud, number: int, part: np.ndarray) -> None:
 
 
 def _fill_looks(cloud: Cloud, number: int, part: np.ndarray) -> None:
-    part[:, 0, :3], part[:, 0, 3] = cloud.sh[:, 0], cloud.opacities
+    part[:, 0, :3], part[:, 0, 3] = dc_from_rgb(np.zeros(3)) if cloud.holdout else cloud.sh[:, 0], cloud.opacities
 
 
 def _fill_harmonics(cloud: Cloud, number: int, part: np.ndarray) -> None:
     part[:] = 0
-    part[:, : cloud.sh.shape[1] - 1, :3] = cloud.sh[:, 1:]
+    if not cloud.holdout:
+        part[:, : cloud.sh.shape[1] - 1, :3] = cloud.sh[:, 1:]
 
 
 _FILL: dict[str, Callable[[Cloud, int, np.ndarray], None]] = {
@@ -225,7 +231,7 @@ _SOURCES: dict[str, Callable[[Cloud], tuple]] = {
     "moving_quats": lambda cloud: (cloud.quats,),
     "turns": lambda cloud: (cloud.turn,),
     "shapes": lambda cloud: (cloud.scales,),
-    "looks": lambda cloud: (cloud.sh, cloud.opacities),
-    "harmonics": lambda cloud: (cloud.sh,),
+    "looks": lambda cloud: (cloud.sh, cloud.opacities, cloud.holdout),
+    "harmonics": lambda cloud: (cloud.sh, cloud.holdout),
 }
-"""The arrays that a texture is made of."""
+"""What a texture is made of; a cloud that is held out is black."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..progress import Progress, silent
 from .color import linear_from_srgb, srgb_from_linear
+from .ground import GEOMETRY, SAMPLES, Ground, Look, Surface, ground
 from .passes import Mist, mist_left, normals, vectors
 from .view import COVERED
 
@@ -27,8 +28,25 @@ if TYPE_CHECKING:
 
 MATTE = "matte:"
 """Prefix of the passes `matte:LAYER`, coverage by each thing that `Cloud.mattes` tells apart."""
-PASSES = ("alpha", "depth", "latent", "selection", "score", "index", "vector", "normal", "position", "mist", "unseen")
+PASSES = (
+    "alpha",
+    "depth",
+    "latent",
+    "selection",
+    "score",
+    "index",
+    "vector",
+    "normal",
+    "position",
+    "mist",
+    "unseen",
+    "holdout",
+)
 """What `draw` gives besides `rgb` and `matte:LAYER`."""
+SHARP = ("depth", "index", "latent", "score", "vector", "normal", "position")
+"""Passes that are no light: they are not blurred, and show what is at the centre of a pixel."""
+HOLE = "hole"
+"""What `draw` also gives where anything is held out: the fraction of a pixel that is."""
 BAND = 1 << 17
 """Pixels of the first band of rows; the time it took sets the size of the next one."""
 TALLEST = 1 << 21
@@ -38,12 +56,7 @@ PAUSE, GROWTH = 0.3, 8.0
 """Seconds between two calls of `progress`, about; and how many times taller than the last a band may be."""
 NOTHING = 1e10
 """Depth where nothing is seen, Blender's own."""
-AMBIENT = 0.4
-"""Fraction of a surface's colour that it keeps where it is seen edge-on; the rest is shaded by the cosine to the view."""
 _WIDTHS = {"latent": 3, "selection": 1, "score": 1, "unseen": 1}
-_GEOMETRY = {"vector": 6, "normal": 3, "mist": 1}
-"""Passes that surfaces have, too. What is composited for `vector` are the ways in the world to where a place was one frame
-before and will be one frame after, for `mist` the light that it leaves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +91,8 @@ class Cloud:
     """(N,) fraction of its light that reaches each Gaussian (`shadows.light_left`); None = all of it."""
     mattes: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Layer -> (N,) uint32 id of what each Gaussian belongs to (`cryptomatte.identify`); 0 = nothing."""
+    holdout: bool = False
+    """Cut holes into the picture instead of showing colors, as far as each Gaussian covers what is behind it."""
 
     @classmethod
     def of_scene(cls, scene: Scene, time: float) -> Cloud:
@@ -135,26 +150,6 @@ class Cloud:
         return replace(self, **dict(zip(("means", "quats", "scales"), cast, strict=True)), to_world=frame)
 
 
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """Opaque triangles: they hide what lies behind them and show one flat colour each, lit from the camera."""
-
-    triangles: np.ndarray
-    """(T,3,3) corners in the world."""
-    colors: np.ndarray
-    """(T,3) sRGB in [0, 1]."""
-    index: int = 0
-    """Number of its object in the pass `index`."""
-    holdout: bool = False
-    """Cut a hole into the picture instead of showing a colour."""
-    key: str = ""
-    """As of a `Cloud`."""
-    beside: tuple[np.ndarray, np.ndarray] | None = None
-    """Corners (T,3,3) in the world one frame before and one after; None = it stands still."""
-    mattes: Mapping[str, int] = field(default_factory=dict)
-    """Layer -> id, as of a `Cloud`."""
-
-
 @dataclass(frozen=True)
 class DrawSettings:
     """Settings of drawing a stage, independent of its content."""
@@ -173,6 +168,8 @@ class DrawSettings:
     """The camera one frame before and one after, for the pass `vector`; None = it stands still."""
     mist: Mist = field(default_factory=Mist)
     """Of the pass `mist`."""
+    surface_samples: int = SAMPLES
+    """Points of a pixel that are looked at where surfaces end; fewer than 2 leave their edges hard."""
 
 
 def draw(
@@ -189,7 +186,7 @@ def draw(
     """Draw everything through `camera` in the world; float32 pictures by name, `rgb`, `alpha` and those of `passes`.
 
     * `rgb (H,W,3)` sRGB over the background, over nothing (premultiplied) where that is None.
-    * `alpha (H,W)` of Gaussians and surfaces.
+    * `alpha (H,W)` of Gaussians and surfaces that are not held out.
     * `depth (H,W)` expected z depth in world units, 1e10 where alpha < 0.1.
     * `latent (H,W,3)`, `score (H,W)`: mean of the Gaussians' layers, 0 where their alpha < 0.1.
     * `selection (H,W)`: fraction of the pixel that selected Gaussians cover.
@@ -200,11 +197,14 @@ def draw(
       moves on the screen (`passes.vectors`); `normal (H,W,3)` of length 1. Of Gaussians and the surface behind them; 0 where
       alpha < 0.1 and there is no surface.
     * `mist (H,W)` from 0, clear, to 1, also where nothing is.
+    * `holdout (H,W)` fraction of the pixel where a held-out surface is seen: that of a picture that is to be laid there.
     * `matte:LAYER:ID (H,W)` for `matte:LAYER`: fraction of the pixel that what has this id, in hexadecimal, covers.
+    * `hole (H,W)`, only if anything is held out: fraction of the pixel where held-out Gaussians or surfaces are seen. No other
+      pass shows anything of them.
 
     Args:
         clouds: Gaussians; one whose centre lies behind a surface is hidden by it as a whole.
-        surfaces: opaque triangles, without antialiasing.
+        surfaces: opaque triangles.
         camera: pinhole camera in the world.
         settings: clipping planes, background and rasteriser; the defaults of `DrawSettings` when None.
         passes: any of `PASSES` and `matte:LAYER`.
@@ -215,55 +215,130 @@ def draw(
     Raises:
         F4xError: a camera that is not finite, or a backend that cannot run here.
     """
-    from ..raster import rasterize
-
     rows, columns = region or (slice(0, camera.height), slice(0, camera.width))
     settings = settings or DrawSettings()
-    ground = _Ground.seen(surfaces, camera, settings, [name for name in _GEOMETRY if name in passes])
-    mattes = {name: _matte_ids(clouds, surfaces, name.removeprefix(MATTE)) for name in passes if name.startswith(MATTE)}
-    frame = clouds[0].to_world if clouds else np.eye(4)
-    numbers = sorted({cloud.index for cloud in clouds}) if "index" in passes else []
-    widths = {"rgb": 3} | {name: w for name, w in (_WIDTHS | _GEOMETRY).items() if name in passes}
-    widths |= {"index": len(numbers)} | {name: len(ids) for name, ids in mattes.items()}
-    own = [_own_layers(cloud, camera, settings, numbers, mattes, widths) for cloud in clouds]
-    features = [_features(len(cloud.means), layers, widths) for cloud, layers in zip(clouds, own, strict=True)]
-    moved = [cloud.seen_from(frame) for cloud in clouds]
-    splats = Splats(
-        means=_joined([cloud.means for cloud in moved], 3),
-        quats=_joined([cloud.quats for cloud in moved], 4),
-        scales=_joined([cloud.scales for cloud in moved], 3),
-        opacities=_joined([cloud.opacities[:, None] for cloud in moved], 1)[:, 0],
-    )
-    colors = _joined(features, sum(widths.values()))
-    view = replace(camera, world_to_camera=camera.world_to_camera @ frame)
-    config = replace(settings.config or fitted_config(clouds, camera), near=settings.near)
-
+    behind = np.asarray((0, 0, 0) if settings.background is None else settings.background, np.float32)
+    look = Look(camera, settings.near, settings.far, behind, settings.mist, settings.cameras, settings.surface_samples)
+    back = ground(surfaces, look, [name for name in GEOMETRY if name in passes])
+    drawing = _Drawing.of(clouds, surfaces, camera, settings, passes)
     images: dict[str, np.ndarray] = {}
     for band in _tall_bands(rows, camera.width) if progress is silent else _bands(rows, camera.width):
         progress("render", band.start - rows.start, rows.stop - rows.start)
-        # Pixels beside the region keep the limit 0 and are not drawn.
-        limit = np.zeros((band.stop - band.start, camera.width), np.float32)
-        limit[:, columns] = ground.limit[band, columns]
-        out = rasterize(splats, colors, view, config=config, backend=settings.backend, limit=limit, rows=band)
-        channels, alpha, depth = (
-            np.asarray(part[:, columns], np.float32) for part in (out.channels, out.alpha, out.depth)
-        )
-        layers = dict(zip(widths, np.split(channels, np.cumsum([*widths.values()])[:-1], axis=-1), strict=True))
-        part = ground.cut((band, columns))
-        drawn = _images(layers, alpha, depth, part, numbers, passes)
-        if {"position", "vector"} & {*passes}:
-            drawn |= _on_rays(drawn, camera, settings, (band, columns))
-        drawn = {name: image for name, image in drawn.items() if name in ("rgb", "alpha", *passes)}
-        for name, ids in mattes.items():
-            behind = part.matte(surfaces, name.removeprefix(MATTE), ids)
-            coverage = layers[name] + (1 - alpha)[..., None] * behind
-            drawn |= {f"{name}:{number:08x}": coverage[..., i] for i, number in enumerate(ids)}
+        drawn = drawing.over(back.cut((band, slice(None))), (band, columns), passes)
         for name, image in (finish(drawn) if finish else drawn).items():
             if name not in images:  # memory is touched, which takes long, only band by band
                 images[name] = np.empty((rows.stop - rows.start, *image.shape[1:]), np.float32)
             images[name][band.start - rows.start : band.stop - rows.start] = image
     progress("render", rows.stop - rows.start, rows.stop - rows.start)
     return images
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawing:
+    """Gaussians and what is composited of them, ready to be drawn over any ground."""
+
+    splats: Splats
+    channels: np.ndarray
+    """(N,C) of all layers, one after the other."""
+    widths: Mapping[str, int]
+    """Layer -> its channels."""
+    view: Camera
+    """In the frame of the first cloud."""
+    config: RasterConfig
+    camera: Camera
+    """In the world."""
+    settings: DrawSettings
+    surfaces: Sequence[Surface]
+    numbers: Sequence[int]
+    """Of objects, for the pass `index`."""
+    mattes: Mapping[str, np.ndarray]
+    """Pass -> (K,) ids."""
+    holds: bool
+    """Whether any cloud or surface is held out."""
+
+    @classmethod
+    def of(
+        cls,
+        clouds: Sequence[Cloud],
+        surfaces: Sequence[Surface],
+        camera: Camera,
+        settings: DrawSettings,
+        passes: Collection[str],
+    ) -> _Drawing:
+        """Gather the layers of all clouds in the frame of the first one, whose arrays stay as they are."""
+        shown = [cloud for cloud in clouds if not cloud.holdout]
+        visible = [surface for surface in surfaces if not surface.holdout]
+        mattes = {
+            name: _matte_ids(shown, visible, name.removeprefix(MATTE)) for name in passes if name.startswith(MATTE)
+        }
+        frame = clouds[0].to_world if clouds else np.eye(4)
+        numbers = sorted({cloud.index for cloud in shown}) if "index" in passes else []
+        widths = {"rgb": 3} | {name: w for name, w in (_WIDTHS | GEOMETRY).items() if name in passes}
+        widths |= {"index": len(numbers)} | {name: len(ids) for name, ids in mattes.items()}
+        if len(shown) < len(clouds):
+            widths |= {"shown": 1, "depth": 1}
+        features = []
+        for cloud in clouds:
+            own = {} if cloud.holdout else _own_layers(cloud, camera, settings, numbers, mattes, widths)
+            features.append(_features(len(cloud.means), own, widths))
+        moved = [cloud.seen_from(frame) for cloud in clouds]
+        splats = Splats(
+            means=_joined([cloud.means for cloud in moved], 3),
+            quats=_joined([cloud.quats for cloud in moved], 4),
+            scales=_joined([cloud.scales for cloud in moved], 3),
+            opacities=_joined([cloud.opacities[:, None] for cloud in moved], 1)[:, 0],
+        )
+        view = replace(camera, world_to_camera=camera.world_to_camera @ frame)
+        config = replace(settings.config or fitted_config(clouds, camera), near=settings.near)
+        holds = len(shown) < len(clouds) or len(visible) < len(surfaces)
+        channels = _joined(features, sum(widths.values()))
+        return cls(splats, channels, widths, view, config, camera, settings, surfaces, numbers, mattes, holds)
+
+    def over(self, back: Ground, part: tuple[slice, slice], passes: Collection[str]) -> dict[str, np.ndarray]:
+        """The passes of a part of the picture, over the ground of all of its rows."""
+        own = self._over(back, part, passes)
+        columns = part[1]
+        if back.share is None or back.beside is None or back.share[:, columns].min(initial=1) == 1:
+            return own
+        beside = self._over(back.beside, part, [name for name in passes if name not in (*SHARP, "mist")])
+        share = back.share[:, columns].astype(np.float32)
+        for name, image in beside.items():
+            weight = share.reshape(*share.shape, *[1] * (image.ndim - 2))
+            own[name] = weight * own[name] + (1 - weight) * image
+        return own
+
+    def _over(self, back: Ground, part: tuple[slice, slice], passes: Collection[str]) -> dict[str, np.ndarray]:
+        from ..raster import rasterize
+
+        rows, columns = part
+        # Pixels beside the part keep the limit 0 and are not drawn.
+        limit = np.zeros(back.limit.shape, np.float32)
+        limit[:, columns] = back.limit[:, columns]
+        out = rasterize(
+            self.splats,
+            self.channels,
+            self.view,
+            config=self.config,
+            backend=self.settings.backend,
+            limit=limit,
+            rows=rows,
+        )
+        channels, alpha, depth = (
+            np.asarray(one[:, columns], np.float32) for one in (out.channels, out.alpha, out.depth)
+        )
+        parts = np.split(channels, np.cumsum([*self.widths.values()])[:-1], axis=-1)
+        layers, back = dict(zip(self.widths, parts, strict=True)), back.cut((slice(None), columns))
+        seen = _Seen(layers, alpha, depth, back)
+        drawn = _images(seen, self.numbers, passes)
+        if {"position", "vector"} & {*passes}:
+            drawn |= _on_rays(drawn, self.camera, self.settings, part)
+        drawn = {name: image for name, image in drawn.items() if name in ("rgb", "alpha", *passes)}
+        for name, ids in self.mattes.items():
+            coverage = layers[name] + seen.left[..., None] * back.matte(self.surfaces, name.removeprefix(MATTE), ids)
+            drawn |= {f"{name}:{number:08x}": coverage[..., i] for i, number in enumerate(ids)}
+        if self.holds:
+            drawn[HOLE] = (seen.covered - seen.shown + seen.left * back.held).astype(np.float32)
+        return drawn
 
 
 def as_seen(clouds: Sequence[Cloud], back: float) -> list[Cloud]:
@@ -319,8 +394,10 @@ def _own_layers(
     """Layer -> (N,C) numbers of one cloud's Gaussians, of those layers that it has."""
     count = len(cloud.means)
     own = {"rgb": cloud.colors(camera.center), **cloud.layers}
+    if "shown" in wanted:
+        own |= {"shown": np.ones((count, 1)), "depth": camera.project(cloud.places)[1][:, None]}
     own["index"] = np.tile(np.equal(numbers, cloud.index), (count, 1))
-    places = cloud.places if {*_GEOMETRY} & {*wanted} else np.zeros((count, 3))
+    places = cloud.places if {*GEOMETRY} & {*wanted} else np.zeros((count, 3))
     if "vector" in wanted:
         own["vector"] = _ways(places, cloud.beside)
     if "normal" in wanted:
@@ -362,145 +439,51 @@ def _features(count: int, own: Mapping[str, np.ndarray], widths: Mapping[str, in
 
 
 @dataclass(frozen=True, eq=False)
-class _Ground:
-    """Surfaces and world behind the Gaussians, per pixel."""
+class _Seen:
+    """What was composited of Gaussians, and the ground behind them."""
 
-    rgb: np.ndarray
-    """(H,W,3) sRGB."""
-    alpha: np.ndarray
-    """(H,W) 1 where a surface shows itself."""
-    depth: np.ndarray
-    """(H,W) of the nearest surface, infinite where there is none."""
-    index: np.ndarray
-    """(H,W) number of its object, else 0."""
-    limit: np.ndarray
-    """(H,W) float32 depth from which on Gaussians are hidden."""
-    hit: np.ndarray
-    """(H,W) number of the triangle, all surfaces' one after the other; -1 where there is none."""
     layers: Mapping[str, np.ndarray]
-    """(H,W,C) of `_GEOMETRY`, 0 where there is no surface."""
+    """(H,W,C) sums, by layer."""
+    covered: np.ndarray
+    """(H,W) alpha of all Gaussians."""
+    deep: np.ndarray
+    """(H,W) sum of z alpha T of all Gaussians."""
+    back: Ground
 
-    @classmethod
-    def seen(
-        cls, surfaces: Sequence[Surface], camera: Camera, settings: DrawSettings, wanted: Sequence[str]
-    ) -> _Ground:
-        """Draw surfaces over the background, with their `layers` of those names."""
-        from ..raster.triangles import draw_triangles
+    @property
+    def left(self) -> np.ndarray:
+        """(H,W) how much of the ground is seen."""
+        return 1 - self.covered
 
-        triangles = np.concatenate([np.zeros((0, 3, 3)), *(surface.triangles for surface in surfaces)])
-        size = (camera.width, camera.height)
-        behind = np.asarray((0, 0, 0) if settings.background is None else settings.background, np.float32)
-        if not len(triangles):  # one value each, however large the picture is
-            flat = (
-                behind,
-                np.zeros(()),
-                np.array(np.inf),
-                np.zeros(()),
-                np.array(settings.far, np.float32),
-                -np.ones(()),
-            )
-            empty = {name: np.broadcast_to(0.0, (camera.height, camera.width, _GEOMETRY[name])) for name in wanted}
-            plain = [np.broadcast_to(value, (camera.height, camera.width, *value.shape)) for value in flat]
-            return cls(plain[0], plain[1], plain[2], plain[3], plain[4], plain[5], empty)
-        depth, hit = draw_triangles(
-            triangles, camera.world_to_camera, camera.intrinsics, *size, near=settings.near, far=settings.far
-        )
-        there = hit >= 0
-        rgb = np.zeros((*depth.shape, 3), np.float32) + behind
-        index, shows = np.zeros(depth.shape), np.zeros(depth.shape)
-        if there.any():
+    @property
+    def shown(self) -> np.ndarray:
+        """(H,W) alpha of the Gaussians that are not held out."""
+        return self.layers["shown"][..., 0] if "shown" in self.layers else self.covered
 
-            def of_triangles(values) -> np.ndarray:
-                """Values of the triangle at each covered pixel, from one value or (T,...) of each surface."""
-                parts = [
-                    np.broadcast_to(v, (len(s.triangles), *np.shape(v)[1:]))
-                    for s, v in zip(surfaces, values, strict=True)
-                ]
-                return np.concatenate(parts)[hit[there]]
-
-            index[there] = of_triangles([[s.index] for s in surfaces])
-            shows[there] = of_triangles([[not s.holdout] for s in surfaces])
-            a, b, c = triangles[hit[there]].transpose(1, 0, 2)
-            normal = np.cross(b - a, c - a)
-            pixels = camera.pixel_grid()[there]
-            ray = camera.unproject(pixels, np.ones(len(pixels))) - camera.center
-            cosine = np.abs((normal * ray).sum(1)) / (np.linalg.norm(normal, axis=1) * np.linalg.norm(ray, axis=1))
-            shading = (AMBIENT + (1 - AMBIENT) * cosine) * shows[there]
-            rgb[there] = of_triangles([s.colors for s in surfaces]) * shading[:, None]
-        layers = _ground_layers(surfaces, camera, settings, wanted, (depth, hit)) if wanted else {}
-        return cls(rgb, shows, depth, index, np.minimum(depth, settings.far).astype(np.float32), hit, layers)
-
-    def cut(self, region: tuple[slice, slice]) -> _Ground:
-        """The part inside a region."""
-        plain = {f.name: getattr(self, f.name)[region] for f in fields(self) if f.name != "layers"}
-        return _Ground(**plain, layers={name: layer[region] for name, layer in self.layers.items()})
-
-    def matte(self, surfaces: Sequence[Surface], layer: str, ids: np.ndarray) -> np.ndarray:
-        """(H,W,K) 1 where a surface of that id shows itself."""
-        owners = np.repeat(
-            np.array([surface.mattes.get(layer, 0) for surface in surfaces], np.uint32),
-            [len(surface.triangles) for surface in surfaces],
-        )
-        own = np.append(owners, np.uint32(0))[self.hit.astype(np.int64)]  # -1 is the last
-        return (own[..., None] == ids) * self.alpha[..., None]
+    @property
+    def depth(self) -> np.ndarray:
+        """(H,W) sum of z alpha T of the Gaussians that are not held out."""
+        return self.layers["depth"][..., 0] if "depth" in self.layers else self.deep
 
 
-def _ground_layers(
-    surfaces: Sequence[Surface],
-    camera: Camera,
-    settings: DrawSettings,
-    wanted: Sequence[str],
-    seen: tuple[np.ndarray, np.ndarray],
-) -> dict[str, np.ndarray]:
-    """`_Ground.layers` of surfaces that were `seen` as (depth, number of the triangle) per pixel."""
-    depth, hit = seen
-    there = hit >= 0
-    corners = np.concatenate([surface.triangles for surface in surfaces])[hit[there]].astype(np.float64)
-    places = camera.unproject(camera.pixel_grid()[there], depth[there])
-    own = {"mist": mist_left(settings.mist, places, camera)[:, None]}
-    sides = corners[:, 1:] - corners[:, :1]
-    if "normal" in wanted:
-        normal = np.cross(sides[:, 0], sides[:, 1])
-        normal *= -np.sign((normal * (places - camera.center)).sum(1))[:, None]
-        own["normal"] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    if "vector" in wanted:
-        # where in its triangle a place lies, by least squares in the triangle's plane
-        gram = sides @ sides.transpose(0, 2, 1)
-        right = sides @ (places - corners[:, 0])[..., None]
-        part = np.linalg.solve(gram, right)[..., 0]
-        weights = np.concatenate([1 - part.sum(1, keepdims=True), part], 1)[..., None]
-        both = [surface.beside or (surface.triangles, surface.triangles) for surface in surfaces]
-        beside = tuple((np.concatenate([one[i] for one in both])[hit[there]] * weights).sum(1) for i in (0, 1))
-        own["vector"] = _ways(places, (beside[0], beside[1]))
-    layers = {name: np.zeros((*hit.shape, _GEOMETRY[name])) for name in wanted}
-    for name, layer in layers.items():
-        layer[there] = own[name]
-    return layers
-
-
-def _images(
-    layers: Mapping[str, np.ndarray],
-    alpha: np.ndarray,
-    depth: np.ndarray,
-    ground: _Ground,
-    numbers: Sequence[int],
-    passes: Collection[str],
-) -> dict[str, np.ndarray]:
-    """Gaussians over the ground: composited `layers`, `alpha` and `depth` (sum of z alpha T) become the passes."""
-    left = 1 - alpha
-    covered = alpha >= COVERED
-    divisor = np.where(covered, alpha, 1)
-    images = {"rgb": layers["rgb"] + left[..., None] * ground.rgb, "alpha": alpha + left * ground.alpha}
+def _images(seen: _Seen, numbers: Sequence[int], passes: Collection[str]) -> dict[str, np.ndarray]:
+    """Gaussians over the ground become the passes."""
+    layers, ground, left, alpha = seen.layers, seen.back, seen.left, seen.shown
     solid = np.isfinite(ground.depth)
-    total = np.where(solid, 1, divisor)
-    for name, behind in ground.layers.items():
-        summed = layers[name] + left[..., None] * behind
-        mean = np.where((covered | solid)[..., None], summed / total[..., None], 0)
+    behind = np.where(solid, left, 0)
+    total = alpha + behind
+    covered, there = alpha >= COVERED, total >= COVERED
+    divisor = np.where(covered, alpha, 1)
+    total = np.where(there, total, 1)
+    images = {"rgb": layers["rgb"] + left[..., None] * ground.rgb, "alpha": alpha + left * ground.alpha}
+    for name, own in ground.layers.items():
+        summed = layers[name] + left[..., None] * own
+        mean = np.where(there[..., None], summed / total[..., None], 0)
         length = np.linalg.norm(mean, axis=-1, keepdims=True) if name == "normal" else 1
         images[name] = 1 - summed[..., 0] if name == "mist" else mean / np.where(length == 0, 1, length)
     if {"depth", "position", "vector"} & {*passes}:
-        summed = depth + np.where(solid, left * np.where(solid, ground.depth, 0), 0)
-        images["depth"] = np.where(covered | solid, summed / total, NOTHING)
+        summed = seen.depth + behind * np.where(solid, ground.depth, 0)
+        images["depth"] = np.where(there, summed / total, NOTHING)
     if "latent" in passes:
         images["latent"] = np.where(covered[..., None], layers["latent"] / divisor[..., None], 0)
     if "score" in passes:
@@ -509,8 +492,11 @@ def _images(
         images["selection"] = layers["selection"][..., 0]
     if "unseen" in passes:
         images["unseen"] = layers["unseen"][..., 0] + left * (1 - ground.alpha)
+    if "holdout" in passes:
+        images["holdout"] = left * ground.held
     if "index" in passes:
-        weights = np.concatenate([left[..., None], layers["index"]], -1)  # behind them all, then every object
-        found = np.array([0, *numbers])[weights.argmax(-1)]
+        # the ground, what is held out, then every object
+        weights = np.concatenate([np.stack([left, seen.covered - alpha], -1), layers["index"]], -1)
+        found = np.array([0, 0, *numbers])[weights.argmax(-1)]
         images["index"] = np.where(weights.argmax(-1) == 0, ground.index, found)
     return {name: image.astype(np.float32, copy=False) for name, image in images.items()}

@@ -72,16 +72,19 @@ for name in ("frame.ply", "frame.splat", "frame.spz", "frame.glb", "renamed.dat"
     found[name + " in the world"] = found[name] @ np.array(cloud.matrix_world)[:3, :3].T
     found[name + " scale"] = values(cloud, "scale", "vector", 3)
     found[name + " radiance"] = values(cloud, "radiance:base", radiance, 4)
-    told[name] = [root["f4x_source"], scene.camera.name, "f4x_path" in root]
+    told[name] = [root["f4x_path"], scene.camera.name, "f4x_source" in root]
 
 for label, options in (("all", {}), ("step", {"step": 2}), ("alone", {"sequence": False})):
     root = load("walk_0001.ply", **options)
     clouds = [item for item in root.children if item.type == "POINTCLOUD"]
     told[f"sequence {label}"] = [[item.name for item in clouds], scene.frame_start, scene.frame_end]
-    for frame in range(3):
-        scene.frame_set(frame)
-        seen = [i.object.name for i in bpy.context.evaluated_depsgraph_get().object_instances if i.object.type == "POINTCLOUD"]
-        told[f"seen {label} {frame}"] = [seen, sum(len(c.means) for c in stage(bpy.context.evaluated_depsgraph_get())[0])]
+    for when, start in (("seen", 0), ("later", 10)):
+        root.f4x.start_frame = start
+        for frame in range(3):
+            scene.frame_set(start + frame)
+            depsgraph = bpy.context.evaluated_depsgraph_get()
+            seen = [i.object.name for i in depsgraph.object_instances if i.object.type == "POINTCLOUD"]
+            told[f"{when} {label} {frame}"] = [seen, sum(len(c.means) for c in stage(depsgraph)[0])]
 told["broken frame"] = load("torn_0001.ply")
 for name in ("mesh.ply", "mesh.glb", "absent.f4x", "film.mp4", "pictures"):
     told[name] = load(name)
@@ -245,7 +248,7 @@ def test_a_sequence_plays(imported):
     assert names == [f"walk frame {i:05d}" for i in range(3)] and (first, last) == (0, 2)
     count = STATIC + len(tiny_scene().dynamic)
     for frame in range(3):
-        assert told[f"seen all {frame}"] == [[names[frame]], count]
+        assert told[f"seen all {frame}"] == told[f"later all {frame}"] == [[names[frame]], count]
 
 
 def test_a_sequence_in_steps_and_one_file_of_it(imported):

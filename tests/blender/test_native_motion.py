@@ -16,6 +16,7 @@ bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene(filepath=str(folder / "scene.f4x"))
 from feature4x.addon import evaluated, native_motion
 cloud = next(item for item in root().children if "Feature4X motion" in item.modifiers)
+native_motion._is_moving, native_motion._watch = (lambda: True), (lambda: None)  # as during playback, in a window
 modifier, reader = cloud.modifiers["Feature4X motion"], evaluated.Reader()
 
 def read(reader):
@@ -143,3 +144,20 @@ noted["on"] = modifier.show_viewport
 """
     noted, _ = perform(folder, START + script)
     assert noted == {"drawn": 81, "on": True}
+
+
+@pytest.mark.parametrize(
+    "still", ["_is_moving = lambda: False", "_is_selecting = lambda: True", "_may_carry = lambda: False"]
+)
+def test_geometry_nodes_pose_whatever_stands_still_or_is_being_selected(folder, still):
+    """Blender outlines and picks what they pose."""
+    script = f"""
+native_motion._may_carry = lambda: True
+native_motion.look()
+noted["playing"] = modifier.show_viewport
+native_motion.{still}
+native_motion.look()
+noted["still"] = modifier.show_viewport, native_motion.CARRIED in cloud
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted == {"playing": False, "still": [True, False]}

@@ -36,10 +36,10 @@ fresh(False); noted["own camera"] = hidden(set_up_render=False)
 fresh()
 cube("dome", 100, (0, 0, 0)); cube("prop", 0.15, (0.1, {SQUARE} - 0.2, 0)); cube("behind", 0.5, (0, -1, 0))
 cube("floor", 0.2, (0, {WALL} / 2, -0.6))
-noted["set"] = hidden()
+noted["set"] = hidden(set_up_render=True)
 fresh()
 cube("outer", 1.2, (0, 0, 0)); cube("inner", 0.5, (0, 0, 0))
-noted["nested"] = hidden()
+noted["nested"] = hidden(set_up_render=True)
 """
 
 
@@ -59,7 +59,7 @@ ops.import_scene(filepath=str(folder / "scene.f4x"))
 noted["new file"] = root().f4x.notice  # Blender's own cube is no news for long
 bpy.ops.wm.read_factory_settings(use_empty=False)
 bpy.ops.wm.save_as_mainfile(filepath=str(folder / "project.blend"))
-ops.import_scene(filepath=str(folder / "scene.f4x"))
+ops.import_scene(filepath=str(folder / "scene.f4x"), set_up_render=True)
 noted["project"] = root().f4x.notice
 ops.dismiss_notice()
 noted["dismissed"] = root().f4x.notice

@@ -376,7 +376,11 @@ def test_a_mesh_hides_what_is_behind_it(folder, scene):
     expected = render(Cut, scene.cameras[FRAME], FRAME, ("rgb", "alpha"))
     hole = passes(folder, "holdout")
     assert np.abs(hole["Alpha"] - expected["alpha"]).mean() < 1e-6
-    assert_equal_pictures(hole["Combined"], expected["rgb"])
+    alpha = hole["Combined"][..., 3:]
+    assert np.abs(alpha[..., 0] - expected["alpha"]).mean() < 1e-6
+    seen = alpha[..., 0] > 1e-3  # the color under the alpha is what is linearised
+    straight = np.where(seen[..., None], hole["Combined"][..., :3] / np.maximum(alpha, 1e-3), 0)
+    assert_equal_pictures(straight, np.where(seen[..., None], expected["rgb"] / np.maximum(alpha, 1e-3), 0))
 
 
 def test_the_latent_is_shown_in_the_colours_of_the_scene_file(folder):

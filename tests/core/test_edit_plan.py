@@ -113,7 +113,7 @@ def test_words_mean_the_same_whatever_moments_are_shown(scene, retimes):
     found = resolve(slow, Recolour(SQUARE, RED), HERE).select
     assert set(slow.ids[rows_of(slow, found)].tolist()) == square_of(scene)
     gone = with_operations(slow, resolve(slow, Delete(SQUARE), HERE))
-    with pytest.raises(F4xError, match=r"removed before|nothing is called"):
+    with pytest.raises(F4xError, match=r"an edit removed|nothing is called"):
         resolve(gone, Recolour(SQUARE, RED), HERE)
 
 
@@ -398,7 +398,7 @@ def test_a_word_means_what_it_meant_before_the_sentence(scene):
         ("delete the square cat", "'cat'"),
         ("delete the toy square", "lacks 'toy square'"),
         ("delete everyone", "'person'"),
-        ("remove the square and make it red", "the square was removed before"),
+        ("remove the square and make it red", "an edit removed the square before"),
     ],
 )
 def test_what_nobody_answers_to_refuses_the_whole_sentence(scene, sentence, nobody):
@@ -642,6 +642,11 @@ def test_so_many_as_are_said_there_have_to_be(path):
 def test_what_a_clip_has_no_time_left_for_is_told(scene, sentence, reached):
     notes = plan.propose(scene, sentence, HERE).notes
     assert (not notes) if reached is None else notes[0].endswith(f"so what comes after frame {reached} is not shown.")
+
+
+def test_how_to_keep_the_end_of_a_slowed_clip_is_told(scene):
+    (note,) = plan.propose(scene, "slow everything to half", HERE).notes
+    assert note.endswith("`f4x render --path slow:2` shows all of it, with a slower camera.")
 
 
 def test_what_stands_still_cannot_be_stopped_and_that_is_told(scene):

@@ -4,6 +4,7 @@ import base64
 import gzip
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -271,3 +272,13 @@ def test_limits_of_our_own_are_called_so(tmp_path):
     (tmp_path / "a.spz").write_bytes(gzip.compress(bytes(many)))
     with pytest.raises(F4xError, match="10,000,001 splats; more than 10,000,000 is a limit of Feature4X"):
         open_any(tmp_path / "a.spz")
+
+
+def test_a_splat_file_whose_first_byte_is_a_brace_is_no_json(tmp_path):
+    scene = random_scene(dynamic=0)
+    means = scene.static.means.copy()
+    means[:, 0] = np.frombuffer(b"{\x00\x00?", "<f4")[0]
+    scene = replace(scene, static=replace(scene.static, means=means))
+    export(scene, tmp_path / "a.splat", [0.0], "splat")
+    assert (tmp_path / "a.splat").read_bytes()[:1] == b"{"
+    assert len(open_any(tmp_path / "a.splat").ids) == len(scene.ids)

@@ -13,6 +13,8 @@ from f4x_core.errors import Cancelled
 from f4x_core.geometry import pose, quaternion, spherical_harmonics
 from f4x_core.geometry.camera import Camera
 from f4x_core.raster import choose_backend
+from f4x_core.scene.color import linear_from_srgb, srgb_from_linear
+from f4x_core.scene.ground import Texture, sample
 from f4x_core.scene.stage import NOTHING, PASSES, Cloud, DrawSettings, Surface, _bands, _tall_bands, draw
 from f4x_core.scene.view import render
 
@@ -113,7 +115,8 @@ def test_no_cloud_is_special(scene, world):
 def test_a_wall_hides_what_is_behind_it(scene):
     clouds, camera = clouds_of(scene, 0.0), scene.cameras[0]
     middle = float(np.median(np.concatenate([c.means[:, 2] for c in clouds])))
-    out = draw(clouds, [wall(middle, left=0.0, index=7)], camera, passes=("depth", "index"), settings=SETTINGS)
+    hard = replace(SETTINGS, surface_samples=1)
+    out = draw(clouds, [wall(middle, left=0.0, index=7)], camera, passes=("depth", "index"), settings=hard)
     front = [replace(c, opacities=np.where(c.means[:, 2] < middle, c.opacities, 0)) for c in clouds]
     alone = draw(front, [], camera, settings=SETTINGS)
     free = draw(clouds, [], camera, passes=("depth",), settings=SETTINGS)
@@ -272,3 +275,67 @@ def test_bands_are_as_tall_as_their_time_allows(monkeypatch):
         clock[0] += 0.001 * heights[-1] if band.start < 500 else 0.1 * heights[-1]
     assert heights[:4] == [8, 64, 300, 300] and sum(heights) == 995
     assert heights[4] == 300 and set(heights[5:-1]) == {3}  # rows became a hundred times slower
+
+
+def test_a_held_out_cloud_is_a_hole_in_every_pass(scene):
+    """What is left is what the other cloud gives, behind and before it."""
+    held, shown = clouds_of(scene, 0.0)
+    camera = scene.cameras[0]
+    deep = np.repeat(camera.project(shown.places)[1][:, None], 3, 1).astype(np.float32)
+    every = {"latent": deep, "selection": np.ones((len(deep), 1), np.float32)}
+    shown = replace(shown, layers=every, index=3, mattes={"object": np.full(len(deep), 9, np.uint32)})
+    held = replace(held, index=2, layers={"selection": np.ones((len(held.means), 1), np.float32)})
+    names = ("selection", "depth", "index", "matte:object", "normal", "mist")
+    out = draw([replace(held, holdout=True), shown], [], camera, passes=names, settings=SETTINGS)
+    black = replace(held, sh=np.full((len(held.means), 1, 3), -0.5 / 0.28209479, np.float32), layers={})
+    both = draw([black, shown], [], camera, passes=("selection", "latent"), settings=SETTINGS)
+    alpha = both["selection"]
+    for name in ("alpha", "selection", "matte:object:00000009"):
+        assert np.allclose(out[name], alpha, atol=1e-6), name
+    assert np.allclose(out["rgb"], both["rgb"], atol=1e-6)
+    assert np.allclose(out["hole"], both["alpha"] - alpha, atol=1e-6) and out["hole"].max() > 0.5
+    seen = alpha >= 0.1
+    assert seen.any() and np.allclose(
+        out["depth"][seen], (both["latent"][..., 0] * both["alpha"] / np.where(seen, alpha, 1))[seen], rtol=1e-4
+    )
+    assert (out["depth"][~seen] == 1e10).all() and not out["normal"][~seen].any()
+    assert set(np.unique(out["index"])) == {0, 3} and not out["index"][out["hole"] > 0.6].any()
+
+
+def test_an_edge_is_as_soft_as_the_part_of_a_pixel_that_it_covers(scene):
+    clouds, camera = clouds_of(scene, 0.0), scene.cameras[0]
+    middle = float(np.median(np.concatenate([c.means[:, 2] for c in clouds])))
+    column, part = WIDTH // 2, 0.3
+    left = (column + part - camera.intrinsics[0, 2]) / camera.intrinsics[0, 0] * middle
+    bare = draw([], [wall(middle, left=left)], camera, settings=SETTINGS)["alpha"][:, column]
+    assert np.abs(bare - (1 - part)).max() <= 1 / 16 + 1e-6
+    out, full, free = (
+        draw(clouds, surfaces, camera, settings=SETTINGS)["rgb"][:, column]
+        for surfaces in ([wall(middle, left=left)], [wall(middle)], [])
+    )
+    assert np.abs(full - free).max() > 0.1 and np.allclose(out, bare[:, None] * (full - free) + free, atol=2e-3)
+    hard = draw([], [wall(middle, left=left)], camera, settings=replace(SETTINGS, surface_samples=1))["alpha"]
+    assert set(np.unique(hard)) == {0, 1}
+
+
+@pytest.mark.parametrize(
+    ("how", "expected"),
+    [
+        ({"normals": np.tile([0.0, 3, 4], (2, 3, 1))}, 0.5 * (0.4 + 0.6 * 0.8)),
+        ({"glow": np.full((2, 3), 0.3)}, srgb_from_linear(0.3 + linear_from_srgb(0.5))),
+        ({"textures": [Texture(np.full((2, 2, 3), 0.25), np.ones(2, bool), np.zeros((2, 3, 2)))]}, 0.25),
+    ],
+    ids=["smooth", "glowing", "with an image"],
+)
+def test_what_a_surface_shows(scene, how, expected):
+    """Straight before the camera it has its full color, 0.5."""
+    camera = Camera(np.array([[50, 0, 4.5], [0, 50, 4.5], [0, 0, 1.0]]), np.eye(4), 9, 9)
+    rgb = draw([], [wall(2.0, color=(0.5, 0.5, 0.5), **how)], camera, settings=SETTINGS)["rgb"][4, 4]
+    assert np.allclose(rgb, expected, atol=2e-3)
+
+
+def test_an_image_lies_on_a_surface_as_its_coordinates_say():
+    image = np.zeros((2, 4, 3))
+    image[0, 1], image[1, 3] = [1, 0, 0], [0, 1, 0]
+    places = np.array([[1.5 / 4, 0.75], [3.5 / 4, 0.25], [7.5 / 4, 1.25], [2.0 / 4, 0.75]])
+    assert np.allclose(sample(image, places), [[1, 0, 0], [0, 1, 0], [0, 1, 0], [0.5, 0, 0]])

@@ -20,9 +20,12 @@ from ...errors import F4xError
 from ...files import replace_file
 from ...geometry import quaternion
 from ..color import linear_from_srgb
-from ..posing import Y_UP, Posable, moment, plain_color, transformed, world_harmonics
+from ..linear import footprint, footprint_in, with_footprint
+from ..posing import Y_UP, Posable, plain_color, transformed, visible, world_harmonics
 
 EXTENSION = "KHR_gaussian_splatting"
+FOOTPRINT = "_FOOTPRINT"
+"""Our attribute of splats: the standard deviation that `SCALE` has in it beside the fitted one, as this core needs it back."""
 KERNEL, COLOR_SPACE = "ellipse", "srgb_rec709_display"
 """The required properties of the extension: an ellipse whose composited colours are display sRGB."""
 MAX_DEGREE = 3
@@ -69,7 +72,10 @@ def write_gltf(scene: Posable, time: float, path: Path | str, transform: np.ndar
     `transform`: a 4x4 similarity in the scene's axes. Raises F4xError when nothing is visible then, or beyond 4 GiB.
     """
     path = Path(path)
-    posed = transformed(moment(scene, time, transform), Y_UP)
+    whole = scene.posed(time)
+    fitted, posed = (
+        transformed(visible(each, transform), Y_UP) for each in (whole, with_footprint(whole, footprint(scene)))
+    )
     if not len(posed.ids):
         raise F4xError(
             f"{path}: nothing is visible at clip time {time:g}, and glTF holds no empty points; choose another"
@@ -81,6 +87,7 @@ def write_gltf(scene: Posable, time: float, path: Path | str, transform: np.ndar
         "COLOR_0": color,
         f"{EXTENSION}:ROTATION": quaternion.normalize(posed.quats)[:, [1, 2, 3, 0]],
         f"{EXTENSION}:SCALE": posed.scales,
+        FOOTPRINT: footprint_in(posed.scales, fitted.scales)[:, None],
         f"{EXTENSION}:OPACITY": posed.opacities[:, None],
     } | {
         f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{order}": harmonics[:, degree**2 + order]

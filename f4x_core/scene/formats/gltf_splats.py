@@ -22,8 +22,9 @@ from ...errors import F4xError
 from ...geometry import quaternion, spherical_harmonics
 from ...geometry.splats import Splats
 from ...reading import DAMAGE, FREE_BYTES, MAX_INFLATION, OWN_LIMIT, parse_json, quoted, reason
+from ..linear import narrowed
 from ..posing import Y_UP, similarity_of
-from .gltf import BIN_CHUNK, COLOR_SPACE, ELEMENT_TYPES, EXTENSION, GLB_MAGIC, JSON_CHUNK, KERNEL, MAX_DEGREE
+from .gltf import BIN_CHUNK, COLOR_SPACE, ELEMENT_TYPES, EXTENSION, FOOTPRINT, GLB_MAGIC, JSON_CHUNK, KERNEL, MAX_DEGREE
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {name: width for width, name in ELEMENT_TYPES.items()}
@@ -170,10 +171,13 @@ class _GltfFile:
         degree = max(d for d in range(MAX_DEGREE + 1) if d == 0 or f"{EXTENSION}:SH_DEGREE_{d}_COEF_0" in names)
         harmonics = [f"SH_DEGREE_{d}_COEF_{order}" for d in range(degree + 1) for order in range(2 * d + 1)]
         parts = {name: self.values(names[f"{EXTENSION}:{name}"]) for name in ("ROTATION", "SCALE", "OPACITY")}
+        footprint = self.values(names[FOOTPRINT])[:, 0] if FOOTPRINT in names else None
+        if footprint is not None and footprint.shape != parts["SCALE"].shape[:1]:
+            raise F4xError(f"the attribute {FOOTPRINT} has another count than its splats; export it again")
         found = Splats(
             means=self.values(names["POSITION"]),
             quats=parts["ROTATION"][:, [3, 0, 1, 2]],
-            scales=parts["SCALE"],
+            scales=parts["SCALE"] if footprint is None else narrowed(parts["SCALE"], footprint),
             opacities=parts["OPACITY"][:, 0],
             sh=np.stack([self.values(names[f"{EXTENSION}:{name}"]) for name in harmonics], axis=1),
         )

@@ -26,6 +26,7 @@ from ...files import replace_file, replace_path
 from ...geometry import quaternion, spherical_harmonics
 from ...progress import Progress, silent
 from ..color import linear_from_srgb
+from ..linear import footprint, with_footprint
 from ..model import PosedSplats
 from ..ply import MIN_SCALE
 from ..posing import Y_UP, Posable, plain_color, transformed, world_harmonics
@@ -216,8 +217,11 @@ def _write_stage(
         return
     matrix = Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64)
 
+    width = footprint(scene)
+
     def posed_at(time: float) -> PosedSplats:
-        return transformed(scene.posed(time), matrix)
+        posed = scene.posed(time)
+        return transformed(with_footprint(posed, width) if kind is SPLATS else posed, matrix)
 
     turns = _shortest_turns([posed_at(time).quats for time in (times[0], times[len(times) // 2], times[-1])])
 

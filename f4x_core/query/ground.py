@@ -1,0 +1,131 @@
+"""The floor that a scene stands on: the largest flat surface below the rest of it. Needs numpy alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry.camera import CameraPath
+from ..scene import Scene
+
+SOLID = 0.3
+"""Opacity from which a Gaussian counts as a part of a surface."""
+SAMPLED = 6000
+"""Gaussians at most by which planes are tried, drawn by the area that they cover."""
+TRIED = 1500
+"""Planes that are tried."""
+NEAREST = 0.1
+"""Least distance from the cameras, by the median, that is reckoned with."""
+BACKDROP = 8.0
+"""Distance from the cameras, by the median, beyond which all is backdrop: a dome of sky goes on below the floor."""
+THICKNESS = 0.02
+"""Distance from a plane, by the scene's size, within which a Gaussian lies in it."""
+TILT = 45.0
+"""Degrees at most between the floor's normal and up in the clip's pictures: people hold cameras upright."""
+MAX_BELOW = 0.15
+"""Fraction of what is seen that may lie below its floor: reflections, noise, a step."""
+MIN_FLOOR = 0.08
+"""Fraction of what is seen that a floor has at least."""
+MIN_ANGLE = 0.02
+"""Sine of the angle at a point, from which on three points tell a plane."""
+REFINED = 4
+"""Times that a plane is fitted to what lies in it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """The points x with normal . x = distance."""
+
+    normal: np.ndarray
+    """(3,) float64 unit vector; of a floor it points up."""
+    distance: float
+
+    def height(self, points: np.ndarray) -> np.ndarray:
+        """Signed distance (n,) of `points (n,3)` above the plane."""
+        return points @ self.normal - self.distance
+
+
+def up_of(cameras: CameraPath) -> np.ndarray:
+    """(3,) unit vector: the mean of up in the pictures, which are taken for upright."""
+    up = -cameras.world_to_camera[:, 1, :3].mean(0)
+    length = np.linalg.norm(up)
+    return up / length if length > 1e-6 else -cameras.world_to_camera[0, 1, :3]
+
+
+def plane_through(points: np.ndarray, above: np.ndarray) -> Plane:
+    """The plane through three `points (3,3)`, its normal towards the point `above (3,)`. F4xError if they are on a line."""
+    a, b, c = np.asarray(points, np.float64)
+    normal = np.cross(b - a, c - a)
+    sides = float(np.linalg.norm(b - a) * np.linalg.norm(c - a))
+    if not np.linalg.norm(normal) > MIN_ANGLE * sides:
+        raise F4xError("The three points are nearly on one line; choose points that are farther apart.")
+    normal /= np.linalg.norm(normal)
+    normal = normal if normal @ (np.asarray(above) - a) >= 0 else -normal
+    return Plane(normal, float(normal @ a))
+
+
+def find_ground(scene: Scene) -> Plane:
+    """The floor, its normal up: a plane that many Gaussians lie in and few below, not tilted beyond `TILT`.
+
+    Raises F4xError where there is none.
+    """
+    points, area, size = _surface(scene)
+    up = up_of(scene.cameras)
+    random = np.random.default_rng(0)
+    chosen = random.choice(len(points), min(SAMPLED, len(points)), p=area / area.sum())
+    sample = points[chosen]
+    tolerance = THICKNESS * size
+    best, score = None, 0.0
+    for a, b, c in sample[random.integers(0, len(sample), (TRIED, 3))]:
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal)
+        if length < 1e-12 or abs(normal @ up) < np.cos(np.radians(TILT)) * length:
+            continue
+        normal *= np.sign(normal @ up) / length
+        plane = Plane(normal, float(normal @ a))
+        height = plane.height(sample)
+        within, below = (np.abs(height) < tolerance).mean(), (height < -2 * tolerance).mean()
+        value = within * (1 - below / MAX_BELOW) * (normal @ up) ** 2
+        if value > score:
+            best, score = plane, value
+    if best is None or score < MIN_FLOOR / 2:
+        raise F4xError(f"No floor was found in {scene.name}; place three points on it instead.")
+    plane = _refined(best, points, area, tolerance)
+    if area[np.abs(plane.height(points)) < tolerance].sum() < MIN_FLOOR * area.sum():
+        raise F4xError(f"No floor was found in {scene.name}; place three points on it instead.")
+    return plane
+
+
+def _refined(plane: Plane, points: np.ndarray, area: np.ndarray, tolerance: float) -> Plane:
+    for _ in range(REFINED):
+        inside = np.abs(plane.height(points)) < tolerance
+        weight = area[inside] / area[inside].sum()
+        middle = weight @ points[inside]
+        spread = points[inside] - middle
+        normal = np.linalg.eigh((weight[:, None] * spread).T @ spread)[1][:, 0]
+        normal *= np.sign(normal @ plane.normal) or 1.0
+        plane = Plane(normal, float(normal @ middle))
+    return plane
+
+
+def _surface(scene: Scene) -> tuple[np.ndarray, np.ndarray, float]:
+    """(points (n,3), weight (n,), size) of the solid static Gaussians; F4xError where there are none.
+
+    The weight is the area by the square of the distance from the cameras: a far backdrop counts as it is seen. The size is
+    the distance within which half of that lies.
+    """
+    static, opacities = scene.static, scene.full_appearance[0][: len(scene.static)]
+    solid = opacities >= SOLID
+    if solid.sum() < 3:
+        raise F4xError(f"No floor was found in {scene.name}; place three points on it instead.")
+    points, scales = static.means[solid].astype(np.float64), np.sort(static.scales[solid].astype(np.float64), axis=1)
+    away = np.linalg.norm(points - np.median(scene.cameras.centers, axis=0), axis=1)
+    near = away < BACKDROP * np.median(away)
+    points, scales, away, opacities = points[near], scales[near], away[near], opacities[solid][near]
+    weight = scales[:, 1] * scales[:, 2] * opacities / np.maximum(away, NEAREST * np.median(away)) ** 2
+    weight = np.minimum(weight, np.percentile(weight, 99)) + 1e-30
+    order = np.argsort(away)
+    half = np.searchsorted(np.cumsum(weight[order]), weight.sum() / 2)
+    return points, weight, float(away[order[min(half, len(order) - 1)]])

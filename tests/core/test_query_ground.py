@@ -1,0 +1,36 @@
+"""The floor of scenes whose floor is known, and of scenes that have none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from floater_scenes import planted
+
+from f4x_core.errors import F4xError
+from f4x_core.geometry import quaternion
+from f4x_core.query.ground import find_ground, plane_through
+
+
+@pytest.mark.parametrize("kind", ["room", "street", "statue", "meadow"])
+@pytest.mark.parametrize("pitch", [0.0, 25.0])
+def test_the_floor_is_found_where_the_camera_looks_down(kind, pitch):
+    scene, _, _ = planted(kind, 31)  # y = 1 is the floor
+    turn = quaternion.from_rotation_vector(np.array([np.radians(pitch), 0, 0]))
+    means = quaternion.rotate(turn, scene.static.means.astype(np.float64)).astype(np.float32)
+    plane = find_ground(replace(scene, static=replace(scene.static, means=means)))
+    up = quaternion.rotate(turn, np.array([0.0, -1, 0]))
+    assert np.degrees(np.arccos(min(1.0, plane.normal @ up))) < 0.5 and plane.distance == pytest.approx(-1, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["cave", "shelf"])
+def test_without_a_floor_none_is_made_up(kind):
+    with pytest.raises(F4xError, match="No floor was found"):
+        find_ground(planted(kind, 31)[0])
+
+
+def test_a_plane_through_three_points():
+    plane = plane_through(np.array([[0, 1, 0], [1, 1, 0], [0, 1, 1.0]]), np.zeros(3))
+    np.testing.assert_allclose(plane.normal, [0, -1, 0])
+    assert plane.distance == pytest.approx(-1) and plane.height(np.array([[0, 0, 0.0]]))[0] == pytest.approx(1)
+    with pytest.raises(F4xError, match="nearly on one line"):
+        plane_through(np.array([[0, 0, 0], [1, 0, 0], [2, 1e-3, 0]]), np.ones(3))
