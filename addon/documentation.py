@@ -25,7 +25,9 @@ _INLINE = (
     (r"\*\*(.+?)\*\*", r"<b>\1</b>"),
     (r"(?<!\w)\*(\S.*?)\*", r"<i>\1</i>"),
 )
-_LINK = re.compile(r"\[([^]]*)\]\(([^) ]*)[^)]*\)")
+_LINK = re.compile(r"\[([^]]*)\]\(([^)]*)\)")
+_TITLE = re.compile(r"(\]\([^) ]*) \"[^\"]*\"\)")
+"""The title of a link, which may hold what parts the cells of a table."""
 
 
 def page_html(text: str, names: frozenset[str]) -> str:
@@ -35,7 +37,8 @@ def page_html(text: str, names: frozenset[str]) -> str:
         if block.startswith("```"):
             parts.append(f"<pre>{html.escape(block.strip('`').partition(chr(10))[2])}</pre>")
         else:
-            parts += [_block(lines, names) for lines in re.split(r"\n\s*\n", block) if lines.strip()]
+            plain = _TITLE.sub(r"\1)", block)
+            parts += [_block(lines, names) for lines in re.split(r"\n\s*\n", plain) if lines.strip()]
     return f"<!doctype html><meta charset=utf-8><title>Feature4X</title><style>{_STYLE}</style>" + "\n".join(parts)
 
 
@@ -73,16 +76,16 @@ def _words(text: str, names: frozenset[str]) -> str:
             return found[1]
         return f'<a href="{page.removesuffix(".md") + ".html" if page else ""}{"#" + anchor if anchor else ""}">{found[1]}</a>'
 
-    parts = re.split(r"(`[^`]*`)", text)
-    for number, part in enumerate(parts):
-        if number % 2:
-            parts[number] = f"<code>{html.escape(part[1:-1])}</code>"
-            continue
-        part = html.escape(part, quote=False)
-        for pattern, words in _INLINE:
-            part = re.sub(pattern, words, part)
-        parts[number] = part
-    return _LINK.sub(link, "".join(parts))
+    codes: list[str] = []
+
+    def set_aside(found: re.Match[str]) -> str:
+        codes.append(f"<code>{html.escape(found[1])}</code>")
+        return f"\0{len(codes) - 1}\0"
+
+    text = html.escape(re.sub(r"`([^`]*)`", set_aside, text), quote=False)
+    for pattern, words in _INLINE:
+        text = re.sub(pattern, words, text)
+    return re.sub(r"\0(\d+)\0", lambda found: codes[int(found[1])], _LINK.sub(link, text))
 
 
 def write_pages(folder: Path) -> Path:

@@ -17,9 +17,9 @@ def draw_time(layout: bpy.types.UILayout, root: bpy.types.Object) -> None:
     if TIME not in root:
         return
     column = layout.column(align=True)
-    column.use_property_split, column.use_property_decorate = True, False
-    column.prop(root.f4x, "start_frame")
-    column.prop(root.f4x, "speed")
+    row = column.row(align=True)
+    row.prop(root.f4x, "start_frame", text="Start")
+    row.prop(root.f4x, "speed")
     row = column.row(align=True)
     time = row.row(align=True)
     time.active = root.f4x.animate_time
@@ -32,17 +32,17 @@ def draw_nodes(layout: bpy.types.UILayout, context: bpy.types.Context, scene_obj
     nodes = layer_of(scene_object.root)
     if nodes is None:
         return
-    row = layout.row(align=True)
+    column = layout.column(align=True)
+    row = column.row(align=True)
     row.prop(nodes, "hide_viewport", text="Nodes", icon="EMPTY_AXIS", toggle=1, invert_checkbox=True)
-    row.operator("f4x.grab_nodes", text="Grab Softly", icon="VIEW_PAN")
-    row = layout.row(align=True)
-    row.operator("f4x.add_handles", text="Group Handles", icon="SPHERE")
+    row.operator("f4x.grab_nodes", text="Grab")
+    row.operator("f4x.add_handles", text="Handles")
     if any(HANDLE in item for item in scene_object.root.children_recursive):
         row.operator("f4x.remove_handles", text="", icon="X")
     moved = 0 if context.screen.is_animation_playing else unwritten(scene_object)
     if moved:
-        text = f"Write Back Motion of {moved} {plural('Node', moved)}"
-        layout.operator("f4x.write_motion", text=text, icon="FILE_TICK")
+        text = f"Write Back {moved} Moved {plural('Node', moved)}"
+        column.operator("f4x.write_motion", text=text, icon="FILE_TICK")
 
 
 class F4X_PT_motion(bpy.types.Panel):  # noqa: N801 - Blender wants this form

@@ -1,4 +1,4 @@
-"""The panels of the sidebar (N): Scene, Select, Edit, Edits. They only draw; operators do the work."""
+"""The panels of the sidebar (N): Scene, Select, Edit, Edits, Clean and Place. They only draw; operators do the work."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _bars(counts: list[int]) -> str:
     return "".join(LEVELS[round((count / highest) ** 0.5 * (len(LEVELS) - 1))] for count in counts)
 
 
-EXAMPLES = "Such as: delete the car; copy the dog to the left; select what moves"
+EXAMPLES = "Or: select what moves"
 """What stands where answers do while there is none."""
 WITHOUT = "No scene yet. Drop a .f4x file into the viewport, or make a scene of a video."
 CHOOSE_ONE = "There are several scenes. Select an object of one."
@@ -34,7 +34,7 @@ ROW_CHARACTERS = 24
 """Characters of an edit that its row shows in a sidebar as wide as Blender's own."""
 CLOSE_BUTTON = 4
 """Characters that a button beside lines takes."""
-ANSWER_LINES = 2
+ANSWER_LINES = 1
 """Lines kept free for an answer, so that it moves no button under the mouse."""
 
 
@@ -86,8 +86,13 @@ class F4X_OT_dismiss_notice(Reporting, bpy.types.Operator):  # noqa: N801
         return {"FINISHED"}
 
 
+def _touched(context: bpy.types.Context, scene_object: SceneObject) -> str:
+    """What other tools changed on the points and no edit holds; nothing while the scene plays."""
+    return "" if context.screen.is_animation_playing else point_edits.summary(scene_object)
+
+
 class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
-    """The active scene, and what is to know of it."""
+    """The active scene, and whether its edits are saved in its file."""
 
     bl_label = "Scene"
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
@@ -113,31 +118,20 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row.prop(scene_object.state, "show_believed", text="", icon="VIEW_CAMERA")
         if not viewport.shows_picture(context.scene, context.space_data):
             layout.operator("f4x.show_picture", icon="SHADING_RENDERED")
+        if not scene_object.path.exists():
+            layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
+        if _touched(context, scene_object):
+            draw_lines(layout, context, _touched(context, scene_object), "ERROR")
+            row = layout.row(align=True)
+            row.operator("f4x.take_over_points")
+            row.operator("f4x.put_back_points", text="", icon="LOOP_BACK")
         camera = clip_camera(scene_object.root)
         if camera is not None and context.scene.camera != camera:
             layout.operator("f4x.set_up_render", icon="OUTLINER_OB_CAMERA")
-        if not scene_object.path.exists():
-            layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
         if scene_object.state.notice:
             row = layout.row()
             draw_lines(row, context, scene_object.state.notice, "ERROR", beside=CLOSE_BUTTON)
             row.operator("f4x.dismiss_notice", text="", icon="X", emboss=False)
-
-
-class F4X_PT_place(_Section, bpy.types.Panel):  # noqa: N801
-    """Where the scene stands, and how large it is."""
-
-    bl_label = "Place"
-    bl_parent_id = "F4X_PT_scene"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
-
-    def draw(self, context):
-        """Draw the buttons that turn the floor down and set the scale."""
-        column = self.layout.column(align=True)
-        column.operator("f4x.align_floor", icon="GRID")
-        row = column.row(align=True)
-        row.operator("f4x.align_points")
-        row.operator("f4x.scale_length")
 
 
 class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
@@ -252,7 +246,7 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.restore", icon="LOOP_BACK")
         grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
         row = grid.row(align=True)
-        row.operator("f4x.transform", text="Move, Rotate…", icon="ORIENTATION_GLOBAL")
+        row.operator("f4x.transform", text="Move…", icon="ORIENTATION_GLOBAL")
         row.operator("f4x.edit_gizmo", text="", icon="GIZMO").edit_id = 0
         grid.operator("f4x.duplicate", text="Duplicate…", icon="DUPLICATE")
         grid.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
@@ -282,16 +276,17 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
             again.readings = edit_operators.READINGS
 
 
-class F4X_PT_cleanup(_Section, bpy.types.Panel):  # noqa: N801
-    """Edits that take away what disturbs."""
+class F4X_PT_place(_Section, bpy.types.Panel):  # noqa: N801
+    """Tools that clean a scene, and put it where it belongs."""
 
-    bl_label = "Clean Up"
-    bl_parent_id = "F4X_PT_change"
+    bl_label = "Clean and Place"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
+    bl_order = 80
 
     def draw(self, context):
-        """Draw the buttons for floaters and for the crop box."""
-        column = self.layout.column(align=True)
+        """Draw the tools."""
+        layout = self.layout
+        column = layout.column(align=True)
         column.operator("f4x.remove_floaters", icon="PARTICLES")
         if cleanup_operators.box_of(SceneObject.of(context.object)) is None:
             column.operator("f4x.add_crop_box", icon="CUBE")
@@ -299,6 +294,11 @@ class F4X_PT_cleanup(_Section, bpy.types.Panel):  # noqa: N801
             row = column.row(align=True)
             row.operator("f4x.crop", text="Keep Inside", icon="CUBE").keep = "INSIDE"
             row.operator("f4x.crop", text="Remove Inside").keep = "OUTSIDE"
+        column = layout.column(align=True)
+        column.operator("f4x.align_floor", icon="GRID")
+        row = column.row(align=True)
+        row.operator("f4x.align_points")
+        row.operator("f4x.scale_length")
 
 
 class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
@@ -307,7 +307,7 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
     bl_label = "Edits"
 
     def draw(self, context):
-        """Draw the list, with buttons to move and delete edits, the fields of the picked one, and what is not saved."""
+        """Draw the list, with buttons to move, delete and save edits, and the fields of the one that is picked."""
         layout, scene_object = self.layout, SceneObject.of(context.object)
         state = scene_object.state
         row = layout.row()
@@ -321,23 +321,13 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
             if len(item.name) > ROW_CHARACTERS:
                 draw_lines(layout, context, item.name)
         column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
-        draw_fields(layout, scene_object)
         draw_lines(layout, context, state.uncovered, "INFO")
-        touched = "" if context.screen.is_animation_playing else point_edits.summary(scene_object)
-        if touched:
-            draw_lines(layout, context, touched, "ERROR")
-            row = layout.row(align=True)
-            row.operator("f4x.take_over_points")
-            row.operator("f4x.put_back_points", text="", icon="LOOP_BACK")
-        self._draw_saving(layout, scene_object, bool(touched))
-
-    def _draw_saving(self, layout, scene_object, touched):
-        """Draw the button that writes the edits into the scene file, or all into a new one."""
+        draw_fields(layout, scene_object)
         if not scene_object.holds_edits:
             layout.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
             return
-        saved = scene_object.is_saved
-        if scene_object.state.history or touched or not saved:
+        saved, touched = scene_object.is_saved, bool(_touched(context, scene_object))
+        if state.history or not saved or touched:
             row = layout.row()
             text = "Save Edits to Scene" if saved and touched else scene_object.saving
             row.operator("f4x.save_edits", text=text, icon="FILE_TICK")
@@ -348,11 +338,10 @@ CLASSES = (
     F4X_UL_names,
     F4X_UL_history,
     F4X_PT_scene,
-    F4X_PT_place,
     F4X_PT_ask,
     F4X_PT_selection,
     F4X_PT_change,
-    F4X_PT_cleanup,
     F4X_PT_history,
+    F4X_PT_place,
     F4X_OT_dismiss_notice,
 )

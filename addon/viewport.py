@@ -65,16 +65,6 @@ def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
             _look_at(root)
 
 
-def see_to(distance: float) -> None:
-    """Let every 3D viewport see at least as far as `distance`, and as near as depth precision then allows."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                space = area.spaces.active
-                space.clip_end = max(space.clip_end, distance)
-                space.clip_start = min(space.clip_start, distance * NEAREST)
-
-
 def _open_sidebar(window: bpy.types.Window) -> None:
     """Open the sidebar of the largest viewport at the tab of this extension, when Blender has drawn it."""
     areas = [area for area in window.screen.areas if area.type == "VIEW_3D"]
@@ -95,6 +85,16 @@ def _open_sidebar(window: bpy.types.Window) -> None:
     bpy.app.timers.register(choose, first_interval=TRY_AGAIN)
 
 
+def see_to(distance: float) -> None:
+    """Let every 3D viewport see at least as far as `distance`, and as near as depth precision then allows."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                space = area.spaces.active
+                space.clip_end = max(space.clip_end, distance)
+                space.clip_start = min(space.clip_start, distance * NEAREST)
+
+
 def draw_exactly(space: bpy.types.SpaceView3D) -> bool:
     """Let a viewport show colours; whether they are the engine's, exactly."""
     exact = bpy.context.scene.render.engine == Feature4XRenderEngine.bl_idname
@@ -106,7 +106,7 @@ def draw_exactly(space: bpy.types.SpaceView3D) -> bool:
 
 
 def shows_picture(scene: bpy.types.Scene, space: bpy.types.SpaceView3D | None) -> bool:
-    """Whether a viewport shows `scene` as *Show Picture* would, or there is none."""
+    """Whether a viewport shows `scene` as *Show Picture* would; True without one."""
     if space is None:
         return True
     exact = scene.render.engine == Feature4XRenderEngine.bl_idname
