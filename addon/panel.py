@@ -240,11 +240,11 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row.prop(state, "opacity", text="", slider=True)
         row.operator("f4x.opacity").factor = state.opacity
         column.operator_menu_enum("f4x.style", "look", text="Look", icon="SHADING_RENDERED")
-        row = layout.row(align=True)
+        row = column.row(align=True)
         row.operator("f4x.remove", icon="TRASH")
         row.operator("f4x.extract")
         row.operator("f4x.restore", icon="LOOP_BACK")
-        grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+        grid = column.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
         row = grid.row(align=True)
         row.operator("f4x.transform", text="Move…", icon="ORIENTATION_GLOBAL")
         row.operator("f4x.edit_gizmo", text="", icon="GIZMO").edit_id = 0
@@ -322,12 +322,16 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
                 draw_lines(layout, context, item.name)
         column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
         draw_lines(layout, context, state.uncovered, "INFO")
+        self._draw_saving(layout, context, scene_object)
         draw_fields(layout, scene_object)
+
+    def _draw_saving(self, layout, context, scene_object):
+        """Draw the button that saves the edits, where there is something to save."""
         if not scene_object.holds_edits:
             layout.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
             return
         saved, touched = scene_object.is_saved, bool(_touched(context, scene_object))
-        if state.history or not saved or touched:
+        if scene_object.state.history or not saved or touched:
             row = layout.row()
             text = "Save Edits to Scene" if saved and touched else scene_object.saving
             row.operator("f4x.save_edits", text=text, icon="FILE_TICK")

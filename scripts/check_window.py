@@ -22,8 +22,8 @@ SIZE = (1400, 1000)
 """Pixels of the screen; the places below are read off its screenshots."""
 PLACES = {
     "text": (970, 193),
-    "recolor": (1050, 487),
-    "save": (1002, 743),
+    "recolor": (1050, 466),
+    "save": (1002, 712),
     "point": (1010, 223),
     "box": (1072, 223),
     "stop job": (1095, 778),
