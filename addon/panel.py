@@ -321,9 +321,9 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
             if len(item.name) > ROW_CHARACTERS:
                 draw_lines(layout, context, item.name)
         column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
-        draw_lines(layout, context, state.uncovered, "INFO")
         self._draw_saving(layout, context, scene_object)
         draw_fields(layout, scene_object)
+        draw_lines(layout, context, state.uncovered, "INFO")
 
     def _draw_saving(self, layout, context, scene_object):
         """Draw the button that saves the edits, where there is something to save."""
