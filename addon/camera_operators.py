@@ -16,12 +16,12 @@ from .panel_operators import SceneOperator
 from .scene_object import SceneObject
 
 PATHS = (
-    ("STABILISE", "Stabilise", "The clip's camera in a calm hand"),
+    ("STABILISE", "Stabilize", "The clip's camera in a calm hand"),
     ("ORBIT", "Orbit", "A small circle around what the clip's camera looks at"),
 )
 FILMS = (
     ("original", "Clip", "The clip's own camera"),
-    ("stabilise", "Stabilise", "The clip's camera in a calm hand"),
+    ("stabilise", "Stabilize", "The clip's camera in a calm hand"),
     ("orbit", "Orbit", "A small circle around what the clip's camera looks at"),
     ("bullet", "Bullet Time", "The clip stops at this frame while the camera swings to both sides, and goes on"),
     ("frozen", "Frozen", "The scene stands still at this frame while the camera goes its way"),
@@ -47,7 +47,7 @@ class F4X_OT_add_path_camera(SceneOperator, bpy.types.Operator):  # noqa: N801 -
         soft_max=48.0,
     )
     degrees: FloatProperty(  # type: ignore[valid-type]
-        name="Degrees", description="Size of the circle, seen from its centre", default=5.0, min=0.1, max=80.0
+        name="Degrees", description="Size of the circle, seen from its center", default=5.0, min=0.1, max=80.0
     )
 
     def draw(self, context):

@@ -60,6 +60,7 @@ def set_up(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, engine: str) -> b
     scene.render.engine, scene.render.use_compositing = ENGINE, True
     layer.f4x_hold_out_meshes = layer.f4x_passes.holdout = True
     scene.f4x_shadows.use = True
+    _show_splats(layer.layer_collection)
     layer.update_render_passes()
     synchronize(scene)
     _add_nodes(scene, layer, other)
@@ -99,6 +100,14 @@ def _align(first: bpy.types.LayerCollection, second: bpy.types.LayerCollection) 
             if getattr(child, name) != wanted:
                 setattr(child, name, wanted)
         _align(model, child)
+
+
+def _show_splats(parent: bpy.types.LayerCollection) -> None:
+    """Show Gaussians that are left out, in a scene that drew meshes for another one before."""
+    for child in parent.children:
+        if SPLATS in child.collection and child.exclude:
+            child.exclude = False
+        _show_splats(child)
 
 
 def _collections(parent: bpy.types.Collection) -> Iterator[bpy.types.Collection]:

@@ -22,13 +22,15 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..f4x_core.edit.apply import Appearance
-from ..f4x_core.edit.description import describe
+from ..f4x_core.edit.description import describe_in
 from ..f4x_core.edit.display import Display, by_score
+from ..f4x_core.edit.operations import Operation
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.linear import Look, fitted_look
 from ..f4x_core.troubles import EXPECTED, sentence_of
 from . import clip_time
+from .axes import BLENDER_FROM_SCENE
 from .gaussian_attributes import RECOLORED, write_appearance, write_linear, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
@@ -44,6 +46,8 @@ VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
 DRAWN_AT = "f4x_drawn_at"
 """Property of a root: Time at which its points were drawn last."""
+WORLD_AXES = "Blender's X, Y and Z"
+"""Axes of the ways and turns in the list of edits."""
 _rendering = False
 _failures: dict[int, Exception] = {}  # session_uid of a root -> why this frame of it could not be worked out
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
@@ -131,6 +135,11 @@ def last_counts(scene_object: SceneObject) -> tuple[int, int]:
     return _counts[uid]
 
 
+def words_of(operation: Operation) -> str:
+    """An edit as its row shows it: with the numbers of its dialog, which are along Blender's axes as the scene came in."""
+    return describe_in(operation, BLENDER_FROM_SCENE[:3, :3], WORLD_AXES)
+
+
 def _fill_lists(scene_object: SceneObject) -> None:
     """Update the lists of edits and of named selections from the pending edits."""
     state = scene_object.state
@@ -138,7 +147,7 @@ def _fill_lists(scene_object: SceneObject) -> None:
     state.history.clear()
     for edit in scene_object.stack.edits:
         row = state.history.add()
-        row.name, row.edit_id, row.enabled = describe(edit.operation), edit.id, edit.enabled
+        row.name, row.edit_id, row.enabled = words_of(edit.operation), edit.id, edit.enabled
     state.history_index = picked if before == len(state.history) else len(state.history) - 1
     state.names.clear()
     for name, rows in scene_object.names.items():
@@ -196,7 +205,10 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool, time: f
             write_attribute(cloud.data, GONE, "BOOLEAN", elsewhere[row])
             before = read_attribute(cloud.data, RECOLORED)
             rows = None if before is None else np.flatnonzero(before | recolored[row])
-            quats = display.rest_rotation[row]  # geometry nodes turn what the attributes hold, and harmonics by as much
+            origin = display.scene.origin[row]  # of a copy that an artist joined with its original
+            quats = display.rest_rotation[
+                origin
+            ]  # geometry nodes turn what the attributes hold, and harmonics by as much
             write_appearance(cloud.data, quats, appearance.sh[row], appearance.opacities[row], rows)
             write_attribute(cloud.data, RECOLORED, "BOOLEAN", recolored[row])
             if linear is not None:
@@ -243,12 +255,13 @@ def show_linear(scene_object: SceneObject) -> None:
 
 
 def _differing(sh: np.ndarray, of_file: np.ndarray) -> np.ndarray:
-    """(M,) bool: which of the M Gaussians of the file have other harmonics in `sh (N,S,3)`, copies last, than `of_file (M,S,3)`."""
+    """(N,) bool: which of N Gaussians have other harmonics in `sh (N,S,3)` than the file, `of_file (M,S,3)`; copies, last, have."""
+    differs = np.ones(len(sh), bool)
     if sh is of_file:
-        return np.zeros(len(of_file), bool)
-    if sh.shape[1:] != of_file.shape[1:]:
-        return np.ones(len(of_file), bool)
-    return (sh[: len(of_file)] != of_file).any((1, 2))
+        differs[:] = False
+    elif sh.shape[1:] == of_file.shape[1:]:
+        differs[: len(of_file)] = (sh[: len(of_file)] != of_file).any((1, 2))
+    return differs
 
 
 def _draw_separate_cloud(

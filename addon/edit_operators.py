@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -39,14 +42,21 @@ from ..f4x_core.edit.selects import All
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.grammar import Doubt
-from ..f4x_core.language.lexicon import plural
+from ..f4x_core.language.lexicon import PLACES, plural
+from ..f4x_core.progress import Progress
 from ..f4x_core.troubles import EXPECTED
-from . import clip_time, display, edit_fields, point_edits
+from . import clip_time, display, edit_fields, marking, point_edits, scene_cache
 from .axes import scene_vector
 from .panel_operators import SceneOperator
 from .preferences import preferences
 from .scene_object import EDITS, PREVIEW, TIMED, SceneObject
+from .searching import SearchOperator
+from .submitting import quietly
 from .wording import error_line, panel_words
+
+if TYPE_CHECKING:
+    from ..f4x_core.edit.plan import Proposal
+    from ..f4x_core.edit.selecting import SelectingSentence
 
 READINGS = 4
 """Ways to carry out a sentence that are offered when the plain one is not it."""
@@ -88,22 +98,22 @@ class _Dialog(_Edit):
 
 
 class F4X_OT_recolour(_Edit, bpy.types.Operator):  # noqa: N801 - Blender wants this form
-    """Change the colour of the selection."""
+    """Change the color of the selection."""
 
-    bl_idname, bl_label = "f4x.recolour", "Recolour"
+    bl_idname, bl_label = "f4x.recolour", "Recolor"
 
     rgb: FloatVectorProperty(  # type: ignore[valid-type]
-        name="Colour", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
+        name="Color", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
     )
     hue: BoolProperty(name="Hue Only", description="Change the hue and keep the brightness")  # type: ignore[valid-type]
     shading: BoolProperty(
-        name="Keep Shading", description="Keep shadows and texture visible under the new colour", default=True
+        name="Keep Shading", description="Keep shadows and texture visible under the new color", default=True
     )  # type: ignore[valid-type]
     strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
 
     def operation(self, scene_object):
         """A colour change, of the whole colour or of the hue only."""
-        rgb = tuple(round(value, 4) for value in self.rgb)
+        rgb = tuple(round(round(255 * value) / 255, PLACES) for value in self.rgb)  # the list of edits has its hex code
         mode = {"mode": "hue"} if self.hue else {"keep_luminance": self.shading}
         return Recolour(
             scene_object.selected_ids, rgb, strength=round(self.strength, 4), frames=_span(scene_object), **mode
@@ -165,7 +175,7 @@ class F4X_OT_restore(SceneOperator, bpy.types.Operator):  # noqa: N801
         stack = scene_object.stack
         removing = [edit for edit in stack.edits if edit.enabled and isinstance(edit.operation, Delete | Extract)]
         if not removing:
-            raise F4xError("No active edit removes anything, so there is nothing to restore; see the History panel.")
+            raise F4xError("No active edit removes anything, so there is nothing to restore; see the panel Edits.")
         for edit in removing:
             stack = stack.enable(edit.id, False)
         scene_object.set_stack(stack)
@@ -183,7 +193,7 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
     pivot: EnumProperty(  # type: ignore[valid-type]
         name="Pivot",
         items=(
-            ("centroid", "Centre", "The centre of the selection"),
+            ("centroid", "Center", "The center of the selection"),
             ("base", "Base", "The lowest point of the selection"),
         ),
     )
@@ -351,10 +361,21 @@ class F4X_OT_save_as(SceneOperator, bpy.types.Operator, ExportHelper):  # noqa: 
         self.report({"INFO"}, f"Saved {scene_object.path}")
 
 
-class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Show what the sentence would do, without changing the scene."""
+@dataclass(frozen=True)
+class Understood:
+    """What a sentence asks for: a selection, or edits to choose from."""
+
+    selecting: SelectingSentence | None = None
+    proposal: Proposal | None = None
+    descriptions: Sequence[str] = ()
+    """Each candidate of the proposal in words."""
+
+
+class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
+    """Show what the sentence would do, without changing the scene. A sentence that selects does so at once."""
 
     bl_idname, bl_label = "f4x.plan", "Plan"
+    section, title = "EDIT", "Reading the sentence"
 
     sentence: StringProperty(name="Say", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     readings: IntProperty(
@@ -365,36 +386,61 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
         """Take the sentence from the panel, where the button does not bring one."""
         scene_object = SceneObject.of(context.object)
         self.sentence = self.sentence or scene_object.state.sentence
-        try:
-            self.act(context, scene_object)
-        except EXPECTED:  # the panel shows it, below the sentence; once is enough
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        return self.search(context)
 
-    def act(self, context, scene_object):
-        """Show the readings in the panel, or why the sentence was not understood."""
+    def work(self, scene_object):
+        """Read the sentence as one that selects, or else as one that edits."""
         state = scene_object.state
-        ended, state.sentence, state.instead = state.preview, self.sentence, ""
+        self._ended = state.preview
+        with quietly():
+            state.sentence, state.instead = self.sentence, ""
         forget_readings(scene_object)
-        try:
-            scene_object.prepared()
-            scene, edit_context = scene_object.edited, scene_object.context
+        sentence, readings = self.sentence, self.readings
+        base, scene, asker = scene_object.base, scene_object.edited, scene_object.context
+
+        def search(progress: Progress) -> Understood:
             # Not above: Blender starts more often than somebody speaks.
             from ..f4x_core.edit.plan import propose
+            from ..f4x_core.edit.selecting import read_selecting
 
-            proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
-        except EXPECTED as error:
-            state.answer = error_line(error)
-            state.instead = error.instead if isinstance(error, Doubt) else ""
-            if ended:
-                # Blender must know of the points that went with the preview, although this operator ends as cancelled
-                bpy.ops.ed.undo_push(message=self.bl_label)
-            raise
-        for candidate in proposal.candidates:
+            scene_cache.wait_until_prepared(base, progress)
+            if selecting := read_selecting(scene, sentence, asker):
+                return Understood(selecting)
+            proposal = propose(scene, sentence, asker, candidates=readings)
+            return Understood(
+                proposal=proposal,
+                descriptions=["\n".join(plan_lines(scene, one.operations, asker.frame)) for one in proposal.candidates],
+            )
+
+        return search
+
+    def failed(self, scene_object, error):
+        """Show the error below the sentence, where it is asked what was meant; once is enough."""
+        if not isinstance(error, EXPECTED):
+            raise error
+        state = scene_object.state
+        state.answer = error_line(error)
+        state.instead = error.instead if isinstance(error, Doubt) else ""
+        if self._ended:
+            # Blender must know of the points that went with the preview, although this operator ends as cancelled
+            bpy.ops.ed.undo_push(message=self.bl_label)
+        return {"CANCELLED"}
+
+    def take(self, context, scene_object, found):
+        """Select, or show the readings and preview the best."""
+        state = scene_object.state
+        if selecting := found.selecting:
+            marking.combine(scene_object, selecting.chosen, selecting.mode)
+            state.called = selecting.words if selecting.mode == "SET" else ""
+            state.answer = f"{state.selected:,} of {state.total:,} Gaussians selected."
+            return
+        proposal = found.proposal
+        assert proposal is not None  # it is one or the other
+        for candidate, description in zip(proposal.candidates, found.descriptions, strict=True):
             row = state.readings.add()
             row.name = candidate.why or "as said"
             row.operations = json.dumps([operation.to_json() for operation in candidate.operations])
-            row.description = "\n".join(plan_lines(scene, candidate.operations, edit_context.frame))
+            row.description = description
         state.answer = panel_words(" ".join(proposal.notes))
         state.slower = _speed_of_everything(proposal.chosen.operations)
         state.reading_index = proposal.best

@@ -239,9 +239,9 @@ class F4X_OT_select_sphere(_Gesture, bpy.types.Operator):  # noqa: N801
     """Drag from a place on an object to select the Gaussians in a sphere around it. Handles move and resize the sphere."""
 
     bl_idname, bl_label = "f4x.select_sphere", "Select Gaussians: Sphere"
-    hint = "Drag from the centre of a sphere."
+    hint = "Drag from the center of a sphere."
 
-    centre: FloatVectorProperty(name="Centre", description="In Blender's world", subtype="XYZ")  # type: ignore[valid-type]
+    centre: FloatVectorProperty(name="Center", description="In Blender's world", subtype="XYZ")  # type: ignore[valid-type]
     radius: FloatProperty(name="Radius", description="In Blender's units", min=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
 
     def take(self, corners):

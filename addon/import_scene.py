@@ -274,6 +274,7 @@ def add_camera(name: str, cameras: CameraPath, scene: Scene, collection: bpy.typ
     camera = _add_object(name, bpy.data.cameras.new(name), collection)
     camera.data.sensor_fit = "HORIZONTAL"
     camera.data.display_size = SMALL
+    camera.data.passepartout_alpha = 1.0  # outside the clip's picture nothing was filmed, and Gaussians fray
     camera.data.clip_start, camera.data.clip_end = NEAR, _reach(scene)
     camera.rotation_mode = "QUATERNION"
     q, centre = pose.from_matrix(np.linalg.inv(cameras.world_to_camera) @ FLIP_YZ)
@@ -311,7 +312,7 @@ def _splat_material(name: str) -> bpy.types.Material:
 
     Blender 5.3 colors splats by their harmonics where they have no material, and would count the alpha twice with this one.
     """
-    material = bpy.data.materials.new(f"{name} colour")
+    material = bpy.data.materials.new(f"{name} color")
     material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()

@@ -13,6 +13,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.files import json_text
 from . import jobs
 from .clip_background import find_clip, shown_clip
+from .lines import CATEGORY
 from .motion_edits import unwritten
 from .point_cloud import selected_in
 from .preferences import worker_python
@@ -221,7 +222,7 @@ def _moved_clip(scene_object: SceneObject, path: Path) -> Path | None:
 
 
 class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
-    """Ask a question about the scene; "it" is what is selected. The answer appears in the Jobs panel."""
+    """Ask a question about the scene; "it" is what is selected. The answer appears in the panel Tasks."""
 
     bl_idname = "f4x.ask_scene"
     bl_label = "Ask"
@@ -241,23 +242,29 @@ class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
 class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
     """Buttons that start jobs of the worker, and its jobs."""
 
-    bl_label = "Jobs"
-    bl_category = "Feature4X"
+    bl_label = "Tasks"
+    bl_category = CATEGORY
     bl_space_type, bl_region_type = "VIEW_3D", "UI"
     bl_order = 90
 
     def draw(self, context):
-        """Draw the buttons, then a box for each job."""
+        """Draw the running jobs, the buttons, then the jobs that have ended."""
         layout = self.layout
-        column = layout.column(align=True)
-        column.operator(F4X_OT_fit_clip.bl_idname, text="Fit Video…", icon="FILE_MOVIE")
-        column.operator(F4X_OT_add_features.bl_idname, text="Add Features…", icon="OUTLINER_OB_POINTCLOUD")
-        column.operator(F4X_OT_ask_scene.bl_idname, text="Question…", icon="QUESTION")
-        column.operator("f4x.export_scene", text="Export…", icon="EXPORT")
-        column.operator("f4x.render_film", text="Render Film…", icon="RENDER_ANIMATION")
-        column.operator("f4x.add_path_camera", text="Add Camera…", icon="CAMERA_DATA")
-        for job in jobs.all_jobs():
+        running = [job for job in jobs.in_order() if job.state == RUNNING]
+        for job in running:
             jobs.draw_job(layout, context, job)
+        grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+        grid.operator(F4X_OT_fit_clip.bl_idname, text="Fit Video…", icon="FILE_MOVIE")
+        grid.operator(F4X_OT_add_features.bl_idname, text="Features…", icon="OUTLINER_OB_POINTCLOUD")
+        grid.operator(F4X_OT_ask_scene.bl_idname, text="Question…", icon="QUESTION")
+        grid.operator("f4x.export_scene", text="Export…", icon="EXPORT")
+        grid.operator("f4x.render_film", text="Film…", icon="RENDER_ANIMATION")
+        grid.operator("f4x.add_path_camera", text="Camera…", icon="CAMERA_DATA")
+        ended = [job for job in jobs.in_order() if job.state != RUNNING]
+        for job in ended:
+            jobs.draw_job(layout, context, job)
+        if ended:
+            layout.operator("f4x.clear_jobs", icon="TRASH")
 
 
 CLASSES = (F4X_OT_fit_clip, F4X_OT_add_features, F4X_OT_ask_scene, F4X_PT_jobs)

@@ -28,6 +28,16 @@ def all_jobs() -> tuple[Job, ...]:
     return tuple(_jobs)
 
 
+def in_order() -> tuple[Job, ...]:
+    """Jobs as the panel lists them: running ones first, then ended ones, the last one first."""
+    return tuple(sorted(reversed(_jobs), key=lambda job: job.state != worker.RUNNING))
+
+
+def clear() -> None:
+    """Remove ended jobs from the list."""
+    _jobs[:] = [job for job in _jobs if job.state == worker.RUNNING]
+
+
 def start(job: Job) -> None:
     """Poll `job` until it ends. Blender without a window waits for it, and F4xError has the reason if it fails."""
     _jobs.append(job)
@@ -76,37 +86,43 @@ def end_all() -> None:
 
 
 def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -> None:
-    """Draw the title, the progress, the error or result, and the end of the log."""
+    """Draw a job: its progress while it runs; folded, its error or result and the end of its log once it has ended."""
+    number = _jobs.index(job)
     box = layout.box()
-    row = box.row(align=True)
-    row.label(text=job.title, icon=_ICONS[job.state])
-    button = row.operator("f4x.dismiss_job", text="", icon="X", emboss=job.state == worker.RUNNING)
-    button.number = _jobs.index(job)
     if job.state == worker.RUNNING:
+        row = box.row(align=True)
+        row.label(text=job.title, icon=_ICONS[job.state])
+        row.operator("f4x.dismiss_job", text="", icon="X").number = number
         count = f" {job.done} of {job.total}" if job.total else ""
         box.progress(factor=job.fraction, text=f"{job.stage}{count}")
         if job.message:
             box.label(text=job.message)
-    else:
-        text = job.error if job.state == worker.FAILED else job.text
-        draw_lines(box, context, panel_words(text), max_lines=LINES_SHOWN)
-        if job.instead:
-            box.operator_context = "EXEC_DEFAULT"  # the question needs no dialog
-            box.operator("f4x.ask_scene", text="Ask It So", icon="CHECKMARK").question = job.instead
+        return
+    # the last one stays open, so that its result is seen; a panel keeps what a person folds by its name
+    header, body = box.panel(f"f4x_job_{job.number}", default_closed=number < len(_jobs) - 1)
+    header.label(text=job.title, icon=_ICONS[job.state])
+    header.operator("f4x.dismiss_job", text="", icon="X", emboss=False).number = number
+    if body is None:
+        return
+    text = job.error if job.state == worker.FAILED else job.text
+    draw_lines(body, context, panel_words(text), max_lines=LINES_SHOWN)
+    if job.instead:
+        body.operator_context = "EXEC_DEFAULT"  # the question needs no dialog
+        body.operator("f4x.ask_scene", text="Ask It So", icon="CHECKMARK").question = job.instead
     if job.log:
-        header, body = box.panel(f"f4x_log_{_jobs.index(job)}", default_closed=True)
+        header, lines = body.panel(f"f4x_log_{job.number}", default_closed=True)
         header.label(text="Log")
-        if body:
-            column = body.column(align=True)
+        if lines:
+            column = lines.column(align=True)
             for line in list(job.log)[-LINES_SHOWN:]:
                 column.label(text=line[:MAX_LINE_CHARACTERS])
 
 
 class F4X_OT_dismiss_job(Reporting, bpy.types.Operator):  # noqa: N801 - Blender wants this form
-    """Stop this job and keep what it has done so far. A job that has already ended is removed from the list."""
+    """Stop this task and keep what it has done so far. One that has already ended is removed from the list."""
 
     bl_idname = "f4x.dismiss_job"
-    bl_label = "Stop or Dismiss Job"
+    bl_label = "Stop or Dismiss Task"
 
     number: bpy.props.IntProperty(options={"HIDDEN"})  # type: ignore[valid-type]
 
@@ -118,4 +134,16 @@ class F4X_OT_dismiss_job(Reporting, bpy.types.Operator):  # noqa: N801 - Blender
         return {"FINISHED"}
 
 
-CLASSES = (F4X_OT_dismiss_job,)
+class F4X_OT_clear_jobs(Reporting, bpy.types.Operator):  # noqa: N801
+    """Remove all tasks that have ended from the list. What they made stays."""
+
+    bl_idname = "f4x.clear_jobs"
+    bl_label = "Clear"
+
+    def execute(self, context):
+        """Remove ended jobs."""
+        clear()
+        return {"FINISHED"}
+
+
+CLASSES = (F4X_OT_dismiss_job, F4X_OT_clear_jobs)

@@ -4,6 +4,8 @@ import textwrap
 
 import bpy
 
+CATEGORY = "Feature4X"
+"""Tab of the sidebar."""
 LETTER = 7
 """Approximate width of a character in pixels at a UI scale of 1, for wrapping lines."""
 MIN_CHARACTERS = 16
@@ -19,10 +21,16 @@ def draw_lines(
     icon: str = "NONE",
     max_lines: int = 100,
     min_lines: int = 0,
+    beside: int = 0,
 ) -> None:
-    """Draw text, wrapped to the width of the region, in at most `max_lines` lines and on the space of at least `min_lines`."""
+    """Draw text, wrapped to the width of the region, in at most `max_lines` lines and on the space of at least `min_lines`.
+
+    `beside`: characters that something in the same row takes.
+    """
     width = int(context.region.width / (LETTER * context.preferences.system.ui_scale))
-    lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - BESIDE, MIN_CHARACTERS))]
+    lines = [
+        part for line in text.splitlines() for part in textwrap.wrap(line, max(width - BESIDE - beside, MIN_CHARACTERS))
+    ]
     column = layout.column(align=True)
     for line in (lines + [""] * (min_lines - len(lines)))[:max_lines]:
         column.label(text=line, icon=icon)

@@ -65,9 +65,9 @@ def choose(scene_object: SceneObject, chosen: np.ndarray) -> None:
     display.count(scene_object)
 
 
-def combine(scene_object: SceneObject, chosen: np.ndarray) -> None:
-    """Select the Gaussians `chosen (N,) bool`, combined with the current selection by the mode of the panel."""
-    choose(scene_object, _combined(scene_object.read(SELECTED), chosen, scene_object.state.mode))
+def combine(scene_object: SceneObject, chosen: np.ndarray, mode: str | None = None) -> None:
+    """Select the Gaussians `chosen (N,) bool`, combined with the current selection by `mode`, or that of the panel."""
+    choose(scene_object, _combined(scene_object.read(SELECTED), chosen, mode or scene_object.state.mode))
 
 
 def _combined(before: np.ndarray, new: np.ndarray, mode: str) -> np.ndarray:

@@ -26,8 +26,8 @@ from ..f4x_core.scene.color import linear_from_srgb
 from ..f4x_core.scene.mesh import MeshConfig, Skin, SplatMesh
 from . import jobs, scene_cache
 from .evaluated import OF
+from .lines import CATEGORY
 from .motion_nodes import build_motion_tree
-from .panel import CATEGORY
 from .panel_operators import SceneOperator
 from .point_cloud import selected_in, write_attribute
 from .rig_repair import ORDER, add_pairs
@@ -94,7 +94,7 @@ def _material(name: str) -> bpy.types.Material:
 
 
 class F4X_OT_make_mesh(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blender wants this form
-    """Make a mesh around the selected Gaussians, moved by the same nodes. A job does it; it is listed under Jobs."""
+    """Make a mesh around the selected Gaussians, moved by the same nodes. A job does it; it is listed under Tasks."""
 
     bl_idname = "f4x.make_mesh"
     bl_label = "Make Mesh"
@@ -120,7 +120,7 @@ class F4X_OT_make_mesh(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blend
         """Start the job."""
         chosen = scene_object.selection
         if chosen is None:
-            raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
+            raise F4xError("Nothing is selected; type words, use Pick or a gesture, or select points in Edit Mode.")
         time = scene_object.frame if self.current else None
         _start(scene_object, chosen.chosen_ids, time, MeshConfig(self.resolution, self.faces))
 
@@ -203,7 +203,7 @@ class F4X_PT_mesh(bpy.types.Panel):  # noqa: N801
         """Draw the button, and the switches of the active mesh."""
         layout, item = self.layout, context.object
         layout.operator("f4x.make_mesh", text="Make Mesh…", icon="MESH_DATA")
-        for job in jobs.all_jobs():  # ended ones stay under Jobs
+        for job in jobs.all_jobs():  # ended ones stay under Tasks
             if job.title.startswith(TITLE) and job.state == RUNNING:
                 jobs.draw_job(layout, context, job)
         if is_made(item):

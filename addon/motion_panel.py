@@ -6,6 +6,7 @@ import bpy
 
 from ..f4x_core.language.lexicon import plural
 from .clip_time import TIME
+from .lines import CATEGORY
 from .motion_edits import unwritten
 from .scaffold_rig import HANDLE, layer_of
 from .scene_object import SceneObject
@@ -16,9 +17,9 @@ def draw_time(layout: bpy.types.UILayout, root: bpy.types.Object) -> None:
     if TIME not in root:
         return
     column = layout.column(align=True)
-    column.use_property_split, column.use_property_decorate = True, False
-    column.prop(root.f4x, "start_frame")
-    column.prop(root.f4x, "speed")
+    row = column.row(align=True)
+    row.prop(root.f4x, "start_frame", text="Start")
+    row.prop(root.f4x, "speed")
     row = column.row(align=True)
     time = row.row(align=True)
     time.active = root.f4x.animate_time
@@ -32,26 +33,23 @@ def draw_nodes(layout: bpy.types.UILayout, context: bpy.types.Context, scene_obj
     if nodes is None:
         return
     column = layout.column(align=True)
-    text = "Show Nodes" if nodes.hide_viewport else "Hide Nodes"
-    column.prop(nodes, "hide_viewport", text=text, icon="EMPTY_AXIS", toggle=1, invert_checkbox=True)
-    column.operator("f4x.grab_nodes", text="Grab Softly", icon="VIEW_PAN")
-    has_handles = any(HANDLE in item for item in scene_object.root.children_recursive)
     row = column.row(align=True)
-    row.operator("f4x.add_handles", text="Group Handles", icon="SPHERE")
-    if has_handles:
+    row.prop(nodes, "hide_viewport", text="Nodes", icon="EMPTY_AXIS", toggle=1, invert_checkbox=True)
+    row.operator("f4x.grab_nodes", text="Grab")
+    row.operator("f4x.add_handles", text="Handles")
+    if any(HANDLE in item for item in scene_object.root.children_recursive):
         row.operator("f4x.remove_handles", text="", icon="X")
     moved = 0 if context.screen.is_animation_playing else unwritten(scene_object)
-    row = column.row()
-    row.active = bool(moved)
-    text = f"Write Back {moved} Moved {plural('Node', moved)}" if moved else "Write Motion Back"
-    row.operator("f4x.write_motion", text=text, icon="FILE_TICK")
+    if moved:
+        text = f"Write Back {moved} Moved {plural('Node', moved)}"
+        column.operator("f4x.write_motion", text=text, icon="FILE_TICK")
 
 
 class F4X_PT_motion(bpy.types.Panel):  # noqa: N801 - Blender wants this form
     """When the clip plays, and tools for its nodes."""
 
     bl_label = "Motion"
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "Feature4X"
+    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
 
     @classmethod
     def poll(cls, context):

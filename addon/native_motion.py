@@ -54,9 +54,11 @@ class _CarriedCloud:
 
     def __init__(self, scene_object: SceneObject):
         scene = scene_object.base
-        nodes = scene_object.root[NODES].objects
+        # the collection itself: Blender says when that is gone, but nothing of its list of objects
+        collection = scene_object.root[NODES]
+        nodes = collection.objects
         row = {int(id): index for index, id in enumerate(scene.scaffold.ids)}
-        self._root, self._nodes, self._order = scene_object.root, nodes, scene_object.root.get(ORDER)
+        self._root, self._nodes, self._order = scene_object.root, collection, scene_object.root.get(ORDER)
         self._rows = np.array([row.get(item.get(NODE, -1), -1) for item in nodes])
         self.is_whole = sorted(self._rows.tolist()) == list(range(len(row)))
         """Whether every node of the scaffold is there once."""
@@ -70,13 +72,13 @@ class _CarriedCloud:
     def is_current(self) -> bool:
         """Whether there are the same nodes as at first."""
         try:
-            return self._root.get(ORDER) == self._order and len(self._nodes) == len(self._rows)
+            return self._root.get(ORDER) == self._order and len(self._nodes.objects) == len(self._rows)
         except ReferenceError:  # the root or the collection of its nodes was deleted
             return False
 
     def now(self) -> Carried:
         """The Gaussians by the empties as they stand; the very same arrays where none has moved."""
-        self._nodes.foreach_get("matrix_world", self._buffer)
+        self._nodes.objects.foreach_get("matrix_world", self._buffer)
         to_scene = np.linalg.inv(np.array(self._root.matrix_world, np.float64))
         # Blender gives matrices column by column
         stand = to_scene @ self._buffer.reshape(-1, 4, 4).transpose(0, 2, 1)

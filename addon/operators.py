@@ -68,7 +68,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         options={"SKIP_SAVE"},
     )
     show: BoolProperty(  # type: ignore[valid-type]
-        name="Show", description="Show the scene in the viewports, in its colours", default=True, options=PASSING
+        name="Show", description="Show the scene in the viewports, in its colors", default=True, options=PASSING
     )
 
     def draw(self, context):
@@ -91,26 +91,20 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         )
         if clip is not None:
             _warn_of_clip(self, root)
-        if NOTES in root:
-            self.report({"INFO"}, root[NOTES])
-        if root.f4x.speed != 1:
-            fps = context.scene.render.fps / context.scene.render.fps_base
-            pace = f"it plays at its own pace, Speed {root.f4x.speed:.3g} in the panel Motion"
-            self.report(
-                {"INFO"}, f"The clip has {fps * root.f4x.speed:.4g} frames per second and this file {fps:.4g}: {pace}"
-            )
         for item in selected_in(context.view_layer):
             item.select_set(False)
         root.select_set(True)
         context.view_layer.objects.active = root
-        if takes_over:
-            self._show_set_up(context, root)
-        elif line := left_as_is(context.scene, clip_camera(root)):
+        lines = self._show_set_up(context, root) if takes_over else []
+        if not takes_over and (line := left_as_is(context.scene, clip_camera(root))):
             root.f4x.notice = "\n".join(part for part in (root.f4x.notice, line) if part)
-            self.report({"INFO"}, line)
         if self.show:
             moves = takes_over and PATH in root and SceneObject(root).holds_edits
             viewport.show(root, context.scene.camera if moves else None)
+        if root.f4x.speed != 1:
+            lines.append(_own_pace(root, context.scene))
+        # one report: of several the status bar shows none
+        self.report({"INFO"}, ". ".join(filter(None, (_summary(root), root.get(NOTES), *lines))))
         return {"FINISHED"}
 
     def _takes_over(self, context: bpy.types.Context) -> bool:
@@ -119,22 +113,37 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
             return self.set_up_render
         return not is_under_way(context.scene)
 
-    def _show_set_up(self, context: bpy.types.Context, root: bpy.types.Object) -> None:
-        """Name the clip's settings that are used now, and hide what was there before and is in the way."""
-        self.report({"INFO"}, was_set_up(clip_camera(root)))
+    def _show_set_up(self, context: bpy.types.Context, root: bpy.types.Object) -> list[str]:
+        """Hide what was there before and is in the way; returns sentences about the clip's settings and what is hidden."""
+        done = [was_set_up(clip_camera(root))]
         viewport.use_engine(context.scene)
         if not self.clear_view:
-            return
+            return done
         first, last = ClipSettings.read(clip_camera(root)).frames or (context.scene.frame_current,) * 2
         hidden = hide_occluders(root, sorted({first, (first + last) // 2, last}))
-        if hidden:
+        if hidden and bpy.data.filepath:  # in a new file it is Blender's own cube that is in the way
             root.f4x.notice = hidden
-            self.report({"WARNING"}, hidden)
+        return [*done, hidden]
 
     def invoke(self, context, event):
         """Open the file browser, or only the options if a file was dropped into the viewport."""
         self.set_up_render = self._takes_over(context)
         return self.invoke_popup(context) if self.filepath else super().invoke(context, event)
+
+
+def _own_pace(root: bpy.types.Object, scene: bpy.types.Scene) -> str:
+    """The sentence about a clip whose frame rate is not that of the file."""
+    fps = scene.render.fps / scene.render.fps_base
+    pace = f"it plays at its own pace, Speed {root.f4x.speed:.3g} in the panel Motion"
+    return f"The clip has {fps * root.f4x.speed:.4g} frames per second and this file {fps:.4g}: {pace}"
+
+
+def _summary(root: bpy.types.Object) -> str:
+    """What was imported, in as few words as the status bar shows."""
+    if PATH in root and SceneObject(root).holds_edits:
+        return f"{root.name}: {len(SceneObject(root).base.cameras)} frames. Space plays"
+    clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD"]
+    return f"{root.name}: {sum(len(item.data.points) for item in clouds):,} Gaussians"
 
 
 class F4X_OT_show_picture(Reporting, bpy.types.Operator):  # noqa: N801

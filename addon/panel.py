@@ -1,4 +1,4 @@
-"""The panels of the sidebar (N): Say, Ask, Selection, Change, History. They only draw; operators do the work."""
+"""The panels of the sidebar (N): Scene, Select, Edit, Edits, Clean and Place. They only draw; operators do the work."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import bpy
 from . import cleanup_operators, display, edit_operators, marking, point_edits, viewport
 from .edit_fields import draw_fields
 from .gesture_operators import TOOLS
-from .lines import draw_lines
+from .lines import CATEGORY, draw_lines
 from .render_setup import clip_camera
-from .scaffold_rig import layer_of
 from .scene_object import SceneObject
+from .searching import draw_search
+from .wording import Reporting
 
-CATEGORY = "Feature4X"
 LEVELS = "▁▂▃▄▅▆▇█"
 """Characters for the bars of the histogram, lowest first."""
 
@@ -25,9 +25,16 @@ def _bars(counts: list[int]) -> str:
     return "".join(LEVELS[round((count / highest) ** 0.5 * (len(LEVELS) - 1))] for count in counts)
 
 
-EXAMPLES = "Such as: delete the car; slow the dog down to half; copy the dog to the left"
+EXAMPLES = "Or: select what moves"
 """What stands where answers do while there is none."""
-ANSWER_LINES = 4
+WITHOUT = "No scene yet. Drop a .f4x file into the viewport, or make a scene of a video."
+CHOOSE_ONE = "There are several scenes. Select an object of one."
+"""What stands in the panel where it can show no scene."""
+ROW_CHARACTERS = 24
+"""Characters of an edit that its row shows in a sidebar as wide as Blender's own."""
+CLOSE_BUTTON = 4
+"""Characters that a button beside lines takes."""
+ANSWER_LINES = 1
 """Lines kept free for an answer, so that it moves no button under the mouse."""
 
 
@@ -67,118 +74,84 @@ class F4X_UL_history(bpy.types.UIList):  # noqa: N801
             button.how, button.edit_id = how, item.edit_id
 
 
+class F4X_OT_dismiss_notice(Reporting, bpy.types.Operator):  # noqa: N801
+    """Remove this notice from the panel."""
+
+    bl_idname, bl_label = "f4x.dismiss_notice", "Dismiss Notice"
+
+    def execute(self, context):
+        """Forget the notice of the active scene."""
+        if (scene_object := SceneObject.of(context.object)) is not None:
+            scene_object.state.notice = ""
+        return {"FINISHED"}
+
+
+def _touched(context: bpy.types.Context, scene_object: SceneObject) -> str:
+    """What other tools changed on the points and no edit holds; nothing while the scene plays."""
+    return "" if context.screen.is_animation_playing else point_edits.summary(scene_object)
+
+
 class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
     """The active scene, and whether its edits are saved in its file."""
 
     bl_label = "Scene"
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
 
+    def draw_header_preset(self, context):
+        """Draw the link to the documentation."""
+        self.layout.operator("f4x.documentation", text="", icon="HELP", emboss=False)
+
     def draw(self, context):
-        """Draw the scene, or a button to import one."""
+        """Draw the scene, or what to do without one."""
         layout = self.layout
         scene_object = SceneObject.of(context.object)
         if scene_object is None:
             several = bool(SceneObject.among(context.scene.objects))
-            layout.label(text="Select an object of a scene" if several else "No scene imported yet", icon="INFO")
-            layout.operator("f4x.import_scene", text="Import Scene…", icon="IMPORT")
+            draw_lines(layout, context, CHOOSE_ONE if several else WITHOUT, "INFO")
+            column = layout.column(align=True)
+            column.operator("f4x.import_scene", text="Import Scene…", icon="IMPORT")
+            column.operator("f4x.fit_clip", text="Fit Video…", icon="FILE_MOVIE")
+            column.operator("f4x.documentation", icon="HELP")
             return
-        row = layout.row()
+        row = layout.row(align=True)
         row.label(text=scene_object.name, icon="OUTLINER_OB_POINTCLOUD")
-        nodes = layer_of(scene_object.root)
-        if nodes is not None:
-            row.prop(nodes, "hide_viewport", text="", icon="EMPTY_AXIS", emboss=False)
+        row.prop(scene_object.state, "show_believed", text="", icon="VIEW_CAMERA")
         if not viewport.shows_picture(context.scene, context.space_data):
             layout.operator("f4x.show_picture", icon="SHADING_RENDERED")
         if not scene_object.path.exists():
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
-        touched = "" if context.screen.is_animation_playing else point_edits.summary(scene_object)
-        row = layout.row()
-        row.scale_y = 1.2
-        if scene_object.holds_edits:
-            saved = scene_object.is_saved
-            text = "Save Edits to Scene" if saved and touched else scene_object.saving
-            row.operator("f4x.save_edits", text=text, icon="FILE_TICK")
-            row.active = bool(touched) or not saved
-        else:
-            row.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
-        column = layout.column(align=True)
-        column.operator("f4x.align_floor", icon="GRID")
-        row = column.row(align=True)
-        row.operator("f4x.align_points")
-        row.operator("f4x.scale_length")
-        if touched:
-            draw_lines(layout, context, touched, "ERROR")
+        if _touched(context, scene_object):
+            draw_lines(layout, context, _touched(context, scene_object), "ERROR")
             row = layout.row(align=True)
             row.operator("f4x.take_over_points")
             row.operator("f4x.put_back_points", text="", icon="LOOP_BACK")
         camera = clip_camera(scene_object.root)
         if camera is not None and context.scene.camera != camera:
             layout.operator("f4x.set_up_render", icon="OUTLINER_OB_CAMERA")
-        draw_lines(layout, context, scene_object.state.notice, "ERROR")
-        draw_lines(layout, context, scene_object.state.uncovered, "INFO")
-
-
-class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
-    """Editing by sentences."""
-
-    bl_label = "Say"
-
-    def draw(self, context):
-        """Draw the sentence, what it would do, and other readings."""
-        layout, state = self.layout, SceneObject.of(context.object).state
-        row = layout.row(align=True)
-        row.prop(state, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
-        row.operator("f4x.plan", text="", icon="PLAY").readings = 1
-        if state.readings:
-            self._draw_readings(layout, context, state)
-        draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
-        if state.slower:
-            layout.operator("f4x.slow_clip", icon="TIME").speed = state.slower
-        if state.instead:
-            layout.operator("f4x.plan", text="Read It So", icon="CHECKMARK").sentence = state.instead
-
-    def _draw_readings(self, layout, context, state):
-        """Draw what the sentence would do, and the buttons that do it."""
-        box = layout.box()
-        for number, reading in enumerate(state.readings):
-            picked = number == state.reading_index
-            if len(state.readings) > 1:
-                button = box.operator(
-                    "f4x.pick_reading",
-                    text=f"{number + 1}  {reading.name}",
-                    icon="RADIOBUT_ON" if picked else "RADIOBUT_OFF",
-                    emboss=False,
-                )
-                button.number = number
-            if picked:
-                draw_lines(box, context, reading.description)
-        row = box.row(align=True)
-        row.operator("f4x.apply_plan", icon="CHECKMARK")
-        row.prop(state, "preview", text="", icon="HIDE_OFF" if state.preview else "HIDE_ON")
-        row.operator("f4x.drop_plan", text="", icon="X")
-        if len(state.readings) == 1:
-            again = layout.operator("f4x.plan", text="Other Readings", icon="VIEWZOOM")
-            again.readings = edit_operators.READINGS
+        if scene_object.state.notice:
+            row = layout.row()
+            draw_lines(row, context, scene_object.state.notice, "ERROR", beside=CLOSE_BUTTON)
+            row.operator("f4x.dismiss_notice", text="", icon="X", emboss=False)
 
 
 class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
-    """Selection by words, a point or a box."""
+    """Selection by words, a click or a gesture."""
 
-    bl_label = "Ask"
+    bl_label = "Select"
 
     def draw(self, context):
-        """Draw the words, the prompts and the threshold."""
+        """Draw the words, the tools and the threshold."""
         layout, state = self.layout, SceneObject.of(context.object).state
+        row = layout.row(align=True)
+        row.prop(state, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
+        row.operator("f4x.query_text", text="", icon="PLAY")
+        draw_search(layout, "SELECT")
+        draw_lines(layout, context, state.found, "INFO")
         row = layout.row(align=True)
         row.prop(state, "mode", expand=True, icon_only=True)
         row.separator()
         row.operator("f4x.query_point", icon="EYEDROPPER")
-        row.operator("f4x.query_box", icon="SELECT_SET")
-        column = layout.column(align=True)
-        row = column.row(align=True)
-        row.prop(state, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
-        row.operator("f4x.query_text", text="Query")
-        column.prop(state, "negatives", text="", icon="REMOVE", placeholder="but not …")
+        row.operator("f4x.query_box")
         row = layout.row(align=True)
         for tool in TOOLS:
             row.operator("wm.tool_set_by_id", text=tool.bl_label.rpartition(" ")[2]).name = tool.bl_idname
@@ -199,12 +172,14 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
 class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
     """Tools for the selection."""
 
-    bl_label = "Selection"
+    bl_label = "Refine"
+    bl_parent_id = "F4X_PT_ask"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
 
     def draw(self, context):
         """Draw buttons that change, hide and name the selection."""
         layout, state = self.layout, SceneObject.of(context.object).state
+        layout.prop(state, "negatives", text="", icon="REMOVE", placeholder="but not …")
         row = layout.row(align=True)
         for how in ("GROW", "SHRINK"):
             row.operator("f4x.change_selection", text=how.capitalize()).how = how
@@ -236,13 +211,25 @@ class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
 
 
 class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
-    """Buttons that edit the selection."""
+    """A sentence, and buttons, that edit the selection."""
 
-    bl_label = "Change"
+    bl_label = "Edit"
 
     def draw(self, context):
-        """Draw buttons for colour, visibility, place and time."""
+        """Draw the sentence, then buttons for color, visibility, place and time."""
         layout, state = self.layout, SceneObject.of(context.object).state
+        row = layout.row(align=True)
+        row.prop(state, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
+        row.operator("f4x.plan", text="", icon="PLAY").readings = 1
+        draw_search(layout, "EDIT")
+        if state.readings:
+            self._draw_readings(layout, context, state)
+        if state.answer or not state.readings:
+            draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
+        if state.slower:
+            layout.operator("f4x.slow_clip", icon="TIME").speed = state.slower
+        if state.instead:
+            layout.operator("f4x.plan", text="Read It So", icon="CHECKMARK").sentence = state.instead
         if state.use_span:
             layout.label(text=f"From frame {state.first} to {state.last}", icon="TIME")
         column = layout.column(align=True)
@@ -253,18 +240,52 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row.prop(state, "opacity", text="", slider=True)
         row.operator("f4x.opacity").factor = state.opacity
         column.operator_menu_enum("f4x.style", "look", text="Look", icon="SHADING_RENDERED")
-        row = layout.row(align=True)
+        row = column.row(align=True)
         row.operator("f4x.remove", icon="TRASH")
         row.operator("f4x.extract")
         row.operator("f4x.restore", icon="LOOP_BACK")
-        column = layout.column(align=True)
-        row = column.row(align=True)
-        row.operator("f4x.transform", text="Move, Rotate, Scale…", icon="ORIENTATION_GLOBAL")
+        grid = column.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+        row = grid.row(align=True)
+        row.operator("f4x.transform", text="Move…", icon="ORIENTATION_GLOBAL")
         row.operator("f4x.edit_gizmo", text="", icon="GIZMO").edit_id = 0
-        column.operator("f4x.duplicate", text="Duplicate…", icon="DUPLICATE")
-        row = column.row(align=True)
-        row.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
-        row.operator("f4x.retime", text="Retime…", icon="TIME")
+        grid.operator("f4x.duplicate", text="Duplicate…", icon="DUPLICATE")
+        grid.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
+        grid.operator("f4x.retime", text="Retime…", icon="TIME")
+
+    def _draw_readings(self, layout, context, state):
+        """Draw what the sentence would do, and the buttons that do it."""
+        box = layout.box()
+        for number, reading in enumerate(state.readings):
+            picked = number == state.reading_index
+            if len(state.readings) > 1:
+                button = box.operator(
+                    "f4x.pick_reading",
+                    text=f"{number + 1}  {reading.name}",
+                    icon="RADIOBUT_ON" if picked else "RADIOBUT_OFF",
+                    emboss=False,
+                )
+                button.number = number
+            if picked:
+                draw_lines(box, context, reading.description)
+        row = box.row(align=True)
+        row.operator("f4x.apply_plan", icon="CHECKMARK")
+        row.prop(state, "preview", text="", icon="HIDE_OFF" if state.preview else "HIDE_ON")
+        row.operator("f4x.drop_plan", text="", icon="X")
+        if len(state.readings) == 1:
+            again = layout.operator("f4x.plan", text="Other Readings", icon="VIEWZOOM")
+            again.readings = edit_operators.READINGS
+
+
+class F4X_PT_place(_Section, bpy.types.Panel):  # noqa: N801
+    """Tools that clean a scene, and put it where it belongs."""
+
+    bl_label = "Clean and Place"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
+    bl_order = 80
+
+    def draw(self, context):
+        """Draw the tools."""
+        layout = self.layout
         column = layout.column(align=True)
         column.operator("f4x.remove_floaters", icon="PARTICLES")
         if cleanup_operators.box_of(SceneObject.of(context.object)) is None:
@@ -273,38 +294,58 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
             row = column.row(align=True)
             row.operator("f4x.crop", text="Keep Inside", icon="CUBE").keep = "INSIDE"
             row.operator("f4x.crop", text="Remove Inside").keep = "OUTSIDE"
+        column = layout.column(align=True)
+        column.operator("f4x.align_floor", icon="GRID")
+        row = column.row(align=True)
+        row.operator("f4x.align_points")
+        row.operator("f4x.scale_length")
 
 
 class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
-    """The edit stack."""
+    """The edit stack, and whether it is saved in the scene file."""
 
-    bl_label = "History"
+    bl_label = "Edits"
 
     def draw(self, context):
-        """Draw the list, with buttons to move and delete edits, and the fields of the one that is picked."""
+        """Draw the list, with buttons to move, delete and save edits, and the fields of the one that is picked."""
         layout, scene_object = self.layout, SceneObject.of(context.object)
         state = scene_object.state
         row = layout.row()
-        row.template_list("F4X_UL_history", "", state, "history", state, "history_index", rows=4)
+        row.template_list("F4X_UL_history", "", state, "history", state, "history_index", rows=2)
         column = row.column(align=True)
         if 0 <= state.history_index < len(state.history):
             item = state.history[state.history_index]
             for how, icon in (("UP", "TRIA_UP"), ("DOWN", "TRIA_DOWN")):
                 button = column.operator("f4x.history", text="", icon=icon)
                 button.how, button.edit_id = how, item.edit_id
-            draw_lines(layout, context, item.name)
-        column.separator()
+            if len(item.name) > ROW_CHARACTERS:
+                draw_lines(layout, context, item.name)
         column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
+        self._draw_saving(layout, context, scene_object)
         draw_fields(layout, scene_object)
+        draw_lines(layout, context, state.uncovered, "INFO")
+
+    def _draw_saving(self, layout, context, scene_object):
+        """Draw the button that saves the edits, where there is something to save."""
+        if not scene_object.holds_edits:
+            layout.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
+            return
+        saved, touched = scene_object.is_saved, bool(_touched(context, scene_object))
+        if scene_object.state.history or not saved or touched:
+            row = layout.row()
+            text = "Save Edits to Scene" if saved and touched else scene_object.saving
+            row.operator("f4x.save_edits", text=text, icon="FILE_TICK")
+            row.active = touched or not saved
 
 
 CLASSES = (
     F4X_UL_names,
     F4X_UL_history,
     F4X_PT_scene,
-    F4X_PT_say,
     F4X_PT_ask,
     F4X_PT_selection,
     F4X_PT_change,
     F4X_PT_history,
+    F4X_PT_place,
+    F4X_OT_dismiss_notice,
 )

@@ -17,6 +17,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED
 from . import clip_time, display, edit_fields, marking
 from .scene_object import SceneObject
+from .submitting import submit
 from .wording import error_line
 
 MODES = (
@@ -26,16 +27,20 @@ MODES = (
     ("INTERSECT", "Intersect", "Keep selected only what is also in the result", "SELECT_INTERSECT", 3),
 )
 
+OFFERED = ("what moves", "what stands still", "everything", "nothing")
+"""What the field of words offers besides labels of the scene."""
+
 
 def _complete(self, context, typed: str) -> list[str]:
     """Labels of the scene's vocabulary that contain the last word typed."""
     try:
         labels = labels_of(SceneObject(self.id_data).base)
     except F4xError:
-        return []
+        labels = []
     *complete, begun = (word.strip() for word in typed.split(","))
+    known = labels if complete else (*OFFERED, *labels)
     return [
-        ", ".join([*complete, label]) for label in labels if begun.lower() in label.lower() and label not in complete
+        ", ".join([*complete, label]) for label in known if begun.lower() in label.lower() and label not in complete
     ]
 
 
@@ -64,6 +69,16 @@ def _preview_changed(self, context) -> None:
         display.refresh(scene_object)
     except EXPECTED as error:
         self.answer = error_line(error)
+
+
+def _asked(self, context) -> None:
+    if self.text.strip():
+        submit(context, self.id_data, "query_text")
+
+
+def _said(self, context) -> None:
+    if self.sentence.strip():
+        submit(context, self.id_data, "plan")
 
 
 class F4X_PG_edit(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form
@@ -126,12 +141,17 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         set=lambda self, on: clip_time.animate(self.id_data, on),
     )
     text: StringProperty(  # type: ignore[valid-type]
-        name="Text", description="What to select; separate several words by commas", search=_complete
+        name="Text",
+        description="What to select: words separated by commas, what moves, what stands still, everything or nothing",
+        search=_complete,
+        update=_asked,
     )
+    found: StringProperty()  # type: ignore[valid-type]  # why the words found nothing
     negatives: StringProperty(  # type: ignore[valid-type]
         name="But Not",
         description="What not to select, separated by commas; empty: common surroundings such as sky and grass",
         search=_complete,
+        update=_asked,
     )
     mode: EnumProperty(name="Mode", items=MODES, default="SET")  # type: ignore[valid-type]
     threshold: FloatProperty(  # type: ignore[valid-type]
@@ -161,7 +181,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     )
     sphere: FloatVectorProperty(  # type: ignore[valid-type]
         name="Sphere",
-        description="Centre of the selecting sphere in Blender's world",
+        description="Center of the selecting sphere in Blender's world",
         subtype="XYZ",
         update=_sphere_moved,
     )
@@ -174,7 +194,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     )
     show_score: BoolProperty(  # type: ignore[valid-type]
         name="Heat Map",
-        description="Show the scores of the last query as colours, also in renders",
+        description="Show the scores of the last query as colors, also in renders",
         update=_shown_changed,
     )
     use_span: BoolProperty(  # type: ignore[valid-type]
@@ -192,10 +212,15 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         precision=3,
     )
     rgb: FloatVectorProperty(  # type: ignore[valid-type]
-        name="Colour", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
+        name="Color", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
     )
     opacity: FloatProperty(  # type: ignore[valid-type]
         name="Opacity", description="Opacity is multiplied by it", default=0.5, min=0.0, max=1.0, subtype="FACTOR"
+    )
+    show_believed: BoolProperty(  # type: ignore[valid-type]
+        name="Show How Far to Believe",
+        description="Show in viewports how far beside the clip's camera the scene can be believed",
+        default=True,
     )
     notice: StringProperty()  # type: ignore[valid-type]  # what happened to the nodes
     uncovered: StringProperty()  # type: ignore[valid-type]  # what edits bring to light that no frame saw
@@ -205,7 +230,9 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     history_index: IntProperty()  # type: ignore[valid-type]
     fields: PointerProperty(type=edit_fields.F4X_PG_fields)  # type: ignore[valid-type]
     sentence: StringProperty(  # type: ignore[valid-type]
-        name="Say", description='What to change, for example "make the dog red from second 2"'
+        name="Say",
+        description="What to change or select, such as: make the dog red from second 2; select what moves",
+        update=_said,
     )
     answer: StringProperty()  # type: ignore[valid-type]
     instead: StringProperty()  # type: ignore[valid-type]  # the sentence that was probably meant, where that is asked

@@ -65,7 +65,8 @@ def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bp
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(max(count, 1))  # an empty mesh does not convert
     item = bpy.data.objects.new(name, mesh)
-    collection.objects.link(item)
+    whole = bpy.context.scene.collection  # the other one may be left out of the view layer
+    whole.objects.link(item)
     layer = bpy.context.view_layer
     selected, active = selected_in(layer), layer.objects.active
     for other in selected:
@@ -77,6 +78,9 @@ def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bp
     for other in selected:
         other.select_set(True)
     layer.objects.active = active
+    if collection != whole:
+        collection.objects.link(item)
+        whole.objects.unlink(item)
     if mesh.users == 0:
         bpy.data.meshes.remove(mesh)
     item.data.name = name

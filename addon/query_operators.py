@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 from bpy_extras import view3d_utils
 
+from ..f4x_core.edit.display import Display
 from ..f4x_core.edit.naming import by_labels, by_names, check_negatives, together
-from ..f4x_core.edit.resolve import labels_of
-from ..f4x_core.errors import Cancelled, F4xError
+from ..f4x_core.edit.resolve import labels_of, nothing_called
+from ..f4x_core.errors import F4xError
 from ..f4x_core.language.lexicon import spellings
 from ..f4x_core.progress import Progress
 from ..f4x_core.query.cast import needs_no_teacher
@@ -22,24 +23,49 @@ from ..f4x_core.query.labels import words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ..f4x_core.query.prompts import select_by_prompts
 from ..f4x_core.query.selection import Selection
-from ..f4x_core.troubles import EXPECTED
+from ..f4x_core.scene import Scene
 from . import display, marking, scene_cache
 from .job_operators import look_up
 from .outline import Outline
 from .panel_operators import SceneOperator, require_viewport
 from .preferences import find_interpreter
 from .scene_object import HIDDEN, SELECTED, SceneObject
+from .searching import SearchOperator
+from .submitting import quietly
+from .wording import panel_words
 
-LOOK = 0.1
-"""Seconds between two checks of a running search."""
+PHRASES = frozenset(
+    (
+        *("what moves", "everything that moves", "moving things", "moving objects"),
+        *("what stands still", "background", "the background", "everything", "all", "nothing", "none"),
+    )
+)
+"""What the field of words takes besides words of the scene."""
 MIN_BOX_PIXELS = 4
 """Minimum side of a box in pixels of the window; a smaller one is an accidental click."""
 
 
-class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blender wants this form
-    """Select objects by words, for example dog, cat. Needs a scene with features."""
+@dataclass(frozen=True)
+class Answer:
+    """What words select."""
 
-    bl_idname, bl_label = "f4x.query_text", "Query"
+    found: Selection | None = None
+    """Scores of a query by labels or names; None where something else answers."""
+    chosen: np.ndarray | None = None
+    """(N,) bool over the shown scene: the answer to words such as "what moves"."""
+    called: str = ""
+    """The selection in words."""
+    unknown: tuple[str, ...] = ()
+    """Words that the worker has to add to the scene first."""
+    hint: str = ""
+    """Why nothing was found, or which words of the scene are near."""
+
+
+class F4X_OT_query_text(SearchOperator, bpy.types.Operator):  # noqa: N801 - Blender wants this form
+    """Select objects by words, such as dog, cat. "What moves", "everything" and "nothing" need no features, words do."""
+
+    bl_idname, bl_label = "f4x.query_text", "Select"
+    title = "Searching"
 
     text: StringProperty(name="Text", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     negatives: StringProperty(name="But Not", options={"SKIP_SAVE"})  # type: ignore[valid-type]
@@ -48,71 +74,89 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
         """Take the words from the panel."""
         state = SceneObject.of(context.object).state
         self.text, self.negatives = state.text, state.negatives
-        return self.execute(context)
+        return self.search(context)
 
-    def act(self, context, scene_object):
-        """Query the base scene, since copies have the same label as their original. A worker, if any, adds unknown words."""
+    def work(self, scene_object):
+        """Query the base scene, since copies have the same label as their original."""
         if not self.text.strip():
             raise F4xError("Type what to select, such as dog; separate several words by commas.")
-        scene, shown, words = scene_object.prepared(), scene_object.shown, words_of(self.text)
+        scene_object.state.found = ""
+        text, base, shown, asker = self.text, scene_object.base, scene_object.shown, scene_object.context
         negatives = words_of(self.negatives) if self.negatives.strip() else None
-        check_negatives(words, negatives)
-        found = by_names(shown.scene, words, scene_object.state.threshold)
-        called = " and ".join(word if word in found else f"the {word}" for word in words)
-        labels = [word for word in words if word not in found]
-        for label in labels:
-            refuse_unknown(scene, label)
-        known = {label.lower() for label in labels_of(scene)}
-        unknown = [
-            word
-            for word in (*labels, *(negatives or ()))
-            if known.isdisjoint(spellings(word)) and not needs_no_teacher(word)
-        ]
-        others = instead(scene, unknown)[1] if known and unknown else ""
-        hint = f" {others[0].upper()}{others[1:]}." if others else ""
-        if known and unknown and find_interpreter():
-            look_up(scene_object, unknown)
-            line = f"The worker adds {', '.join(unknown)} to the scene; query again when the job is done.{hint}"
+        threshold, has_worker = scene_object.state.threshold, bool(find_interpreter())
+
+        def search(progress: Progress) -> Answer:
+            if text.strip().lower() in PHRASES:
+                # Not above: Blender starts more often than somebody speaks.
+                from ..f4x_core.edit.selecting import read_selecting
+
+                selecting = read_selecting(shown.scene, f"select {text}", asker)
+                assert selecting is not None  # as for every phrase
+                return Answer(chosen=selecting.chosen, called=selecting.words)
+            scene_cache.wait_until_prepared(base, progress)
+            return _query(base, shown, words_of(text), negatives, threshold, has_worker)
+
+        return search
+
+    def take(self, context, scene_object, found):
+        """Select what was found. A worker, if any, adds unknown words."""
+        state = scene_object.state
+        with quietly():
+            state.text, state.negatives = self.text, self.negatives
+        if found.unknown:
+            look_up(scene_object, found.unknown)
+            line = f"The worker adds {', '.join(found.unknown)} to the scene; select again when the task is done.{found.hint}"
+            state.found = line
             self.report({"INFO"}, line)
             return
-        try:
-            asked = by_labels(scene, labels, negatives, scene_object.state.threshold)
-        except F4xError as error:
-            raise F4xError(f"{error}{hint}") from error
-        found |= {label: shown.of_base(each) for label, each in asked.items()}
-        marking.ask(scene_object, together({word: found[word] for word in words}))
-        if scene_object.state.mode == "SET":
-            scene_object.state.called = called
-        scene_object.state.text, scene_object.state.negatives = self.text, self.negatives
-        self.report({"INFO"}, f"{scene_object.state.selected:,} of {scene_object.state.total:,} Gaussians")
+        if found.chosen is not None:
+            marking.combine(scene_object, found.chosen)
+        else:
+            marking.ask(scene_object, found.found)
+        if state.mode == "SET":
+            state.called = found.called
+        state.found = panel_words(found.hint)
+        line = f"{state.selected:,} of {state.total:,} Gaussians selected"
+        self.report({"WARNING"} if found.hint else {"INFO"}, f"{line}. {state.found}" if found.hint else line)
 
 
-class _Search(threading.Thread):
-    """A search in its own thread, which starts at once. It sets `found` or `error`, or neither after `stopped` was set."""
+def _query(
+    scene: Scene,
+    shown: Display,
+    words: Sequence[str],
+    negatives: Sequence[str] | None,
+    threshold: float,
+    has_worker: bool,
+) -> Answer:
+    """What labels and names select in `shown`; words that no label is are handed back where there is a worker to add them."""
+    check_negatives(words, negatives)
+    found = by_names(shown.scene, words, threshold)
+    called = " and ".join(word if word in found else f"the {word}" for word in words)
+    labels = [word for word in words if word not in found]
+    for label in labels:
+        refuse_unknown(scene, label)
+    known = {label.lower() for label in labels_of(scene)}
+    unknown = [
+        word
+        for word in (*labels, *(negatives or ()))
+        if known.isdisjoint(spellings(word)) and not needs_no_teacher(word)
+    ]
+    others = instead(scene, unknown)[1] if known and unknown else ""
+    hint = f" {others[0].upper()}{others[1:]}." if others else ""
+    if known and unknown and has_worker:
+        return Answer(unknown=tuple(unknown), hint=hint)
+    try:
+        asked = by_labels(scene, labels, negatives, threshold)
+    except F4xError as error:
+        raise F4xError(f"{error}{hint}") from error
+    absent = [label for label, each in asked.items() if not each.chosen.any()]
+    best = max((float(asked[label].scores.max(initial=0)) for label in absent), default=0.0)
+    found |= {label: shown.of_base(each) for label, each in asked.items()}
+    explained = nothing_called(scene, absent, threshold, best) if absent else ""
+    return Answer(together({word: found[word] for word in words}), called=called, hint=explained)
 
-    def __init__(self, work: Callable[[Progress], Selection]):
-        super().__init__(daemon=True)
-        self.work, self.fraction, self.stopped = work, 0.0, False
-        self.found: Selection | None = None
-        self.error: Exception | None = None
-        self.start()
 
-    def run(self) -> None:
-        """Search until the end or until `stopped` is set."""
-        try:
-            self.found = self.work(self._look)
-        except Cancelled:
-            pass
-        except EXPECTED as error:
-            self.error = error
-
-    def _look(self, stage: str, done: int, total: int, message: str = "") -> None:
-        self.fraction = done / max(total, 1)
-        if self.stopped:
-            raise Cancelled
-
-
-class _Prompt(SceneOperator):
+class _Prompt(SearchOperator):
     """Base of operators that select an object by a prompt on one clip frame, from the mouse or from properties."""
 
     cursor = "CROSSHAIR"
@@ -122,34 +166,25 @@ class _Prompt(SceneOperator):
         """The prompt as keyword arguments of the core."""
         raise NotImplementedError
 
-    def act(self, context, scene_object):
-        """Select by the prompt; what moves is followed through the clip."""
-        manager = context.window_manager
-
-        def progress(stage: str, done: int, total: int, message: str = "") -> None:
-            manager.progress_update(100 * done / max(total, 1))
-
-        manager.progress_begin(0, 100)
-        try:
-            found = self._search(scene_object)(progress)
-        finally:
-            manager.progress_end()
-        self._take(scene_object, found)
-
-    def _search(self, scene_object: SceneObject) -> Callable[[Progress], Selection]:
-        """The search as a function that does not use Blender."""
+    def work(self, scene_object):
+        """Search by the prompt; what moves is followed through the clip."""
         prompts, threshold = {self.frame: self.prompt()}, scene_object.state.threshold
         scene, base = scene_object.shown.scene, scene_object.base
 
         def search(progress: Progress) -> Selection:
-            scene_cache.wait_until_prepared(base)
-            return select_by_prompts(scene, prompts, threshold=threshold, progress=progress)
+            scene_cache.wait_until_prepared(base, progress)
+
+            def following(stage: str, done: int, total: int, message: str = "") -> None:
+                progress(stage, done, total, "Following it through the clip")
+
+            return select_by_prompts(scene, prompts, threshold=threshold, progress=following)
 
         return search
 
-    def _take(self, scene_object: SceneObject, found: Selection) -> None:
+    def take(self, context, scene_object, found):
+        """Select what was found."""
         marking.ask(scene_object, found)
-        self.report({"INFO"}, f"{scene_object.state.selected:,} of {scene_object.state.total:,} Gaussians")
+        self.report({"INFO"}, f"{scene_object.state.selected:,} of {scene_object.state.total:,} Gaussians selected")
 
     def require(self, context) -> None:
         """Raise F4xError where the mouse cannot be followed."""
@@ -160,7 +195,7 @@ class _Prompt(SceneOperator):
         self.require(context)
         scene_object = SceneObject.of(context.object)
         self.frame = scene_object.shown.scene.cameras.frame_at(scene_object.frame)
-        self._area, self._outline, self._thread = context.area, None, None
+        self._area, self._outline, self._search = context.area, None, None
         context.window.cursor_modal_set(self.cursor)
         context.workspace.status_text_set(self.hint)
         context.window_manager.modal_handler_add(self)
@@ -168,36 +203,17 @@ class _Prompt(SceneOperator):
 
     def modal(self, context, event):
         """Pass events on until the prompt is complete; Esc or the right mouse button cancels."""
-        if self._thread is not None:
-            return self._wait(context, event)
+        if self._search is not None:
+            return super().modal(context, event)
         if event.type in {"ESC", "RIGHTMOUSE"}:
             self.let_go(context)
             return {"CANCELLED"}
         if self.handle(context, event):  # the window must not stand still while the search runs
-            self._thread = _Search(self._search(SceneObject.of(context.object)))
-            self._timer = context.window_manager.event_timer_add(LOOK, window=context.window)
-            context.window.cursor_modal_set("WAIT")
+            self.begin(context, SceneObject.of(context.object))
+            context.window.cursor_modal_restore()
             return {"RUNNING_MODAL"}
         navigates = event.type in {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE"}
         return {"PASS_THROUGH"} if navigates else {"RUNNING_MODAL"}
-
-    def _wait(self, context, event):
-        """Check whether the search is done; Esc stops it."""
-        search = self._thread
-        if event.type == "ESC":
-            search.stopped = True
-        if search.is_alive():
-            context.workspace.status_text_set(
-                f"Following it through the clip: {search.fraction:.0%}. Press Esc to stop."
-            )
-            return {"RUNNING_MODAL"}
-        context.window_manager.event_timer_remove(self._timer)
-        if search.error is not None:
-            raise search.error
-        if search.found is not None:
-            self._take(SceneObject.of(context.object), search.found)
-        self.let_go(context)
-        return {"CANCELLED"} if search.found is None else {"FINISHED"}
 
     def handle(self, context, event) -> bool:
         """Handle one event; returns True when the prompt is complete."""
@@ -209,8 +225,7 @@ class _Prompt(SceneOperator):
             self._outline.end()
             self._outline = None
         context.window.cursor_modal_restore()
-        context.workspace.status_text_set(None)
-        self._area.tag_redraw()
+        super().let_go(context)
 
     def _mouse(self, event) -> tuple[bpy.types.Region, np.ndarray]:
         """(the viewport's region, (2,) the mouse in it); F4xError outside."""
@@ -243,7 +258,7 @@ class _Prompt(SceneOperator):
 class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
     """Click on an object to select it, in any view."""
 
-    bl_idname, bl_label = "f4x.query_point", "Point"
+    bl_idname, bl_label = "f4x.query_point", "Pick"
     cursor, hint = "EYEDROPPER", "Click on an object. Press Esc to cancel."
 
     frame: IntProperty(name="Frame", description="Clip frame", min=0)  # type: ignore[valid-type]
@@ -266,7 +281,7 @@ class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
 class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
     """Drag a box around an object to select it, in the view of the clip's camera."""
 
-    bl_idname, bl_label = "f4x.query_box", "Box"
+    bl_idname, bl_label = "f4x.query_box", "Pick in Box"
     hint = "Drag a box around an object. Press Esc to cancel."
 
     frame: IntProperty(name="Frame", description="Clip frame", min=0)  # type: ignore[valid-type]
@@ -348,7 +363,7 @@ class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_select_named(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Select a named selection. The mode in the Ask panel says how it combines with the current selection."""
+    """Select a named selection. The mode in the panel Select says how it combines with the current selection."""
 
     bl_idname, bl_label = "f4x.select_named", "Select"
 
@@ -389,7 +404,7 @@ class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801
         """Hide adds to the hidden points; Isolate replaces them."""
         chosen = scene_object.read(SELECTED)
         if self.what != "NOTHING" and not chosen.any():
-            raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
+            raise F4xError("Nothing is selected; type words, use Pick or a gesture, or select points in Edit Mode.")
         already = scene_object.read(HIDDEN)
         hidden = {"SELECTED": already | chosen, "OTHERS": ~chosen, "NOTHING": np.zeros_like(chosen)}[self.what]
         display.hide(scene_object, hidden)

@@ -3,11 +3,13 @@
 import bpy
 
 from . import (
+    believed,
     camera_operators,
     cleanup_operators,
     clip_time,
     compositing,
     display,
+    documentation,
     edit_handles,
     edit_operators,
     export_operator,
@@ -28,6 +30,7 @@ from . import (
     query_operators,
     render_engine,
     rig_repair,
+    searching,
     shadows,
     sphere_gizmo,
     viewport,
@@ -35,6 +38,7 @@ from . import (
 
 CLASSES = (
     *operators.CLASSES,
+    *documentation.CLASSES,
     *render_engine.CLASSES,
     *jobs.CLASSES,
     *preferences.CLASSES,
@@ -42,6 +46,7 @@ CLASSES = (
     *export_operator.CLASSES,
     *camera_operators.CLASSES,
     *panel_properties.CLASSES,
+    *searching.CLASSES,
     *query_operators.CLASSES,
     *gesture_operators.CLASSES,
     *sphere_gizmo.CLASSES,
@@ -68,6 +73,7 @@ STARTED = (
     edit_operators,
     edit_handles,
     panel_overlay,
+    believed,
     point_edits,
     rig_repair,
     native_motion,

@@ -17,7 +17,7 @@ from ..f4x_core.scene import cryptomatte, layers, stage
 from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ..f4x_core.scene.passes import Mist
 from ..f4x_core.troubles import EXPECTED
-from . import display, evaluated, shadows, viewport_gpu
+from . import believed, display, evaluated, shadows, viewport_gpu
 from .axes import Eye, Stereo, camera_eye, camera_lens, eye
 from .render_settings import ENGINE
 from .wording import refuse
@@ -38,6 +38,9 @@ _SWITCHES = {
 }
 # falloff of Blender's mist -> exponent
 _FALLOFF = {"LINEAR": 1.0, "QUADRATIC": 2.0, "INVERSE_QUADRATIC": 0.5}
+OWN_SOCKET = "Alpha"
+"""Socket that the compositor's Render Layers has for the pass Combined. A second one of that name would end Blender: it loses
+links when that one comes and goes. The pass is in files all the same."""
 SAMPLES = 16
 """Sharp pictures that a blurred one is made of."""
 COARSE_TO_FINE = (4, 1)
@@ -169,6 +172,8 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         """Tell the compositor which sockets there are."""
         self.register_pass(scene, layer, "Combined", 4, "RGBA", "COLOR")
         for title, channels in _titles(layer).items():
+            if title == OWN_SOCKET:
+                continue
             self.register_pass(scene, layer, title, len(channels), channels, _SOCKETS.get(channels, "VALUE"))
 
     def render(self, depsgraph):
@@ -184,10 +189,12 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         scene, layer = depsgraph.scene, depsgraph.view_layer
         self.update_stats("Feature4X", "reading the scene")
         display.check_frame(scene.original)
+        believed.warn(self.report, scene.original, scene.camera.evaluated_get(depsgraph))
         for title, channels in _titles(layer).items():
             self.add_pass(title, len(channels), channels, layer=layer.name)
         for view in _views(scene.render):
-            self.active_view_set(view)
+            if view:
+                self.active_view_set(view)
             self._render_view(depsgraph, view)
 
     def _render_view(self, depsgraph, view: str) -> None:

@@ -14,10 +14,13 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import NamedTuple
 
+import bpy
+
 from ..f4x_core.edit.apply import edited
 from ..f4x_core.edit.display import Display
 from ..f4x_core.edit.stack import UNDONE, EditStack, read_stack, with_stack
 from ..f4x_core.errors import F4xError
+from ..f4x_core.progress import Progress, silent
 from ..f4x_core.query.calibration import prepare
 from ..f4x_core.query.following import draw_views
 from ..f4x_core.scene import Scene, read_header, read_scene
@@ -30,6 +33,8 @@ GROUPS = ("static/", "dynamic/", "scaffold/", "cameras/")
 """Arrays of a scene file whose names begin so and do not end in `LATENT` say which Gaussians it holds."""
 LATENT = "/latent"
 """End of the names of arrays that belong to features, which may be added later."""
+LOOK = 0.1
+"""Seconds between two looks at a preparation that is waited for."""
 KEPT = 8
 """Number of scenes in the cache, including edited ones, so that switching a preview on and off is fast."""
 
@@ -155,10 +160,17 @@ def prepare_questions(scene: Scene) -> None:
     Thread(target=work, daemon=True).start()
 
 
-def wait_until_prepared(scene: Scene) -> None:
-    """Wait for the superpoints and neighbourhoods that `prepare_questions` began, if it did."""
-    if ready := _preparing.get(id(scene.static)):
-        ready.wait()
+def wait_until_prepared(scene: Scene, progress: Progress = silent) -> None:
+    """Wait for the superpoints and neighbourhoods of `prepare_questions`, which begins here at the latest.
+
+    `progress` says so meanwhile, and may stop the waiting; the preparation itself goes on for the next question.
+    """
+    if bpy.app.background:
+        return  # the question itself prepares what it needs
+    if id(scene.static) not in _preparing:
+        prepare_questions(scene)
+    while not _preparing[id(scene.static)].wait(LOOK):
+        progress("prepare", 0, 0, "Preparing the scene once")
 
 
 def forget() -> None:

@@ -257,12 +257,6 @@ class SceneObject:
         """The scene without its edits."""
         return self._display(scene_cache.NO_EDITS).scene
 
-    def prepared(self) -> Scene:
-        """The scene without its edits, with the caches for text queries filled, so that the first query is fast."""
-        scene = self.base
-        scene_cache.wait_until_prepared(scene)
-        return scene
-
     @property
     def edited(self) -> Scene:
         """The scene with the pending edits."""
@@ -351,7 +345,7 @@ class SceneObject:
         """The selected Gaussians as a stack holds them; F4xError where there are none."""
         chosen, state = self.selection, self.state
         if chosen is None:
-            raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
+            raise F4xError("Nothing is selected; type words, use Pick or a gesture, or select points in Edit Mode.")
         ids = Ids.of(chosen.chosen_ids)
         # points may have been selected in edit mode since, and then they are not what was asked for
         if chosen.chosen.sum() != state.selected:

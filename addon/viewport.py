@@ -1,9 +1,12 @@
 """Making what was imported visible: as the engine draws it or in colours, the clip's camera or the whole thing in view."""
 
+import time
+
 import bpy
 from bpy.app.handlers import persistent
 
 from ..f4x_core.native.library import open_library
+from .lines import CATEGORY
 from .preferences import preferences
 from .render_engine import Feature4XRenderEngine
 from .scene_object import SceneObject
@@ -20,6 +23,9 @@ NEAREST = 1e-3
 WAS_EXACT = "f4x_rendered"
 """Property of a screen in a saved file: numbers of its areas that showed what an engine draws. Blender itself opens every file
 with Solid shading instead of it."""
+
+TRY_AGAIN, PATIENCE = 0.1, 3.0
+"""Seconds between two tries to choose the tab of the sidebar, and after which it is left as it is."""
 
 
 def use_engine(scene: bpy.types.Scene) -> None:
@@ -41,6 +47,8 @@ def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
     window = bpy.context.window
     if window is None:  # without a window there is nothing to look through
         return
+    if len(SceneObject.among(bpy.context.scene.objects)) == 1:  # later ones come into a project that is under way
+        _open_sidebar(window)
     for area in window.screen.areas:
         if area.type != "VIEW_3D":
             continue
@@ -55,6 +63,26 @@ def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
         region = next(region for region in area.regions if region.type == "WINDOW")
         with bpy.context.temp_override(window=window, area=area, region=region):
             _look_at(root)
+
+
+def _open_sidebar(window: bpy.types.Window) -> None:
+    """Open the sidebar of the largest viewport at the tab of this extension, when Blender has drawn it."""
+    areas = [area for area in window.screen.areas if area.type == "VIEW_3D"]
+    if not areas:
+        return
+    area = max(areas, key=lambda each: each.width * each.height)
+    area.spaces.active.show_region_ui = True
+    until = time.monotonic() + PATIENCE
+
+    def choose() -> float | None:
+        sidebar = next((region for region in area.regions if region.type == "UI"), None)
+        try:
+            sidebar.active_panel_category = CATEGORY
+        except (AttributeError, TypeError):  # read-only until the sidebar was drawn once
+            return TRY_AGAIN if time.monotonic() < until else None
+        return None
+
+    bpy.app.timers.register(choose, first_interval=TRY_AGAIN)
 
 
 def see_to(distance: float) -> None:
@@ -77,8 +105,10 @@ def draw_exactly(space: bpy.types.SpaceView3D) -> bool:
     return exact
 
 
-def shows_picture(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
-    """Whether a viewport shows `scene` as *Show Picture* would."""
+def shows_picture(scene: bpy.types.Scene, space: bpy.types.SpaceView3D | None) -> bool:
+    """Whether a viewport shows `scene` as *Show Picture* would; True without one."""
+    if space is None:
+        return True
     exact = scene.render.engine == Feature4XRenderEngine.bl_idname
     return space.shading.type == (EXACT if exact else COLOURED) and (exact or not _may_use_engine())
 

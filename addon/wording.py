@@ -10,17 +10,17 @@ from ..f4x_core.printing import one_line
 from ..f4x_core.troubles import EXPECTED, with_code
 
 _PANEL_WORDS = (
-    (r"`?f4x distill [^`.;]*--vocabulary[^`.;]*`?", "Jobs > Add Features, Words"),
-    (r"`f4x distill[^`]*`", "Jobs > Add Features"),
-    (r"`f4x fit[^`]*`", "Jobs > Fit Video"),
-    (r"`f4x ask[^`]*`", "Jobs > Question"),
-    (r"`f4x query[^`]*`", "Ask > Query"),
+    (r"`?f4x distill [^`.;]*--vocabulary[^`.;]*`?", "Tasks > Features, Words"),
+    (r"`f4x distill[^`]*`", "Tasks > Features"),
+    (r"`f4x fit[^`]*`", "Tasks > Fit Video"),
+    (r"`f4x ask[^`]*`", "Tasks > Question"),
+    (r"`f4x query[^`]*`", "Select"),
     (
         r"`f4x render --path slow:([\d.]+)`",
         lambda found: f"Speed {1 / float(found[1]):.3g} in the panel Motion, or the button below,",
     ),
     (r"`f4x render[^`]*unseen`", "The pass Unseen of Feature4X's renders"),
-    (r"`f4x export[^`]*`", "Jobs > Export"),
+    (r"`f4x export[^`]*`", "Tasks > Export"),
     (r"`f4x bake` (them|the scene)", r"bake \1 with the command f4x bake"),
     (r"`f4x (\w+)[^`]*`", r"the command f4x \1"),
     (r" Say '.*', or add --yes\.", ""),

@@ -15,6 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -34,6 +35,8 @@ MAX_BUFFERED_LINES = 1000
 """Lines that are buffered between two polls; then the child waits."""
 MAX_LINE_CHARACTERS = 1 << 24
 """Characters; a longer line is read in pieces."""
+
+_numbers = count()
 
 RUNNING, DONE, FAILED, CANCELLED = "running", "done", "failed", "cancelled"
 
@@ -63,7 +66,7 @@ class Job:
         Raises:
             F4xError: the interpreter does not exist or cannot be started.
         """
-        self.title, self.on_done = title, on_done
+        self.title, self.on_done, self.number = title, on_done, next(_numbers)
         self.state, self.error, self.text = RUNNING, "", ""
         self.instead = ""  # what was probably meant, where the child asks
         self.result: dict[str, Any] | None = None

@@ -206,7 +206,7 @@ TROUBLES = (
     Trouble(
         "F4X-JOB",
         "A job in another process was stopped or ended without a result.",
-        "Its log in Jobs has the last lines; the same button continues it.",
+        "Its log under Tasks has the last lines; the same button continues it.",
         ("f4x_core.processes", "f4x_core.parallel", "addon.jobs", "addon.job_operators"),
     ),
     Trouble(

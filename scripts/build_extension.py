@@ -26,6 +26,7 @@ PARTS = (
     "LICENSE",
     "README.md",
     "addon",
+    "docs",
     "f4x_core",
     "scripts",
 )

@@ -21,13 +21,12 @@ from real_blender import Profile, clean_profile
 SIZE = (1400, 1000)
 """Pixels of the screen; the places below are read off its screenshots."""
 PLACES = {
-    "text": (936, 408),
-    "query": (1050, 408),
-    "recolour": (1050, 620),
-    "save": (1002, 156),
-    "point": (1006, 381),
-    "box": (1071, 381),
-    "stop job": (1095, 850),
+    "text": (970, 193),
+    "recolor": (1050, 466),
+    "save": (1002, 712),
+    "point": (1010, 223),
+    "box": (1072, 223),
+    "stop job": (1095, 778),
     "viewport": (300, 800),
 }
 SCROLL_DOWN, F12 = 5, 96
@@ -179,7 +178,7 @@ class Window:
     def start_job(self) -> None:
         """Let Blender start a job that never ends, and roll the sidebar to it."""
         (self.home / "start_job").touch()
-        self.hand("mousemove", *PLACES["recolour"])
+        self.hand("mousemove", *PLACES["recolor"])
         self.hand("click", "--repeat", 40, "--delay", 50, SCROLL_DOWN)
 
     def until(self, step: str, reached: Callable[[dict], bool], action: Callable[[], None] | None = None) -> dict:
@@ -250,8 +249,8 @@ def main() -> None:
 
         window.until("0_imported", lambda state: state["total"] and not state["selected"])
         window.until("2_text", lambda state: state["text"] == options.word, type_word)
-        asked = window.until("3_queried", lambda state: state["selected"], lambda: window.click("query"))
-        window.until("4_recoloured", lambda state: state["edits"] == 1, lambda: window.click("recolour"))
+        asked = window.until("3_queried", lambda state: state["selected"])  # Enter asks
+        window.until("4_recoloured", lambda state: state["edits"] == 1, lambda: window.click("recolor"))
         undone = window.until("5_undone", lambda state: state["edits"] == 0, lambda: press("ctrl+z"))
         if undone["selected"] != asked["selected"]:
             raise SystemExit(f"5_undone: the selection went as well; the sidebar says {undone}")

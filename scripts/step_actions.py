@@ -122,8 +122,7 @@ def plan(view: View) -> None:
 
 def say(view: View, sentence: str) -> None:
     """Plan a sentence."""
-    view.scene_object.state.sentence = sentence
-    view.call(bpy.ops.f4x.plan, "INVOKE_DEFAULT")
+    view.call(bpy.ops.f4x.plan, sentence=sentence)
 
 
 def apply(view: View) -> None:

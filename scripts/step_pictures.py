@@ -29,7 +29,7 @@ SIZE = (900, 600)
 """Pixels of the window."""
 LARGE = (1152, 908)
 """That of docs/images/sidebar.jpg."""
-PANELS = ("Scene", "Say", "Ask", "Selection", "Change", "History", "Mesh", "Jobs")
+PANELS = ("Scene", "Select", "Edit", "Edits", "Motion", "Mesh", "Tasks")
 HEADER, PITCH = (40, 96), 28
 """Of the first panel: pixels from the sidebar's left side, and from the window's top; height of a closed panel."""
 PASSES = (808, 39)
@@ -138,16 +138,16 @@ def walk(guide: Guide) -> None:
     begin(guide, guide.picture)
     guide.picture("03_panel")
     guide.alone("Scene")
-    guide.open("Ask")
+    guide.open("Select")
     guide.take("query", lambda state: state["selected"])
     guide.picture("04_query")
     corners = guide.take("box")["places"]
     guide.drag(*corners)
     guide.expect("box", lambda state: state["last"] == ["F4X_OT_select_box"])
-    guide.open("Say")
+    guide.open("Edit")
     guide.take("plan", lambda state: state["readings"])
     guide.picture("06_plan")
-    guide.open("Say", "History")
+    guide.open("Edit", "Edits")
     guide.take("apply", lambda state: len(state["edits"]) == 1)
     guide.picture("07_applied")
     guide.press("ctrl+z")
@@ -155,20 +155,20 @@ def walk(guide: Guide) -> None:
     guide.picture("08_undone")
     guide.press("ctrl+shift+z")
     guide.expect("redo", lambda state: len(state["edits"]) == 1)
-    guide.open("Scene")
+    guide.open("Motion")
     guide.take("move_node")
     guide.picture("09_node")
-    guide.open("Scene", "History")
+    guide.open("Edits")
     guide.take("write_motion")
     guide.picture("10_written")
     guide.open("Mesh")
     guide.take("mesh", lambda state: state["jobs"] == ["done"])
     guide.take("show_mesh")
     guide.picture("11_mesh")
-    guide.open("Jobs")
+    guide.open("Tasks")
     guide.take("camera")
     guide.picture("12_camera")
-    guide.open("Say", "History")
+    guide.open("Edit", "Edits")
     guide.take("plate", lambda state: len(state["edits"]) >= 2)
     guide.picture("13_plate")
     guide.take("passes")
@@ -181,13 +181,13 @@ def walk(guide: Guide) -> None:
     guide.press("Escape")
     guide.press("Escape")
     guide.expect("back", lambda state: state["screen"] == "view")
-    guide.open("Scene", "History")
+    guide.open("Edits")
     guide.take("save", lambda state: state["saved"])
     guide.picture("15_saved")
 
 
 def panels(guide: Guide) -> None:
-    """The pictures of docs/blender.md: the sidebar, and its jobs."""
+    """The pictures of docs/blender.md: the sidebar, and its tasks."""
     begin(guide, lambda name: None)
     [place] = guide.take("gold", lambda state: len(state["edits"]) == 1)["places"]
     guide.hand("mousemove", *map(round, place))
@@ -196,7 +196,7 @@ def panels(guide: Guide) -> None:
     guide.take("plan_green", lambda state: state["readings"])
     guide.keep("../sidebar", ImageGrab.grab(xdisplay=guide.display))
     guide.alone("Scene")
-    guide.open("Scene", "Selection", "Jobs")
+    guide.open("Select", "Tasks")
     guide.take("name_it", lambda state: len(state["edits"]) == 2)
     guide.take("mesh", lambda state: state["jobs"] == ["done"])
     left = guide.take("fine_mesh", lambda state: state["jobs"] == ["done", "running"] and state["stages"][1] == "mesh")[

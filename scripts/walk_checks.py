@@ -14,15 +14,15 @@ import numpy as np
 
 door.load_extension()
 
-from feature4x.addon import registration, scene_cache  # noqa: E402 - there once the extension is loaded
+from feature4x.addon import display, registration, scene_cache  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.clip_time import time_of  # noqa: E402
+from feature4x.addon.lines import CATEGORY  # noqa: E402
 from feature4x.addon.motion_edits import unwritten  # noqa: E402
 from feature4x.addon.motion_nodes import MOTION  # noqa: E402
-from feature4x.addon.panel import CATEGORY  # noqa: E402
 from feature4x.addon.point_cloud import read_attribute  # noqa: E402
+from feature4x.addon.point_edits import changes_of  # noqa: E402
 from feature4x.addon.scaffold_rig import NODES  # noqa: E402
 from feature4x.addon.scene_object import APART, EDITS, HIDDEN, SELECTED, SceneObject  # noqa: E402
-from feature4x.f4x_core.edit.description import describe  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack  # noqa: E402
 from feature4x.f4x_core.errors import F4xError  # noqa: E402
 
@@ -73,7 +73,7 @@ def check_words(scene_object: SceneObject) -> None:
     """The sidebar's lists and counts, and what it says about the file."""
     state, stack, name = scene_object.state, scene_object.stack, scene_object.name
     shown = [(row.name, row.edit_id, row.enabled) for row in state.history]
-    held = [(describe(edit.operation), edit.id, edit.enabled) for edit in stack.edits]
+    held = [(display.words_of(edit.operation), edit.id, edit.enabled) for edit in stack.edits]
     require(shown == held, f"{name}: the history shows {shown} and the scene holds {held}")
     words = scene_object.saving
     try:
@@ -92,6 +92,8 @@ def check_points(scene_object: SceneObject) -> None:
     try:
         shown = scene_object.shown
     except F4xError:
+        return
+    if changes_of(scene_object).summary:  # an artist deleted or moved points
         return
     parts, frame = list(scene_object.points()), scene_object.frame
     covered = np.concatenate([np.zeros(0, int), *(row for _, _, row in parts)])

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import singledispatch
+
+import numpy as np
 
 from ..language.colour_names import COLOURS, Colour, name_of
 from ..language.lexicon import PLACES, plural
@@ -55,12 +58,32 @@ from .selects import (
 _WHICH = {"largest": "biggest"}
 _AXES = (("to the left", "to the right"), ("up", "down"), ("forward", "back"))
 """Along the camera's axes: what a negative and a positive step is called."""
+SCENE_AXES = "the scene's own axes"
 _BASIC = ("red", "green", "blue", "yellow", "orange", "purple", "pink", "cyan", "brown", "white", "black")
 
 
 def describe(operation: Operation) -> str:
     """One line, for example "make the dog red from frame 20 on"."""
     return _sentence(operation)
+
+
+def describe_in(operation: Operation, to_world: np.ndarray, axes: str) -> str:
+    """As `describe`, but a way or turn along the scene's own axes is told along those of another world, called `axes`.
+
+    `to_world (3,3)`: the turn and scale from the scene to that world.
+    """
+    turn = to_world / np.maximum(np.linalg.norm(to_world, axis=0), 1e-12)
+
+    def told(vector: Vector, matrix: np.ndarray) -> Vector:
+        x, y, z = (float(value) for value in matrix @ np.array(vector))
+        return x, y, z
+
+    if isinstance(operation, Transform) and operation.axes == "world":
+        moved, turned = told(operation.translate, to_world), told(operation.rotate, turn)
+        operation = replace(operation, translate=moved, rotate=turned)
+    elif isinstance(operation, Duplicate) and operation.axes == "world":
+        operation = replace(operation, offset=told(operation.offset, to_world))
+    return describe(operation).replace(SCENE_AXES, axes)
 
 
 def in_words(operations: Sequence[Operation]) -> str:
@@ -361,7 +384,7 @@ def _rounded(values: tuple[float, ...]) -> str:
 def _way(vector: Vector, unit: str, axes: str) -> str:
     measure = "unit" if unit == "world" else "width"
     if axes == "world":
-        return f"by ({_rounded(vector)}) {measure}s along the scene's own axes"
+        return f"by ({_rounded(vector)}) {measure}s along {SCENE_AXES}"
     return " and ".join(f"by {step}" for step in _steps(vector, measure))
 
 
@@ -384,8 +407,8 @@ def _turn(who: str, rotate: Vector, axes: str) -> str:
         return f"rotate {who} by {abs(y):g} degrees to the {side}"
     if axes == "camera" and z and not x and not y:
         return f"tilt {who} by {abs(z):g} degrees to the {side}"
-    whose = "scene's own" if axes == "world" else "camera's"
-    return f"rotate {who} by ({_rounded(rotate)}) degrees about the {whose} axes"
+    whose = SCENE_AXES if axes == "world" else "the camera's axes"
+    return f"rotate {who} by ({_rounded(rotate)}) degrees about {whose}"
 
 
 def _about(pivot: str | Vector) -> str:

@@ -16,8 +16,9 @@ from ..features.phrasings import NOTHING, Slot, fill, likeliest, ranked
 from ..language.amounts import Amount, degree, fraction, multiple, number, percent
 from ..language.colours import colour
 from ..language.grammar import Mismatch, Reading, Rule, either, literal, table, unless
-from ..language.lexicon import singular, word_set
+from ..language.lexicon import inflected, singular, word_set
 from ..language.times import duration, span
+from ..language.verbs import VERBS
 from .phrases import known_thing
 from .qualities import any_look
 
@@ -126,7 +127,9 @@ MEANINGS = {
 _NEEDED = word_set("delete extract hide show larger smaller move rotate swap duplicate follow recolour")
 """Operations of which it has to be said whom they are for."""
 _REMOVING = ("delete", "extract", "hide")
-"""Operations that are not asked about where two things are named, be one unknown: "get the darkness off the dog"."""
+"""Operations that are not asked about where two things are named, be one unknown: "get the darkness off the dog". Examples have
+them only where a verb of the sentence removes."""
+_REMOVAL = literal("|".join(inflected(VERBS["delete"].replace(", ", "|"), 1)) + "|hide|isolate|keep only|show only")
 
 
 def masked(reading: Reading) -> tuple[str, tuple[Slot, ...]]:
@@ -176,7 +179,10 @@ def nearest(sentence: str, reading: Reading, there: Sequence[str]) -> Iterator[s
     values |= dict(zip(("WHO", "OTHER"), things, strict=False))
     if len(things) == 1:
         values.pop("OTHER", "")
+    removes = any(_REMOVAL.at(reading, at) for at in range(len(reading.tokens)))
     for operation in ranked(PHRASINGS, sentence, phrasing):
+        if operation in _REMOVING and not removes:
+            continue
         templates = MEANINGS[operation].split("|")
         whole = [one for one in templates if {*re.findall("[A-Z]{2,}", one)} <= values.keys()]
         fullest = max(whole or templates[-1:], key=lambda one: len(re.findall("[A-Z]{2,}", one)))

@@ -300,11 +300,18 @@ class Resolver:
                 f"In the scene '{scene.name}' there is only one of {whom(words)}, so nobody is left of {whom(select)}."
             )
         best = float(self.selection(scene, words).scores.max(initial=0))
-        _, hint = instead(scene, words.labels, self.encode)
-        return (
-            f"In the scene '{scene.name}' nothing is called '{', '.join(words.labels)}' with a probability of"
-            f" {words.threshold:g} or more (best: {best:.2f}){hint and f'; {hint}'}."
-        )
+        return nothing_called(scene, words.labels, words.threshold, best, self.encode)
+
+
+def nothing_called(
+    scene: Scene, labels: Sequence[str], threshold: float, best: float, encode: Encode | None = None
+) -> str:
+    """The sentence about labels that no Gaussian has at `threshold`; `best`: the highest probability of one."""
+    _, hint = instead(scene, labels, encode)
+    return (
+        f"In the scene '{scene.name}' nothing is called '{', '.join(labels)}' with a probability of"
+        f" {threshold:g} or more (best: {best:.2f}){hint and f'; {hint}'}."
+    )
 
 
 def rows_of(scene: Scene, select: SelectKind) -> np.ndarray:

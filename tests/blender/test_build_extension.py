@@ -22,7 +22,7 @@ BUILT = "f4x_core/native/_build"
 def used_tree(tmp_path):
     """A copy of the repository that has been worked in for a while."""
     tree = tmp_path / "tree"
-    for part in ("addon", "f4x_core", "ground_truth", "scripts"):
+    for part in ("addon", "docs", "f4x_core", "ground_truth", "scripts"):
         shutil.copytree(ROOT / part, tree / part, ignore=shutil.ignore_patterns("__pycache__", "_build"))
     for name in ("__init__.py", "blender_manifest.toml", "pyproject.toml", "LICENSE", "README.md"):
         shutil.copy(ROOT / name, tree)
@@ -48,5 +48,6 @@ def test_only_libraries_of_the_present_sources_are_packed(used_tree, tmp_path):
     packed = {Path(name).name for name in names if BUILT in name and not name.endswith("/")}
     assert packed == {library_path(target).name for target in ("linux-x86_64", "windows-x86_64")}
     assert "addon/registration.py" in names and not any(
-        name.startswith(("tests/", "docs/", "benchmarks/", "ground_truth/")) for name in names
+        name.startswith(("tests/", "docs/images", "benchmarks/", "ground_truth/")) for name in names
     )
+    assert "docs/blender.md" in names  # the button Documentation opens it

@@ -56,9 +56,16 @@ def test_the_line_names_it(tmp_path):
     script = """
 bpy.ops.wm.read_factory_settings(use_empty=False)
 ops.import_scene(filepath=str(folder / "scene.f4x"))
-noted["line"] = root().f4x.notice
+noted["new file"] = root().f4x.notice  # Blender's own cube is no news for long
+bpy.ops.wm.read_factory_settings(use_empty=False)
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "project.blend"))
+ops.import_scene(filepath=str(folder / "scene.f4x"), set_up_render=True)
+noted["project"] = root().f4x.notice
+ops.dismiss_notice()
+noted["dismissed"] = root().f4x.notice
 """
     noted, _ = perform(tmp_path, script)
-    assert noted["line"] == (
+    assert noted["project"] == (
         "Cube stood between the clip's camera and the scene and is hidden now; the outliner shows it again."
     )
+    assert noted["new file"] == noted["dismissed"] == ""

@@ -51,15 +51,17 @@ noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_pre
 def test_a_refused_sentence_is_shown_in_the_panel_alone(folder):
     script = """
 from feature4x.addon.edit_operators import F4X_OT_plan
+from feature4x.addon.searching import SearchOperator
 reports = []
 
-class Button:  # without a window Blender presses none
-    sentence, readings, act = "", 1, F4X_OT_plan.act
+class Button(SearchOperator):  # without a window Blender presses none
+    sentence, readings = "", 1
+    invoke, work, failed, take = (getattr(F4X_OT_plan, name) for name in ("invoke", "work", "failed", "take"))
     def report(self, kind, text):
         reports.append(text)
 
 root().f4x.sentence = "make the square bark"
-noted["button"], noted["reports"] = list(F4X_OT_plan.invoke(Button(), bpy.context, None)), reports
+noted["button"], noted["reports"] = list(Button().invoke(bpy.context, None)), reports
 noted["answer"] = root().f4x.answer
 noted["script"] = refused(ops.plan, sentence="make the square bark")
 """
@@ -216,10 +218,10 @@ noted["far"] = refused(ops.query_text, text="goat")
         ("-o a.ply: give FILE.ply together with --time T, and a folder for all frames.",
          "a.ply: give FILE.ply together with Current Frame Only, and a folder for all frames."),
         ("x.mp4: a video; make a scene of it with `f4x fit x.mp4 -o DIR`.",
-         "x.mp4: a video; make a scene of it with Jobs > Fit Video."),
+         "x.mp4: a video; make a scene of it with Tasks > Fit Video."),
         ("dog lacks 'ox'; add it with `f4x distill SCENE --vocabulary \"ox\"` where minilm is installed.",
-         "dog lacks 'ox'; add it with Jobs > Add Features, Words where minilm is installed."),
-        ("add one with `f4x distill SCENE --teacher NAME`.", "add one with Jobs > Add Features."),
+         "dog lacks 'ox'; add it with Tasks > Features, Words where minilm is installed."),
+        ("add one with `f4x distill SCENE --teacher NAME`.", "add one with Tasks > Features."),
         ("there are 201 edits; 200 are the most, so `f4x bake` them first.",
          "there are 201 edits; 200 are the most, so bake them with the command f4x bake first."),
         ("fit without --resume, or into another folder.", "fit without Continue, or into another folder."),

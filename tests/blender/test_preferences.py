@@ -176,15 +176,15 @@ assert "selection is the square (100%)" in started[0].text, started[0].text
 assert "did you mean 'square'?" in refused(bpy.ops.f4x.ask_scene, question="where is the sqaure?")
 from types import SimpleNamespace
 from unittest.mock import MagicMock
-drawn = MagicMock()
-drawn.box().panel.return_value = MagicMock(), None
+drawn, body = MagicMock(), MagicMock()
+drawn.box().panel.return_value, body.panel.return_value = (MagicMock(), body), (MagicMock(), None)
 context = SimpleNamespace(region=SimpleNamespace(width=300), preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1)))
 jobs._jobs.append(started[1])  # with a window it stays in the list
 jobs.draw_job(drawn, context, started[1])
 jobs.dismiss(started[1])
-assert "--yes" in started[1].error and "--yes" not in str(drawn.mock_calls)
+assert "--yes" in started[1].error and "--yes" not in str(body.mock_calls)
 assert bpy.ops.f4x.ask_scene(question=started[1].instead) == {"FINISHED"}
-assert "square" in started[2].text and drawn.box().operator().question == started[1].instead == "where is the square"
+assert "square" in started[2].text and body.operator().question == started[1].instead == "where is the square"
 assert "no-teacher" in refused(bpy.ops.f4x.add_features, teachers="no-teacher")
 from feature4x.addon.scene_object import SceneObject
 from feature4x.f4x_core.edit.operations import Recolour

@@ -52,7 +52,7 @@ class Exported:
 FORMATS = {
     "ply": Format((".ply",), "Gaussians with all harmonics, one moment a file", write_frame=export_frame),
     "splat": Format(
-        (".splat",), "Gaussians with one colour in 8 bits, one moment a file", write_frame=write_splat, doubles=False
+        (".splat",), "Gaussians with one color in 8 bits, one moment a file", write_frame=write_splat, doubles=False
     ),
     "spz": Format(
         (".spz",), "Gaussians with all harmonics in 8 bits, one moment a file", write_frame=write_spz, doubles=False
@@ -64,9 +64,9 @@ FORMATS = {
         (".usda", ".usdc"), "Gaussians with harmonics to degree 3, all moments in one file", write_clip=write_usd
     ),
     "points": Format(
-        (".glb",), "coloured points and the scaffold, one moment a file", write_frame=write_points, doubles=False
+        (".glb",), "colored points and the scaffold, one moment a file", write_frame=write_points, doubles=False
     ),
-    "usd-points": Format((".usda",), "coloured points, all moments in one file", write_clip=write_usd_points),
+    "usd-points": Format((".usda",), "colored points, all moments in one file", write_clip=write_usd_points),
 }
 """Name -> format; where two share a suffix, the first is meant by the suffix alone."""
 DEFAULT = "ply"

@@ -1,0 +1,158 @@
+"""How far aside a scene can be believed: a cone in the viewport, a line where it looks from beyond, a warning of renders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import blf
+import bpy
+import gpu
+import numpy as np
+from bpy.app.handlers import persistent
+from gpu_extras.batch import batch_for_shader
+from mathutils import Vector
+
+from ..f4x_core.scene.believed import BelievedZone
+from ..f4x_core.troubles import EXPECTED
+from .scene_object import ARRAYS, PATH, SceneObject
+
+FAR = 1e4
+"""World units behind which a view without perspective stands."""
+RING_COLOUR, WARNING_COLOUR = (0.35, 0.85, 0.45, 0.9), (1.0, 0.65, 0.2, 1.0)
+SPOKES = 8
+"""Lines of the cone from the ring to what the camera looks at."""
+TEXT, MARGIN = 13, 14
+"""Size of the line and its distance from the lower edge, pixels at a scale of 1."""
+
+_zones: dict[tuple[str, str], BelievedZone | None] = {}  # (path, hash of its Gaussians) -> zone
+_warned: set[int] = set()  # session_uid of roots of which the render under way has warned
+_handles: list = []
+
+
+def zone_of(scene_object: SceneObject) -> BelievedZone | None:
+    """The zone of a scene in its own axes; None where its fit did not tell, or its file is missing."""
+    key = scene_object.root[PATH], scene_object.root.get(ARRAYS, "")
+    if key not in _zones:
+        try:
+            _zones[key] = BelievedZone.of(scene_object.base)
+        except EXPECTED:
+            return None
+    return _zones[key]
+
+
+def line_at(scene_object: SceneObject, eye: Vector) -> str:
+    """What to say of a view at `eye`, in Blender's world; nothing where it can be believed or nobody knows."""
+    zone = zone_of(scene_object)
+    if zone is None:
+        return ""
+    place = scene_object.root.matrix_world.inverted_safe() @ eye
+    return zone.line(zone.aside(np.array(place)))
+
+
+def warn(report: Callable[[set[str], str], None], scene: bpy.types.Scene, camera: bpy.types.Object) -> None:
+    """Warn once in a render where its camera stands farther aside than a scene that it shows can be believed."""
+    for scene_object in _shown(scene):
+        uid = scene_object.root.session_uid
+        line = "" if uid in _warned else line_at(scene_object, camera.matrix_world.translation)
+        if line:
+            _warned.add(uid)
+            report({"WARNING"}, f"{scene_object.name}, frame {scene.frame_current}: {line}")
+
+
+def _shown(scene: bpy.types.Scene) -> Iterator[SceneObject]:
+    for scene_object in SceneObject.among(scene.objects):
+        if any(not cloud.hide_render for cloud in scene_object.clouds):
+            yield scene_object
+
+
+def _eye(view: bpy.types.RegionView3D) -> Vector:
+    """The place in Blender's world from which a viewport looks."""
+    to_world = view.view_matrix.inverted()
+    if view.window_matrix[3][3] == 0:  # perspective
+        return to_world.translation
+    return to_world.translation + FAR * to_world.to_3x3().col[2]
+
+
+def _scenes(context: bpy.types.Context) -> list[SceneObject]:
+    """The scenes of which a viewport tells."""
+    if not context.space_data.overlay.show_overlays:
+        return []
+    shown = SceneObject.among(context.scene.objects)
+    return [each for each in shown if each.state.show_believed and any(cloud.visible_get() for cloud in each.clouds)]
+
+
+def _draw_rings() -> None:
+    """Draw the cone of the present camera of each clip, where it is seen from outside."""
+    context = bpy.context
+    if context.region_data.view_perspective == "CAMERA":
+        return
+    for scene_object in _scenes(context):
+        zone = zone_of(scene_object)
+        if zone is None:
+            continue
+        index = min(max(scene_object.base.cameras.frame_at(scene_object.frame), 0), len(zone.eyes) - 1)
+        ring = zone.ring(index)
+        spokes = ring[:: len(ring) // SPOKES]
+        lines = [
+            *zip(ring, np.roll(ring, -1, axis=0), strict=True),
+            *((place, zone.targets[index]) for place in spokes),
+        ]
+        shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+        gpu.state.blend_set("ALPHA")
+        with gpu.matrix.push_pop():
+            gpu.matrix.multiply_matrix(scene_object.root.matrix_world)
+            shader.uniform_float("color", RING_COLOUR)
+            batch_for_shader(shader, "LINES", {"pos": np.array(lines, np.float32).reshape(-1, 3)}).draw(shader)
+        gpu.state.blend_set("NONE")
+
+
+def _draw_line() -> None:
+    """Say at the bottom how far aside a viewport looks from, where that is a guess."""
+    context = bpy.context
+    scale = context.preferences.system.ui_scale
+    height = MARGIN * scale
+    covered = sum(region.width for region in context.area.regions if region.type == "UI")
+    for scene_object in _scenes(context):
+        line = line_at(scene_object, _eye(context.region_data))
+        if line:
+            blf.size(0, TEXT * scale)
+            blf.color(0, *WARNING_COLOUR)
+            blf.enable(0, blf.SHADOW)
+            blf.shadow(0, 5, 0.0, 0.0, 0.0, 0.9)
+            blf.position(0, (context.region.width - covered - blf.dimensions(0, line)[0]) / 2, height, 0)
+            blf.draw(0, line)
+            blf.disable(0, blf.SHADOW)
+            height += 1.6 * TEXT * scale
+
+
+@persistent
+def _begin(*_) -> None:
+    _warned.clear()
+
+
+@persistent
+def _forget(*_) -> None:
+    _zones.clear()
+
+
+_HANDLERS = {"render_init": _begin, "load_post": _forget}
+
+
+def register() -> None:
+    """Start drawing and warning."""
+    for name, function in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(function)
+    if not bpy.app.background:
+        for function, when in ((_draw_rings, "POST_VIEW"), (_draw_line, "POST_PIXEL")):
+            _handles.append(bpy.types.SpaceView3D.draw_handler_add(function, (), "WINDOW", when))
+
+
+def unregister() -> None:
+    """Undo `register`."""
+    for handle in _handles:
+        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
+    _handles.clear()
+    for name, function in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(function)
+    _zones.clear()
+    _warned.clear()
