@@ -177,7 +177,8 @@ def _set_up_separate_cloud(scene_object: SceneObject, display: Display) -> None:
         item = new_point_cloud(f"{scene_object.name} edited", len(ids), model.users_collection[0])
         item.parent = scene_object.root
         item[APART] = True
-        item.data.materials.append(model.active_material)
+        for material in model.data.materials:
+            item.data.materials.append(material)
         write_attribute(item.data, "gid", "INT", ids)
     scene_object.write(**kept)
 

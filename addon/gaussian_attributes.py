@@ -33,6 +33,7 @@ def write_linear(cloud: bpy.types.PointCloud, fitted: Look, linear: Look) -> Non
     step = Fitted.of(fitted, linear)
     write_attribute(cloud, "scale", "FLOAT_VECTOR", linear.scales)
     write_attribute(cloud, "radiance:base", FLOAT4, np.concatenate([linear.dc, linear.opacities[:, None]], 1))
+    write_attribute(cloud, "rgb", "FLOAT_COLOR", np.concatenate([_light_of(linear.dc), linear.opacities[:, None]], 1))
     write_attribute(cloud, FITTED_SCALE, "FLOAT_VECTOR", step.scale)
     write_attribute(cloud, FITTED_BASE, FLOAT4, np.concatenate([step.dc, step.depth[:, None]], 1))
 
@@ -70,8 +71,7 @@ def write_appearance(
     if rows is not None:
         rotation, sh = rotation[rows], sh[rows]
     sh = spherical_harmonics.rotate(sh, rotation)  # own frame -> the object's frame
-    rgb = np.clip(spherical_harmonics.rgb_from_dc(sh[:, 0]), 0.0, 1.0)
-    for name, kind, colors in (("radiance:base", FLOAT4, sh[:, 0]), ("rgb", "FLOAT_COLOR", linear_from_srgb(rgb))):
+    for name, kind, colors in (("radiance:base", FLOAT4, sh[:, 0]), ("rgb", "FLOAT_COLOR", _light_of(sh[:, 0]))):
         values = _kept(cloud, name, rows, (len(opacity), 4))
         values[slice(None) if rows is None else rows, :3] = colors
         values[:, 3] = opacity
@@ -82,6 +82,11 @@ def write_appearance(
         values = _kept(cloud, f"radiance:sh_{i - 1}", rows, (len(opacity), 3))
         values[slice(None) if rows is None else rows] = sh[:, i]
         write_attribute(cloud, f"radiance:sh_{i - 1}", "FLOAT_VECTOR", values)
+
+
+def _light_of(dc: np.ndarray) -> np.ndarray:
+    """(N,3) linear light of the colors that coefficients of degree 0 make; what materials read as `rgb`."""
+    return linear_from_srgb(np.clip(spherical_harmonics.rgb_from_dc(dc), 0.0, 1.0))
 
 
 def _kept(cloud: bpy.types.PointCloud, name: str, rows: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:

@@ -39,7 +39,7 @@ from . import clip_time, display, scene_cache
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, has_bars, show_clip
-from .gaussian_attributes import FITTED_FOCAL, RECOLORED, write_appearance, write_places
+from .gaussian_attributes import FITTED_FOCAL, RECOLORED, draws_splats, write_appearance, write_places
 from .motion_edits import mark_keyed
 from .motion_nodes import MOTION, PRESENCE, build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
@@ -104,7 +104,7 @@ def import_scene(
         notes = () if kind == "scene" else notes_of(opened)
         if notes:
             root[NOTES] = "; ".join(notes)
-        material = _splat_material(name)
+        material = None if draws_splats() else _splat_material(name)
         if isinstance(opened, SplatSequence):
             clouds = add_sequence(
                 opened, step, name, lambda title, scene: _add_gaussians(title, scene.static, None, collection, material)
@@ -222,7 +222,8 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
     write_gaussians(cloud, gaussians, latent)
     if gaussians.span is not None:
         item.modifiers.new(PRESENCE, "NODES").node_group = build_presence_tree(f"{name} presence")
-    cloud.materials.append(material)
+    if material is not None:
+        cloud.materials.append(material)
     return item
 
 
@@ -307,7 +308,10 @@ def _reach(scene: Scene) -> float:
 
 
 def _splat_material(name: str) -> bpy.types.Material:
-    """Emission of `rgb`, as transparent as its alpha: a coarse picture in Cycles and EEVEE, exact in neither."""
+    """Emission of `rgb`, as transparent as its alpha: a coarse picture in Cycles and EEVEE, exact in neither.
+
+    Blender 5.3 colors splats by their harmonics where they have no material, and would count the alpha twice with this one.
+    """
     material = bpy.data.materials.new(f"{name} color")
     material.use_nodes = True
     tree = material.node_tree

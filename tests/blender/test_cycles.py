@@ -198,7 +198,10 @@ def test_what_comes_and_goes_does_so_in_both(tmp_path):
 
 
 def test_cycles_draws_an_imported_scene_as_the_core_says(tmp_path):
+    """A faint scene: a material would take the opacity a second time."""
     scene = labelled_scene()
+    faint = np.full(len(scene.static), 0.3, np.float32)
+    scene = replace(scene, static=replace(scene.static, opacities=faint))
     imported(tmp_path, scene)
     look, posed, camera = linear_look(scene), scene.posed(0.0), scene.cameras.at(0.0)
     colors = linear_color(torch.from_numpy(spherical_harmonics.rgb_from_dc(look.dc)))
