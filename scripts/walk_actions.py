@@ -384,8 +384,9 @@ def composite(walk: Walk) -> None:
 @action(0.5)
 def hold_out(walk: Walk) -> None:
     """An object or a collection is held out, or not."""
-    item = walk.random.choice(list(bpy.context.view_layer.objects))
-    item.is_holdout = not item.is_holdout
+    if objects := list(bpy.context.view_layer.objects):
+        item = walk.random.choice(objects)
+        item.is_holdout = not item.is_holdout
     for child in bpy.context.view_layer.layer_collection.children:
         child.holdout, child.indirect_only = walk.random.random() < 0.2, walk.random.random() < 0.1
 
