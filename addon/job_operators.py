@@ -11,8 +11,9 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.files import json_text
-from . import jobs
+from . import display, jobs
 from .clip_background import find_clip, shown_clip
+from .gaussian_attributes import draws_splats
 from .lines import CATEGORY
 from .motion_edits import unwritten
 from .point_cloud import selected_in
@@ -221,6 +222,32 @@ def _moved_clip(scene_object: SceneObject, path: Path) -> Path | None:
     return found
 
 
+class F4X_OT_refit(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
+    """Refit colors, opacities and sizes for Cycles and EEVEE, which blend splats in linear light. Takes minutes."""
+
+    bl_idname = "f4x.refit"
+    bl_label = "Refit for Cycles"
+
+    @classmethod
+    def poll(cls, context):
+        """Allowed where Blender draws splats itself."""
+        if not draws_splats():
+            cls.poll_message_set("Blender draws splats itself from version 5.3 on")
+            return False
+        return super().poll(context)
+
+    def start(self, context):
+        """Start `f4x refit`; the points are updated at the end."""
+        scene_object, path = saved_scene(context)
+
+        def done(result: dict) -> None:
+            for each in SceneObject.among(bpy.data.objects):
+                if each.path == path and not each.is_linked:
+                    display.refresh(each)
+
+        start_verb(f"Refit {scene_object.name}", done, "refit", path, "--resume")
+
+
 class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
     """Ask a question about the scene; "it" is what is selected. The answer appears in the panel Tasks."""
 
@@ -257,6 +284,8 @@ class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
         grid.operator(F4X_OT_fit_clip.bl_idname, text="Fit Video…", icon="FILE_MOVIE")
         grid.operator(F4X_OT_add_features.bl_idname, text="Features…", icon="OUTLINER_OB_POINTCLOUD")
         grid.operator(F4X_OT_ask_scene.bl_idname, text="Question…", icon="QUESTION")
+        if draws_splats():
+            grid.operator(F4X_OT_refit.bl_idname, text="Refit…", icon="SHADING_RENDERED")
         grid.operator("f4x.export_scene", text="Export…", icon="EXPORT")
         grid.operator("f4x.render_film", text="Film…", icon="RENDER_ANIMATION")
         grid.operator("f4x.add_path_camera", text="Camera…", icon="CAMERA_DATA")
@@ -267,4 +296,4 @@ class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
             layout.operator("f4x.clear_jobs", icon="TRASH")
 
 
-CLASSES = (F4X_OT_fit_clip, F4X_OT_add_features, F4X_OT_ask_scene, F4X_PT_jobs)
+CLASSES = (F4X_OT_fit_clip, F4X_OT_add_features, F4X_OT_refit, F4X_OT_ask_scene, F4X_PT_jobs)

@@ -25,14 +25,15 @@ from ..f4x_core.query.calibration import prepare
 from ..f4x_core.query.following import draw_views
 from ..f4x_core.scene import Scene, read_header, read_scene
 from ..f4x_core.scene.foreign import identify, open_any
+from ..f4x_core.scene.linear import NAMES as LINEAR_ARRAYS
 from ..f4x_core.scene.linear import linear_scene
 
 NO_EDITS = "[]"
 """JSON of the empty stack."""
 GROUPS = ("static/", "dynamic/", "scaffold/", "cameras/")
-"""Arrays of a scene file whose names begin so and do not end in `LATENT` say which Gaussians it holds."""
-LATENT = "/latent"
-"""End of the names of arrays that belong to features, which may be added later."""
+"""Arrays of a scene file whose names begin so and do not end in one of `ADDED` say which Gaussians it holds."""
+ADDED = ("/latent", *(f"/{name}" for name in LINEAR_ARRAYS))
+"""Ends of the names of arrays that may be added later: features, and the appearance for linear light."""
 LOOK = 0.1
 """Seconds between two looks at a preparation that is waited for."""
 KEPT = 8
@@ -82,7 +83,7 @@ def _is_scene(path: Path) -> bool:
 
 def _look_at_scene(path: Path, stamp: tuple[int, int]) -> SceneFile:
     arrays = read_header(path)["arrays"]
-    same = {name: entry for name, entry in arrays.items() if name.startswith(GROUPS) and not name.endswith(LATENT)}
+    same = {name: entry for name, entry in arrays.items() if name.startswith(GROUPS) and not name.endswith(ADDED)}
     return SceneFile(stamp, _hash(arrays), _hash(same), text_of(read_stack(path)), holds_edits=True)
 
 
