@@ -44,6 +44,8 @@ scene.render.engine = engine
 scene.cycles.samples = 1
 scene.frame_start, scene.frame_end = int(first), int(last)
 scene.render.filepath = out + "/frame_####"
+if hasattr(scene.render.image_settings, "media_type"):  # from 5.0 on
+    scene.render.image_settings.media_type = "MULTI_LAYER_IMAGE" if "MULTILAYER" in kind else "IMAGE"
 scene.render.image_settings.file_format = kind
 bpy.ops.render.render(animation=True)
 door.end()

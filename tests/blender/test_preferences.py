@@ -80,7 +80,7 @@ print("CHECKED", settings.checked)
 """
     line = next(line for line in blender(code).splitlines() if line.startswith("CHECKED "))
     rows = json.loads(line.removeprefix("CHECKED "))
-    assert rows[0][0] and "Feature4X 0.1.0 on Python 3.11" in rows[0][1]
+    assert rows[0][0] and f"Feature4X 0.1.0 on Python 3.{sys.version_info.minor}" in rows[0][1]
     assert rows[1][0] and rows[1][1].startswith("torch 2.")
     assert "compiled kernels" in rows[2][1]
 
