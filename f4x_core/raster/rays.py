@@ -159,7 +159,11 @@ def _oversampled(camera: Camera, oversample: int) -> Camera:
 def reference_rays(splats: Splats, colors: Tensor, camera: Camera, config: RayConfig | None = None) -> Tensor:
     """The same written out plainly, in float64: (H,W,4). Slow: every Gaussian meets every ray. Differentiable by autograd."""
     config = config or RayConfig()
-    seen = project(splats.map(Tensor.double), camera, config)
+    return composite(project(splats.map(Tensor.double), camera, config), colors, camera, config)
+
+
+def composite(seen: Projected, colors: Tensor, camera: Camera, config: RayConfig) -> Tensor:
+    """The rule of the compositing alone, in float64: (H,W,4). See `reference_rays`."""
     k, colors = torch.as_tensor(camera.intrinsics), torch.cat((colors.double(), torch.ones(len(colors), 1)), 1)
     origin = -torch.einsum("nij,nj->ni", seen.whiten, seen.means)
     rows = []

@@ -20,6 +20,7 @@ from f4x_core.native.library import SOURCES
 from f4x_core.native.maps import F4X_SAMPLE_MAP, F4X_SMOOTH_MAP, SAMPLES, SMOOTHING
 from f4x_core.native.motion import F4X_NODE_AXES, F4X_NODE_MOTION, MOTION
 from f4x_core.native.picture import F4X_PICTURE_LOSS, PICTURE
+from f4x_core.native.rays import F4X_RAYS, F4X_RAYS_BACKWARD, RAYS
 from f4x_core.raster.native import library as raster
 from f4x_core.scaffold.deformation.native import library as deformation
 from f4x_core.scene.depth_order import DEPTH_ORDER, F4X_DEPTH_ORDER
@@ -31,6 +32,7 @@ STRUCTURE = 0.3
 FRAME_CONSTANTS = {"step": 2, "moving": 3.0, "depth_factor": 0.3, "bend_factor": 2.0, "alpha_factor": 0.05}
 FRAME_CONSTANTS |= {"plain": 0.04, "min_depth": 1e-3}
 ADAM_CONSTANTS = {"rate": 0.02, "root_correction": 0.1, "keep_mean": 0.9, "keep_square": 0.999, "epsilon": 1e-15}
+RAY_CONSTANTS = {"fx": 10.0, "fy": 10.0, "cx": 6.5, "cy": 4.5, "near_plane": 0.01, "alpha_min": 1e-7}
 SMOOTH, SMOOTH_WEIGHTS = ("velocity", "acceleration", "spin", "spin_change"), (0.5, 0.25, 2.0, 0.125)
 LEAVES = ("xyz", "quat", "dw", "node_xyz", "node_quat", "radius", "now_xyz", "now_quat")
 EXPORT = re.compile(r"^F4X_API [^(]*?(f4x_\w+)\(", re.MULTILINE)
@@ -185,6 +187,18 @@ def looked_up(given):
     return got | {"solution": solution}
 
 
+def composited(given):
+    """A picture along rays, and the gradients of what it is made of."""
+    (height, width, _), count = given["d_image"].shape, len(given["means"])
+    sizes = {"count": count, "width": width, "height": height, "threads": 2, **RAY_CONSTANTS}
+    arrays = {name: given[name] for name in ("means", "whiten", "opacities", "radii", "boxes", "colors")}
+    got = {f"d_{name}": np.empty_like(given[name]) for name in ("whiten", "opacities", "colors")}
+    image = np.empty((height, width, 4), np.float32)
+    F4X_RAYS(RAYS(**sizes, **arrays, image=image))
+    F4X_RAYS_BACKWARD(RAYS(**sizes, **arrays, d_image=given["d_image"], **got))
+    return got | {"image": image}
+
+
 def ordered(watched):
     """Indices of five Gaussians, the farthest first: one is behind the near plane, one is transparent, two are as far."""
     means = np.zeros((5, 3), np.float32)
@@ -207,6 +221,7 @@ KINDS = {
     "arap": as_rigid_as_possible,
     "bundle": adjusted,
     "maps": looked_up,
+    "rays": composited,
 }
 """Group of stored values -> function that computes it with the library."""
 
@@ -226,7 +241,7 @@ def test_every_exported_function_gives_the_stored_values(native_library, monkeyp
     assert instruction_set(watched) in ("avx512-wide", "avx512", "avx2", "plain")
     assert 1e6 < measure_peak(watched, 0.01) < 1e13
     exported = {name for source in SOURCES for name in EXPORT.findall(source.read_text(encoding="utf-8"))}
-    assert watched.asked == exported and len(exported) == 23
+    assert watched.asked == exported and len(exported) == 25
 
 
 SQUARE_PAIRS = 9
@@ -257,6 +272,7 @@ def make_values():
     groups = {"colours": values_of_colours(), "picture": values_of_pictures(), "moved": values_of_motion()}
     groups |= {"frame": values_of_frames(), "adam": values_of_adam(), "nodes": values_of_nodes()}
     groups |= {"arap": values_of_arap(), "bundle": values_of_bundle(), "maps": values_of_maps()}
+    groups |= {"rays": values_of_rays()}
     return {
         f"{kind}_{way}_{name}": value
         for kind, ways in groups.items()
@@ -471,6 +487,30 @@ def values_of_maps():
     dense += np.diag(given["weight"].ravel())
     found["solution"] = np.linalg.solve(dense, (given["weight"] * given["sample"]).ravel()).reshape(5, 6)
     return given, found
+
+
+def values_of_rays():
+    """Twelve Gaussians, none of them opaque, over 13 x 9 pixels."""
+    import torch
+
+    from f4x_core.geometry.camera import Camera
+    from f4x_core.geometry.splats import Splats
+    from f4x_core.raster.rays import Projected, RayConfig, composite, project
+
+    rng = np.random.default_rng(8)
+    means = rng.uniform((-0.4, -0.3, 1), (0.4, 0.3, 2), (12, 3))
+    arrays = means, rng.normal(size=(12, 4)), rng.uniform(0.02, 0.3, (12, 3)), rng.uniform(0.1, 0.4, 12)
+    camera = Camera(np.array([[10.0, 0, 6.5], [0, 10, 4.5], [0, 0, 1]]), np.eye(4), 13, 9)
+    config = RayConfig(alpha_min=RAY_CONSTANTS["alpha_min"])
+    seen = project(Splats(*map(torch.from_numpy, arrays)), camera, config)
+    given = {name: value.numpy().astype(np.float32) for name, value in vars(seen).items()}
+    given |= {"colors": rng.uniform(0, 1, (12, 3)).astype(np.float32)}
+    given |= {"d_image": rng.normal(size=(9, 13, 4)).astype(np.float32)}
+    exact = {name: torch.from_numpy(value.astype(np.float64)) for name, value in given.items()}
+    leaves = {name: exact[name].requires_grad_() for name in ("whiten", "opacities", "colors")}
+    image = composite(Projected(**{name: exact[name] for name in vars(seen)}), leaves["colors"], camera, config)
+    (image * exact["d_image"]).sum().backward()
+    return given, {"image": image.detach().numpy()} | {f"d_{name}": leaf.grad.numpy() for name, leaf in leaves.items()}
 
 
 if __name__ == "__main__":
