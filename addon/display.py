@@ -219,7 +219,7 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool, time: f
 
 @dataclass(frozen=True)
 class _Linear:
-    """What engines that blend in linear light draw in place of the fitted appearance."""
+    """The appearance of a scene that engines for linear light draw in place of the fitted one."""
 
     display: Display
     appearance: Appearance

@@ -37,7 +37,7 @@ LEAST_OPACITY = 0.011
 """Where opacities begin at least: below .01 Cycles draws nothing, and no gradient would come back."""
 MOST_OPACITY = 0.999
 STAGE = "linear light"
-"""What progress calls it."""
+"""Name of the stage in progress reports."""
 
 
 def refit(
@@ -74,7 +74,7 @@ def refit(
 
 
 class _Refit:
-    """The parameters, their optimiser, and what a step draws."""
+    """The parameters and their optimiser."""
 
     def __init__(self, scene: Scene, config: LinearConfig):
         """Begin where the fitted appearance with its footprint in the scales is."""
@@ -96,7 +96,7 @@ class _Refit:
 
     @property
     def parameters(self) -> tuple[Tensor, Tensor, Tensor]:
-        """What is refitted."""
+        """The refitted tensors: logarithms of scales, logits of opacities, shifts of colours."""
         return self.log_scales, self.opacity_logits, self.color_shift
 
     @property

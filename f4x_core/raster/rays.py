@@ -33,7 +33,7 @@ FILTER_WIDTH = 3
 NARROW = 0.3
 """Standard deviation in finer pixels of what is drawn there before the filter of the whole pixels: enough against aliasing."""
 BOX_MARGIN = 1.2
-"""How much larger than the projected ellipse its box is taken: the projection is an approximation."""
+"""Factor by which boxes are larger than projected ellipses, which are approximations."""
 
 
 @dataclass(frozen=True)

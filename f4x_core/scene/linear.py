@@ -1,4 +1,4 @@
-"""How a scene looks to renderers that add no footprint and blend in linear light, such as Blender 5.3's Cycles.
+"""Appearance of a scene for renderers that add no footprint and blend in linear light, such as Blender 5.3's Cycles.
 
 A fit widens every projected Gaussian by a footprint (`RasterConfig.blur`) and blends display colours. Programs that do neither get
 scales with the footprint in them, or, where `fit.linear_light` has refitted the scene for them, scales, opacities and colours of
@@ -23,16 +23,16 @@ from .posing import Posable
 NAMES = ("linear_scale", "linear_opacity", "linear_dc")
 PARTS = ("static", "dynamic")
 SAMPLED = 12
-"""Moments of the clip at which it is looked how far Gaussians are from the camera."""
+"""Number of moments of the clip at which distances to the camera are measured."""
 NEAR = 0.01
 """Smallest distance, world units."""
 SOLID = 1 - 1e-6
-"""Largest opacity whose optical depth is reckoned with."""
+"""Largest opacity that has an optical depth; greater ones are taken for it."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a refit changes of N Gaussians, static ones first."""
+    """The part of N Gaussians, static ones first, that a refit changes."""
 
     scales: np.ndarray
     """(N,3) float32 standard deviations, world units."""
@@ -49,7 +49,7 @@ def is_refitted(scene: Scene) -> bool:
 
 
 def linear_look(scene: Scene) -> Look:
-    """The appearance of the unedited scene for such renderers: as refitted, else as fitted with the footprint in the scales."""
+    """The unedited scene's appearance for linear light: the refitted one, else the fitted one with the footprint in its scales."""
     if is_refitted(scene):
         parts = [part for part, held in _parts(scene) if len(held)] or ["static"]
         return Look(*(np.concatenate([scene.extra[f"{part}/{name}"] for part in parts]) for name in NAMES))
@@ -74,7 +74,7 @@ def with_look(scene: Scene, look: Look | None) -> Scene:
 
 
 def linear_scene(scene: Scene) -> Scene:
-    """The unedited scene whose own arrays are its `linear_look`; what is left out of it draws the same."""
+    """The unedited scene with its `linear_look` as its own arrays."""
     look = linear_look(scene)
     sets: Mapping[str, StaticSet] = dict(_parts(scene))
     new = {}
@@ -135,7 +135,7 @@ def narrowed(scales: np.ndarray, footprint: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Fitted:
-    """How the fitted appearance follows from the linear one, Gaussian by Gaussian, whatever has changed the latter since.
+    """The step from the linear appearance of N Gaussians to the fitted one, also after the linear one was changed.
 
     A viewer stores it beside the linear appearance, fades or recolours that, and gets the fitted one faded or recoloured alike.
     """
