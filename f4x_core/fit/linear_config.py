@@ -20,7 +20,7 @@ class LinearConfig:
     color_rate: float = 0.02
     """Adam's rate of colours, display values from 0 to 1."""
     last_rate: float = 0.1
-    """What is left of the rates at the last step; they fall exponentially."""
+    """Factor of the rates at the last step; they fall exponentially."""
     part: float = 0.5
     """Sides of the part of a picture that a step draws, relative to the whole."""
     oversample: int = 2

@@ -34,7 +34,7 @@ from .checkpoint import load_checkpoint, save_checkpoint
 from .linear_config import LinearConfig
 
 LEAST_OPACITY = 0.011
-"""Where opacities begin at least: below .01 Cycles draws nothing, and no gradient would come back."""
+"""Smallest opacity at the start: below .01 Cycles draws nothing, and no gradient comes back."""
 MOST_OPACITY = 0.999
 STAGE = "linear light"
 """Name of the stage in progress reports."""

@@ -43,7 +43,7 @@ class Look:
 
 
 def is_refitted(scene: Scene) -> bool:
-    """Whether the scene has an appearance that was fitted for such renderers."""
+    """True if the scene has an appearance that was fitted for such renderers."""
     wanted = {f"{part}/{name}" for part, held in _parts(scene) if len(held) for name in NAMES}
     return wanted <= scene.extra.keys()
 
