@@ -110,16 +110,21 @@ image = bpy.data.images.load(folder + "/core/00002.exr")
 scene.render.resolution_x, scene.render.resolution_y = 64, 40
 scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
 scene.collection.objects.link(scene.camera)
-scene.use_nodes = True
-tree = scene.node_tree
-tree.nodes.clear()
+old = "node_tree" in scene.bl_rna.properties  # Blender 4
+if old:
+    scene.use_nodes = True
+    tree = scene.node_tree
+    tree.nodes.clear()
+else:
+    tree = scene.compositing_node_group = bpy.data.node_groups.new("merge", "CompositorNodeTree")
+    tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
 node = tree.nodes.new("CompositorNodeImage")
 node.image = image
 print("SOCKETS", sorted(socket.name for socket in node.outputs if socket.enabled), flush=True)
 matte = tree.nodes.new("CompositorNodeCryptomatteV2")
 matte.source, matte.image = "IMAGE", image
 matte.layer_name, matte.matte_id = "ViewLayer.CryptoObject", "square"
-out = tree.nodes.new("CompositorNodeComposite")
+out = tree.nodes.new("CompositorNodeComposite" if old else "NodeGroupOutput")
 tree.links.new(node.outputs["Combined"], matte.inputs["Image"])
 tree.links.new(matte.outputs["Matte"], out.inputs["Image"])
 exr("matte")
@@ -155,14 +160,16 @@ def folder(tmp_path_factory):
 
 def passes(folder, name):
     """(pass -> (H,W,C), attributes) of a multi-layer EXR."""
-    part = OpenEXR.File(str(folder / f"{name}.exr"), separate_channels=True).parts[0]
+    parts = OpenEXR.File(str(folder / f"{name}.exr"), separate_channels=True).parts  # one for each pass in Blender 5
     found = {}
-    for channel, content in part.channels.items():
-        _, title, letter = channel.split(".")
-        found.setdefault(title, {})[letter] = content.pixels
+    for part in parts:
+        for channel, content in part.channels.items():
+            _, title, letter = channel.split(".")
+            found.setdefault(title, {})[letter] = content.pixels
     order = "rgbaRGBAXYZWV"
     stacked = {n: np.squeeze(np.stack([c[x] for x in order if x in c], -1)) for n, c in found.items()}
-    return stacked, {key: value for key, value in part.header.items() if key.startswith("cryptomatte")}
+    header = {key: value for part in parts for key, value in part.header.items()}
+    return stacked, {key: value for key, value in header.items() if key.startswith("cryptomatte")}
 
 
 def test_a_mesh_has_the_passes_of_cycles(folder):

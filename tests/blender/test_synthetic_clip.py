@@ -24,7 +24,8 @@ def render(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
 def read_channels(path: Path) -> dict[str, np.ndarray]:
     """Channel name without the view layer -> (H,W) float32."""
     with OpenEXR.File(str(path), separate_channels=True) as file:
-        return {n.split(".", 1)[1]: c.pixels for part in file.parts for n, c in part.channels.items()}
+        found = {n.split(".", 1)[1]: c.pixels for part in file.parts for n, c in part.channels.items()}
+        return {name.replace("Object Index", "IndexOB"): pixels for name, pixels in found.items()}  # as in Blender 4
 
 
 @pytest.fixture(scope="module")
