@@ -45,7 +45,14 @@ def attempts(root):
     return said
 
 collection = open_linked()
-collection.override_hierarchy_create(bpy.context.scene, bpy.context.view_layer, do_fully_editable=True)
+def overridden():
+    return collection.override_hierarchy_create(bpy.context.scene, bpy.context.view_layer, do_fully_editable=True)
+
+if overridden() is None:  # Blender 5.3 overrides what is in the scene
+    bpy.context.scene.collection.children.link(collection)
+    overridden()
+    if collection.name in bpy.context.scene.collection.children:
+        bpy.context.scene.collection.children.unlink(collection)
 root_object = next(item for item in bpy.context.scene.objects if "f4x_path" in item)
 noted["override"] = attempts(root_object)
 collection = open_linked()

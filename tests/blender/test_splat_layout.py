@@ -22,7 +22,8 @@ import numpy as np
 
 door.end_at_errors()
 
-if sys.argv[3] == "5.3":  # as far as an older Blender can be made to look like it
+has_splats = "type" in bpy.types.PointCloud.bl_rna.properties
+if sys.argv[3] == "5.3" and not has_splats:  # as far as an older Blender can be made to look like it
     kinds = (("POINTS", "Points", ""), ("GAUSSIAN_SPLAT", "3D Gaussian Splats", ""))
     bpy.types.PointCloud.type = bpy.props.EnumProperty(items=kinds)
 door.start_blender()
