@@ -23,6 +23,8 @@ SAMPLES, DENOISED = 12, True
 """Of each picture: as many as a minute on two cores allows."""
 WIDE, GAP, QUALITY = 384, 4, 80
 """Pixels across a picture of a sheet, between two, quality of its JPEG."""
+APERTURE = 0.05
+"""Width of the lens in the picture with depth of field, in distances of what is in focus."""
 TITLE, BAND = 11, 16
 """Pixels of a title's letters, and of the band above a picture that it stands in."""
 
@@ -52,7 +54,8 @@ def balls(sheet: Sheet) -> None:
     sheet.add("the scene in Cycles")
     stage.ball("metal", -1, cycles_stage.metal())
     stage.ball("glass", 1, cycles_stage.glass())
-    stage.world((0.3, 0.3, 0.3), 1.0)  # the clip never saw what is behind the camera: without light there the metal is black
+    # The clip never saw what is behind the camera: without a world the metal would be black there.
+    stage.world((0.3, 0.3, 0.3), 1.0)
     sheet.add("a metal and a glass ball in it")
 
 
@@ -62,7 +65,7 @@ def shadows(sheet: Sheet) -> None:
     stage.ball("ball", -1, cycles_stage.matte((0.8, 0.1, 0.05)))
     sun = stage.sun((1.0, 0.35, -0.9))
     stage.block_only(sun)
-    sheet.add("no material: no shadow on splats")
+    sheet.add("no material: no shadow")
     for cloud in stage.clouds:
         cycles_stage.take_shadows(cloud, sun)
     sheet.add("material with Raycast")
@@ -79,12 +82,12 @@ def blurs(sheet: Sheet) -> None:
     stage = sheet.stage()
     camera = stage.camera.data
     camera.dof.use_dof, camera.dof.focus_distance = True, stage.distance
-    camera.dof.aperture_fstop = camera.lens * 1e-3 / (0.05 * stage.distance)
-    sheet.add("depth of field: f-stop for an aperture of 5 % of the distance")
+    camera.dof.aperture_fstop = camera.lens * 1e-3 / (APERTURE * stage.distance)
+    sheet.add("depth of field")
     stage = sheet.stage()
     sheet.add("no motion blur")
     bpy.context.scene.render.use_motion_blur, bpy.context.scene.render.motion_blur_shutter = True, 2.0
-    sheet.add("motion blur: shutter of 2 frames")
+    sheet.add("motion blur, shutter 2")
 
 
 def holdouts(sheet: Sheet) -> None:
@@ -98,17 +101,18 @@ def holdouts(sheet: Sheet) -> None:
     ball.is_holdout = True
     sheet.add("holdout of a mesh", transparent=True)
 
+
 def copies(sheet: Sheet) -> None:
     """A collection instance, an array by geometry nodes, a second scene of another start."""
     stage = sheet.stage()
-    stage.instance((0.5 * stage.size, 0.25 * stage.size, 0))
-    sheet.add("collection instance of the scene, turned")
+    stage.instance(stage.model(1))
+    sheet.add("collection instance, smaller")
     stage = sheet.stage()
     stage.array(3, 0.45 * stage.size)
     sheet.add("array of what moves")
     stage = sheet.stage()
-    stage.second(sheet.scene, later=12)
-    sheet.add("a second import that starts 12 frames later")
+    stage.second(sheet.scene, stage.model(1), later=12)
+    sheet.add("second import, 12 frames later")
 
 
 def world(sheet: Sheet) -> None:
@@ -116,12 +120,12 @@ def world(sheet: Sheet) -> None:
     stage = sheet.stage()
     stage.ball("white", -1, cycles_stage.matte((0.8, 0.8, 0.8)))
     stage.ball("metal", 1, cycles_stage.metal())
-    sheet.add("world black: the splats light the balls")
+    sheet.add("black world")
     stage.world((0.25, 0.5, 1.0), 1.0)
     sheet.add("blue world")
     for cloud in stage.clouds:
         cloud.visible_shadow = cloud.visible_diffuse = False
-    sheet.add("and splats that block no light: Ray Visibility")
+    sheet.add("splats that block no light")
 
 
 SHEETS: tuple[Callable[[Sheet], None], ...] = (balls, shadows, blurs, holdouts, copies, world)

@@ -12,8 +12,10 @@ import numpy as np
 door.load_extension()
 CHECKER, LIGHT, DARK = 8, 0.6, 0.3
 """Pixels of a square of the checkerboard behind transparent pictures; its linear grays."""
-REACH = 0.45
-"""How far to the side of what moves a ball is put, in sizes of the scene at that depth."""
+ASIDE = 0.25
+"""How far to the side of what moves a ball is put, in widths of the view."""
+MODEL, REACH = 0.25, 0.1
+"""Size of a model of the scene; how far around a place its floor is looked for, world units."""
 
 
 FAR = 1e4
@@ -107,7 +109,7 @@ class Stage:
         import bpy
 
         radius = 0.1 * self.size
-        x, y = self.middle[0] + side * REACH * 0.55 * self.size, self.middle[1] - 0.05 * self.size
+        x, y = self.middle[0] + side * ASIDE * self.size, self.middle[1] - 0.05 * self.size
         z = self.floor_below(x, y, radius) + 0.95 * radius
         bpy.ops.mesh.primitive_uv_sphere_add(segments=64, ring_count=32, radius=radius, location=(x, y, z))
         ball = bpy.context.object
@@ -150,17 +152,23 @@ class Stage:
             collection.objects.link(item)
         lamp.light_linking.blocker_collection = collection
 
-    def instance(self, offset: tuple[float, float, float]) -> Any:
-        """Add a collection instance of the scene, turned by 35 degrees about what moves, beside the scene."""
-        import bpy
+    def model(self, side: float) -> Any:
+        """(4,4) that makes a model of the scene, smaller, which stands on the floor to the left (-1) or right (1) of what moves."""
         from mathutils import Matrix, Vector
+
+        x, y, _ = self.middle
+        there = x + side * 0.28 * self.size, y - 0.1 * self.size
+        feet, place = Vector((x, y, self.floor_below(x, y, REACH))), Vector((*there, self.floor_below(*there, REACH)))
+        return Matrix.Translation(place) @ Matrix.Scale(MODEL, 4) @ Matrix.Translation(-feet)
+
+    def instance(self, matrix: Any) -> Any:
+        """Add a collection instance of the scene."""
+        import bpy
 
         empty = bpy.data.objects.new("instance", None)
         empty.instance_type, empty.instance_collection = "COLLECTION", self.root.users_collection[0]
         bpy.context.scene.collection.objects.link(empty)
-        middle = Vector(self.middle)
-        turned = Matrix.Translation(middle) @ Matrix.Rotation(np.radians(35), 4, "Z") @ Matrix.Translation(-middle)
-        empty.matrix_world = Matrix.Translation(offset) @ turned
+        empty.matrix_world = matrix
         return empty
 
     def array(self, count: int, step: float) -> Any:
@@ -186,19 +194,16 @@ class Stage:
         bpy.context.scene.collection.objects.link(item)
         return item
 
-    def second(self, path: Path, later: float) -> Any:
-        """Import a scene a second time, beside the first, whose clip starts `later` frames later; its own camera is not used."""
+    def second(self, path: Path, matrix: Any, later: float) -> Any:
+        """Import a scene a second time, moved by `matrix`, to start `later` frames later; the first one's camera stays."""
         import bpy
-        from feature4x.addon import clip_time
 
         camera, frame = bpy.context.scene.camera, bpy.context.scene.frame_current
         other = door.import_scene(path)
         bpy.context.scene.camera = camera
-        other.f4x.start_frame = other.f4x.start_frame + later
-        other.location.x += 0.3 * self.size
-        other.location.y += 0.25 * self.size
+        other.f4x.start_frame += later
+        other.matrix_world = matrix @ other.matrix_world
         bpy.context.scene.frame_set(frame)
-        assert clip_time.time_of(other) != clip_time.time_of(self.root)
         return other
 
     def world(self, color: tuple[float, float, float], strength: float) -> None:
@@ -262,7 +267,7 @@ def take_shadows(cloud: Any, sun: Any, share: float = 0.6) -> None:
         driver = socket.driver_add("default_value").driver
         variable = driver.variables.new()
         variable.name = "z"
-        variable.targets[0].id, variable.targets[0].data_path = sun, f"matrix_world[{row}][2]"
+        variable.targets[0].id, variable.targets[0].data_path = sun, f"matrix_world[2][{row}]"  # paths count columns first
         driver.expression = "z"
     lit, dimmed = add("ShaderNodeMath"), add("ShaderNodeEmission")
     lit.operation = "MULTIPLY_ADD"
