@@ -25,6 +25,8 @@ WIDE, GAP, QUALITY = 384, 4, 80
 """Pixels across a picture of a sheet, between two, quality of its JPEG."""
 APERTURE = 0.05
 """Width of the lens in the picture with depth of field, in distances of what is in focus."""
+SUNSHINE = (0.55, -0.3, -0.8)
+"""Direction of the sun that shades splats: from behind, so that shadows fall to the front."""
 TITLE, BAND = 11, 16
 """Pixels of a title's letters, and of the band above a picture that it stands in."""
 
@@ -63,8 +65,7 @@ def shadows(sheet: Sheet) -> None:
     """Shadows of a mesh on splats and of splats on a mesh."""
     stage = sheet.stage()
     stage.ball("ball", -1, cycles_stage.matte((0.8, 0.1, 0.05)))
-    sun = stage.sun((1.0, 0.35, -0.9))
-    stage.block_only(sun)
+    sun = stage.sun(SUNSHINE)
     sheet.add("no material: no shadow")
     for cloud in stage.clouds:
         cycles_stage.take_shadows(cloud, sun)
@@ -91,7 +92,9 @@ def blurs(sheet: Sheet) -> None:
 
 
 def holdouts(sheet: Sheet) -> None:
-    """Alpha: what moves as holdout, and a ball as holdout."""
+    """Alpha: what moves as holdout, a ball as holdout, and the ball's shadow alone."""
+    import bpy
+
     stage = sheet.stage()
     for cloud in stage.moving:
         cloud.is_holdout = True
@@ -100,6 +103,12 @@ def holdouts(sheet: Sheet) -> None:
     ball = stage.ball("ball", -1, cycles_stage.matte((0.8, 0.1, 0.05)))
     ball.is_holdout = True
     sheet.add("holdout of a mesh", transparent=True)
+    ball.is_holdout = False
+    stage.sun(SUNSHINE)
+    for cloud in stage.clouds:
+        cycles_stage.catch_shadows(cloud)
+    bpy.context.scene.cycles.max_bounces = 0
+    sheet.add("splats as shadow catcher", transparent=True)
 
 
 def copies(sheet: Sheet) -> None:

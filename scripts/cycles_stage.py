@@ -124,7 +124,9 @@ class Stage:
 
         x, y, _ = self.middle
         z = self.floor_below(x, y, 0.2 * self.size)
-        bpy.ops.mesh.primitive_cube_add(size=1, location=(x, y, z), scale=(0.5 * self.size, 0.3 * self.size, 0.03 * self.size))
+        bpy.ops.mesh.primitive_cube_add(
+            size=1, location=(x, y, z), scale=(0.5 * self.size, 0.3 * self.size, 0.03 * self.size)
+        )
         slab = bpy.context.object
         slab.data.materials.append(matte((0.8, 0.8, 0.8)))
         return slab
@@ -142,15 +144,6 @@ class Stage:
         lamp.rotation_quaternion = Vector(direction).to_track_quat("-Z", "Y")
         bpy.context.view_layer.update()
         return lamp
-
-    def block_only(self, lamp: Any, *items: Any) -> None:
-        """Let only `items` cast shadows of a lamp (*Object > Shading > Shadow Linking*): splats would shade each other."""
-        import bpy
-
-        collection = bpy.data.collections.new("casts shadows")
-        for item in items:
-            collection.objects.link(item)
-        lamp.light_linking.blocker_collection = collection
 
     def model(self, side: float) -> Any:
         """(4,4) that makes a model of the scene, smaller, which stands on the floor to the left (-1) or right (1) of what moves."""
@@ -244,7 +237,7 @@ def matte(color: tuple[float, float, float]) -> Any:
     return principled("matte", Base_Color=(*color, 1), Roughness=0.9)
 
 
-def take_shadows(cloud: Any, sun: Any, share: float = 0.6) -> None:
+def take_shadows(cloud: Any, sun: Any, share: float = 0.75) -> None:
     """Give a cloud a material in its own colors, darker by `share` where a mesh stands between a splat and a sun.
 
     The node *Raycast* looks from the place of the splat to the sun, into a slightly different direction for each sample, so that
@@ -267,7 +260,10 @@ def take_shadows(cloud: Any, sun: Any, share: float = 0.6) -> None:
         driver = socket.driver_add("default_value").driver
         variable = driver.variables.new()
         variable.name = "z"
-        variable.targets[0].id, variable.targets[0].data_path = sun, f"matrix_world[2][{row}]"  # paths count columns first
+        variable.targets[0].id, variable.targets[0].data_path = (
+            sun,
+            f"matrix_world[2][{row}]",
+        )  # paths count columns first
         driver.expression = "z"
     lit, dimmed = add("ShaderNodeMath"), add("ShaderNodeEmission")
     lit.operation = "MULTIPLY_ADD"
@@ -289,8 +285,11 @@ def take_shadows(cloud: Any, sun: Any, share: float = 0.6) -> None:
 
 
 def catch_shadows(cloud: Any) -> None:
-    """Make a cloud a shadow catcher, which takes a material that lamps light, from both sides."""
-    cloud.is_shadow_catcher = True
+    """Make a cloud a shadow catcher, which takes a material that lamps light, from both sides.
+
+    Splats do not shade each other then. Without `max_bounces` = 0 a picture of a whole scene takes many minutes.
+    """
+    cloud.is_shadow_catcher, cloud.visible_shadow, cloud.visible_diffuse = True, False, False
     tree = _emptied(cloud, "catches shadows")
     add = tree.nodes.new
     both, out = add("ShaderNodeAddShader"), add("ShaderNodeOutputMaterial")

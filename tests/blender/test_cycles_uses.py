@@ -164,7 +164,6 @@ def test_splats_catch_shadows(stage):
     sphere((0.45, 1.0, 0.2), 0.08, cycles_stage.matte((1, 1, 1))).visible_camera = False
     for cloud in stage.clouds:
         cycles_stage.catch_shadows(cloud)
-        cloud.visible_shadow = False
     alpha = draw()[..., 3]
     assert alpha[19:21, 53:56].mean() > 0.5 and alpha[BLUE].mean() < 0.1
 
