@@ -151,11 +151,8 @@ def build_motion_tree(
     t = tree.vector("ADD", t, tree.scaled(dual_v, real_w))
     t = tree.vector("SUBTRACT", t, tree.scaled(real_v, dual_w))
     t = tree.scaled(t, tree.math("MULTIPLY", 2.0, tree.math("DIVIDE", valid, squared)))
-    # Of the two quaternions of a rotation always the one with w >= 0: Cycles blends those of a shutter's ends as they are, and
-    # Blender's own sign changes with the direction that a node faces.
-    sign = tree.math("MULTIPLY_ADD", tree.math("LESS_THAN", real_w, 0.0), -2.0, 1.0)
-    parts = tree.add("ShaderNodeSeparateXYZ", tree.scaled(real_v, tree.math("MULTIPLY", sign, valid))).outputs
-    scalar = tree.math("MULTIPLY_ADD", tree.math("ABSOLUTE", real_w), valid, tree.math("SUBTRACT", 1.0, valid))
+    parts = tree.add("ShaderNodeSeparateXYZ", tree.scaled(real_v, valid)).outputs
+    scalar = tree.math("ADD", tree.math("MULTIPLY", real_w, valid), tree.math("SUBTRACT", 1.0, valid))
     turn = tree.out("FunctionNodeQuaternionToRotation", scalar, parts["X"], parts["Y"], parts["Z"])
 
     posed, turn, t = tree.capture(tree.inputs["Geometry"], Turn=("ROTATION", turn), Shift=("VECTOR", t))
