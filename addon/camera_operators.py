@@ -13,6 +13,7 @@ from .clip_time import keys_in_force
 from .import_scene import add_camera, follow_scale
 from .job_operators import SavedSceneOperator, saved_scene, start_verb
 from .panel_operators import SceneOperator
+from .preferences import worker_python
 from .scene_object import SceneObject
 
 PATHS = (
@@ -103,7 +104,8 @@ class F4X_OT_render_film(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
             layout.prop(self, name)
 
     def invoke(self, context, event):
-        """Open the dialog, with the current frame as the one at which time stops."""
+        """Open the dialog, with the current frame as the one at which time stops, where there is a worker."""
+        worker_python()
         if not self.properties.is_property_set("frame"):
             scene_object = SceneObject.of(context.object)
             self.frame = round(scene_object.frame) if scene_object else 0

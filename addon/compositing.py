@@ -52,6 +52,7 @@ def set_up(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, engine: str) -> b
         other = scene[MESHES] = bpy.data.scenes.new(f"{scene.name} meshes")
         if hasattr(other, "cycles"):  # its extension may be off
             other.cycles.samples = SAMPLES
+        other.frame_set(scene.frame_current, subframe=scene.frame_subframe)  # what both share is evaluated in both
     other.render.film_transparent = True
     known = other.render.bl_rna.properties["engine"].enum_items
     for name in ENGINES[engine]:

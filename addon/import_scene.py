@@ -119,7 +119,8 @@ def import_scene(
         if set_up_render:
             set_up(bpy.context.scene, camera)
         times = opened.cameras.times
-        clip_time.set_up(root, times[0], times[-1], clip_time.rate_between(opened.fps, bpy.context.scene))
+        rate = clip_time.rate_between(opened.fps, bpy.context.scene) if len(times) > 1 else 1.0  # a still has no pace
+        clip_time.set_up(root, times[0], times[-1], rate)
         if clip is not None:
             show_clip(camera, Path(clip), times, barred=isinstance(opened, Scene) and has_bars(opened))
         if kind != "sequence":

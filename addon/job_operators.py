@@ -157,6 +157,11 @@ class F4X_OT_fit_clip(_WorkerOperator, bpy.types.Operator, ImportHelper):  # noq
         name="Continue", description="Resume a fit of this clip that was stopped", default=True
     )
 
+    def invoke(self, context, event):
+        """Open the file browser, where there is a worker."""
+        worker_python()
+        return super().invoke(context, event)
+
     def start(self, context):
         """Start `f4x fit`."""
         clip = Path(bpy.path.abspath(self.filepath))
@@ -193,7 +198,8 @@ class F4X_OT_add_features(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
     )
 
     def invoke(self, context, event):
-        """Open the dialog."""
+        """Open the dialog, where there is a worker."""
+        worker_python()
         return context.window_manager.invoke_props_dialog(self, width=420)
 
     def start(self, context):
@@ -257,7 +263,8 @@ class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
     question: StringProperty(name="Question", default="What moves?")  # type: ignore[valid-type]
 
     def invoke(self, context, event):
-        """Open the dialog."""
+        """Open the dialog, where there is a worker."""
+        worker_python()
         return context.window_manager.invoke_props_dialog(self, width=420)
 
     def start(self, context):

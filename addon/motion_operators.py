@@ -93,7 +93,7 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
         if context.area is None or context.area.type != "VIEW_3D":
             return self.execute(context)
         self._grab = _Grab(context, SceneObject.of(context.object), self.reach)
-        self._start = (event.mouse_region_x, event.mouse_region_y)
+        self._start = _point_in_view(context, event)
         context.window_manager.modal_handler_add(self)
         context.area.header_text_set(
             "Move the mouse to move the nodes. Wheel: reach. Click or Enter: confirm. Right click or Esc: cancel"
@@ -111,11 +111,13 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
         if event.type in {"WHEELUPMOUSE", "WHEELDOWNMOUSE"}:
             self.reach *= 1.25 if event.type == "WHEELUPMOUSE" else 0.8
             self._grab.set_reach(self.reach)
-        if event.type in {"MOUSEMOVE", "WHEELUPMOUSE", "WHEELDOWNMOUSE"}:
-            places = [
-                region_2d_to_location_3d(context.region, context.region_data, point, self._grab.anchor)
-                for point in (self._start, (event.mouse_region_x, event.mouse_region_y))
-            ]
+        if self._start is None:  # it was begun in the sidebar: what counts is the way from its border
+            self._start = _point_in_view(context, event)
+        elif event.type in {"MOUSEMOVE", "WHEELUPMOUSE", "WHEELDOWNMOUSE"}:
+            view = _view_of(context)
+            points = self._start, (event.mouse_x - view.x, event.mouse_y - view.y)
+            data = context.space_data.region_3d
+            places = [region_2d_to_location_3d(view, data, point, self._grab.anchor) for point in points]
             self.offset = places[1] - places[0]
             self._grab.show(self.offset)
         return {"RUNNING_MODAL"}
@@ -124,6 +126,21 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
         """Put the nodes back where their keys say."""
         context.area.header_text_set(None)
         context.scene.frame_set(context.scene.frame_current)
+
+
+def _view_of(context: bpy.types.Context) -> bpy.types.Region:
+    """The region of the 3D viewport that shows the scene."""
+    return next(region for region in context.area.regions if region.type == "WINDOW")
+
+
+def _point_in_view(context: bpy.types.Context, event: bpy.types.Event) -> tuple[int, int] | None:
+    """The mouse in the pixels of the view; None over the sidebar, a header or a toolbar."""
+    view, x, y = _view_of(context), event.mouse_x, event.mouse_y
+    for region in context.area.regions:
+        inside = region.x <= x < region.x + region.width and region.y <= y < region.y + region.height
+        if region.type != "WINDOW" and inside:
+            return None
+    return x - view.x, y - view.y
 
 
 class _Grab:

@@ -104,7 +104,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         if root.f4x.speed != 1:
             lines.append(_own_pace(root, context.scene))
         # one report: of several the status bar shows none
-        self.report({"INFO"}, ". ".join(filter(None, (_summary(root), root.get(NOTES), *lines))))
+        self.report({"INFO"}, ". ".join(line.rstrip(".") for line in (_summary(root), root.get(NOTES), *lines) if line))
         return {"FINISHED"}
 
     def _takes_over(self, context: bpy.types.Context) -> bool:
@@ -237,7 +237,7 @@ class F4X_FH_scene(bpy.types.FileHandler):  # noqa: N801
     bl_idname = "F4X_FH_scene"
     bl_label = "Feature4X"
     bl_import_operator = "f4x.import_scene"
-    bl_file_extensions = ".f4x;.ply;.splat;.spz"
+    bl_file_extensions = ".f4x;.ply;.splat;.spz;.glb;.gltf"
 
     @classmethod
     def poll_drop(cls, context):

@@ -35,7 +35,7 @@ VERBS: dict[str, str] = {
     "limit, curb, moderate, attenuate, crank down, drag down, nerf, gain down, ride down, ease down, nudge down, inch down, notch "
     "down, tick down, edge down, dampen, tone back, suppress, crush down, level down, de emphasize, understate",
     "brighten": "dodge, lift the exposure of, shed light on, lighten up, brighten, lighten, brighten up, lighten up, illuminate, "
-    "light up, light, relight, illumine, expose up, kick up the exposure of, push the exposure of, raise the exposure of, gain up, "
+    "light up, light, illumine, expose up, kick up the exposure of, push the exposure of, raise the exposure of, gain up, "
     "give light to, throw light on, perk up the light of",
     "darken": "burn in, darken, dim, darken down, dim down, shade, underexpose, expose down, drop the exposure of, lower the "
     "exposure of, blacken down, overshadow, knock down the light of",

@@ -48,6 +48,10 @@ def meeting(posed: PosedSplats, origin: np.ndarray, direction: np.ndarray) -> np
 
     A Gaussian takes from the ray what its density is where the ray comes nearest to its centre, in its own metric.
     """
+    origin, direction = (
+        np.array(origin, np.float64),
+        np.array(direction, np.float64),
+    )  # in float32 thin Gaussians are missed
     own = quaternion.conjugate(posed.quats)
     scales = np.maximum(posed.scales, 1e-9)
     start = quaternion.rotate(own, origin - posed.means) / scales
@@ -62,4 +66,5 @@ def meeting(posed: PosedSplats, origin: np.ndarray, direction: np.ndarray) -> np
     solid = np.flatnonzero(left <= 1 - SOLID)
     if not len(solid):
         return None
-    return np.asarray(origin + distance[met[solid[0]]] * np.asarray(direction), float)
+    there: np.ndarray = origin + distance[met[solid[0]]] * direction
+    return there

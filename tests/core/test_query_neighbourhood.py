@@ -1,5 +1,6 @@
 """Growing, shrinking and pointing, against distances worked out one by one."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -158,3 +159,17 @@ def test_a_flat_gaussian_is_met_too():
     )
     found = meeting(posed, np.zeros(3), np.array([0.01, 0.0, 1.0]))
     np.testing.assert_allclose(found, [0.02, 0, 2], atol=1e-6)
+
+
+def test_a_ray_in_float32_meets_what_one_in_float64_does():
+    """As of Blender 5.2 matrices and vectors come in float32, in which thin Gaussians seen from afar were missed or met beside."""
+    posed = labelled_scene().posed(3.0)
+    posed = replace(
+        posed, scales=np.minimum(posed.scales, np.float32([1, 1, 1e-6])), opacities=0 * posed.opacities + 0.9
+    )
+    origin, target = np.array([3.0, 2.0, -30.0]), np.array([0.3, 0.2, WALL])
+    exact = meeting(posed, origin, target - origin)
+    assert exact is not None
+    np.testing.assert_allclose(exact[2], WALL, atol=1e-3)
+    found = meeting(posed, origin.astype(np.float32), (target - origin).astype(np.float32))
+    np.testing.assert_allclose(found, exact, atol=1e-3)
