@@ -173,3 +173,5 @@ def test_a_ray_in_float32_meets_what_one_in_float64_does():
     np.testing.assert_allclose(exact[2], WALL, atol=1e-3)
     found = meeting(posed, origin.astype(np.float32), (target - origin).astype(np.float32))
     np.testing.assert_allclose(found, exact, atol=1e-3)
+    beside = (np.array([4.0, 3.0, WALL]) - origin).astype(np.float32)  # past everything
+    assert meeting(posed, origin.astype(np.float32), beside) is None
