@@ -4,13 +4,15 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from labelled_scene import labelled_scene
 
-from f4x_core.scene import write_scene
+from f4x_core.scene import read_scene, write_scene
+from f4x_core.scene.formats import export
 
 from .artist import perform
 
@@ -95,6 +97,106 @@ arrays["core"] = found.shown.moment(found.frame).means
     np.testing.assert_allclose(arrays["there"], arrays["core"], atol=1e-5)
 
 
+def test_undo_after_a_preview_ended_shows_what_the_scene_holds(folder):
+    """Undo brings back points that an artist has changed in between, as they were in the preview; and not the root."""
+    script = """
+from feature4x.addon import edit_fields
+from feature4x.addon.point_cloud import write_attribute
+ops.query_text("EXEC_DEFAULT", True, text="square")
+ops.plan("EXEC_DEFAULT", True, sentence="make it half transparent")
+push("anything")
+for cloud in scene_object().clouds:
+    write_attribute(cloud.data, ".selection", "BOOLEAN", np.ones(len(cloud.data.points), bool))
+push("select points in Edit Mode")
+ops.apply_plan("EXEC_DEFAULT", True)
+for name in ("applied", "selected"):
+    bpy.ops.ed.undo(); bpy.context.view_layer.update()
+    edit_fields.show_late()  # in a window a timer calls it
+    found, parts = scene_object(), list(scene_object().points())
+    arrays[f"{name} there"] = np.concatenate([read_attribute(cloud.data, "radiance:base")[at, 3] for cloud, at, _ in parts])
+    arrays[f"{name} core"] = found.shown.appearance(found.frame).opacities[np.concatenate([row for *_, row in parts])]
+"""
+    _, arrays = perform(folder, START + script)
+    for name in ("applied", "selected"):
+        np.testing.assert_allclose(arrays[f"{name} there"], arrays[f"{name} core"], atol=1e-5)
+
+
+def test_undo_of_copied_nodes_lets_points_follow_their_own_nodes(folder):
+    """Places of nodes are worked out after the step of undo that copies them, so undo finds the same mesh in both steps."""
+    script = """
+from feature4x.addon.scaffold_rig import layer_of
+ops.add_handles("EXEC_DEFAULT", True, count=1)
+layer_of(root()).hide_viewport = False
+push("shown")
+select(root(), *root().children_recursive)
+push("select")
+bpy.context.scene.frame_set(1)
+bpy.ops.object.duplicate("EXEC_DEFAULT", True, linked=True)
+bpy.context.view_layer.update()
+ops.query_text("EXEC_DEFAULT", True, text="wall")
+bpy.ops.ed.undo(); bpy.ops.ed.undo(); bpy.context.view_layer.update()
+found = by_name("labelled")
+noted["objects"] = [item.name for item in bpy.context.scene.objects if "." in item.name]
+arrays["there"] = values(next(item for item in found.clouds if "dynamic" in item.name))
+arrays["core"] = found.shown.scene.posed(found.frame).means[len(found.base.static):]
+"""
+    noted, arrays = perform(folder, START + script)
+    assert not noted["objects"]
+    np.testing.assert_allclose(arrays["there"], arrays["core"], atol=1e-4)
+
+
+def test_undo_of_another_start_frame_puts_keys_back(folder):
+    """The custom property is changed, not the field of the sidebar, so a handler moves the keys after the step of undo."""
+    script = """
+class StartLater(bpy.types.Operator):
+    bl_idname, bl_label, bl_options = "object.start_later", "Start Later", {"UNDO"}
+
+    def execute(self, context):
+        context.object["f4x_start"] = 2.0
+        context.object.update_tag()
+        return {"FINISHED"}
+
+bpy.utils.register_class(StartLater)
+select(root())
+push("before")
+bpy.ops.object.start_later("EXEC_DEFAULT", True)
+for name in ("set", "undone", "redone", "undone again"):
+    if name != "set":
+        (bpy.ops.ed.redo if name == "redone" else bpy.ops.ed.undo)()
+    bpy.context.view_layer.update()
+    bpy.context.scene.frame_set(3)
+    node = bpy.data.objects["labelled node 00000"]
+    noted[name] = [root()["f4x_start"], round(node.matrix_local.translation.x, 3)]
+"""
+    noted, _ = perform(folder, START + script)
+    first = -0.32
+    later, at_first = [2.0, round(first + 0.05, 3)], [0.0, round(first + 3 * 0.05, 3)]
+    assert noted == {"set": later, "undone": at_first, "redone": later, "undone again": at_first}
+
+
+def test_the_walk_compares_no_points_between_nodes_half_a_turn_apart(folder):
+    """The signs of such nodes decide, which Blender's objects do not have; all other points are compared."""
+    scene = labelled_scene()
+    quat = scene.scaffold.quat.copy()
+    quat[1:, 1] = (0, 0, 0, -1)
+    scene = replace(scene, scaffold=replace(scene.scaffold, quat=quat))
+    write_scene(scene, folder / "scene.f4x")
+    script = """
+import walk_checks
+bpy.context.scene.frame_set(3)
+found = scene_object()
+noted["undecided"] = int(walk_checks.undecided(found.shown.scene, 3.0).sum())
+walk_checks.check_points(found)
+walk_checks.undecided = lambda scene, frame: np.zeros(len(scene.ids), bool)
+try:
+    walk_checks.check_points(found)
+except walk_checks.WrongError as error:
+    noted["compared"] = str(error)
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["undecided"] == len(scene.dynamic) and "points stand" in noted["compared"]
+
+
 def test_a_slider_without_the_scene_file_says_so(folder):
     script = """
 (folder / "scene.f4x").rename(folder / "away.f4x")
@@ -154,6 +256,37 @@ arrays["there"], arrays["core"] = values(cloud), copy.shown.scene.posed(0.0).mea
 """
     _, arrays = perform(folder, START + script)
     np.testing.assert_allclose(arrays["there"], arrays["core"], atol=1e-4)
+
+
+def test_nodes_of_another_scene_below_one_without_nodes_are_not_its_own(folder):
+    export(read_scene(folder / "scene.f4x"), folder / "splats.ply", [0.0])
+    script = """
+from feature4x.addon.motion_edits import unwritten
+ops.import_scene(filepath=str(folder / "splats.ply"))
+node, splats = bpy.data.objects["labelled node 00001"], bpy.data.objects["splats"]
+node.parent = splats
+select(node)
+noted["unwritten"] = unwritten(SceneObject(splats))
+noted["said"] = refused(ops.grab_nodes, offset=(0.1, 0, 0))
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["unwritten"] == 0 and "with moving objects" in noted["said"]
+
+
+def test_copies_of_nodes_take_no_more_than_the_nodes(folder):
+    """Blender copies the keys with each object: all keys were copied once for each node."""
+    script = """
+def keys():
+    return sum(len(curve.keyframe_points) for action in bpy.data.actions for layer in action.layers
+               for strip in layer.strips for bag in strip.channelbags for curve in bag.fcurves)
+
+noted["keys"] = [keys()]
+bpy.ops.scene.new(type="FULL_COPY")
+noted["keys"].append(keys())
+"""
+    noted, _ = perform(folder, START + script)
+    once, twice = noted["keys"]
+    assert twice == 2 * once
 
 
 def test_nodes_of_another_scene_cannot_be_grabbed(folder):
