@@ -93,7 +93,16 @@ def test_a_reel_is_the_clip_read_picture_by_picture(tmp_path):
 
 def arguments(clip, **changes):
     return SimpleNamespace(
-        **{"clip": clip, "frames": None, "width": None, "prior": [], "window": None, "overlap": 12, "resume": False}
+        **{
+            "clip": clip,
+            "frames": None,
+            "width": None,
+            "prior": [],
+            "window": None,
+            "overlap": 12,
+            "resume": False,
+            "linear_light": False,
+        }
         | changes
     )
 

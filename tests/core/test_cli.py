@@ -154,7 +154,14 @@ def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):
     result = {}
     monkeypatch.setattr(MachineSpeed, "measured", lambda threads: MachineSpeed(0.02, 2))
     args = SimpleNamespace(
-        clip=folder, frames=None, output=tmp_path, resume=False, minutes=None, memory=None, features=None
+        clip=folder,
+        frames=None,
+        output=tmp_path,
+        resume=False,
+        minutes=None,
+        memory=None,
+        features=None,
+        linear_light=False,
     )
     size = ClipSize(2, 480, 27)
     config = cli_fitting.granted(args, size, profile("quick"), lambda stage, *rest: result.setdefault(stage, rest[-1]))
