@@ -47,7 +47,7 @@ class PointChanges:
         count = sum(len(ids) for ids, _ in self.moved) + len(self.left)
         parts = [f"{len(self.deleted):,} deleted"] if len(self.deleted) else []
         parts += [f"{count:,} moved"] if count else []
-        return f"Points that no edit holds: {' and '.join(parts)}" if parts else ""
+        return f"Changed in Edit Mode and not yet an edit: {' and '.join(parts)}" if parts else ""
 
     @property
     def operations(self) -> tuple[Operation, ...]:

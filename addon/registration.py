@@ -85,7 +85,7 @@ STARTED = (
 
 
 def _draw_import(self, context) -> None:
-    self.layout.operator(operators.F4X_OT_import_scene.bl_idname, text="Feature4X (.f4x, .ply, .splat)")
+    self.layout.operator(operators.F4X_OT_import_scene.bl_idname, text="Feature4X (.f4x, .ply, .splat, .spz, .glb)")
 
 
 def _draw_export(self, context) -> None:

@@ -62,7 +62,7 @@ arrays["posed"] = scene_object().base.posed(0.0).means
     noted, arrays = perform(folder, START + script)
     scene = labelled_scene()
     sizes = [len(scene.static), len(scene.dynamic)]
-    assert noted["before"] == "" and noted["summary"] == "Points that no edit holds: 60 deleted"
+    assert noted["before"] == "" and noted["summary"] == "Changed in Edit Mode and not yet an edit: 60 deleted"
     assert noted["after"] == ["", False, True] and noted["whole"] == sizes
     assert noted["edits"] == ["remove 60 Gaussians"] and noted["restored"] == sum(sizes)
     saved = edited(read_scene(folder / "scene.f4x"))
@@ -97,7 +97,7 @@ shift(clouds()[1], 5, np.float32([1, 0, 0]))
 noted["only moving"] = refused(ops.take_over_points)
 """
     noted, arrays = perform(folder, START + script)
-    assert noted["summary"] == "Points that no edit holds: 55 moved" and noted["after"] == ["", 1]
+    assert noted["summary"] == "Changed in Edit Mode and not yet an edit: 55 moved" and noted["after"] == ["", 1]
     expected = labelled_scene().static.means[:50] + np.array([0.1, 0.2, 0.3])
     np.testing.assert_allclose(arrays["posed"], expected, atol=1e-6)
     np.testing.assert_array_equal(arrays["dynamic"], arrays["at import"])
