@@ -24,11 +24,17 @@ from feature4x.addon.scaffold_rig import NODES  # noqa: E402
 from feature4x.addon.scene_object import APART, EDITS, HIDDEN, SELECTED, SceneObject  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack  # noqa: E402
 from feature4x.f4x_core.errors import F4xError  # noqa: E402
+from feature4x.f4x_core.scaffold.deformation import SIGN_BAND, motions_to, node_poses_at, pairs_of  # noqa: E402
+from feature4x.f4x_core.scene import Scene  # noqa: E402
 
 NEAR = 2e-4
 """World units between a point and where the core puts it; geometry nodes reckon in float32."""
 SAME = 1e-5
 """Difference of opacities, and of places of objects, that is rounding."""
+
+
+BAND = 1.01 * SIGN_BAND
+"""Half width of the band of `undecided`, with what rounding to float32 adds."""
 
 
 class WrongError(Exception):
@@ -114,11 +120,29 @@ def check_points(scene_object: SceneObject) -> None:
         require(error < SAME, f"{cloud.name}: opacity differs by {error:.3g} at frame {frame:g}")
         moved = np.abs(np.array(cloud.matrix_world) - np.array(scene_object.root.matrix_world)).max()
         if still and moved < SAME:  # else an artist has put the points elsewhere
-            _check_places(cloud, at, posed.means[row])
+            compared = np.ones(len(row), bool) if APART in cloud else ~undecided(shown.scene, frame)[row]
+            _check_places(cloud, at, posed.means[row], compared)
 
 
-def _check_places(cloud: bpy.types.Object, at: np.ndarray, means: np.ndarray) -> None:
-    """`means (n,3)`: where the core puts the points `at (n,)` of `cloud` now; it shows no others."""
+def undecided(scene: Scene, frame: float) -> np.ndarray:
+    """(N,) bool in the order of `posed`: Gaussians with a node that has turned half a turn against the attach node.
+
+    Which way round they go depends on the signs of the nodes' quaternions: the core continues them in time, and the
+    matrices of Blender's objects have none.
+    """
+    gaussians, rest = scene.base.dynamic, scene.base.scaffold
+    without_sign = np.zeros(len(scene.base.ids), bool)
+    if rest is not None and len(gaussians):
+        curves, pairs = getattr(scene, "curves", rest), pairs_of(gaussians.node, gaussians.reference)
+        now = node_poses_at(curves.times, curves.xyz, curves.quat, frame)
+        real = motions_to(now, rest.xyz, rest.quat, pairs)[pairs.index, :4]
+        near = np.abs((real * real[:, :1]).sum(-1)) < BAND
+        without_sign[len(scene.base.static) :] = (near & (gaussians.weight > 0)).any(1)
+    return without_sign[scene.origin]
+
+
+def _check_places(cloud: bpy.types.Object, at: np.ndarray, means: np.ndarray, compared: np.ndarray) -> None:
+    """`means (n,3)`: where the core puts the points `at (n,)` of `cloud` now; it shows no others. `compared (n,)`: which count."""
     ours = all(modifier.name.startswith("Feature4X") for modifier in cloud.modifiers)
     carried = APART in cloud or MOTION not in cloud.modifiers or cloud.modifiers[MOTION].show_viewport
     if not (ours and carried and cloud.visible_get()) or (
@@ -129,10 +153,11 @@ def _check_places(cloud: bpy.types.Object, at: np.ndarray, means: np.ndarray) ->
     places, gid = read_attribute(data, "position"), read_attribute(data, "gid")
     if not len(places):
         return
-    want = dict(zip(read_attribute(cloud.data, "gid")[at].tolist(), means, strict=True))
-    more = sorted(set(gid.tolist()) - want.keys())
+    place_of = {id: place for place, id in enumerate(read_attribute(cloud.data, "gid")[at].tolist())}
+    more = sorted(set(gid.tolist()) - place_of.keys())
     require(not more, f"{cloud.name}: shows {len(more)} points that the scene does not have")
-    error = float(np.abs(places - np.array([want[id] for id in gid.tolist()])).max())
+    place = np.array([place_of[id] for id in gid.tolist()])
+    error = float(np.abs(places - means[place])[compared[place]].max(initial=0))
     require(error < NEAR, f"{cloud.name}: points stand {error:.3g} away from where the core puts them")
 
 
