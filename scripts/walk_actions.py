@@ -15,18 +15,22 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import door
 import gpu
+import numpy as np
 from walk_checks import content, require, same
 
 door.load_extension()
 
 from feature4x.addon import edit_fields, jobs  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.evaluated import OF  # noqa: E402
+from feature4x.addon.point_cloud import read_attribute, write_attribute  # noqa: E402
 from feature4x.addon.scaffold_rig import HANDLE, NODE, layer_of  # noqa: E402
 from feature4x.addon.scene_object import HANDLE_OF  # noqa: E402
 from feature4x.f4x_core.edit.operations import Opacity  # noqa: E402
 from feature4x.f4x_core.edit.selects import All  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack, write_stack  # noqa: E402
 from feature4x.f4x_core.edit.styles import STYLES  # noqa: E402
+from feature4x.f4x_core.scene import read_scene  # noqa: E402
+from feature4x.f4x_core.scene.formats import export  # noqa: E402
 
 if TYPE_CHECKING:
     from walk_blender import Walk
@@ -90,7 +94,7 @@ def near_limits(walk: Walk) -> bool:
 def import_scene(walk: Walk) -> None:
     """Import one of the scene files, once more maybe."""
     if not near_limits(walk):
-        path = walk.random.choice(walk.files)
+        path = walk.random.choice([*walk.files, walk.folder / "splats.ply"])
         walk.call(bpy.ops.f4x.import_scene, filepath=str(path), set_up_render=walk.random.random() < 0.5)
 
 
@@ -332,6 +336,68 @@ def duplicate_selection(walk: Walk) -> None:
     walk.edit(bpy.ops.f4x.duplicate, count=walk.random.randrange(1, 3), time_shift=walk.random.uniform(-3, 3))
 
 
+@action(1, ANY)
+def clean(walk: Walk) -> None:
+    """Remove floaters, or crop by a box."""
+    how = walk.random.choice(("floaters", "box", "INSIDE", "OUTSIDE"))
+    if how == "floaters":
+        walk.edit(bpy.ops.f4x.remove_floaters, strength=walk.random.uniform(0.1, 0.9))
+    elif how == "box":
+        walk.call(bpy.ops.f4x.add_crop_box)
+    else:
+        walk.edit(bpy.ops.f4x.crop, keep=how)
+
+
+@action(1.5, ANY)
+def edit_points(walk: Walk) -> None:
+    """Delete or move points with Blender's own tools, take that over or put it back."""
+    found, how = walk.scene(), walk.random.choice(("delete", "move", "take", "take", "back"))
+    clouds = [] if found is None or found.is_linked else found.clouds
+    if how == "take":
+        walk.edit(bpy.ops.f4x.take_over_points)
+    elif how == "back":
+        walk.call(bpy.ops.f4x.put_back_points)
+    elif clouds and bpy.context.mode == "OBJECT":
+        cloud = walk.random.choice(clouds)
+        chosen = np.random.default_rng(walk.random.randrange(10**6)).random(len(cloud.data.points)) < 0.1
+        if how == "move":
+            positions = read_attribute(cloud.data, "position")
+            positions[chosen] += np.array([0.1, 0, 0.2], np.float32)
+            write_attribute(cloud.data, "position", "FLOAT_VECTOR", positions)
+            cloud.data.update_tag()
+        elif cloud.visible_get() and len(cloud.data.points):
+            write_attribute(cloud.data, ".selection", "BOOLEAN", chosen)
+            bpy.context.view_layer.objects.active = cloud
+            bpy.ops.object.mode_set(mode="EDIT")
+            bpy.ops.pointcloud.delete()
+            bpy.ops.object.mode_set(mode="OBJECT")
+        walk.push("points")
+
+
+@action(0.7)
+def place(walk: Walk) -> None:
+    """Put the scene onto the ground, scale it, or let the render follow it."""
+    how = walk.random.choice(("floor", "points", "length", "render"))
+    a, b, c = ([walk.random.uniform(-1, 1) for _ in range(3)] for _ in range(3))
+    if how == "points":
+        walk.call(bpy.ops.f4x.align_points, a=a, b=b, c=c)
+    elif how == "length":
+        walk.call(bpy.ops.f4x.scale_length, a=a, b=b, length=walk.random.uniform(0.5, 2))
+    else:
+        walk.call(bpy.ops.f4x.align_floor if how == "floor" else bpy.ops.f4x.set_up_render)
+
+
+@action(0.3, ANY)
+def export_scene(walk: Walk) -> None:
+    """Export what is seen."""
+    walk.call(
+        bpy.ops.f4x.export_scene,
+        filepath=str(walk.folder / "export.ply"),
+        selected_only=walk.random.random() < 0.3,
+        with_edits=walk.random.random() < 0.8,
+    )
+
+
 @action(1, GROWS)
 def retime(walk: Walk) -> None:
     """Freeze the selection or play it otherwise."""
@@ -410,7 +476,7 @@ def drop_plan(walk: Walk) -> None:
 def save_edits(walk: Walk) -> None:
     """Save the edits: the file then holds them, and what others wrote there in between."""
     found = walk.scene()
-    if found is None or found.is_linked or not found.path.exists():
+    if found is None or found.is_linked or not found.path.exists() or not found.holds_edits:
         return
     theirs, met = (stack.edits for stack in (read_stack(found.path), walk.met(found)))
     if walk.call(bpy.ops.f4x.save_edits):
@@ -798,4 +864,6 @@ def change_view(walk: Walk) -> None:
 def copies_of(scene: Path, folder: Path) -> list[Path]:
     """Copies of a scene file in `folder`, which a walk may write to; a broken one lies beside them."""
     (folder / "broken.f4x").write_bytes(b"no scene")
+    if not (folder / "splats.ply").exists():
+        export(read_scene(scene), folder / "splats.ply", [0.0])
     return [Path(shutil.copy(scene, folder / f"{name}.f4x")) for name in ("one", "two")]

@@ -20,6 +20,7 @@ from feature4x.addon.lines import CATEGORY  # noqa: E402
 from feature4x.addon.motion_edits import unwritten  # noqa: E402
 from feature4x.addon.motion_nodes import MOTION  # noqa: E402
 from feature4x.addon.point_cloud import read_attribute  # noqa: E402
+from feature4x.addon.point_edits import changes_of  # noqa: E402
 from feature4x.addon.scaffold_rig import NODES  # noqa: E402
 from feature4x.addon.scene_object import APART, EDITS, HIDDEN, SELECTED, SceneObject  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack  # noqa: E402
@@ -97,6 +98,8 @@ def check_points(scene_object: SceneObject) -> None:
     try:
         shown = scene_object.shown
     except F4xError:
+        return
+    if changes_of(scene_object).summary:  # an artist deleted or moved points
         return
     parts, frame = list(scene_object.points()), scene_object.frame
     covered = np.concatenate([np.zeros(0, int), *(row for _, _, row in parts)])
