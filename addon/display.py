@@ -41,7 +41,10 @@ from .wording import error_line, panel_words
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
 DRAWN = "f4x_drawn"
-"""Property of a root: hash of the stack that its points show."""
+"""Property of point clouds: hash of the stack that they show.
+
+It is not the root's: undo brings back a root and not points that are the same in both steps, though they were drawn otherwise since.
+"""
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
 DRAWN_AT = "f4x_drawn_at"
@@ -66,7 +69,6 @@ def refresh(scene_object: SceneObject, *, summary: bool = True) -> None:
     _draw(scene_object, display, everything=True)
     _remove_handles(scene_object)
     scene_object.root[TIMED] = display.changes
-    scene_object.root[DRAWN] = _hash(scene_object)
     if display.changes:  # a handler writes attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
     update_panel(scene_object, summary)
@@ -81,7 +83,8 @@ def _remove_handles(scene_object: SceneObject) -> None:
 
 def is_drawn(scene_object: SceneObject) -> bool:
     """Whether the points show the preview of a scene, or its pending edits."""
-    return scene_object.root.get(DRAWN) == _hash(scene_object)
+    wanted = _hash(scene_object)
+    return all(cloud.data.get(DRAWN) == wanted for cloud in scene_object.clouds)
 
 
 def _hash(scene_object: SceneObject) -> str:
@@ -198,6 +201,7 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool, time: f
         appearance = by_score(appearance, scene_object.read(SCORE))
     linear = _Linear.of(scene_object, frame)
     recolored = _differing(appearance.sh, scene_object.base.full_appearance[1])
+    stack = _hash(scene_object)
     for cloud, at, row in scene_object.points():
         if APART in cloud:
             _draw_separate_cloud(cloud.data, (at, row), display, appearance, frame, linear)
@@ -214,6 +218,8 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool, time: f
             if linear is not None:
                 linear.write(cloud.data, row, appearance, display)
             cloud.data.update_tag()
+        if everything:
+            cloud.data[DRAWN] = stack
     _add_visibility_modifier(scene_object.clouds)
 
 

@@ -30,7 +30,7 @@ from .lines import CATEGORY
 from .motion_nodes import build_motion_tree
 from .panel_operators import SceneOperator
 from .point_cloud import selected_in, write_attribute
-from .rig_repair import ORDER, add_pairs
+from .rig_repair import add_pairs
 from .scaffold_rig import NODES, all_nodes
 from .scene_object import SceneObject
 from .wording import Reporting
@@ -68,7 +68,6 @@ def _carry(item: bpy.types.Object, root: bpy.types.Object, curves: Scaffold, ski
     helper = add_pairs(
         f"{item.name} pairs", root, (used, curves.ids[used]), np.zeros(len(used), int), (quat[used], xyz[used])
     )
-    root[ORDER] = ""  # the empties may be in another order than the scaffold's by now
     index = index.reshape(skin.node.shape)
     for slot in range(skin.node.shape[1]):
         write_attribute(item.data, f"pair_{slot}", "INT", index[:, slot])

@@ -29,7 +29,11 @@ from .scaffold_rig import HANDLE, NODE, NODES, layer_of, nodes_of
 from .scene_object import SceneObject, root_of
 
 ORDER = "f4x_order"
-"""Property of a root: hash of the names and ids that its nodes had when their places were worked out."""
+"""Property of a root: hash of the names and ids that its nodes had when their places were worked out.
+
+The helper meshes have it, too: undo brings back a root and not a mesh that is the same in both steps, though its places were
+worked out since.
+"""
 _OWN = {"rest_turn": ("own_turn", "QUATERNION"), "rest_place": ("own_place", "FLOAT_VECTOR")}
 
 
@@ -80,7 +84,7 @@ def repair(scene: bpy.types.Scene) -> None:
         else:
             owners[root[NODES]] = root
     for root in roots:
-        if NODES in root and root.get(ORDER) != _order(root):
+        if NODES in root and not _is_in_order(root):
             _work_out_places(root)
 
 
@@ -124,6 +128,8 @@ def _work_out_places(root: bpy.types.Object) -> None:
     for helper in _helpers(root):
         missing |= _remap(helper.data, places)
     was, root[ORDER] = root.get(ORDER), _order(root)
+    for mesh in _own_meshes(root):
+        mesh[ORDER] = root[ORDER]
     if was is not None or missing:  # nothing happened to nodes that were just imported
         _tell(root, len(missing), [item.name for item in copies])
 
@@ -252,6 +258,17 @@ def _order(root: bpy.types.Object) -> str:
     """What the places of the nodes depend on, as a hash."""
     names = [f"{item.name}\t{item.get(NODE, '')}" for item in root[NODES].objects]
     return hashlib.sha256("\n".join([*names, "", *root[NODES].children.keys()]).encode()).hexdigest()
+
+
+def _is_in_order(root: bpy.types.Object) -> bool:
+    """Whether the places of the nodes are those that were worked out last."""
+    order = _order(root)
+    return root.get(ORDER) == order and all(mesh.get(ORDER) == order for mesh in _own_meshes(root))
+
+
+def _own_meshes(root: bpy.types.Object) -> list[bpy.types.Mesh]:
+    """The helper meshes that are not another file's."""
+    return [helper.data for helper in _helpers(root) if helper.data.library is None]
 
 
 def _in_order(collection: bpy.types.Collection) -> list[str]:

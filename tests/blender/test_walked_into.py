@@ -95,6 +95,54 @@ arrays["core"] = found.shown.moment(found.frame).means
     np.testing.assert_allclose(arrays["there"], arrays["core"], atol=1e-5)
 
 
+def test_undo_after_a_preview_ended_shows_what_the_scene_holds(folder):
+    """Undo brings back points that an artist has changed in between, as they were in the preview; and not the root."""
+    script = """
+from feature4x.addon import edit_fields
+from feature4x.addon.point_cloud import write_attribute
+ops.query_text("EXEC_DEFAULT", True, text="square")
+ops.plan("EXEC_DEFAULT", True, sentence="make it half transparent")
+push("anything")
+for cloud in scene_object().clouds:
+    write_attribute(cloud.data, ".selection", "BOOLEAN", np.ones(len(cloud.data.points), bool))
+push("select points in Edit Mode")
+ops.apply_plan("EXEC_DEFAULT", True)
+for name in ("applied", "selected"):
+    bpy.ops.ed.undo(); bpy.context.view_layer.update()
+    edit_fields.show_late()  # in a window a timer calls it
+    found, parts = scene_object(), list(scene_object().points())
+    arrays[f"{name} there"] = np.concatenate([read_attribute(cloud.data, "radiance:base")[at, 3] for cloud, at, _ in parts])
+    arrays[f"{name} core"] = found.shown.appearance(found.frame).opacities[np.concatenate([row for *_, row in parts])]
+"""
+    _, arrays = perform(folder, START + script)
+    for name in ("applied", "selected"):
+        np.testing.assert_allclose(arrays[f"{name} there"], arrays[f"{name} core"], atol=1e-5)
+
+
+def test_undo_of_copied_nodes_lets_points_follow_their_own_nodes(folder):
+    """Places of nodes are worked out after the step of undo that copies them, so undo finds the same mesh in both steps."""
+    script = """
+from feature4x.addon.scaffold_rig import layer_of
+ops.add_handles("EXEC_DEFAULT", True, count=1)
+layer_of(root()).hide_viewport = False
+push("shown")
+select(root(), *root().children_recursive)
+push("select")
+bpy.context.scene.frame_set(1)
+bpy.ops.object.duplicate("EXEC_DEFAULT", True, linked=True)
+bpy.context.view_layer.update()
+ops.query_text("EXEC_DEFAULT", True, text="wall")
+bpy.ops.ed.undo(); bpy.ops.ed.undo(); bpy.context.view_layer.update()
+found = by_name("labelled")
+noted["objects"] = [item.name for item in bpy.context.scene.objects if "." in item.name]
+arrays["there"] = values(next(item for item in found.clouds if "dynamic" in item.name))
+arrays["core"] = found.shown.scene.posed(found.frame).means[len(found.base.static):]
+"""
+    noted, arrays = perform(folder, START + script)
+    assert not noted["objects"]
+    np.testing.assert_allclose(arrays["there"], arrays["core"], atol=1e-4)
+
+
 def test_a_slider_without_the_scene_file_says_so(folder):
     script = """
 (folder / "scene.f4x").rename(folder / "away.f4x")
