@@ -6,7 +6,8 @@ It is kept in custom properties of the root, so that it works without the extens
     f4x_start             frame of the timeline at which the first one is shown
     f4x_rate              clip frames per frame of the timeline
     f4x_time              the clip frame that is shown: `first + (frame - start) * rate`, or as an artist keys or drives it
-    f4x_placed            start and rate by which the keys below the root are placed
+    f4x_placed            start and rate by which the keys below the root are placed; actions have it, too: undo brings back a root
+                          and not an action that is the same in both steps, though its keys were moved since
     f4x_looked_up         whether Time looks up what is keyed below the root
 
 While Time follows the timeline, everything that is keyed below the root has its keys on the timeline: there they can be
@@ -16,7 +17,7 @@ same keys at clip frames, that looks up Time. Blender prefers drivers to keys, a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -144,20 +145,31 @@ def place(root: bpy.types.Object, start: float, rate: float) -> None:
     if not _is_own(root):
         return
     root[START], root[RATE] = float(start), round(float(rate), DIGITS)
+    _place_keys(root)
     if tuple(root[PLACED]) != (root[START], root[RATE]):
-        old = Timing(root[FIRST], *root[PLACED])
-        new = timing_of(root)
-        of_time = _time_curve(root)
-
-        def moved(frames: np.ndarray) -> np.ndarray:
-            return new.frames_of(_snapped(old.times_at(frames)))
-
-        for curve in [*_own_curves(root), *([of_time] if of_time else [])]:
-            move_keys(curve, moved)
+        moved = _moved(root, root[PLACED])
         for datablock in _datablocks(root):
             move_strips(datablock, moved)
         root[PLACED] = (root[START], root[RATE])
     root.update_tag()
+
+
+def _place_keys(root: bpy.types.Object) -> None:
+    """Put the keys below a root, and those of its Time, where its timing wants them, if they are elsewhere."""
+    wanted, of_time = (root[START], root[RATE]), _time_curve(root)
+    curves = [*_own_curves(root), *([of_time] if of_time else [])]
+    placed = {curve.id_data: tuple(curve.id_data.get(PLACED, root[PLACED])) for curve in curves}
+    for curve in curves:
+        if placed[curve.id_data] != wanted:
+            move_keys(curve, _moved(root, placed[curve.id_data]))
+    for action in placed:
+        action[PLACED] = wanted
+
+
+def _moved(root: bpy.types.Object, placed: tuple[float, float]) -> Callable[[np.ndarray], np.ndarray]:
+    """A function that moves frames from where start and rate `placed` put them to where the timing of a root does."""
+    old, new = Timing(root[FIRST], *placed), timing_of(root)
+    return lambda frames: new.frames_of(_snapped(old.times_at(frames)))
 
 
 def animate(root: bpy.types.Object, on: bool) -> None:
@@ -303,9 +315,14 @@ def _datablocks(root: bpy.types.Object) -> list[bpy.types.ID]:
     return [*mine, *dict.fromkeys(item.data for item in mine if item.data is not None)]
 
 
+def _animated(root: bpy.types.Object) -> list[bpy.types.ID]:
+    """What has an action below a root."""
+    return [item for item in _datablocks(root) if item.animation_data and item.animation_data.action]
+
+
 def _own_curves(root: bpy.types.Object) -> list[bpy.types.FCurve]:
     """The F-curves of everything below a root, in actions of its own: copies share them at first."""
-    animated = [item for item in _datablocks(root) if item.animation_data and item.animation_data.action]
+    animated = _animated(root)
     users: dict[bpy.types.Action, list[bpy.types.ID]] = {}
     for item in animated:
         users.setdefault(item.animation_data.action, []).append(item)
@@ -351,7 +368,23 @@ def _file_loaded(*_) -> None:
     _changed(bpy.context.scene)
 
 
-_HANDLERS = {"depsgraph_update_pre": _changed, "frame_change_pre": _changed, "load_post": _file_loaded}
+@persistent
+def _undone(*_) -> None:
+    """Put right keys and drivers that were changed after a step of undo, by `_changed`, and that undo has not brought back."""
+    for root in [item for item in bpy.context.scene.objects if TIME in item and _is_own(item)]:
+        actions = {item.animation_data.action for item in _animated(root)}
+        if any(tuple(action.get(PLACED, root[PLACED])) != tuple(root[PLACED]) for action in actions):
+            _place_keys(root)
+        _look_up(root, root[LOOKED_UP])
+
+
+_HANDLERS = {
+    "depsgraph_update_pre": _changed,
+    "frame_change_pre": _changed,
+    "undo_post": _undone,
+    "redo_post": _undone,
+    "load_post": _file_loaded,
+}
 
 
 def register() -> None:

@@ -43,7 +43,8 @@ GONE, LOOKS = "f4x_gone", "f4x_looks"
 DRAWN = "f4x_drawn"
 """Property of point clouds: hash of the stack that they show.
 
-It is not the root's: undo brings back a root and not points that are the same in both steps, though they were drawn otherwise since.
+It is not the root's: undo brings back a root and not points that are the same in both steps, though they were drawn
+otherwise since.
 """
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""

@@ -143,6 +143,35 @@ arrays["core"] = found.shown.scene.posed(found.frame).means[len(found.base.stati
     np.testing.assert_allclose(arrays["there"], arrays["core"], atol=1e-4)
 
 
+def test_undo_of_another_start_frame_puts_keys_back(folder):
+    """The custom property is changed, not the field of the sidebar, so a handler moves the keys after the step of undo."""
+    script = """
+class StartLater(bpy.types.Operator):
+    bl_idname, bl_label, bl_options = "object.start_later", "Start Later", {"UNDO"}
+
+    def execute(self, context):
+        context.object["f4x_start"] = 2.0
+        context.object.update_tag()
+        return {"FINISHED"}
+
+bpy.utils.register_class(StartLater)
+select(root())
+push("before")
+bpy.ops.object.start_later("EXEC_DEFAULT", True)
+for name in ("set", "undone", "redone", "undone again"):
+    if name != "set":
+        (bpy.ops.ed.redo if name == "redone" else bpy.ops.ed.undo)()
+    bpy.context.view_layer.update()
+    bpy.context.scene.frame_set(3)
+    node = bpy.data.objects["labelled node 00000"]
+    noted[name] = [root()["f4x_start"], round(node.matrix_local.translation.x, 3)]
+"""
+    noted, _ = perform(folder, START + script)
+    first = -0.32
+    later, at_first = [2.0, round(first + 0.05, 3)], [0.0, round(first + 3 * 0.05, 3)]
+    assert noted == {"set": later, "undone": at_first, "redone": later, "undone again": at_first}
+
+
 def test_a_slider_without_the_scene_file_says_so(folder):
     script = """
 (folder / "scene.f4x").rename(folder / "away.f4x")
