@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -170,6 +171,29 @@ for name in ("set", "undone", "redone", "undone again"):
     first = -0.32
     later, at_first = [2.0, round(first + 0.05, 3)], [0.0, round(first + 3 * 0.05, 3)]
     assert noted == {"set": later, "undone": at_first, "redone": later, "undone again": at_first}
+
+
+def test_the_walk_compares_no_points_between_nodes_half_a_turn_apart(folder):
+    """The signs of such nodes decide, which Blender's objects do not have; all other points are compared."""
+    scene = labelled_scene()
+    quat = scene.scaffold.quat.copy()
+    quat[1:, 1] = (0, 0, 0, -1)
+    scene = replace(scene, scaffold=replace(scene.scaffold, quat=quat))
+    write_scene(scene, folder / "scene.f4x")
+    script = """
+import walk_checks
+bpy.context.scene.frame_set(3)
+found = scene_object()
+noted["undecided"] = int(walk_checks.undecided(found.shown.scene, 3.0).sum())
+walk_checks.check_points(found)
+walk_checks.undecided = lambda scene, frame: np.zeros(len(scene.ids), bool)
+try:
+    walk_checks.check_points(found)
+except walk_checks.WrongError as error:
+    noted["compared"] = str(error)
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["undecided"] == len(scene.dynamic) and "points stand" in noted["compared"]
 
 
 def test_a_slider_without_the_scene_file_says_so(folder):
