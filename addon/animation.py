@@ -1,4 +1,4 @@
-"""Bulk keyframes: one layered Action, one slot per animated datablock; reading and replacing them."""
+"""Bulk keyframes: an Action for each animated datablock; reading and replacing them."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -16,26 +16,20 @@ _KEY_FIELDS = {
 """Type -> names of fields of a keyframe, and their width."""
 
 
-class ActionWriter:
-    """Writes whole F-curves of many datablocks into one Action."""
+def write_action(
+    datablock: bpy.types.ID, frames: np.ndarray, channels: Mapping[str, np.ndarray], interpolation: int = LINEAR
+) -> None:
+    """Key `channels` (data path -> (T,) or (T,C) values) of `datablock` at `frames (T,)`, in a new Action of its own.
 
-    def __init__(self, name: str):
-        self.action = bpy.data.actions.new(name)
-        self._strip = self.action.layers.new("motion").strips.new(type="KEYFRAME")
-
-    def write(
-        self,
-        datablock: bpy.types.ID,
-        frames: np.ndarray,
-        channels: Mapping[str, np.ndarray],
-        interpolation: int = LINEAR,
-    ) -> None:
-        """Key `channels` (data path -> (T,) or (T,C) values) of `datablock` at `frames (T,)`."""
-        slot = self.action.slots.new(id_type=datablock.id_type, name=datablock.name)
-        _write_curves(self._strip.channelbag(slot, ensure=True).fcurves, frames, channels, interpolation)
-        data = datablock.animation_data_create()
-        data.action = self.action
-        data.action_slot = slot
+    Blender copies the whole Action with each object that is copied: one for all nodes took as much as all for each of them.
+    """
+    action = bpy.data.actions.new(datablock.name)
+    strip = action.layers.new("motion").strips.new(type="KEYFRAME")
+    slot = action.slots.new(id_type=datablock.id_type, name=datablock.name)
+    _write_curves(strip.channelbag(slot, ensure=True).fcurves, frames, channels, interpolation)
+    data = datablock.animation_data_create()
+    data.action = action
+    data.action_slot = slot
 
 
 def sample(datablock: bpy.types.ID, frames: np.ndarray, paths: Sequence[str]) -> dict[str, np.ndarray]:
@@ -55,7 +49,7 @@ def rewrite(datablock: bpy.types.ID, frames: np.ndarray, channels: Mapping[str, 
     """Replace all keys of `channels` (data path -> (T,C) values) by keys at `frames (T,)`, linear between them."""
     curves = curves_of(datablock)
     if curves is None:
-        ActionWriter(datablock.name).write(datablock, frames, channels)
+        write_action(datablock, frames, channels)
         return
     for path in channels:
         for curve in [curve for curve in curves if curve.data_path == path]:

@@ -36,7 +36,7 @@ from ..f4x_core.scene import DynamicSet, Scene, StaticSet
 from ..f4x_core.scene.foreign import SplatSequence, identify, notes_of, open_any
 from ..f4x_core.scene.view import NEAR
 from . import clip_time, display, scene_cache
-from .animation import ActionWriter
+from .animation import write_action
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, has_bars, show_clip
 from .gaussian_attributes import FITTED_FOCAL, RECOLORED, draws_splats, write_appearance, write_places
@@ -278,13 +278,12 @@ def add_camera(name: str, cameras: CameraPath, scene: Scene, collection: bpy.typ
     camera.data.clip_start, camera.data.clip_end = NEAR, _reach(scene)
     camera.rotation_mode = "QUATERNION"
     q, centre = pose.from_matrix(np.linalg.inv(cameras.world_to_camera) @ FLIP_YZ)
-    writer = ActionWriter(name)
-    writer.write(camera, cameras.times, {"location": centre, "rotation_quaternion": quaternion.align_sequence(q)})
+    write_action(camera, cameras.times, {"location": centre, "rotation_quaternion": quaternion.align_sequence(q)})
     lens = lens_from_intrinsics(cameras.intrinsics, cameras.width, cameras.height, camera.data.sensor_width)
     for path, values in lens.items():
         setattr(camera.data, path, values[0])
     if any(np.ptp(values) > 0 for values in lens.values()):
-        writer.write(camera.data, cameras.times, lens)
+        write_action(camera.data, cameras.times, lens)
     return camera
 
 

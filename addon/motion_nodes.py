@@ -29,6 +29,8 @@ MOTION = "Feature4X motion"
 """Name of the modifier that moves the dynamic Gaussians."""
 PRESENCE = "Feature4X presence"
 """Name of the modifier by which Gaussians come and go; its input `Time` is the clip frame that is shown (`clip_time`)."""
+FIRST_PAIR = "pair_0"
+"""Attribute that all point clouds have that nodes carry."""
 STEP = 1e-4
 """Frames that the shortest ramp of a presence lasts."""
 SCENE_FRAME = "RELATIVE"

@@ -30,7 +30,7 @@ class _MotionOperator(SceneOperator, bpy.types.Operator):
     def poll(cls, context):
         """Allowed in Object Mode, for a scene with nodes."""
         scene_object = SceneObject.of(context.object)
-        if scene_object is None or not any(NODE in item for item in scene_object.below):
+        if scene_object is None or not nodes_of(scene_object.root):
             cls.poll_message_set("Select an object of an imported scene with moving objects")
             return False
         if scene_object.is_linked:

@@ -24,9 +24,9 @@ from ..f4x_core.scaffold import Scaffold
 from ..f4x_core.scaffold.deformation import node_poses_at
 from ..f4x_core.scaffold.grab import add_offset
 from ..f4x_core.scaffold.groups import group_motion, rigid_groups
-from .animation import ActionWriter, rewrite, sample
+from .animation import rewrite, sample, write_action
 from .clip_time import timing_of
-from .motion_nodes import build_graph_tree
+from .motion_nodes import FIRST_PAIR, build_graph_tree
 from .point_cloud import write_attribute
 from .scene_object import TIMED, SceneObject
 
@@ -68,11 +68,10 @@ def add_nodes(name: str, curves: Scaffold, frames: np.ndarray, collection, root)
     nodes = bpy.data.collections.new(f"{name} nodes")
     collection.children.link(nodes)
     xyz, quat = poses_of(curves, frames)
-    writer = ActionWriter(f"{name} motion")
     for i, id in enumerate(curves.ids.tolist()):
         empty = _add_empty(f"{name} node {i:05d}", nodes, root, NODE_SIZE * curves.unit)
         empty[NODE] = id
-        writer.write(empty, frames, {PLACE: xyz[:, i], TURN: quat[:, i]})
+        write_action(empty, frames, {PLACE: xyz[:, i], TURN: quat[:, i]})
     root[NODES] = nodes
     return nodes
 
@@ -93,6 +92,8 @@ def add_graph(name: str, curves: Scaffold, nodes: bpy.types.Collection, collecti
 def nodes_of(root: bpy.types.Object) -> dict[int, bpy.types.Object]:
     """The empties of the nodes by the ids of the nodes, without missing ones and without copies."""
     collection = root.get(NODES)  # a .blend of an older version has none
+    if collection is None and not any(FIRST_PAIR in cloud.data.attributes for cloud in SceneObject(root).clouds):
+        return {}  # nothing moves; an artist may have hung another scene's nodes there
     items = SceneObject(root).below if collection is None else collection.objects
     # a copy is younger than its original
     found = sorted((item for item in items if NODE in item), key=lambda item: item.session_uid, reverse=True)
@@ -194,7 +195,6 @@ def add_handles(root: bpy.types.Object, unit: float, frames: np.ndarray, count: 
     group = rigid_groups(xyz, count)
     collection = bpy.data.collections.new(f"{root.name} handles")
     root.users_collection[0].children.link(collection)
-    writer = ActionWriter(f"{root.name} groups")
     handles = []
     for number in range(group.max(initial=-1) + 1):
         members = np.flatnonzero(group == number)
@@ -205,7 +205,7 @@ def add_handles(root: bpy.types.Object, unit: float, frames: np.ndarray, count: 
         handle.empty_display_type = "SPHERE"
         carrier[HANDLE] = handle[HANDLE] = number
         turn, place = group_motion(xyz[:, members])
-        writer.write(carrier, timing_of(root).frames_of(frames), {PLACE: place, TURN: turn})
+        write_action(carrier, timing_of(root).frames_of(frames), {PLACE: place, TURN: turn})
         carrier.hide_set(True)
         for member in members:
             nodes[member].parent = handle

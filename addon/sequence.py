@@ -14,7 +14,7 @@ import numpy as np
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene import Scene
 from ..f4x_core.scene.foreign import SplatSequence
-from .animation import CONSTANT, ActionWriter
+from .animation import CONSTANT, write_action
 
 MAX_BYTES = 4 << 30
 """Maximum total size of the files; a point cloud needs about as much memory as its file."""
@@ -36,13 +36,12 @@ def add_sequence(
     sequence: SplatSequence, step: int, name: str, add: Callable[[str, Scene], bpy.types.Object]
 ) -> list[bpy.types.Object]:
     """A point cloud `NAME frame 00000` for every `step`th file, made by `add(name, scene)`, visible until the next one's."""
-    writer = ActionWriter(f"{name} visibility")
     clouds = []
     for first in range(0, len(sequence), step):
         cloud = add(f"{name} frame {first:05d}", sequence[first])
         after = first + step
         frames = np.array([frame for frame in (first - 1, first, after) if 0 <= frame < len(sequence)])
         hidden = np.array([float(not first <= frame < after) for frame in frames])
-        writer.write(cloud, frames, dict.fromkeys(HIDDEN, hidden), CONSTANT)
+        write_action(cloud, frames, dict.fromkeys(HIDDEN, hidden), CONSTANT)
         clouds.append(cloud)
     return clouds

@@ -157,7 +157,7 @@ def along(scene, path: Path, frames: range):
     """A camera that follows a camera path file (OpenCV axes, Blender's world), its times being Blender's frames."""
     import bpy
     import numpy as np
-    from feature4x.addon.animation import ActionWriter
+    from feature4x.addon.animation import write_action
     from feature4x.addon.axes import FLIP_YZ, lens_from_intrinsics
     from feature4x.f4x_core.geometry import pose, quaternion
     from feature4x.f4x_core.geometry.camera import CameraPath
@@ -171,10 +171,9 @@ def along(scene, path: Path, frames: range):
     camera.data.sensor_fit, camera.rotation_mode = "HORIZONTAL", "QUATERNION"
     scene.collection.objects.link(camera)
     q, centre = pose.from_matrix(np.linalg.inv(cameras.world_to_camera) @ FLIP_YZ)
-    writer = ActionWriter(camera.name)
-    writer.write(camera, times, {"location": centre, "rotation_quaternion": quaternion.align_sequence(q)})
+    write_action(camera, times, {"location": centre, "rotation_quaternion": quaternion.align_sequence(q)})
     lens = lens_from_intrinsics(cameras.intrinsics, cameras.width, cameras.height, camera.data.sensor_width)
-    writer.write(camera.data, times, lens)
+    write_action(camera.data, times, lens)
     return camera
 
 

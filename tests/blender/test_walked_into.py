@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from labelled_scene import labelled_scene
 
-from f4x_core.scene import write_scene
+from f4x_core.scene import read_scene, write_scene
+from f4x_core.scene.formats import export
 
 from .artist import perform
 
@@ -255,6 +256,37 @@ arrays["there"], arrays["core"] = values(cloud), copy.shown.scene.posed(0.0).mea
 """
     _, arrays = perform(folder, START + script)
     np.testing.assert_allclose(arrays["there"], arrays["core"], atol=1e-4)
+
+
+def test_nodes_of_another_scene_below_one_without_nodes_are_not_its_own(folder):
+    export(read_scene(folder / "scene.f4x"), folder / "splats.ply", [0.0])
+    script = """
+from feature4x.addon.motion_edits import unwritten
+ops.import_scene(filepath=str(folder / "splats.ply"))
+node, splats = bpy.data.objects["labelled node 00001"], bpy.data.objects["splats"]
+node.parent = splats
+select(node)
+noted["unwritten"] = unwritten(SceneObject(splats))
+noted["said"] = refused(ops.grab_nodes, offset=(0.1, 0, 0))
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["unwritten"] == 0 and "with moving objects" in noted["said"]
+
+
+def test_copies_of_nodes_take_no_more_than_the_nodes(folder):
+    """Blender copies the keys with each object: all keys were copied once for each node."""
+    script = """
+def keys():
+    return sum(len(curve.keyframe_points) for action in bpy.data.actions for layer in action.layers
+               for strip in layer.strips for bag in strip.channelbags for curve in bag.fcurves)
+
+noted["keys"] = [keys()]
+bpy.ops.scene.new(type="FULL_COPY")
+noted["keys"].append(keys())
+"""
+    noted, _ = perform(folder, START + script)
+    once, twice = noted["keys"]
+    assert twice == 2 * once
 
 
 def test_nodes_of_another_scene_cannot_be_grabbed(folder):
