@@ -40,6 +40,16 @@ def zone_of(scene_object: SceneObject) -> BelievedZone | None:
     return _zones[key]
 
 
+def present_of(scene_object: SceneObject) -> tuple[BelievedZone, int] | None:
+    """The zone of a scene and the number of its present camera; None where there is no zone, or its file is missing."""
+    zone = zone_of(scene_object)
+    try:
+        frame = 0 if zone is None else scene_object.base.cameras.frame_at(scene_object.frame)
+    except EXPECTED:  # the file is gone since
+        return None
+    return None if zone is None else (zone, min(max(frame, 0), len(zone.eyes) - 1))
+
+
 def line_at(scene_object: SceneObject, eye: Vector) -> str:
     """What to say of a view at `eye`, in Blender's world; nothing where it can be believed or nobody knows."""
     zone = zone_of(scene_object)
@@ -87,10 +97,10 @@ def _draw_rings() -> None:
     if context.region_data.view_perspective == "CAMERA":
         return
     for scene_object in _scenes(context):
-        zone = zone_of(scene_object)
-        if zone is None:
+        present = present_of(scene_object)
+        if present is None:
             continue
-        index = min(max(scene_object.base.cameras.frame_at(scene_object.frame), 0), len(zone.eyes) - 1)
+        zone, index = present
         ring = zone.ring(index)
         spokes = ring[:: len(ring) // SPOKES]
         lines = [

@@ -24,7 +24,7 @@ from feature4x.addon import edit_fields, jobs  # noqa: E402 - there once the ext
 from feature4x.addon.evaluated import OF  # noqa: E402
 from feature4x.addon.point_cloud import read_attribute, write_attribute  # noqa: E402
 from feature4x.addon.scaffold_rig import HANDLE, NODE, layer_of  # noqa: E402
-from feature4x.addon.scene_object import HANDLE_OF  # noqa: E402
+from feature4x.addon.scene_object import APART, HANDLE_OF  # noqa: E402
 from feature4x.f4x_core.edit.operations import Opacity  # noqa: E402
 from feature4x.f4x_core.edit.selects import All  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack, write_stack  # noqa: E402
@@ -352,7 +352,8 @@ def clean(walk: Walk) -> None:
 def edit_points(walk: Walk) -> None:
     """Delete or move points with Blender's own tools, take that over or put it back."""
     found, how = walk.scene(), walk.random.choice(("delete", "move", "take", "take", "back"))
-    clouds = [] if found is None or found.is_linked else found.clouds
+    # moved points of the separate cloud are drawn anew from the edits, and no edit could hold them
+    clouds = [] if found is None or found.is_linked else [cloud for cloud in found.clouds if APART not in cloud]
     if how == "take":
         walk.edit(bpy.ops.f4x.take_over_points)
     elif how == "back":
@@ -644,7 +645,10 @@ def purge(walk: Walk) -> None:
 def change_mode(walk: Walk) -> None:
     """Edit Mode and back."""
     if bpy.context.object is not None:
+        before = bpy.context.mode
         walk.call(bpy.ops.object.mode_set, mode=walk.random.choice(("EDIT", "OBJECT", "SCULPT")))
+        if bpy.context.mode != before:  # some modes have steps of undo of their own, which nobody counts
+            walk.begin_undo()
 
 
 @action(0.3)

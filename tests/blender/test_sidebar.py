@@ -126,6 +126,17 @@ noted["moved"] = render(9)
     assert len(noted["moved"]) == 1  # the scene went away from the camera
 
 
+def test_a_viewport_is_drawn_while_the_scene_file_is_away(folder):
+    script = """
+from feature4x.addon import believed
+noted["there"] = believed.present_of(scene_object())[1]
+(folder / "scene.f4x").rename(folder / "away.f4x")
+noted["away"] = believed.present_of(scene_object())
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted == {"there": 0, "away": None}
+
+
 def test_running_tasks_stand_first_and_ended_ones_are_cleared():
     door.load_extension()
     jobs, worker = (importlib.import_module(f"feature4x.addon.{name}") for name in ("jobs", "worker"))
