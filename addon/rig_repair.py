@@ -109,7 +109,9 @@ def _is_own(item: bpy.types.Object) -> bool:
 def _use_own_nodes(root: bpy.types.Object) -> None:
     """Let the trees of a scene that was copied with a whole Blender scene use its own copies of the nodes and helpers."""
     parts = [*SceneObject(root).clouds, *_helpers(root)]
-    used = {found for item in parts for found in _used(item) if isinstance(found, bpy.types.Collection)} - {root[NODES]}
+    used = {found for item in parts for found in used_by(item) if isinstance(found, bpy.types.Collection)} - {
+        root[NODES]
+    }
     for original in [item for item in bpy.data.objects if item.get(NODES) in used]:
         swaps = {original[NODES]: root[NODES]} | dict(zip(_helpers(original), _helpers(root), strict=False))
         for item in parts:
@@ -234,7 +236,7 @@ def _sockets(tree: bpy.types.NodeTree) -> list[bpy.types.NodeSocket]:
     return [socket for node in tree.nodes for socket in node.inputs if socket.type in ("COLLECTION", "OBJECT")]
 
 
-def _used(item: bpy.types.Object) -> set[bpy.types.ID | None]:
+def used_by(item: bpy.types.Object) -> set[bpy.types.ID | None]:
     """Collections and objects that the trees of an object use."""
     return {socket.default_value for modifier in _trees(item) for socket in _sockets(modifier.node_group)}
 

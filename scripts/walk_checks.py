@@ -21,6 +21,7 @@ from feature4x.addon.motion_edits import unwritten  # noqa: E402
 from feature4x.addon.motion_nodes import MOTION  # noqa: E402
 from feature4x.addon.point_cloud import read_attribute  # noqa: E402
 from feature4x.addon.point_edits import changes_of  # noqa: E402
+from feature4x.addon.rig_repair import used_by  # noqa: E402
 from feature4x.addon.scaffold_rig import NODES  # noqa: E402
 from feature4x.addon.scene_object import APART, EDITS, HIDDEN, SELECTED, SceneObject  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack  # noqa: E402
@@ -121,8 +122,10 @@ def check_points(scene_object: SceneObject) -> None:
             continue
         error = float(np.abs(read_attribute(cloud.data, "radiance:base")[at, 3] - want).max(initial=0))
         require(error < SAME, f"{cloud.name}: opacity differs by {error:.3g} at frame {frame:g}")
+        # an artist has hung a cloud below another scene, whose nodes are not those that carry it
+        by_others = MOTION in cloud.modifiers and scene_object.root.get(NODES) not in used_by(cloud)
         moved = np.abs(np.array(cloud.matrix_world) - np.array(scene_object.root.matrix_world)).max()
-        if still and moved < SAME:  # else an artist has put the points elsewhere
+        if still and moved < SAME and not by_others:  # else an artist has put the points elsewhere
             compared = np.ones(len(row), bool) if APART in cloud else ~undecided(shown.scene, frame)[row]
             _check_places(cloud, at, posed.means[row], compared)
 
