@@ -41,10 +41,10 @@ from .wording import error_line, panel_words
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
 DRAWN = "f4x_drawn"
-"""Property of point clouds: hash of the stack that they show.
+"""Property of a root and of point clouds: hash of the stack that its lists and their points show.
 
-It is not the root's: undo brings back a root and not points that are the same in both steps, though they were drawn
-otherwise since.
+Each has its own: undo brings back a root and not points that are the same in both steps, though they were drawn otherwise
+since; and it draws points and leaves the lists.
 """
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
@@ -69,6 +69,7 @@ def refresh(scene_object: SceneObject, *, summary: bool = True) -> None:
     _set_up_separate_cloud(scene_object, display)
     _draw(scene_object, display, everything=True)
     _remove_handles(scene_object)
+    scene_object.root[DRAWN] = _hash(scene_object)
     scene_object.root[TIMED] = display.changes
     if display.changes:  # a handler writes attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
@@ -83,9 +84,9 @@ def _remove_handles(scene_object: SceneObject) -> None:
 
 
 def is_drawn(scene_object: SceneObject) -> bool:
-    """Whether the points show the preview of a scene, or its pending edits."""
-    wanted = _hash(scene_object)
-    return all(cloud.data.get(DRAWN) == wanted for cloud in scene_object.clouds)
+    """Whether lists and points show the preview of a scene, or its pending edits."""
+    holders = [scene_object.root, *(cloud.data for cloud in scene_object.clouds)]
+    return {holder.get(DRAWN) for holder in holders} == {_hash(scene_object)}
 
 
 def _hash(scene_object: SceneObject) -> str:

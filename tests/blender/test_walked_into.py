@@ -121,6 +121,29 @@ for name in ("applied", "selected"):
         np.testing.assert_allclose(arrays[f"{name} there"], arrays[f"{name} core"], atol=1e-5)
 
 
+def test_undo_shows_a_dragged_edit_over_time_in_the_list(folder):
+    """In a window a drag is shown after its step of undo; undo draws what changes over time, and the list waits for a timer."""
+    script = """
+from dataclasses import replace
+from feature4x.addon import display, edit_fields, scene_cache
+from feature4x.addon.scene_object import EDITS
+ops.query_text("EXEC_DEFAULT", True, text="square")
+ops.transform("EXEC_DEFAULT", True, move=(0, 0, 1), over_time=True, first=0, last=5)
+stack = scene_object().stack
+dragged = stack.replace(1, replace(stack.edits[0].operation, translate=(0.5, 0.0, 0.0)))
+root()[EDITS] = scene_cache.text_of(dragged)
+push("dragged")
+edit_fields.show_late()
+ops.query_text("EXEC_DEFAULT", True, text="wall")
+bpy.ops.ed.undo(); bpy.context.view_layer.update()
+edit_fields.show_late()
+noted["shown"] = [row.name for row in scene_object().state.history]
+noted["held"] = [display.words_of(edit.operation) for edit in scene_object().stack.edits]
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["shown"] == noted["held"] and "0.5" in noted["held"][0]
+
+
 def test_undo_of_copied_nodes_lets_points_follow_their_own_nodes(folder):
     """Places of nodes are worked out after the step of undo that copies them, so undo finds the same mesh in both steps."""
     script = """
