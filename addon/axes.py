@@ -33,7 +33,7 @@ class Eye(NamedTuple):
 
 
 class Stereo(NamedTuple):
-    """Where one eye of a stereo camera is, as Blender says."""
+    """Place and lens shift of one eye of a stereo camera, from Blender."""
 
     to_world: np.ndarray
     """(4,4)."""

@@ -51,7 +51,7 @@ def present_of(scene_object: SceneObject) -> tuple[BelievedZone, int] | None:
 
 
 def line_at(scene_object: SceneObject, eye: Vector) -> str:
-    """What to say of a view at `eye`, in Blender's world; nothing where it can be believed or nobody knows."""
+    """The line about a view at `eye`, in Blender's world; nothing where it can be believed or nobody knows."""
     zone = zone_of(scene_object)
     if zone is None:
         return ""

@@ -132,7 +132,7 @@ def _exact_time(root: bpy.types.Object, depsgraph: bpy.types.Depsgraph | None) -
 
 
 def follows_timeline(root: bpy.types.Object) -> bool:
-    """Whether Time follows the timeline: no artist has keyed, driven or stopped it."""
+    """True if Time follows the timeline: no artist has keyed, driven or stopped it."""
     driver = root.animation_data.drivers.find(_path(TIME)) if root.animation_data else None
     return TIME not in root or (driver is not None and driver.driver.expression == FOLLOWING and not driver.mute)
 
@@ -316,7 +316,7 @@ def _datablocks(root: bpy.types.Object) -> list[bpy.types.ID]:
 
 
 def _animated(root: bpy.types.Object) -> list[bpy.types.ID]:
-    """What has an action below a root."""
+    """Objects and data with an action below a root."""
     return [item for item in _datablocks(root) if item.animation_data and item.animation_data.action]
 
 
@@ -345,7 +345,7 @@ def _time_curve(root: bpy.types.Object) -> bpy.types.FCurve | None:
 
 
 def _is_own(root: bpy.types.Object) -> bool:
-    """Whether a root is not another file's."""
+    """True if a root is not another file's."""
     return root.library is None and root.override_library is None
 
 

@@ -25,11 +25,11 @@ MESHES = "f4x_meshes"
 SPLATS = "f4x_splats"
 """Property of a collection that holds Gaussians alone, which the other scene leaves out."""
 NODE = "Feature4X"
-"""How the names of our nodes begin."""
+"""Beginning of the names of our nodes."""
 ENGINES = {"CYCLES": ("CYCLES",), "EEVEE": ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT")}
 """Engine -> its identifiers, of which a Blender knows one."""
 TITLES = {"CYCLES": "Cycles", "EEVEE": "EEVEE"}
-"""What people call them."""
+"""Their names for people."""
 SAMPLES = 128
 """Of Cycles, in a new scene for meshes."""
 SAME = (

@@ -84,7 +84,7 @@ def _remove_handles(scene_object: SceneObject) -> None:
 
 
 def is_drawn(scene_object: SceneObject) -> bool:
-    """Whether lists and points show the preview of a scene, or its pending edits."""
+    """True if lists and points show the preview of a scene, or its pending edits."""
     holders = [scene_object.root, *(cloud.data for cloud in scene_object.clouds)]
     return {holder.get(DRAWN) for holder in holders} == {_hash(scene_object)}
 

@@ -229,7 +229,7 @@ def _number(name: str) -> Shown:
 
 
 def _switch(name: str, title: str, put: Callable[[Row, bool], dict[str, Any]]) -> Shown:
-    """Whether an optional field has a value."""
+    """True if an optional field has a value."""
     options = {"name": title, "default": False}
     return Shown(f"use_{name}", BoolProperty, options, lambda one: getattr(one, name) is not None, put)
 

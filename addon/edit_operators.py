@@ -363,7 +363,7 @@ class F4X_OT_save_as(SceneOperator, bpy.types.Operator, ExportHelper):  # noqa: 
 
 @dataclass(frozen=True)
 class Understood:
-    """What a sentence asks for: a selection, or edits to choose from."""
+    """The reading of a sentence: a selection, or edits to choose from."""
 
     selecting: SelectingSentence | None = None
     proposal: Proposal | None = None

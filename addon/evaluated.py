@@ -81,17 +81,17 @@ class More(NamedTuple):
     lit: Callable[[bpy.types.Object, Cloud], Cloud] | None = None
     """What gives the cloud of an evaluated object its light."""
     hold_out: bool = False
-    """Whether all surfaces are held out."""
+    """True if all surfaces are held out."""
 
 
 class _Holdouts:
-    """What a view layer holds out: objects, collections, and all of a scene whose root is held out."""
+    """The holdouts of a view layer: objects, collections, and all of a scene whose root is held out."""
 
     def __init__(self, depsgraph: bpy.types.Depsgraph):
         self._layer = depsgraph.view_layer
 
     def is_held(self, owner: bpy.types.Object) -> bool:
-        """Whether an object that owns something seen cuts a hole."""
+        """True if an object that owns something seen cuts a hole."""
         root = root_of(owner) if owner.type == "POINTCLOUD" else None
         return owner.holdout_get(view_layer=self._layer) or (root is not None and root.is_holdout)
 

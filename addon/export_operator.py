@@ -72,7 +72,7 @@ def stack_as_seen(scene_object: SceneObject) -> EditStack:
 
 
 def _placed(root: bpy.types.Object) -> tuple[float, ...] | None:
-    """How the root was moved since import, as a 4x4 matrix in the scene's axes, row by row; None where it was not."""
+    """The move of the root since import, as a 4x4 matrix in the scene's axes, row by row; None where it was not."""
     matrix = np.linalg.inv(BLENDER_FROM_SCENE) @ np.array(root.matrix_world, np.float64)
     return None if np.allclose(matrix, np.eye(4), atol=1e-6) else tuple(matrix.ravel().tolist())
 

@@ -40,7 +40,7 @@ PAUSE = 1.0
 """Seconds that geometry nodes stay on after a press in a viewport: the click may begin a selection by box or lasso."""
 
 WATCHES = "F4X_OT_watch_clicks"
-"""What Blender calls the operator below while it runs."""
+"""Blender's name of the operator below while it runs."""
 CARRIED = "f4x_carried"
 """Property of objects whose modifier we have switched off; a person may do so, too."""
 
@@ -195,14 +195,14 @@ def _modal_operators() -> list[str]:
 
 
 def _is_moving() -> bool:
-    """Whether an animation plays, somebody scrubs, or transforms an object."""
+    """True if an animation plays, somebody scrubs, or transforms an object."""
     screens = [window.screen for window in bpy.context.window_manager.windows]
     moves = any(screen.is_animation_playing or screen.is_scrubbing for screen in screens)
     return moves or any(name.startswith("TRANSFORM_OT") for name in _modal_operators())
 
 
 def _is_selecting() -> bool:
-    """Whether somebody selects objects in a viewport at present, or is about to."""
+    """True if somebody selects objects in a viewport at present, or is about to."""
     return time.monotonic() - _pressed < PAUSE or any("_OT_select" in name for name in _modal_operators())
 
 
@@ -240,7 +240,7 @@ class F4X_OT_watch_clicks(Reporting, bpy.types.Operator):  # noqa: N801 - Blende
 
 
 def _in_viewport(context: bpy.types.Context, event: bpy.types.Event) -> bool:
-    """Whether the mouse is over a 3D viewport."""
+    """True if the mouse is over a 3D viewport."""
     return any(
         0 <= event.mouse_x - area.x < area.width and 0 <= event.mouse_y - area.y < area.height
         for area in context.window.screen.areas

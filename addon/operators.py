@@ -22,7 +22,7 @@ PASSING = {"HIDDEN", "SKIP_SAVE"}
 """Options of properties that Blender or a job sets for a single call."""
 
 SCENE_FILES = "*.f4x;*.ply;*.splat;*.spz;*.glb;*.gltf"
-"""What file browsers show."""
+"""Files that browsers show."""
 
 
 def options_for(filepath: str) -> list[str]:
@@ -108,7 +108,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         return {"FINISHED"}
 
     def _takes_over(self, context: bpy.types.Context) -> bool:
-        """Whether to set up the render: as asked, else in a new file."""
+        """True to set up the render: as asked, else in a new file."""
         if self.properties.is_property_set("set_up_render"):
             return self.set_up_render
         return not is_under_way(context.scene)
@@ -139,7 +139,7 @@ def _own_pace(root: bpy.types.Object, scene: bpy.types.Scene) -> str:
 
 
 def _summary(root: bpy.types.Object) -> str:
-    """What was imported, in as few words as the status bar shows."""
+    """Summary of an import, in as few words as the status bar shows."""
     if PATH in root and SceneObject(root).holds_edits:
         return f"{root.name}: {len(SceneObject(root).base.cameras)} frames. Space plays"
     clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD"]

@@ -29,7 +29,7 @@ EXAMPLES = "Or: select what moves"
 """What stands where answers do while there is none."""
 WITHOUT = "No scene yet. Drop a .f4x file into the viewport, or make a scene of a video."
 CHOOSE_ONE = "There are several scenes. Select an object of one."
-"""What stands in the panel where it can show no scene."""
+"""Text of the panel where it can show no scene."""
 ROW_CHARACTERS = 24
 """Characters of an edit that its row shows in a sidebar as wide as Blender's own."""
 CLOSE_BUTTON = 4
@@ -87,7 +87,7 @@ class F4X_OT_dismiss_notice(Reporting, bpy.types.Operator):  # noqa: N801
 
 
 def _touched(context: bpy.types.Context, scene_object: SceneObject) -> str:
-    """What other tools changed on the points and no edit holds; nothing while the scene plays."""
+    """Draw the changes of points by other tools that no edit holds; nothing while the scene plays."""
     return "" if context.screen.is_animation_playing else point_edits.summary(scene_object)
 
 

@@ -28,7 +28,7 @@ MODES = (
 )
 
 OFFERED = ("what moves", "what stands still", "everything", "nothing")
-"""What the field of words offers besides labels of the scene."""
+"""Words that the field offers besides labels of the scene."""
 
 
 def _complete(self, context, typed: str) -> list[str]:

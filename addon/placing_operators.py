@@ -46,7 +46,7 @@ def _extent(scene_object: SceneObject) -> float:
 
 
 def _is_in(region: bpy.types.Region, x: int, y: int) -> bool:
-    """Whether a pixel of the window is in a region."""
+    """True if a pixel of the window is in a region."""
     return 0 <= x - region.x < region.width and 0 <= y - region.y < region.height
 
 

@@ -32,7 +32,7 @@ _found: dict[int, str] = {}  # session_uid of a root -> `PointChanges.summary` s
 
 @dataclass(frozen=True, eq=False)
 class PointChanges:
-    """How the points of a scene differ from what import wrote."""
+    """Differences of a scene's points from what import wrote."""
 
     deleted: np.ndarray
     """(n,) ids of Gaussians without a point."""

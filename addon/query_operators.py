@@ -40,14 +40,14 @@ PHRASES = frozenset(
         *("what stands still", "background", "the background", "everything", "all", "nothing", "none"),
     )
 )
-"""What the field of words takes besides words of the scene."""
+"""Words that the field takes besides those of the scene."""
 MIN_BOX_PIXELS = 4
 """Minimum side of a box in pixels of the window; a smaller one is an accidental click."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What words select."""
+    """The selection by words."""
 
     found: Selection | None = None
     """Scores of a query by labels or names; None where something else answers."""
@@ -58,7 +58,7 @@ class Answer:
     unknown: tuple[str, ...] = ()
     """Words that the worker has to add to the scene first."""
     hint: str = ""
-    """Why nothing was found, or which words of the scene are near."""
+    """The reason why nothing was found, or the words of the scene that are near."""
 
 
 class F4X_OT_query_text(SearchOperator, bpy.types.Operator):  # noqa: N801 - Blender wants this form
@@ -128,7 +128,7 @@ def _query(
     threshold: float,
     has_worker: bool,
 ) -> Answer:
-    """What labels and names select in `shown`; words that no label is are handed back where there is a worker to add them."""
+    """The selection by labels and names in `shown`; words that no label is are handed back where there is a worker to add them."""
     check_negatives(words, negatives)
     found = by_names(shown.scene, words, threshold)
     called = " and ".join(word if word in found else f"the {word}" for word in words)

@@ -226,7 +226,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         self._write(layer, images, region, mattes, view)
 
     def _eye(self, depsgraph, view: str) -> Eye:
-        """What the camera of a view sees at present."""
+        """The camera of a view at present."""
         scene, size = depsgraph.scene, (self.resolution_x, self.resolution_y)
         if not view:
             return camera_eye(scene.camera, scene, depsgraph, *size)

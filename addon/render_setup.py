@@ -32,7 +32,7 @@ DEFAULT_CAMERA_LOCATION = (7.3589, -6.9258, 4.9583)
 
 @dataclass(frozen=True)
 class ClipSettings:
-    """What a clip sets in a Blender scene; `None` leaves Blender's own value."""
+    """Settings of a Blender scene by a clip; `None` leaves Blender's own value."""
 
     size: tuple[int, int] | None
     """Width and height in pixels."""
@@ -73,7 +73,7 @@ def clip_camera(root: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def is_under_way(target: bpy.types.Scene) -> bool:
-    """Whether `target` is a project whose settings an import must not change."""
+    """True if `target` is a project whose settings an import must not change."""
     if bpy.data.is_saved or any(PATH in item or SOURCE in item for item in target.objects):
         return True
     before = target.get(SET_UP)
@@ -155,7 +155,7 @@ def _settings(target: bpy.types.Scene) -> dict[str, Any]:
 
 
 def _is_default(target: bpy.types.Scene) -> bool:
-    """Whether the render settings are those of a new Blender scene."""
+    """True if the render settings are those of a new Blender scene."""
     render, view = target.render, target.view_settings
     names = ("resolution_x", "resolution_y", "resolution_percentage", "fps", "fps_base")
     names += ("pixel_aspect_x", "pixel_aspect_y")

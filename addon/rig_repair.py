@@ -263,7 +263,7 @@ def _order(root: bpy.types.Object) -> str:
 
 
 def _is_in_order(root: bpy.types.Object) -> bool:
-    """Whether the places of the nodes are those that were worked out last."""
+    """True if the places of the nodes are those that were worked out last."""
     order = _order(root)
     return root.get(ORDER) == order and all(mesh.get(ORDER) == order for mesh in _own_meshes(root))
 

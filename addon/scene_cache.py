@@ -63,7 +63,7 @@ _scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
 
 
 def look_at(path: Path) -> SceneFile:
-    """What a scene or splat file holds, from its header; read anew only when the file has changed."""
+    """Content of a scene or splat file, from its header; read anew only when the file has changed."""
     try:
         found = path.stat()
     except OSError as error:

@@ -139,7 +139,7 @@ class SceneObject:
 
     @property
     def holds_edits(self) -> bool:
-        """Whether the scene's file is a `.f4x`, in which edits can be saved; true where it is missing."""
+        """True if the scene's file is a `.f4x`, in which edits can be saved; true where it is missing."""
         try:
             return scene_cache.look_at(self.path).holds_edits
         except F4xError:

@@ -54,7 +54,7 @@ class Search(threading.Thread):
 
     @property
     def line(self) -> str:
-        """What is done at present, and for how long or how far."""
+        """The present stage, and for how long or how far."""
         done = f"{self.fraction:.0%}" if self.fraction else f"{time.monotonic() - self._began:.0f} s"
         return f"{self.title}: {done}"
 

@@ -28,7 +28,7 @@ DEEP = 8
 
 @dataclass(frozen=True)
 class Look:
-    """What of a material is shown."""
+    """The part of a material that is shown."""
 
     color: tuple[float, float, float] = GRAY
     """Linear."""
@@ -39,7 +39,7 @@ class Look:
     image: bpy.types.Image | None = None
     """Image that holds the color."""
     uv_map: str = ""
-    """Where that is on the mesh; empty = the mesh's own for renders."""
+    """Its UV map on the mesh; empty = the mesh's own for renders."""
 
 
 class Images:

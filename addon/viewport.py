@@ -106,7 +106,7 @@ def draw_exactly(space: bpy.types.SpaceView3D) -> bool:
 
 
 def shows_picture(scene: bpy.types.Scene, space: bpy.types.SpaceView3D | None) -> bool:
-    """Whether a viewport shows `scene` as *Show Picture* would; True without one."""
+    """True if a viewport shows `scene` as *Show Picture* would; True without one."""
     if space is None:
         return True
     exact = scene.render.engine == Feature4XRenderEngine.bl_idname

@@ -1,4 +1,4 @@
-"""What Cycles of Blender 5.3 does with splats: the pictures of docs/cycles.md, one sheet for each use.
+"""Uses of splats in Cycles of Blender 5.3: the pictures of docs/cycles.md, one sheet for each use.
 
 python scripts/cycles_pictures.py SCENE.f4x -o OUT [--frame T] [--only NAME ...]
 

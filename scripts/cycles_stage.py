@@ -13,7 +13,7 @@ door.load_extension()
 CHECKER, LIGHT, DARK = 8, 0.6, 0.3
 """Pixels of a square of the checkerboard behind transparent pictures; its linear grays."""
 ASIDE = 0.25
-"""How far to the side of what moves a ball is put, in widths of the view."""
+"""Distance of a ball to the side of what moves, in widths of the view."""
 MODEL, REACH = 0.25, 0.1
 """Size of a model of the scene; how far around a place its floor is looked for, world units."""
 

@@ -20,7 +20,7 @@ from .stack import EditStack
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """What is exported."""
+    """Contents of an export."""
 
     scene: Path
     """A scene or splat file."""

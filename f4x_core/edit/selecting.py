@@ -17,7 +17,7 @@ from .plan import read_sentence
 from .resolve import EditorState, Resolver, chosen
 
 Mode = Literal["SET", "ADD", "SUBTRACT"]
-"""How the result is combined with what is selected already."""
+"""Combination of the result with what is selected already."""
 _VERB = "(?:select|pick|choose|mark|highlight)"
 _WAYS: tuple[tuple[re.Pattern[str], Mode], ...] = tuple(
     (re.compile(rf"(?:please |now |just )*{words}[\s.!]*", re.IGNORECASE), mode)  # type: ignore[misc]
@@ -42,12 +42,12 @@ _CALLED = "thatselection"
 
 @dataclass(frozen=True, eq=False)
 class SelectingSentence:
-    """What a sentence selects."""
+    """The selection of a sentence."""
 
     chosen: np.ndarray
     """(N,) bool over `scene.posed`, with the edits of the scene."""
     mode: Mode
-    """How it is combined with what is selected."""
+    """Its combination with what is selected."""
     words: str
     """The thing in the words of the sentence."""
 

@@ -83,7 +83,7 @@ def summary_of(shows: Uncovered | None) -> str:
 
 
 def uncovered(scene: Scene) -> Uncovered | None:
-    """What the edits of `scene`, in effect or baked in, bring to light; None where none of them takes anything away,
+    """Surfaces that the edits of `scene`, in effect or baked in, bring to light; None where none of them takes anything away,
     and for splats of another program.
 
     Made up is what the scene file marks so (`MADE_UP`); scenes that were fitted before there was such a mark have none of it.

@@ -24,7 +24,7 @@ def is_cast(label: str) -> bool:
 
 
 def needs_no_teacher(label: str) -> bool:
-    """Whether the scene itself tells what `label` means, so that no vocabulary has to know it: what is cast, and floaters."""
+    """True if the scene itself tells what `label` means, so that no vocabulary has to know it: what is cast, and floaters."""
     return is_cast(label) or is_floaters(label)
 
 

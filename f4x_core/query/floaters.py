@@ -58,7 +58,7 @@ _SCORES: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 
 
 def is_floaters(label: str) -> bool:
-    """Whether `label` names floaters, which the shape of a scene tells and no vocabulary."""
+    """True if `label` names floaters, which the shape of a scene tells and no vocabulary."""
     return WORDS.fullmatch(" ".join(label.split())) is not None
 
 
@@ -95,7 +95,7 @@ def _haze(longer: np.ndarray, opacities: np.ndarray) -> np.ndarray:
 
 
 def support(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
-    """What is around each of N Gaussians: (how much holds it up (N,), octaves (N,) by which it is longer than its neighbours).
+    """Surroundings of each of N Gaussians: (how much holds it up (N,), octaves (N,) by which it is longer than its neighbours).
 
     A Gaussian is held up by the opacities of the neighbours that overlap it, each as far as it is held up itself: few that
     hold each other up alone fall together. Neighbours are those nearby on either of two space-filling curves; the curve on

@@ -1,4 +1,4 @@
-"""How far beside the clip's camera a view stands, and how far a scene can be believed there, in numpy.
+"""Angles beside the clip's camera at which a view stands, and up to which a scene can be believed, in numpy.
 
 A view is judged at the point that the clip's camera looks at, at the median depth: the angle there between the view and the
 nearest camera of the clip. A fit stores up to which angle its depth is good enough (`provenance["believed_degrees"]`).

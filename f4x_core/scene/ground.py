@@ -116,7 +116,7 @@ class Ground:
     share: np.ndarray | None = None
     """(H,W) fraction of each pixel that all this is about; None = all of it, everywhere."""
     beside: Ground | None = None
-    """What the rest of each pixel shows; its limit is 0 where there is no rest."""
+    """Colour of the rest of each pixel; its limit is 0 where there is no rest."""
 
     def cut(self, region: tuple[slice, slice]) -> Ground:
         """The part inside a region."""
@@ -138,7 +138,7 @@ class Ground:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """How surfaces are seen."""
+    """Looks of surfaces."""
 
     camera: Camera
     near: float

@@ -93,7 +93,7 @@ def moment(scene: Posable, time: float, transform: np.ndarray | None = None) -> 
 
 
 def visible(posed: PosedSplats, transform: np.ndarray | None = None) -> PosedSplats:
-    """What of `posed` is visible, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
+    """The visible part of `posed`, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
     return transformed(posed.take(posed.opacities > 0), transform)
 
 

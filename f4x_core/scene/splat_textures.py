@@ -234,4 +234,4 @@ _SOURCES: dict[str, Callable[[Cloud], tuple]] = {
     "looks": lambda cloud: (cloud.sh, cloud.opacities, cloud.holdout),
     "harmonics": lambda cloud: (cloud.sh, cloud.holdout),
 }
-"""What a texture is made of; a cloud that is held out is black."""
+"""Fields that a texture is made of; a cloud that is held out is black."""

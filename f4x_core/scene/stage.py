@@ -46,7 +46,7 @@ PASSES = (
 SHARP = ("depth", "index", "latent", "score", "vector", "normal", "position")
 """Passes that are no light: they are not blurred, and show what is at the centre of a pixel."""
 HOLE = "hole"
-"""What `draw` also gives where anything is held out: the fraction of a pixel that is."""
+"""Output of `draw` besides, where anything is held out: the fraction of a pixel that is."""
 BAND = 1 << 17
 """Pixels of the first band of rows; the time it took sets the size of the next one."""
 TALLEST = 1 << 21
@@ -254,7 +254,7 @@ class _Drawing:
     mattes: Mapping[str, np.ndarray]
     """Pass -> (K,) ids."""
     holds: bool
-    """Whether any cloud or surface is held out."""
+    """True if any cloud or surface is held out."""
 
     @classmethod
     def of(
@@ -440,7 +440,7 @@ def _features(count: int, own: Mapping[str, np.ndarray], widths: Mapping[str, in
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What was composited of Gaussians, and the ground behind them."""
+    """The composited Gaussians, and the ground behind them."""
 
     layers: Mapping[str, np.ndarray]
     """(H,W,C) sums, by layer."""
