@@ -111,7 +111,7 @@ def all_nodes(root: bpy.types.Object, ids: np.ndarray) -> list[bpy.types.Object]
 
 
 def read_poses(
-    root: bpy.types.Object, items: Sequence[bpy.types.Object], frames: np.ndarray
+    root: bpy.types.Object, items: Sequence[bpy.types.Object | None], frames: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The poses (xyz (T,n,3), quat (T,n,4)) float64 of `items` at clip frames in the scene's frame, as Blender evaluates them."""
     scene, present = bpy.context.scene, bpy.context.scene.frame_current_final
@@ -131,10 +131,14 @@ def set_frame(scene: bpy.types.Scene, frame: float) -> None:
     scene.frame_set(whole, subframe=float(frame) - whole)
 
 
-def poses_now(root: bpy.types.Object, items: Sequence[bpy.types.Object]) -> tuple[np.ndarray, np.ndarray]:
-    """The poses (xyz (n,3), quat (n,4)) float64 of `items` at the current frame in the scene's frame, as last evaluated."""
+def poses_now(root: bpy.types.Object, items: Sequence[bpy.types.Object | None]) -> tuple[np.ndarray, np.ndarray]:
+    """The poses (xyz (n,3), quat (n,4)) float64 of `items` at the current frame in the scene's frame, as last evaluated.
+
+    None stands for Blender's world: the parent of a node whose own one an artist took away.
+    """
     to_scene = root.matrix_world.inverted()
-    found = np.array([to_scene @ item.matrix_world for item in items], np.float64).reshape(len(items), 4, 4)
+    stand = [to_scene if item is None else to_scene @ item.matrix_world for item in items]
+    found = np.array(stand, np.float64).reshape(len(items), 4, 4)
     found[:, :3, :3] /= np.linalg.norm(found[:, :3, :3], axis=-2, keepdims=True)  # an empty's size takes no part
     quat, xyz = pose.from_matrix(found)
     return xyz, quat

@@ -391,3 +391,21 @@ noted["scenes"] = len(SceneObject.among(bpy.data.objects))
 """
     noted, _ = perform(folder, START + script)
     assert noted["scenes"] == 2
+
+
+def test_a_node_without_a_parent_takes_a_written_motion_back(folder):
+    """An artist cleared its parent, or deleted the handle that it hung from."""
+    script = """
+from feature4x.addon.scaffold_rig import NODE, read_poses, write_poses
+node = next(item for item in bpy.data.objects if item.get(NODE) == 0)
+frames = np.arange(6.0)
+arrays["before"] = read_poses(root(), [node], frames)[0]
+world = node.matrix_world.copy()
+node.parent = None
+node.matrix_world = world
+xyz, quat = read_poses(root(), [node], frames)
+write_poses(root(), [node], frames, arrays["before"] + 0.1, quat)
+arrays["after"] = read_poses(root(), [node], frames)[0]
+"""
+    _, arrays = perform(folder, START + script)
+    np.testing.assert_allclose(arrays["after"], arrays["before"] + 0.1, atol=1e-5)
