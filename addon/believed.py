@@ -1,4 +1,4 @@
-"""How far aside a scene can be believed: a cone in the viewport, a line where it looks from beyond, a warning of renders."""
+"""The angle up to which a scene is believed: a cone in the viewport, a line where it looks from beyond, a warning of renders."""
 
 from __future__ import annotations
 

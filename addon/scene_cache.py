@@ -96,28 +96,29 @@ def _look_at_splats(path: Path, stamp: tuple[int, int]) -> SceneFile:
 def displayed(path: Path, text: str) -> Display:
     """The scene of a file with the stack that `text` describes in place of its own; F4xError where the file is gone."""
     arrays = look_at(path).arrays
-    base, wanted = (str(path), arrays, NO_EDITS), (str(path), arrays, text)
+    base = str(path), arrays, NO_EDITS
     if base not in _scenes:
         opened(path)
-    if wanted not in _scenes:
-        _scenes[wanted] = Display(edited(with_stack(_scenes[base].scene, stack_from(text, str(path)))))
-    for key in (base, wanted):
-        _scenes.move_to_end(key)
-    while len(_scenes) > KEPT:
-        _scenes.popitem(last=False)
-    return _scenes[wanted]
+    return _with_edits(base, (str(path), arrays, text), text)
 
 
 def displayed_linear(path: Path, text: str) -> Display:
     """As `displayed`, of the scene's appearance for linear light (`f4x_core.scene.linear`)."""
     arrays = look_at(path).arrays
-    base, wanted = (str(path), arrays, LINEAR), (str(path), arrays, LINEAR + text)
+    base = str(path), arrays, LINEAR + NO_EDITS
     if base not in _scenes:
         _scenes[base] = Display(linear_scene(displayed(path, NO_EDITS).scene))
+    return _with_edits(base, (str(path), arrays, LINEAR + text), text)
+
+
+def _with_edits(base: tuple[str, str, str], wanted: tuple[str, str, str], text: str) -> Display:
+    """The kept scene `base` with the stack that `text` describes, kept as `wanted`; what was used longest ago is dropped."""
     if wanted not in _scenes:
-        _scenes[wanted] = Display(edited(with_stack(_scenes[base].scene, stack_from(text, str(path)))))
+        _scenes[wanted] = Display(edited(with_stack(_scenes[base].scene, stack_from(text, base[0]))))
     for key in (base, wanted):
         _scenes.move_to_end(key)
+    while len(_scenes) > KEPT:
+        _scenes.popitem(last=False)
     return _scenes[wanted]
 
 

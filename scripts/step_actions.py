@@ -31,7 +31,7 @@ FRAME = 12
 ORBIT = 25.0
 """Degrees of the other camera's circle."""
 MONKEY, LAMP = (-0.02, 0.1, 1.1), (0.7, -0.6, 0.2)
-"""Where a mesh and a lamp are put, in the scene's axes."""
+"""Places of a mesh and a lamp, in the scene's axes."""
 RAISED = 0.12
 """How far the node is pulled up."""
 CRATE = (-0.45, 0.19, 1.09), 0.16

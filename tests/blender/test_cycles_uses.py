@@ -1,4 +1,4 @@
-"""What artists do with Blender 5.3's own splats in Cycles: meshes, lamps, blur, holdouts and copies beside a scene that moves."""
+"""Uses of Blender 5.3's own splats in Cycles: meshes, lamps, blur, holdouts and copies beside a scene that moves."""
 
 import sys
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What viewports show of a scene: a saved .blend opens as it was seen, and *Show Picture* is there wherever it is not."""
+"""The pictures of viewports: a saved .blend opens as it was seen, and *Show Picture* is there wherever it is not."""
 
 import pytest
 

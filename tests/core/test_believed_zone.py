@@ -1,4 +1,4 @@
-"""How far beside the clip a view stands, and up to where it can be believed."""
+"""The angle of a view beside the clip, and up to which it is believed."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What Blender's interface shows is spelled as Blender's own is: American."""
+"""The words of Blender's interface are spelled as Blender's own is: American."""
 
 import ast
 import re

@@ -73,7 +73,7 @@ def same_picture(scene, time, matrix, *gaussians, error=1e-4):
 
 
 def without_footprint(scene, time, gaussians, scale):
-    """What was read from a file for programs without a footprint, which is taken out of the scales; `scale` of the file."""
+    """Gaussians read from a file for programs without a footprint, with it taken out of their scales; `scale` of the file."""
     means, quats, scales, *others = gaussians
     there = scene.posed(time).opacities > 0
     return means, quats, narrowed(np.asarray(scales), scale * footprint(scene)[there]), *others

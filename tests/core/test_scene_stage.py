@@ -278,7 +278,7 @@ def test_bands_are_as_tall_as_their_time_allows(monkeypatch):
 
 
 def test_a_held_out_cloud_is_a_hole_in_every_pass(scene):
-    """What is left is what the other cloud gives, behind and before it."""
+    """The rest is given by the other cloud, behind and before it."""
     held, shown = clouds_of(scene, 0.0)
     camera = scene.cameras[0]
     deep = np.repeat(camera.project(shown.places)[1][:, None], 3, 1).astype(np.float32)
