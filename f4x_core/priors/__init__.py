@@ -1,7 +1,7 @@
 """Priors of a clip: flow, tracks, motion, cameras, depth - a folder of plain files that the fit reads."""
 
 from .build import build_priors
-from .config import CamerasConfig, DepthConfig, FlowConfig, MotionConfig, PriorsConfig, TracksConfig
+from .config import CamerasConfig, DepthConfig, FlowConfig, MotionConfig, PeopleConfig, PriorsConfig, TracksConfig
 from .folder import Priors
 from .providers import PROVIDERS, STAGES, register
 
@@ -12,6 +12,7 @@ __all__ = [
     "DepthConfig",
     "FlowConfig",
     "MotionConfig",
+    "PeopleConfig",
     "Priors",
     "PriorsConfig",
     "TracksConfig",

@@ -47,6 +47,20 @@ class TracksConfig:
 
 
 @dataclass(frozen=True)
+class PeopleConfig:
+    """The people in every frame."""
+
+    provider: str = "networks"
+    """Who finds them (`providers.PROVIDERS`); `none` looks for nobody."""
+    every: int = 2
+    """Frames between two in which people are looked for; they are followed through all."""
+    parts_every: int = 16
+    """Frames between two whose parts are looked at, too, for people who are far away; a multiple of `every`."""
+    moving_every: int = 4
+    """Frames between two in which what moves is looked at whichever way is up; a multiple of `every`."""
+
+
+@dataclass(frozen=True)
 class MotionConfig:
     """Which pixels move by themselves."""
 
@@ -92,6 +106,7 @@ class PriorsConfig:
 
     flow: FlowConfig = field(default_factory=FlowConfig)
     tracks: TracksConfig = field(default_factory=TracksConfig)
+    people: PeopleConfig = field(default_factory=PeopleConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     cameras: CamerasConfig = field(default_factory=CamerasConfig)
     depth: DepthConfig = field(default_factory=DepthConfig)
@@ -109,15 +124,25 @@ class PriorsConfig:
 
     @classmethod
     def of(cls, provider: str, **stages: Any) -> PriorsConfig:
-        """All stages done by one provider (`PriorsConfig.of("synthetic")`); `stages` replace whole stage configs."""
+        """All stages done by one provider (`PriorsConfig.of("synthetic")`); `stages` replace whole stage configs.
+
+        People are found by the networks beside `classical`, by nobody beside another one.
+        """
         kinds = {"flow": FlowConfig, "tracks": TracksConfig, "motion": MotionConfig}
         kinds |= {"cameras": CamerasConfig, "depth": DepthConfig}
-        return cls(**({stage: kind(provider=provider) for stage, kind in kinds.items()} | stages))
+        made = {stage: kind(provider=provider) for stage, kind in kinds.items()}
+        return cls(**({**made, "people": PeopleConfig(provider=_finds_people(provider))} | stages))
 
     def with_provider(self, provider: str) -> PriorsConfig:
         """The same settings with every stage done by `provider`."""
-        stages = ("flow", "tracks", "motion", "cameras", "depth")
-        return replace(self, **{name: replace(getattr(self, name), provider=provider) for name in stages})
+        stages = dict.fromkeys(("flow", "tracks", "motion", "cameras", "depth"), provider)
+        stages["people"] = _finds_people(provider)
+        return replace(self, **{name: replace(getattr(self, name), provider=one) for name, one in stages.items()})
+
+
+def _finds_people(provider: str) -> str:
+    """The provider of people beside the `provider` of all other stages."""
+    return "networks" if provider == "classical" else "none"
 
 
 def config_hash(*parts: Any) -> str:

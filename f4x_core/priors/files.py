@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..clip import Clip
     from ..geometry.camera import CameraPath
 
-RESIZABLE = ("mask", "motion", "depth", "depth_confidence")
+RESIZABLE = ("mask", "motion", "depth", "depth_confidence", "people", "people_probability")
 ASPECT_TOLERANCE = 0.01
 """Relative difference of width / height up to which a map of another size is taken for the same picture."""
 STATIC_SHIFT, STATIC_DEGREES = 1e-4, 0.05

@@ -1,6 +1,6 @@
 """The priors folder: plain files that providers write and the fit reads.
 
-F counts supervised frames only, H x W are picture pixels, N tracks. Any file may be replaced by the user's own.
+F counts supervised frames only, H x W are picture pixels, N tracks, M people. Any file may be replaced by the user's own.
 
 | file | shape, dtype | meaning |
 |---|---|---|
@@ -12,6 +12,9 @@ F counts supervised frames only, H x W are picture pixels, N tracks. Any file ma
 | `motion.npy`, `mask.npy` | (F,H,W) float16, bool | soft 0..1 "moves by itself"; the moving foreground |
 | `tracks.npy`, `tracks_visible.npy` | (F,N,2) float32, (F,N) bool | pixels (pixel centres at +0.5), NaN = unknown |
 | `tracks_motion.npy` | (N,) float32 | 0..1 how surely the track moves by itself |
+| `people.npy`, `people_probability.npy` | (F,H,W) uint8, float16 | who of M people is seen, + 1 (0 = nobody), and how surely |
+| `people_joints.npy` | (F,M,33,3) float32 | x, y in pixels and visibility 0..1 (`joints.NAMES`); NaN = not in the frame |
+| `people_metres.npy` | (F,M,33,3) float32 | the same joints in metres from between the hips, camera axes |
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..reading import DAMAGE, load_json, load_npy, reason
 from ..versions import PRIORS
+from .joints import JOINTS
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -48,14 +52,18 @@ ARRAYS: dict[str, tuple[str, type]] = {
     "tracks": ("FN2", np.float32),
     "tracks_visible": ("FN", np.bool_),
     "tracks_motion": ("N", np.float32),
+    "people": ("FHW", np.uint8),
+    "people_probability": ("FHW", np.float16),
+    "people_joints": ("FMJ3", np.float32),
+    "people_metres": ("FMJ3", np.float32),
 }
-"""Name -> axes and dtype. F frames, P = F - 1 pairs, H, W pixels, N tracks; a digit is a fixed length."""
+"""Name -> axes and dtype. F frames, P = F - 1 pairs, H, W pixels, N tracks, M people, J joints; a digit is a fixed length."""
 FIELDS = (*ARRAYS, "cameras")
 REMEMBERED = ("camera_kind", "provenance", "warnings", "statistics")
 """Entries of `priors.json` that a later run goes on with."""
 SEEN_DEPTH = "seen_depth"
 """Entry of `Priors.scratch`: depth (F,H,W) that is known from elsewhere."""
-UNIT_INTERVAL = ("depth_confidence", "motion", "tracks_motion")
+UNIT_INTERVAL = ("depth_confidence", "motion", "tracks_motion", "people_probability")
 UNREADABLE = (OSError, *DAMAGE)
 """Raised on damaged `.npy` and `.npz` files, and by a system that does not give them."""
 OUTSIDE_TOLERANCE = 0.5
@@ -83,6 +91,10 @@ class Priors:
     tracks: np.ndarray | None = None
     tracks_visible: np.ndarray | None = None
     tracks_motion: np.ndarray | None = None
+    people: np.ndarray | None = None
+    people_probability: np.ndarray | None = None
+    people_joints: np.ndarray | None = None
+    people_metres: np.ndarray | None = None
     provenance: dict[str, dict[str, Any]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     statistics: dict[str, Any] = field(default_factory=dict)
@@ -114,7 +126,8 @@ class Priors:
             "H": self.height,
             "W": self.width,
         }
-        sizes |= {"N": count}
+        people = None if self.people_joints is None else self.people_joints.shape[1]
+        sizes |= {"N": count, "M": people, "J": JOINTS}
         return tuple(int(axis) if axis.isdigit() else sizes[axis] for axis in ARRAYS[name][0])
 
     def validate(self, fields: Iterable[str] = FIELDS, sources: Mapping[str, str] | None = None) -> None:

@@ -22,6 +22,7 @@ from ..progress import Progress
 from .alignment import align_tracks
 from .config import PriorsConfig
 from .flow import consistent_at, grey, inside, length, long_flows, look_up, pixel_grid, sample, warp
+from .moving_people import with_people
 from .tracks import continue_lost, relink, seed_and_track, thinned
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     threshold = statistics["threshold"] = config.motion.threshold or find_threshold(score)
     crisp = cut_out(clip.frames[clip.supervised], score, threshold)
     crisp = _smooth_in_time(crisp.astype(np.float32), flows) > AGREEMENT  # colours mislead in single frames
+    crisp = with_people(crisp, (score + _softened(crisp)) / 2, priors)
     if priors.mask is None:
         priors.mask = crisp
     priors.motion = np.clip((score + _softened(crisp)) / 2 if crisp.any() else score, 0, 1).astype(np.float16)

@@ -28,6 +28,7 @@ class Provider(Protocol):
 STAGES: dict[str, tuple[str, ...]] = {
     "flow": ("flow_forward", "flow_backward", "flow_forward_mask", "flow_backward_mask"),
     "tracks": ("tracks", "tracks_visible"),
+    "people": ("people", "people_probability", "people_joints", "people_metres"),
     "motion": ("motion", "mask", "tracks_motion"),
     "cameras": ("cameras",),
     "depth": ("depth", "depth_confidence"),
@@ -37,6 +38,8 @@ STAGES: dict[str, tuple[str, ...]] = {
 PROVIDERS: dict[tuple[str, str], str | Provider] = {
     ("flow", "classical"): "flow:provide",
     ("tracks", "classical"): "tracks:provide",
+    ("people", "networks"): ".people.provider:provide",
+    ("people", "none"): ".people.provider:provide_nobody",
     ("motion", "classical"): "motion:provide",
     ("cameras", "classical"): "cameras:provide",
     ("depth", "classical"): "depth:provide",
@@ -46,7 +49,7 @@ PROVIDERS: dict[tuple[str, str], str | Provider] = {
     ("cameras", "synthetic"): "synthetic:provide_cameras",
     ("depth", "synthetic"): "synthetic:provide_depth",
 }
-"""(stage, name) -> callable, or `module:function` of this room imported when first needed."""
+"""(stage, name) -> callable, or `module:function` of this room (with a dot before it, of another) imported when first needed."""
 
 
 def register(stage: str, name: str, provider: str | Provider) -> None:

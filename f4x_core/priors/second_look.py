@@ -16,6 +16,7 @@ from ..parallel import in_threads
 from .config import PriorsConfig
 from .flow import long_flows
 from .motion import STATIC_TRACK, VOTE_SIGMA, densify, enlarge, without_specks
+from .moving_people import moving_people
 from .points import TRACK_OUTLIER_PX, fit_points
 from .rigid import FAR_WEIGHT, LENS, MIN_FRAMES, OWN_MOTION, fills_border, flow_beyond_cameras
 
@@ -64,6 +65,7 @@ def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
     if stands.any():
         left &= ~_released(mask, tracks[:, asked], visible[:, asked], stands)
     left &= np.stack(in_threads(without_specks, left))
+    left |= moving_people(mask, priors)
     if left.sum() >= (1 - MIN_RELEASED_MASK) * mask.sum():
         return 0.0
     fraction = 1 - float(left.sum() / mask.sum())

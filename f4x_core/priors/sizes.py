@@ -54,6 +54,14 @@ def enlarged(priors: Priors, width: int, height: int) -> Priors:
     if priors.tracks is not None:
         scale = np.array([width / priors.width, height / priors.height], np.float32)
         found.tracks = priors.tracks * scale
+    if priors.people is not None:
+        found.people = resize_nearest(priors.people, width, height)
+    if priors.people_probability is not None:
+        soft = in_threads(lambda one: resize_linear(one, width, height).astype(np.float16), priors.people_probability)
+        found.people_probability = np.stack(soft)
+    if priors.people_joints is not None:
+        scale = np.array([width / priors.width, height / priors.height, 1], np.float32)
+        found.people_joints = priors.people_joints * scale
     if priors.motion is not None:
         found.motion = np.stack(
             in_threads(lambda one: resize_linear(one, width, height).astype(np.float16), priors.motion)

@@ -22,6 +22,7 @@ ROOMS = (
         "gaussians",
         "raster",
         "features",
+        "people",
         "scene",
         "fit",
         "evaluation",
@@ -39,7 +40,7 @@ DOORS = ("f4x_core/__init__.py", "f4x_core/__main__.py")
 """They name rooms: the first one to type checkers alone, to programs lazily."""
 NUMPY_ONLY = ("native", "geometry", "language", "clip", "scene", "query", "edit", "api", *GROUND)
 """Imported by Blender's own Python: numpy is the only wheel there."""
-TORCH_FREE = (*NUMPY_ONLY, "priors", "batch", "agent", "parallel")
+TORCH_FREE = (*NUMPY_ONLY, "priors", "people", "batch", "agent", "parallel")
 WHEELS = {"torch", "cv2", "av", "scipy", "PIL", "pycolmap", "matplotlib", "OpenEXR", "rich", "trimesh"}
 UNSAFE_MODULES = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve"}
 UNSAFE_CALLS = {"eval", "exec", "os.system", "os.popen", "subprocess.getoutput", "subprocess.getstatusoutput"}

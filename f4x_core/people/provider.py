@@ -1,0 +1,116 @@
+"""Provider `networks` of the priors' people: everyone in every frame, by the networks that `mediapipe` carries.
+
+Where the package or its runtime is absent, nobody is found and one sentence says how to get it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..parallel import in_threads
+from ..priors.joints import JOINTS
+from ..progress import Progress
+from .finding import find_everyone
+from .following import Person, Pictures, follow_everyone
+from .networks import missing
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from ..priors import Priors, PriorsConfig
+
+SHOWN = 0.5
+"""Probability from which a pixel shows a person."""
+FLOW_STEP = 8
+"""Distance in pixels of the flow's samples that tell what moves."""
+MIN_MOVED, NOISE = 1.5, 3.0
+"""Pixels between two frames, and medians of the picture, by which something moves otherwise than the picture."""
+MOVING_BOXES, MIN_BOX_FRACTION = 2, 0.004
+"""Moving regions of a frame that are looked at, the largest first, and the smallest fraction of the picture they cover."""
+
+
+def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `people`, `people_probability`, `people_joints` and `people_metres`."""
+    if sentence := missing():
+        priors.warn(sentence)
+        write_people([], priors)
+        return
+    settings = config.people
+    rgb = np.ascontiguousarray(clip.frames[clip.supervised])
+    frames = range(0, len(rgb), settings.every)
+
+    def look(frame: int) -> list:
+        moving = _moving_boxes(priors, frame) if frame % settings.moving_every == 0 else []
+        return find_everyone(rgb[frame], moving, parts=frame % settings.parts_every == 0)
+
+    found = in_threads(look, frames, lambda done: progress("people", done, 2 * len(frames)))
+    seeds = {frame: seen for frame, seen in zip(frames, found, strict=True) if seen}
+    assert priors.flow_forward is not None and priors.flow_backward is not None
+    pictures = Pictures(rgb, priors.flow_forward, priors.flow_backward)
+    report = lambda done, of: progress("people", len(frames) * (of + done) // of, 2 * len(frames))  # noqa: E731
+    write_people(follow_everyone(pictures, seeds, report), priors)
+    progress("people", 2 * len(frames), 2 * len(frames))
+
+
+def provide_nobody(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill the same with nobody (provider `none`)."""
+    write_people([], priors)
+
+
+def write_people(people: list[Person], priors: Priors) -> None:
+    """The masks of all people as one map of who is most probable, and their joints."""
+    frames, height, width = len(priors.frames), priors.height, priors.width
+    who = np.zeros((frames, height, width), np.uint8)
+    probability = np.zeros((frames, height, width), np.float16)
+    joints = np.full((frames, len(people), JOINTS, 3), np.nan, np.float32)
+    metres = np.full((frames, len(people), JOINTS, 3), np.nan, np.float32)
+
+    def draw(frame: int) -> None:
+        for index, person in enumerate(people):
+            pose = person.poses.get(frame)
+            if pose is None:
+                continue
+            joints[frame, index] = np.column_stack([pose.joints, pose.visibility])
+            metres[frame, index] = pose.metres
+            shown = pose.mask(height, width).astype(np.float16)
+            better = shown > np.maximum(probability[frame], np.float16(0.02))
+            who[frame][better], probability[frame][better] = index + 1, shown[better]
+
+    in_threads(draw, range(frames))
+    priors.people, priors.people_probability = who, probability
+    priors.people_joints, priors.people_metres = joints, metres
+    priors.statistics["people"] = {
+        "count": len(people),
+        "frames": [len(person.poses) for person in people],
+    }
+
+
+def _moving_boxes(priors: Priors, frame: int) -> list[np.ndarray]:
+    """Boxes (4,) of what moves unlike the picture as a whole, from a frame to the next one; the largest first."""
+    import cv2
+
+    if priors.flow_forward is None or frame >= len(priors.flow_forward):
+        return []
+    some = np.s_[FLOW_STEP // 2 :: FLOW_STEP, FLOW_STEP // 2 :: FLOW_STEP]
+    flow = priors.flow_forward[frame][some].astype(np.float32)
+    y, x = np.mgrid[: flow.shape[0], : flow.shape[1]].astype(np.float32) * FLOW_STEP
+    here = np.stack([x, y], -1).reshape(-1, 2)
+    there = here + flow.reshape(-1, 2)
+    cv2.setRNGSeed(0)  # the same clip must show the same people
+    try:
+        homography, _ = cv2.findHomography(here, there, cv2.USAC_MAGSAC, MIN_MOVED)
+    except cv2.error:  # too few samples
+        homography = None
+    if homography is None:
+        return []
+    left = np.linalg.norm(there - cv2.perspectiveTransform(here[:, None], homography)[:, 0], axis=1).reshape(x.shape)
+    moving = (left > max(MIN_MOVED, NOISE * float(np.median(left)))).astype(np.uint8)
+    moving = cv2.morphologyEx(moving, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    _, _, boxes, _ = cv2.connectedComponentsWithStats(moving)
+    largest = sorted(boxes[1:].tolist(), key=lambda box: -box[4])[:MOVING_BOXES]
+    return [
+        FLOW_STEP * np.array([left, top, left + wide, top + high], np.float64)
+        for left, top, wide, high, area in largest
+        if area > MIN_BOX_FRACTION * moving.size
+    ]

@@ -1,0 +1,58 @@
+"""The 33 joints of BlazePose (Bazarevsky et al. 2020) by name, and the limbs between them."""
+
+from __future__ import annotations
+
+NAMES = (
+    "nose",
+    "left eye inner",
+    "left eye",
+    "left eye outer",
+    "right eye inner",
+    "right eye",
+    "right eye outer",
+    "left ear",
+    "right ear",
+    "mouth left",
+    "mouth right",
+    "left shoulder",
+    "right shoulder",
+    "left elbow",
+    "right elbow",
+    "left wrist",
+    "right wrist",
+    "left little finger",
+    "right little finger",
+    "left index finger",
+    "right index finger",
+    "left thumb",
+    "right thumb",
+    "left hip",
+    "right hip",
+    "left knee",
+    "right knee",
+    "left ankle",
+    "right ankle",
+    "left heel",
+    "right heel",
+    "left toes",
+    "right toes",
+)
+"""Joint -> its name; left and right are the person's own."""
+JOINTS = len(NAMES)
+SHOULDERS, HIPS = (11, 12), (23, 24)
+TORSO = (*SHOULDERS, *HIPS)
+FEET = (29, 30, 31, 32)
+"""Heels and toes."""
+LIMBS = {
+    "head": ((0, 7), (0, 8), (7, 8)),
+    "torso": ((11, 12), (23, 24), (11, 23), (12, 24), (11, 24), (12, 23)),
+    "left arm": ((11, 13), (13, 15)),
+    "right arm": ((12, 14), (14, 16)),
+    "left hand": ((15, 17), (15, 19), (15, 21)),
+    "right hand": ((16, 18), (16, 20), (16, 22)),
+    "left leg": ((23, 25), (25, 27)),
+    "right leg": ((24, 26), (26, 28)),
+    "left foot": ((27, 29), (29, 31), (27, 31)),
+    "right foot": ((28, 30), (30, 32), (28, 32)),
+}
+"""Part of the body -> the segments between joints that run through it."""
