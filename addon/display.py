@@ -36,7 +36,19 @@ from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 from .process_exit import end_process
 from .render_settings import ENGINE
-from .scene_object import APART, EDITS, HANDLE_OF, HIDDEN, PREVIEW, SCORE, SELECTED, TIMED, SceneObject, forget
+from .scene_object import (
+    APART,
+    EDITS,
+    HANDLE_OF,
+    HIDDEN,
+    PREVIEW,
+    SCORE,
+    SELECTED,
+    TIMED,
+    SceneObject,
+    forget,
+    keep_back_previews,
+)
 from .wording import error_line, panel_words
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
@@ -71,7 +83,7 @@ def refresh(scene_object: SceneObject, *, summary: bool = True) -> None:
     _remove_handles(scene_object)
     scene_object.root[DRAWN] = _hash(scene_object)
     scene_object.root[TIMED] = display.changes
-    if display.changes:  # a handler writes attributes while a render reads them
+    if display.changes or PREVIEW in scene_object.root:  # handlers write attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
     update_panel(scene_object, summary)
 
@@ -90,7 +102,7 @@ def is_drawn(scene_object: SceneObject) -> bool:
 
 
 def _hash(scene_object: SceneObject) -> str:
-    text = scene_object.root.get(PREVIEW) or scene_object.root.get(EDITS, "")
+    text = scene_object.shown_edits if EDITS in scene_object.root else ""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -101,13 +113,13 @@ def redraw(scene_object: SceneObject) -> None:
 
 
 def update_panel(scene_object: SceneObject, summary: bool = True) -> None:
-    """Update the lists and counts of the sidebar from the pending edits, and the `summary` of what the shown ones uncover."""
+    """Update the lists and counts of the sidebar from the pending edits, and the `summary` of what they uncover."""
     # a script may import without registering the extension; lists of a linked scene cannot be changed
     if hasattr(scene_object.root, "f4x") and not scene_object.is_linked:
         _fill_lists(scene_object)
         count(scene_object)
         if summary:
-            scene_object.state.uncovered = panel_words(summary_of(uncovered(scene_object.shown.scene)))
+            scene_object.state.uncovered = panel_words(summary_of(uncovered(scene_object.edited)))
 
 
 def hide(scene_object: SceneObject, hidden: np.ndarray) -> None:
@@ -315,7 +327,10 @@ def _add_visibility_modifier(clouds: list[bpy.types.Object]) -> None:
     """Add the modifier to clouds with points that must not be shown."""
     for cloud in clouds:
         out = [read_attribute(cloud.data, name) for name in (HIDDEN, GONE)]
-        if VISIBLE not in cloud.modifiers and any(values is not None and values.any() for values in out):
+        # a preview's separate cloud is hidden while something renders, when modifiers cannot come any more
+        if VISIBLE not in cloud.modifiers and (
+            APART in cloud or any(values is not None and values.any() for values in out)
+        ):
             modifier = cloud.modifiers.new(VISIBLE, "NODES")
             modifier.node_group = bpy.data.node_groups.get(VISIBLE) or _visible_tree()
             modifier.show_expanded = False
@@ -410,16 +425,37 @@ def _evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = N
             _draw_timed(SceneObject(root), time)
 
 
+def _show_previews(why: str, on: bool) -> None:
+    """Draw scenes that have a preview without it, or with it again; `why` they are without."""
+    keep_back_previews(why, not on)
+    for scene_object in SceneObject.among(bpy.data.objects):
+        if PREVIEW in scene_object.root and not scene_object.is_linked:
+            redraw(scene_object)
+            scene_object.root[DRAWN] = _hash(scene_object)
+
+
 @persistent
 def _render_began(scene: bpy.types.Scene, *_) -> None:
     global _rendering
     _rendering = True
+    _show_previews("render", False)
 
 
 @persistent
 def _render_ended(scene: bpy.types.Scene, *_) -> None:
     global _rendering
     _rendering = False
+    _show_previews("render", True)
+
+
+@persistent
+def _will_save(*_) -> None:
+    _show_previews("save", False)
+
+
+@persistent
+def _saved(*_) -> None:
+    _show_previews("save", True)
 
 
 @persistent
@@ -438,6 +474,9 @@ _HANDLERS = {
     "render_init": _render_began,
     "render_complete": _render_ended,
     "render_cancel": _render_ended,
+    "save_pre": _will_save,
+    "save_post": _saved,
+    "save_post_fail": _saved,
 }
 
 

@@ -534,6 +534,15 @@ def _save_along(path: str) -> None:
 
 
 @persistent
+def _opened(*_) -> None:
+    """Forget plans of the session in which the .blend was saved: its points show the pending edits alone."""
+    for scene_object in SceneObject.among(bpy.data.objects):
+        if (PREVIEW in scene_object.root or scene_object.state.readings) and not scene_object.is_linked:
+            scene_object.show_preview(None)
+            forget_readings(scene_object)
+
+
+@persistent
 def _before_undo(*_) -> None:
     _before.clear()
     _before.update({each.root.session_uid: each.root.get(EDITS, "") for each in SceneObject.among(bpy.data.objects)})
@@ -564,7 +573,13 @@ def _undone(*_) -> None:
     _before.clear()
 
 
-_HANDLERS = {"save_pre": _save_along, "undo_pre": _before_undo, "undo_post": _undone, "redo_post": _undone}
+_HANDLERS = {
+    "load_post": _opened,
+    "save_pre": _save_along,
+    "undo_pre": _before_undo,
+    "undo_post": _undone,
+    "redo_post": _undone,
+}
 
 
 def register() -> None:

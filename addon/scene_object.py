@@ -59,7 +59,13 @@ PATIENCE = 1.0
 MOVED = 3
 """Number of folders above a .blend in which a moved scene file is searched."""
 
+_kept_back: set[str] = set()  # what keeps previews from being shown at present: a render, a save of the .blend
 _synced: dict[int, str] = {}  # session_uid of a root -> JSON of the stack that the file held when the root last met it
+
+
+def keep_back_previews(why: str, on: bool) -> None:
+    """Let all scenes show their pending edits alone, without previews, or no longer for this reason."""
+    (_kept_back.add if on else _kept_back.discard)(why)
 
 
 def root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
@@ -263,16 +269,21 @@ class SceneObject:
         return self._display(self._pending).scene
 
     @property
+    def shown_edits(self) -> str:
+        """JSON of the stack that is shown: the preview's in a viewport that has one, else the pending one."""
+        return (not _kept_back and self.root.get(PREVIEW)) or self._pending
+
+    @property
     def shown(self) -> Display:
-        """The scene that the viewport shows: with the preview if there is one, else with the pending edits."""
-        return self._display(self.root.get(PREVIEW) or self._pending)
+        """The scene with `shown_edits`."""
+        return self._display(self.shown_edits)
 
     @property
     def shown_linear(self) -> Display | None:
         """`shown` for engines that blend in linear light without a footprint; None where Blender has none or it is the same."""
         if not draws_splats() or self.base.fitted_focal(float(self.base.cameras.times[0])) is None:
             return None
-        return scene_cache.displayed_linear(self._checked_path(), self.root.get(PREVIEW) or self._pending)
+        return scene_cache.displayed_linear(self._checked_path(), self.shown_edits)
 
     @property
     def frame(self) -> float:
@@ -405,6 +416,7 @@ def forget() -> None:
     scene_cache.forget()
     packing.forget()
     _synced.clear()
+    _kept_back.clear()
 
 
 @lru_cache(maxsize=scene_cache.KEPT)

@@ -48,6 +48,50 @@ noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_pre
     assert noted["planned"] > 0 and noted["applied"] == 1 and noted["undone"] == [0, 0, False]
 
 
+@pytest.mark.parametrize("sentence", ["make the square red", "move the square up", "copy the square to the left"])
+def test_a_plan_is_neither_rendered_nor_saved(folder, sentence):
+    script = (
+        f"SENTENCE = {sentence!r}"
+        + """
+ops.query_text(text="wall")
+ops.opacity(factor=0.5)
+bpy.context.scene.render.resolution_percentage = 25
+bpy.context.scene.render.image_settings.file_format = "OPEN_EXR"
+
+def picture():
+    path = str(folder / f"{len(arrays)}.exr")
+    bpy.context.scene.render.filepath = path
+    bpy.ops.render.render(write_still=True)
+    return np.array(bpy.data.images.load(path).pixels[:])
+
+def points():
+    found = [values(cloud, "radiance:base") for cloud in scene_object().clouds]
+    return np.concatenate([each.reshape(-1) for each in found if each is not None])
+
+arrays["before"] = picture()
+noted["before"] = [root().f4x.uncovered, len(points())]
+ops.plan(sentence=SENTENCE)
+arrays["seen"] = points()
+arrays["planned"] = picture()
+arrays["seen after"] = points()
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "plan.blend"))
+arrays["seen saved"] = points()
+noted["planned"] = [root().f4x.uncovered, len(root().f4x.readings)]
+bpy.ops.wm.open_mainfile(filepath=str(folder / "plan.blend"))
+noted["opened"] = [root().f4x.uncovered, len(points()), len(root().f4x.readings), "f4x_preview" in root(), root().f4x.preview]
+arrays["opened"] = picture()
+"""
+    )
+    noted, arrays = perform(folder, START + script)
+    np.testing.assert_array_equal(arrays["planned"], arrays["before"])
+    np.testing.assert_array_equal(arrays["opened"], arrays["before"])
+    np.testing.assert_array_equal(arrays["seen after"], arrays["seen"])
+    np.testing.assert_array_equal(arrays["seen saved"], arrays["seen"])
+    uncovered, points = noted["before"]
+    assert noted["planned"] == [uncovered, 1]
+    assert noted["opened"] == [uncovered, points, 0, False, False]
+
+
 def test_a_refused_sentence_is_shown_in_the_panel_alone(folder):
     script = """
 from feature4x.addon.edit_operators import F4X_OT_plan
