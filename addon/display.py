@@ -30,7 +30,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.linear import Look, fitted_look
 from ..f4x_core.troubles import EXPECTED, sentence_of
 from . import clip_time
-from .axes import BLENDER_FROM_SCENE
+from .axes import SceneAxes
 from .gaussian_attributes import RECOLORED, write_appearance, write_linear, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
@@ -66,6 +66,7 @@ WORLD_AXES = "Blender's X, Y and Z"
 """Axes of the ways and turns in the list of edits."""
 _rendering = False
 _failures: dict[int, Exception] = {}  # session_uid of a root -> why this frame of it could not be worked out
+_axes: dict[int, np.ndarray] = {}  # session_uid of a root -> (3,3) its axes, by which its list of edits was written
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
 
 
@@ -152,9 +153,9 @@ def last_counts(scene_object: SceneObject) -> tuple[int, int]:
     return _counts[uid]
 
 
-def words_of(operation: Operation) -> str:
-    """An edit as its row shows it: with the numbers of its dialog, which are along Blender's axes as the scene came in."""
-    return describe_in(operation, BLENDER_FROM_SCENE[:3, :3], WORLD_AXES)
+def words_of(operation: Operation, axes: SceneAxes) -> str:
+    """An edit as its row shows it: with the numbers of its dialog, which are along Blender's axes where the scene is now."""
+    return describe_in(operation, axes.to_world, WORLD_AXES)
 
 
 def _fill_lists(scene_object: SceneObject) -> None:
@@ -162,9 +163,11 @@ def _fill_lists(scene_object: SceneObject) -> None:
     state = scene_object.state
     before, picked = len(state.history), state.history_index
     state.history.clear()
+    axes = scene_object.axes
+    _axes[scene_object.root.session_uid] = axes.to_world
     for edit in scene_object.stack.edits:
         row = state.history.add()
-        row.name, row.edit_id, row.enabled = words_of(edit.operation), edit.id, edit.enabled
+        row.name, row.edit_id, row.enabled = words_of(edit.operation, axes), edit.id, edit.enabled
     state.history_index = picked if before == len(state.history) else len(state.history) - 1
     state.names.clear()
     for name, rows in scene_object.names.items():
@@ -417,8 +420,11 @@ def _changed(*_) -> None:
 
 @persistent
 def _evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    """Update scenes whose edits change over time, where Time was changed at the same frame of the timeline."""
+    """Update scenes whose edits change over time, where Time was changed at the same frame, and the lists of those that moved."""
     _counts.clear()
+    for root in [item for item in scene.objects if item.session_uid in _axes]:
+        if not np.array_equal(_axes[root.session_uid], SceneAxes.of(root).to_world):
+            _fill_lists(SceneObject(root))
     for root in [item for item in scene.objects if item.get(TIMED)]:
         time = clip_time.time_of(root)
         if root.get(DRAWN_AT, time) != time and root.session_uid not in _failures:
@@ -463,6 +469,7 @@ def _file_loaded(path: str) -> None:
     forget()
     _failures.clear()
     _counts.clear()
+    _axes.clear()
 
 
 _HANDLERS = {

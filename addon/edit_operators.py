@@ -46,7 +46,6 @@ from ..f4x_core.language.lexicon import PLACES, plural
 from ..f4x_core.progress import Progress
 from ..f4x_core.troubles import EXPECTED
 from . import clip_time, display, edit_fields, marking, point_edits, scene_cache
-from .axes import scene_vector
 from .panel_operators import SceneOperator
 from .preferences import preferences
 from .scene_object import EDITS, PREVIEW, TIMED, SceneObject
@@ -214,11 +213,11 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
 
     def operation(self, scene_object):
         """The transform in the scene's axes; the rotation is a rotation vector in degrees."""
-        turn = np.rad2deg(Euler(self.turn).to_quaternion().to_exponential_map())
+        turn, axes = np.rad2deg(Euler(self.turn).to_quaternion().to_exponential_map()), scene_object.axes
         return Transform(
             scene_object.selected_ids,
-            translate=scene_vector(self.move),
-            rotate=scene_vector(turn),
+            translate=axes.way_in_scene(self.move),
+            rotate=axes.turn_in_scene(turn),
             scale=round(self.size, 6),
             pivot=self.pivot,
             frames=(float(self.first), float(self.last)) if self.over_time else None,
@@ -242,7 +241,7 @@ class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
     def operation(self, scene_object):
         """In the scene's axes."""
         ids = scene_object.selected_ids
-        return Duplicate(ids, scene_vector(self.offset), round(self.time_shift, 3), self.count)
+        return Duplicate(ids, scene_object.axes.way_in_scene(self.offset), round(self.time_shift, 3), self.count)
 
 
 class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801

@@ -9,6 +9,7 @@ from mathutils import Matrix, Vector
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.query.ground import Plane, find_ground, plane_through
+from .cleanup_operators import BOX
 from .gesture_operators import place_under
 from .import_scene import MIN_REACH
 from .panel_operators import SceneOperator, require_viewport
@@ -32,6 +33,10 @@ def _place(context: bpy.types.Context, root: bpy.types.Object, change: Matrix) -
     """Move the root by `change`, in Blender's world, and let viewports see as far as the scene goes."""
     root.matrix_world = change @ root.matrix_world
     context.view_layer.update()
+    for box in (item for item in root.children if BOX in item):  # which went along, and keeps to Blender's axes
+        placed = box.matrix_world.copy()
+        box.matrix_parent_inverse = root.matrix_world.inverted_safe()
+        box.matrix_world = placed
     see_to(REACH * _extent(SceneObject(root)))
 
 

@@ -38,7 +38,7 @@ from ..f4x_core.query.gesture import View
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene, updating, write_scene
 from . import clip_time, packing, scene_cache
-from .axes import Eye
+from .axes import Eye, SceneAxes
 from .gaussian_attributes import draws_splats
 from .packing import PACKED, pack, unpacked
 from .point_cloud import read_attribute, write_attribute
@@ -362,6 +362,11 @@ class SceneObject:
         if chosen.chosen.sum() != state.selected:
             return ids
         return replace(ids, words=state.called[:MAX_WORDS_LENGTH])
+
+    @property
+    def axes(self) -> SceneAxes:
+        """How Blender's axes lie in the scene where it is placed now."""
+        return SceneAxes.of(self.root)
 
     def view(self, seen: Eye) -> View:
         """How the scene is looked at now, for gestures."""
