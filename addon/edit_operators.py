@@ -394,18 +394,20 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
         with quietly():
             state.sentence, state.instead = self.sentence, ""
         forget_readings(scene_object)
-        sentence, readings = self.sentence, self.readings
+        sentence, readings, meters = self.sentence, self.readings, scene_object.meters
         base, scene, asker = scene_object.base, scene_object.edited, scene_object.context
 
         def search(progress: Progress) -> Understood:
             # Not above: Blender starts more often than somebody speaks.
+            from ..f4x_core.edit.lengths import in_units
             from ..f4x_core.edit.plan import propose
             from ..f4x_core.edit.selecting import read_selecting
 
             scene_cache.wait_until_prepared(base, progress)
             if selecting := read_selecting(scene, sentence, asker):
                 return Understood(selecting)
-            proposal = propose(scene, sentence, asker, candidates=readings)
+            said = in_units(sentence, meters) if meters else sentence
+            proposal = propose(scene, said, asker, candidates=readings)
             return Understood(
                 proposal=proposal,
                 descriptions=["\n".join(plan_lines(scene, one.operations, asker.frame)) for one in proposal.candidates],

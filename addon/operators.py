@@ -100,7 +100,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
             root.f4x.notice = "\n".join(part for part in (root.f4x.notice, line) if part)
         if self.show:
             moves = takes_over and PATH in root and SceneObject(root).holds_edits
-            viewport.show(root, context.scene.camera if moves else None)
+            viewport.show(root, context.scene.camera if moves else None, stay=not takes_over)
         if root.f4x.speed != 1:
             lines.append(_own_pace(root, context.scene))
         # one report: of several the status bar shows none

@@ -13,7 +13,7 @@ from .cleanup_operators import BOX
 from .gesture_operators import place_under
 from .import_scene import MIN_REACH
 from .panel_operators import SceneOperator, require_viewport
-from .scene_object import SceneObject
+from .scene_object import IN_METERS, SceneObject
 from .viewport import see_to
 
 REACH = 4.0
@@ -197,6 +197,7 @@ class F4X_OT_scale_length(_Clicks, bpy.types.Operator):  # noqa: N801
         middle.z = 0.0
         about = Matrix.Translation(middle)
         _place(context, root, about @ Matrix.Scale(factor, 4) @ about.inverted())
+        root[IN_METERS] = True
         self.report(
             {"INFO"}, f"{scene_object.name} is {factor:.4g} times as large; {measured:.4g} became {self.length:.4g}"
         )

@@ -52,6 +52,8 @@ SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
 """Point attributes: the selection (Blender's own name), the selection before the last query, and the query's scores."""
 HIDDEN = "f4x_hidden"
 """Point attribute, BOOLEAN: points that no picture shows."""
+IN_METERS = "f4x_in_meters"
+"""Property of a root that was scaled to a length that a person knows: Blender's units are meters then."""
 TIMED = "f4x_timed"
 """Property of a root whose edits change over time, so that its clouds are updated at every frame."""
 PATIENCE = 1.0
@@ -367,6 +369,11 @@ class SceneObject:
     def axes(self) -> SceneAxes:
         """How Blender's axes lie in the scene where it is placed now."""
         return SceneAxes.of(self.root)
+
+    @property
+    def meters(self) -> float | None:
+        """Meters of one unit of the scene; None where nobody told a length."""
+        return self.root.matrix_world.median_scale if IN_METERS in self.root else None
 
     def view(self, seen: Eye) -> View:
         """How the scene is looked at now, for gestures."""

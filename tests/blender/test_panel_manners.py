@@ -269,6 +269,7 @@ noted["far"] = refused(ops.query_text, text="goat")
         ("there are 201 edits; 200 are the most, so `f4x bake` them first.",
          "there are 201 edits; 200 are the most, so bake them with the command f4x bake first."),
         ("fit without --resume, or into another folder.", "fit without Continue, or into another folder."),
+        ("That is no edit; use `f4x undo SCENE`, or the button for it.", "That is no edit; press Ctrl-Z."),
         ("Nothing is selected; use Query.", "Nothing is selected; use Query."),
     ],
 )  # fmt: skip

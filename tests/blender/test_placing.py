@@ -105,6 +105,10 @@ root().rotation_euler = (2.5, 0.3, 0.4)  # of a clip whose camera looked down
 bpy.context.view_layer.update()
 ops.scale_length(a=(0, 0, 0), b=(1, 0, 0), length=3)
 bpy.context.view_layer.update()
+noted["meters"] = scene_object().meters
+ops.plan(sentence="move what moves up by 30 cm")
+noted["planned"] = json.loads(root().f4x.readings[0].operations)[0]["translate"]
+ops.drop_plan()
 noted["box"] = float(np.abs(np.array(box.matrix_world) - np.array(box.matrix_basis)).max())
 ops.plan(sentence="select what moves")
 chosen = np.flatnonzero(scene_object().read(".selection"))
@@ -139,6 +143,7 @@ noted["stack"] = len(scene_object().stack)
     write_scene(labelled_scene(), tmp_path / "scene.f4x")
     noted, _ = perform(tmp_path, START + script)
     assert [noted["moved"], noted["field"]] == [pytest.approx([0, 0, 1], abs=1e-4)] * 2
+    assert noted["meters"] == pytest.approx(3) and np.linalg.norm(noted["planned"]) == pytest.approx(0.1, abs=1e-4)
     assert noted["row"] == "move what moves by (0, 0, 1) units along Blender's X, Y and Z"
     assert noted["set"] == pytest.approx([2, 0, 0], abs=1e-4) and noted["turned"] == pytest.approx(
         [0, 0, 0.5], abs=1e-4

@@ -112,17 +112,20 @@ def render(degrees, times=1):
     camera.matrix_world = Matrix.Translation((0, 1, 0)) @ turn @ Matrix.Translation((0, -1, 0))
     bpy.context.view_layer.update()
     for _ in range(times):
-        believed.warn(lambda kind, line: lines.append([*kind, line]), scene, camera)
+        believed.warn(lambda kind, line: lines.append([*kind, line]), bpy.context.evaluated_depsgraph_get())
     return list(lines)
 noted["inside"], noted["outside"] = render(9), render(34, times=3)
-root().matrix_world = Matrix.Translation((5, 0, 0)) @ root().matrix_world
+camera.data.shift_x = 5
+noted["not in view"] = render(34)
+camera.data.shift_x = 0
+root().matrix_world = Matrix.Translation((0.5, 0, 0)) @ root().matrix_world
 bpy.context.view_layer.update()
 camera.parent = None
 noted["moved"] = render(9)
 """
     noted, _ = perform(folder, START + script)
     line = "labelled, frame 0: 34° beside the clip's camera: guesswork (good up to about 10°)"
-    assert noted["inside"] == [] and noted["outside"] == [["WARNING", line]]
+    assert noted["inside"] == noted["not in view"] == [] and noted["outside"] == [["WARNING", line]]
     assert len(noted["moved"]) == 1  # the scene went away from the camera
 
 
