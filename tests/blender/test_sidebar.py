@@ -109,7 +109,8 @@ def render(degrees, times=1):
     for handler in bpy.app.handlers.render_init:
         handler(scene)
     turn = Matrix.Rotation(np.radians(degrees), 4, "Z")
-    camera.matrix_world = Matrix.Translation((0, 1, 0)) @ turn @ Matrix.Translation((0, -1, 0))
+    ahead = Matrix.Rotation(np.pi / 2, 4, "X")
+    camera.matrix_world = Matrix.Translation((0, 1, 0)) @ turn @ Matrix.Translation((0, -1, 0)) @ ahead
     bpy.context.view_layer.update()
     for _ in range(times):
         believed.warn(lambda kind, line: lines.append([*kind, line]), bpy.context.evaluated_depsgraph_get())
