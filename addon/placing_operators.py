@@ -8,7 +8,7 @@ from bpy.props import FloatProperty, FloatVectorProperty
 from mathutils import Matrix, Vector
 
 from ..f4x_core.errors import F4xError
-from ..f4x_core.query.ground import Plane, find_ground, plane_through
+from ..f4x_core.query.ground import LEANS, Plane, find_ground, leaning, plane_through
 from .cleanup_operators import BOX
 from .gesture_operators import place_under
 from .import_scene import MIN_REACH
@@ -130,7 +130,11 @@ class F4X_OT_align_floor(SceneOperator, bpy.types.Operator):  # noqa: N801 - Ble
         """Place the root. The scene file stays as it is."""
         floor = find_ground(scene_object.base)
         _stand_on(context, scene_object, floor)
-        self.report({"INFO"}, f"The floor of {scene_object.name} is on Z = 0 now; check it, or use Floor by 3 Points")
+        lean = leaning(scene_object.base.cameras, floor)
+        told = f", {lean:.0f}° off from level in the clip's pictures," if lean >= LEANS else ""
+        self.report(
+            {"INFO"}, f"The floor of {scene_object.name}{told} is on Z = 0 now; check it, or use Floor by 3 Points"
+        )
 
 
 class F4X_OT_align_points(_Clicks, bpy.types.Operator):  # noqa: N801
