@@ -60,13 +60,14 @@ since; and it draws points and leaves the lists.
 """
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
+LISTED = "f4x_listed"
+"""Property of a root: (9,) the axes by which its list of edits was written."""
 DRAWN_AT = "f4x_drawn_at"
 """Property of a root: Time at which its points were drawn last."""
 WORLD_AXES = "Blender's X, Y and Z"
 """Axes of the ways and turns in the list of edits."""
 _rendering = False
 _failures: dict[int, Exception] = {}  # session_uid of a root -> why this frame of it could not be worked out
-_axes: dict[int, np.ndarray] = {}  # session_uid of a root -> (3,3) its axes, by which its list of edits was written
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
 
 
@@ -163,11 +164,10 @@ def _fill_lists(scene_object: SceneObject) -> None:
     state = scene_object.state
     before, picked = len(state.history), state.history_index
     state.history.clear()
-    axes = scene_object.axes
-    _axes[scene_object.root.session_uid] = axes.to_world
     for edit in scene_object.stack.edits:
         row = state.history.add()
-        row.name, row.edit_id, row.enabled = words_of(edit.operation, axes), edit.id, edit.enabled
+        row.edit_id, row.enabled = edit.id, edit.enabled
+    _name_rows(scene_object)
     state.history_index = picked if before == len(state.history) else len(state.history) - 1
     state.names.clear()
     for name, rows in scene_object.names.items():
@@ -416,15 +416,30 @@ def _end_wrong_render(scene: bpy.types.Scene) -> None:
 @persistent
 def _changed(*_) -> None:
     _counts.clear()
+    _follow_axes(bpy.context.scene)
+
+
+def _follow_axes(scene: bpy.types.Scene) -> None:
+    """Write the lists of edits anew of scenes that are placed otherwise than when they were written."""
+    for root in [item for item in scene.objects if item.get(EDITS, "[]") != "[]" and LISTED in item]:
+        scene_object = SceneObject(root)
+        if not scene_object.is_linked and scene_object.axes.to_world.ravel().tolist() != list(root[LISTED]):
+            _name_rows(scene_object)
+
+
+def _name_rows(scene_object: SceneObject) -> None:
+    """Write the words of the edits into their rows, along Blender's axes where the scene is placed now."""
+    axes = scene_object.axes
+    scene_object.root[LISTED] = axes.to_world.ravel().tolist()
+    for row, edit in zip(scene_object.state.history, scene_object.stack.edits, strict=False):
+        row.name = words_of(edit.operation, axes)
 
 
 @persistent
 def _evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Update scenes whose edits change over time, where Time was changed at the same frame, and the lists of those that moved."""
     _counts.clear()
-    for root in [item for item in scene.objects if item.session_uid in _axes]:
-        if not np.array_equal(_axes[root.session_uid], SceneAxes.of(root).to_world):
-            _fill_lists(SceneObject(root))
+    _follow_axes(scene)
     for root in [item for item in scene.objects if item.get(TIMED)]:
         time = clip_time.time_of(root)
         if root.get(DRAWN_AT, time) != time and root.session_uid not in _failures:
@@ -469,7 +484,7 @@ def _file_loaded(path: str) -> None:
     forget()
     _failures.clear()
     _counts.clear()
-    _axes.clear()
+    _follow_axes(bpy.context.scene)
 
 
 _HANDLERS = {
