@@ -57,7 +57,9 @@ class SceneAxes:
     @classmethod
     def of(cls, root: bpy.types.Object) -> SceneAxes:
         """Those of the scene below `root`."""
-        placed = root.matrix_world if root.parent or root.constraints else root.matrix_basis  # that is there before evaluation
+        placed = (
+            root.matrix_world if root.parent or root.constraints else root.matrix_basis
+        )  # that is there before evaluation
         return cls.from_matrix(np.array(placed))
 
     @classmethod

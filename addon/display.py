@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import re
 from dataclasses import dataclass
 
 import bpy
@@ -27,6 +28,7 @@ from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.edit.operations import Operation
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
+from ..f4x_core.language.colour_names import everyday_name, from_hex
 from ..f4x_core.scene.linear import Look, fitted_look
 from ..f4x_core.troubles import EXPECTED, sentence_of
 from . import clip_time
@@ -60,6 +62,8 @@ since; and it draws points and leaves the lists.
 """
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
+HEX = re.compile(r"#([0-9a-f]{6})\b")
+"""A color in a row of the list of edits that has no name of its own."""
 LISTED = "f4x_listed"
 """Property of a root: (9,) the axes by which its list of edits was written."""
 DRAWN_AT = "f4x_drawn_at"
@@ -155,8 +159,9 @@ def last_counts(scene_object: SceneObject) -> tuple[int, int]:
 
 
 def words_of(operation: Operation, axes: SceneAxes) -> str:
-    """An edit as its row shows it: with the numbers of its dialog, which are along Blender's axes where the scene is now."""
-    return describe_in(operation, axes.to_world, WORLD_AXES)
+    """An edit as its row shows it: with the numbers of its dialog, along Blender's axes where the scene is now, and colors named."""
+    words = describe_in(operation, axes.to_world, WORLD_AXES)
+    return HEX.sub(lambda found: f"{everyday_name(from_hex(found[1]))} ({found[0]})", words)
 
 
 def _fill_lists(scene_object: SceneObject) -> None:

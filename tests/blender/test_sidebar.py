@@ -94,7 +94,7 @@ noted["rows"] = [row.name for row in state.history]
     noted, _ = perform(folder, START + script)
     assert noted["rows"] == [
         "move the square by (-1.5, 0.25, 0) units along Blender's X, Y and Z",
-        "make the square #e41a1a",
+        "make the square red (#e41a1a)",
     ]
 
 
