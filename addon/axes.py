@@ -1,6 +1,9 @@
 """Between OpenCV (the core) and Blender: camera axes, world axes, intrinsics."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import bpy
@@ -15,6 +18,7 @@ FLIP_YZ = np.diag([1.0, -1.0, -1.0, 1.0])
 # The scene's world (OpenCV: x right, y down, z forward) -> Blender's (x right, y forward, z up).
 BLENDER_FROM_SCENE = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
+Vector3 = tuple[float, float, float]
 FAR_AWAY = 1000.0
 """A view without perspective is drawn by a pinhole that stands back this many times half its width."""
 
@@ -41,15 +45,50 @@ class Stereo(NamedTuple):
     """Of the lens, in place of the camera's own."""
 
 
-def scene_vector(vector: Iterable[float]) -> tuple[float, float, float]:
-    """A vector along Blender's axes as one along the scene's axes (OpenCV)."""
-    x, y, z = (BLENDER_FROM_SCENE[:3, :3].T @ np.array(vector, float) + 0.0).tolist()  # no -0
-    return x, y, z
+@dataclass(frozen=True, eq=False)
+class SceneAxes:
+    """How ways and turns along Blender's axes lie in a scene that is placed somewhere."""
+
+    to_world: np.ndarray
+    """(3,3) from the scene's axes and unit to Blender's."""
+    turn: np.ndarray
+    """(3,3) the same without scale."""
+
+    @classmethod
+    def of(cls, root: bpy.types.Object) -> SceneAxes:
+        """Those of the scene below `root`."""
+        placed = (
+            root.matrix_world if root.parent or root.constraints else root.matrix_basis
+        )  # that is there before evaluation
+        return cls.from_matrix(np.array(placed))
+
+    @classmethod
+    def from_matrix(cls, matrix: np.ndarray) -> SceneAxes:
+        """Those of a (4,4) matrix from the scene to Blender's world, in single precision, the noise of which is rounded off."""
+        scale = np.linalg.norm(matrix[:3, :3], axis=0)
+        scale = np.array([float(f"{each:.6g}") for each in scale]) if scale.all() else np.ones(3)
+        turn = np.round(matrix[:3, :3] / scale, 6)
+        return cls(turn * scale, turn * (np.sign(np.linalg.det(turn)) or 1.0))
+
+    def way_in_scene(self, way: Iterable[float]) -> Vector3:
+        """A way in Blender's world as one in the scene's axes and unit."""
+        return _three(np.linalg.inv(self.to_world) @ np.array(tuple(way), float))
+
+    def way_in_world(self, way: Iterable[float]) -> Vector3:
+        """A way in the scene as one in Blender's world."""
+        return _three(self.to_world @ np.array(tuple(way), float))
+
+    def turn_in_scene(self, turn: Iterable[float]) -> Vector3:
+        """Axis times angle of a turn in Blender's world as in the scene's axes."""
+        return _three(self.turn.T @ np.array(tuple(turn), float))
+
+    def turn_in_world(self, turn: Iterable[float]) -> Vector3:
+        """Axis times angle of a turn in the scene's axes as in Blender's world."""
+        return _three(self.turn @ np.array(tuple(turn), float))
 
 
-def blender_vector(vector: Iterable[float]) -> tuple[float, float, float]:
-    """A vector along the scene's axes as one along Blender's axes."""
-    x, y, z = (BLENDER_FROM_SCENE[:3, :3] @ np.array(vector, float) + 0.0).tolist()
+def _three(values: np.ndarray) -> Vector3:
+    x, y, z = (values + 0.0).tolist()  # no -0
     return x, y, z
 
 

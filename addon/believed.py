@@ -10,7 +10,7 @@ import gpu
 import numpy as np
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 from ..f4x_core.scene.believed import BelievedZone
 from ..f4x_core.troubles import EXPECTED
@@ -19,6 +19,8 @@ from .scene_object import ARRAYS, PATH, SceneObject
 FAR = 1e4
 """World units behind which a view without perspective stands."""
 RING_COLOUR, WARNING_COLOUR = (0.35, 0.85, 0.45, 0.9), (1.0, 0.65, 0.2, 1.0)
+SAMPLED, SLIGHT = 500, 0.01
+"""Gaussians by which a view is asked whether it shows a scene, and the fraction of them from which it does."""
 SPOKES = 8
 """Lines of the cone from the ring to what the camera looks at."""
 TEXT, MARGIN = 13, 14
@@ -59,11 +61,33 @@ def line_at(scene_object: SceneObject, eye: Vector) -> str:
     return zone.line(zone.aside(np.array(place)))
 
 
-def warn(report: Callable[[set[str], str], None], scene: bpy.types.Scene, camera: bpy.types.Object) -> None:
+def is_in_view(scene_object: SceneObject, to_clip: Matrix) -> bool:
+    """Whether a view shows some of a scene; `to_clip`: the (4,4) matrix from Blender's world to its clip coordinates."""
+    try:
+        means = scene_object.base.static.means
+    except EXPECTED:
+        return True
+    some = means[:: max(len(means) // SAMPLED, 1)]
+    places = np.array(to_clip @ scene_object.root.matrix_world) @ np.column_stack([some, np.ones(len(some))]).T
+    inside = (np.abs(places[:2]) <= places[3]).all(0)
+    return not len(some) or inside.mean() > SLIGHT
+
+
+def _clip_of(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Matrix:
+    """The matrix from Blender's world to the clip coordinates of a render's camera."""
+    render = depsgraph.scene.render
+    size = {"x": render.resolution_x, "y": render.resolution_y}
+    aspect = {"scale_x": render.pixel_aspect_x, "scale_y": render.pixel_aspect_y}
+    return camera.calc_matrix_camera(depsgraph, **size, **aspect) @ camera.matrix_world.normalized().inverted_safe()
+
+
+def warn(report: Callable[[set[str], str], None], depsgraph: bpy.types.Depsgraph) -> None:
     """Warn once in a render where its camera stands farther aside than a scene that it shows can be believed."""
+    scene, camera = depsgraph.scene.original, depsgraph.scene.camera.evaluated_get(depsgraph)
     for scene_object in _shown(scene):
         uid = scene_object.root.session_uid
         line = "" if uid in _warned else line_at(scene_object, camera.matrix_world.translation)
+        line = line if line and is_in_view(scene_object, _clip_of(camera, depsgraph)) else ""
         if line:
             _warned.add(uid)
             report({"WARNING"}, f"{scene_object.name}, frame {scene.frame_current}: {line}")
@@ -122,9 +146,11 @@ def _draw_line() -> None:
     scale = context.preferences.system.ui_scale
     height = MARGIN * scale
     covered = sum(region.width for region in context.area.regions if region.type == "UI")
-    for scene_object in _scenes(context):
+    scenes, to_clip = _scenes(context), context.region_data.perspective_matrix
+    for scene_object in scenes:
         line = line_at(scene_object, _eye(context.region_data))
-        if line:
+        if line and is_in_view(scene_object, to_clip):
+            line = f"{scene_object.name}: {line}" if len(scenes) > 1 else line
             blf.size(0, TEXT * scale)
             blf.color(0, *WARNING_COLOUR)
             blf.enable(0, blf.SHADOW)

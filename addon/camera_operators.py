@@ -9,6 +9,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..f4x_core.geometry import trajectory
+from .believed import zone_of
 from .clip_time import keys_in_force
 from .import_scene import add_camera, follow_scale
 from .job_operators import SavedSceneOperator, saved_scene, start_verb
@@ -16,6 +17,8 @@ from .panel_operators import SceneOperator
 from .preferences import worker_python
 from .scene_object import SceneObject
 
+LEAST = 0.1
+"""Degrees of the smallest swing."""
 PATHS = (
     ("STABILISE", "Stabilize", "The clip's camera in a calm hand"),
     ("ORBIT", "Orbit", "A small circle around what the clip's camera looks at"),
@@ -34,6 +37,13 @@ SWUNG = ("orbit", "bullet")
 """Films that need an angle."""
 
 
+def _stay_believed(operator: bpy.types.Operator, scene_object: SceneObject | None) -> None:
+    """Let the swing of a dialog begin within the angle up to which the scene can be believed."""
+    zone = zone_of(scene_object) if scene_object else None
+    if zone is not None and not operator.properties.is_property_set("degrees"):
+        operator.degrees = max(min(operator.degrees, zone.degrees), LEAST)
+
+
 class F4X_OT_add_path_camera(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blender wants this form
     """Add a camera that follows a path of its own, and look through it."""
 
@@ -48,7 +58,7 @@ class F4X_OT_add_path_camera(SceneOperator, bpy.types.Operator):  # noqa: N801 -
         soft_max=48.0,
     )
     degrees: FloatProperty(  # type: ignore[valid-type]
-        name="Degrees", description="Size of the circle, seen from its center", default=5.0, min=0.1, max=80.0
+        name="Degrees", description="Size of the circle, seen from its center", default=5.0, min=LEAST, max=80.0
     )
 
     def draw(self, context):
@@ -59,6 +69,7 @@ class F4X_OT_add_path_camera(SceneOperator, bpy.types.Operator):  # noqa: N801 -
 
     def invoke(self, context, event):
         """Open the dialog."""
+        _stay_believed(self, SceneObject.of(context.object))
         return context.window_manager.invoke_props_dialog(self)
 
     def act(self, context, scene_object):
@@ -86,7 +97,7 @@ class F4X_OT_render_film(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
 
     path: EnumProperty(name="Path", items=FILMS, default="stabilise")  # type: ignore[valid-type]
     frame: IntProperty(name="Frame", description="Clip frame at which time stops", min=0)  # type: ignore[valid-type]
-    degrees: FloatProperty(name="Degrees", description="Size of the swing", default=5.0, min=0.1, max=80.0)  # type: ignore[valid-type]
+    degrees: FloatProperty(name="Degrees", description="Size of the swing", default=5.0, min=LEAST, max=80.0)  # type: ignore[valid-type]
     factor: FloatProperty(name="Slower", description="How many times slower", default=4.0, min=1.0, max=100.0)  # type: ignore[valid-type]
     exr: BoolProperty(  # type: ignore[valid-type]
         name="EXR", description="Also write all passes of a frame as one EXR, with the matte of what no frame saw"
@@ -109,6 +120,7 @@ class F4X_OT_render_film(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
         if not self.properties.is_property_set("frame"):
             scene_object = SceneObject.of(context.object)
             self.frame = round(scene_object.frame) if scene_object else 0
+        _stay_believed(self, SceneObject.of(context.object))
         return context.window_manager.invoke_props_dialog(self, width=420)
 
     def start(self, context):

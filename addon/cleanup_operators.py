@@ -69,13 +69,14 @@ class F4X_OT_add_crop_box(SceneOperator, bpy.types.Operator):  # noqa: N801
     def act(self, context, scene_object):
         """Add a cube-shaped empty below the root, and make it active."""
         root, scene = scene_object.root, scene_object.shown.scene
-        means = scene.posed(scene_object.frame).means
+        matrix = np.array(root.matrix_world)
+        means = scene.posed(scene_object.frame).means @ matrix[:3, :3].T + matrix[:3, 3]
         low, high = np.percentile(means, BULK, axis=0) if len(means) else (-np.ones(3), np.ones(3))
         box = bpy.data.objects.new(f"{root.name} crop box", None)
         box.empty_display_type, box.empty_display_size = "CUBE", 1.0
         box[BOX] = 0
         root.users_collection[0].objects.link(box)
-        box.parent = root
+        box.parent, box.matrix_parent_inverse = root, root.matrix_world.inverted_safe()  # its numbers are Blender's
         half = np.maximum((high - low) / 2 * MARGIN, 1e-3)
         box.matrix_basis = Matrix.LocRotScale(((low + high) / 2).tolist(), None, half.tolist())
         for item in selected_in(context.view_layer):

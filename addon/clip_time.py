@@ -109,6 +109,11 @@ def rate_between(clip_fps: float, scene: bpy.types.Scene) -> float:
     return 1.0 if abs(rate - 1) < CONFORMED else rate
 
 
+def is_still(root: bpy.types.Object) -> bool:
+    """True for a scene of one moment, such as splats of another program."""
+    return root.get(FIRST) is not None and root[FIRST] == root[LAST]
+
+
 def timing_of(root: bpy.types.Object) -> Timing:
     """The timing of a scene; a .blend of an older version has none, and shows clip frame n at frame n."""
     return Timing(*(float(root.get(name, default)) for name, default in ((FIRST, 0), (START, 0), (RATE, 1))))

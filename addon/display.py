@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import re
 from dataclasses import dataclass
 
 import bpy
@@ -27,16 +28,29 @@ from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.edit.operations import Operation
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
+from ..f4x_core.language.colour_names import everyday_name, from_hex
 from ..f4x_core.scene.linear import Look, fitted_look
 from ..f4x_core.troubles import EXPECTED, sentence_of
 from . import clip_time
-from .axes import BLENDER_FROM_SCENE
+from .axes import SceneAxes
 from .gaussian_attributes import RECOLORED, write_appearance, write_linear, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 from .process_exit import end_process
 from .render_settings import ENGINE
-from .scene_object import APART, EDITS, HANDLE_OF, HIDDEN, PREVIEW, SCORE, SELECTED, TIMED, SceneObject, forget
+from .scene_object import (
+    APART,
+    EDITS,
+    HANDLE_OF,
+    HIDDEN,
+    PREVIEW,
+    SCORE,
+    SELECTED,
+    TIMED,
+    SceneObject,
+    forget,
+    keep_back_previews,
+)
 from .wording import error_line, panel_words
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
@@ -48,6 +62,10 @@ since; and it draws points and leaves the lists.
 """
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
+HEX = re.compile(r"#([0-9a-f]{6})\b")
+"""A color in a row of the list of edits that has no name of its own."""
+LISTED = "f4x_listed"
+"""Property of a root: (9,) the axes by which its list of edits was written."""
 DRAWN_AT = "f4x_drawn_at"
 """Property of a root: Time at which its points were drawn last."""
 WORLD_AXES = "Blender's X, Y and Z"
@@ -71,7 +89,7 @@ def refresh(scene_object: SceneObject, *, summary: bool = True) -> None:
     _remove_handles(scene_object)
     scene_object.root[DRAWN] = _hash(scene_object)
     scene_object.root[TIMED] = display.changes
-    if display.changes:  # a handler writes attributes while a render reads them
+    if display.changes or PREVIEW in scene_object.root:  # handlers write attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
     update_panel(scene_object, summary)
 
@@ -90,7 +108,7 @@ def is_drawn(scene_object: SceneObject) -> bool:
 
 
 def _hash(scene_object: SceneObject) -> str:
-    text = scene_object.root.get(PREVIEW) or scene_object.root.get(EDITS, "")
+    text = scene_object.shown_edits if EDITS in scene_object.root else ""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -101,13 +119,13 @@ def redraw(scene_object: SceneObject) -> None:
 
 
 def update_panel(scene_object: SceneObject, summary: bool = True) -> None:
-    """Update the lists and counts of the sidebar from the pending edits, and the `summary` of what the shown ones uncover."""
+    """Update the lists and counts of the sidebar from the pending edits, and the `summary` of what they uncover."""
     # a script may import without registering the extension; lists of a linked scene cannot be changed
     if hasattr(scene_object.root, "f4x") and not scene_object.is_linked:
         _fill_lists(scene_object)
         count(scene_object)
         if summary:
-            scene_object.state.uncovered = panel_words(summary_of(uncovered(scene_object.shown.scene)))
+            scene_object.state.uncovered = panel_words(summary_of(uncovered(scene_object.edited)))
 
 
 def hide(scene_object: SceneObject, hidden: np.ndarray) -> None:
@@ -140,9 +158,10 @@ def last_counts(scene_object: SceneObject) -> tuple[int, int]:
     return _counts[uid]
 
 
-def words_of(operation: Operation) -> str:
-    """An edit as its row shows it: with the numbers of its dialog, which are along Blender's axes as the scene came in."""
-    return describe_in(operation, BLENDER_FROM_SCENE[:3, :3], WORLD_AXES)
+def words_of(operation: Operation, axes: SceneAxes) -> str:
+    """An edit as its row shows it: with the numbers of its dialog, along Blender's axes where the scene is, and named colors."""
+    words = describe_in(operation, axes.to_world, WORLD_AXES)
+    return HEX.sub(lambda found: f"{everyday_name(from_hex(found[1]))} ({found[0]})", words)
 
 
 def _fill_lists(scene_object: SceneObject) -> None:
@@ -152,7 +171,8 @@ def _fill_lists(scene_object: SceneObject) -> None:
     state.history.clear()
     for edit in scene_object.stack.edits:
         row = state.history.add()
-        row.name, row.edit_id, row.enabled = words_of(edit.operation), edit.id, edit.enabled
+        row.edit_id, row.enabled = edit.id, edit.enabled
+    _name_rows(scene_object)
     state.history_index = picked if before == len(state.history) else len(state.history) - 1
     state.names.clear()
     for name, rows in scene_object.names.items():
@@ -315,7 +335,10 @@ def _add_visibility_modifier(clouds: list[bpy.types.Object]) -> None:
     """Add the modifier to clouds with points that must not be shown."""
     for cloud in clouds:
         out = [read_attribute(cloud.data, name) for name in (HIDDEN, GONE)]
-        if VISIBLE not in cloud.modifiers and any(values is not None and values.any() for values in out):
+        # a preview's separate cloud is hidden while something renders, when modifiers cannot come any more
+        if VISIBLE not in cloud.modifiers and (
+            APART in cloud or any(values is not None and values.any() for values in out)
+        ):
             modifier = cloud.modifiers.new(VISIBLE, "NODES")
             modifier.node_group = bpy.data.node_groups.get(VISIBLE) or _visible_tree()
             modifier.show_expanded = False
@@ -398,28 +421,67 @@ def _end_wrong_render(scene: bpy.types.Scene) -> None:
 @persistent
 def _changed(*_) -> None:
     _counts.clear()
+    _follow_axes(bpy.context.scene)
+
+
+def _follow_axes(scene: bpy.types.Scene) -> None:
+    """Write the lists of edits anew of scenes that are placed otherwise than when they were written."""
+    for root in [item for item in scene.objects if item.get(EDITS, "[]") != "[]" and LISTED in item]:
+        scene_object = SceneObject(root)
+        if not scene_object.is_linked and scene_object.axes.to_world.ravel().tolist() != list(root[LISTED]):
+            _name_rows(scene_object)
+
+
+def _name_rows(scene_object: SceneObject) -> None:
+    """Write the words of the edits into their rows, along Blender's axes where the scene is placed now."""
+    axes = scene_object.axes
+    scene_object.root[LISTED] = axes.to_world.ravel().tolist()
+    for row, edit in zip(scene_object.state.history, scene_object.stack.edits, strict=False):
+        row.name = words_of(edit.operation, axes)
 
 
 @persistent
 def _evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    """Update scenes whose edits change over time, where Time was changed at the same frame of the timeline."""
+    """Update scenes whose edits change over time, where Time was changed at the same frame, and the lists of those that moved."""
     _counts.clear()
+    _follow_axes(scene)
     for root in [item for item in scene.objects if item.get(TIMED)]:
         time = clip_time.time_of(root)
         if root.get(DRAWN_AT, time) != time and root.session_uid not in _failures:
             _draw_timed(SceneObject(root), time)
 
 
+def _show_previews(why: str, on: bool) -> None:
+    """Draw scenes that have a preview without it, or with it again; `why` they are without."""
+    keep_back_previews(why, not on)
+    for scene_object in SceneObject.among(bpy.data.objects):
+        if PREVIEW in scene_object.root and not scene_object.is_linked:
+            redraw(scene_object)
+            scene_object.root[DRAWN] = _hash(scene_object)
+
+
 @persistent
 def _render_began(scene: bpy.types.Scene, *_) -> None:
     global _rendering
     _rendering = True
+    _show_previews("render", False)
 
 
 @persistent
 def _render_ended(scene: bpy.types.Scene, *_) -> None:
     global _rendering
     _rendering = False
+    _show_previews("render", True)
+
+
+@persistent
+def _will_save(*_) -> None:
+    _show_previews("save", False)
+
+
+@persistent
+def _saved(*_) -> None:
+    _show_previews("save", True)
 
 
 @persistent
@@ -427,6 +489,7 @@ def _file_loaded(path: str) -> None:
     forget()
     _failures.clear()
     _counts.clear()
+    _follow_axes(bpy.context.scene)
 
 
 _HANDLERS = {
@@ -438,6 +501,9 @@ _HANDLERS = {
     "render_init": _render_began,
     "render_complete": _render_ended,
     "render_cancel": _render_ended,
+    "save_pre": _will_save,
+    "save_post": _saved,
+    "save_post_fail": _saved,
 }
 
 

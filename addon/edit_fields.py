@@ -28,7 +28,7 @@ from ..f4x_core.edit.stack import EditStack
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.errors import F4xError
 from . import display, scene_cache
-from .axes import blender_vector, scene_vector
+from .axes import SceneAxes
 from .clip_time import FIRST, LAST, time_of
 from .scene_object import EDITS, SceneObject
 from .wording import error_line
@@ -192,8 +192,8 @@ class Shown:
     make: Callable[..., Any]
     """One of `bpy.props`."""
     options: dict[str, Any]
-    get: Callable[[Operation], Any]
-    """The property's value; None leaves its default."""
+    get: Callable[[Operation, SceneAxes], Any]
+    """The property's value, in a scene that is placed so; None leaves its default."""
     put: Callable[[Row, Any], dict[str, Any]]
     """Fields and values of the operation for a value of the property."""
     visible: Callable[[Operation], bool] = lambda operation: True
@@ -205,7 +205,11 @@ class Shown:
 
         def getter(group):
             row = Row.of(group)
-            found = None if row is None or not self.visible(row.operation) else self.get(row.operation)
+            found = (
+                None
+                if row is None or not self.visible(row.operation)
+                else self.get(row.operation, row.scene_object.axes)
+            )
             return default if found is None else found
 
         def setter(group, value):
@@ -224,14 +228,14 @@ def _number(name: str) -> Shown:
     low, high, soft = RANGES.get(name, (-MAX_NUMBER, MAX_NUMBER, MAX_NUMBER))
     options = {"name": _title(name), "min": low, "max": high, "soft_max": soft, "precision": 3, "default": 1.0}
     return Shown(
-        name, FloatProperty, options, lambda one: getattr(one, name), lambda row, value: {name: round(value, DIGITS)}
+        name, FloatProperty, options, lambda one, _: getattr(one, name), lambda row, value: {name: round(value, DIGITS)}
     )
 
 
 def _switch(name: str, title: str, put: Callable[[Row, bool], dict[str, Any]]) -> Shown:
     """True if an optional field has a value."""
     options = {"name": title, "default": False}
-    return Shown(f"use_{name}", BoolProperty, options, lambda one: getattr(one, name) is not None, put)
+    return Shown(f"use_{name}", BoolProperty, options, lambda one, _: getattr(one, name) is not None, put)
 
 
 def _bool(name: str) -> Shown:
@@ -240,7 +244,9 @@ def _bool(name: str) -> Shown:
     def counts(one: Operation) -> bool:
         return name != "inward" or one.ease is not None
 
-    return Shown(name, BoolProperty, options, lambda one: getattr(one, name), lambda row, value: {name: value}, counts)
+    return Shown(
+        name, BoolProperty, options, lambda one, _: getattr(one, name), lambda row, value: {name: value}, counts
+    )
 
 
 def _choice(name: str, choices: tuple[str, ...], optional: bool) -> Shown:
@@ -248,7 +254,7 @@ def _choice(name: str, choices: tuple[str, ...], optional: bool) -> Shown:
     words: tuple[str | None, ...] = ((None,) if optional else ()) + choices
     items = [(word or "NONE", _title(word or "at once"), "", number) for number, word in enumerate(words)]
 
-    def number_of(one: Operation) -> int:
+    def number_of(one: Operation, _: SceneAxes) -> int:
         return words.index(getattr(one, name))
 
     def is_word(one: Operation) -> bool:
@@ -265,7 +271,7 @@ def _color(name: str) -> Shown:
     def put(row: Row, value: Any) -> dict[str, Any]:
         return {name: tuple(round(part, DIGITS) for part in value)}
 
-    return Shown(name, FloatVectorProperty, options, lambda one: getattr(one, name), put)
+    return Shown(name, FloatVectorProperty, options, lambda one, _: getattr(one, name), put)
 
 
 def _place(name: str) -> Shown:
@@ -273,31 +279,26 @@ def _place(name: str) -> Shown:
     options |= {"soft_min": -10.0, "soft_max": 10.0, "step": 1, "precision": 4}
 
     def put(row: Row, value: Any) -> dict[str, Any]:
-        return {name: scene_vector(tuple(round(part, DIGITS) for part in value))}
+        return {name: row.scene_object.axes.way_in_scene(round(part, DIGITS) for part in value)}
 
-    return Shown(name, FloatVectorProperty, options, lambda one: blender_vector(getattr(one, name) or (0, 0, 0)), put)
+    def get(one: Operation, axes: SceneAxes) -> Any:
+        return axes.way_in_world(getattr(one, name) or (0, 0, 0))
+
+    return Shown(name, FloatVectorProperty, options, get, put)
 
 
 def _rotation(name: str) -> Shown:
     options = {"name": _title(name), "subtype": "EULER", "size": 3, "default": (0.0, 0.0, 0.0), "step": 100}
 
-    def get(one: Operation) -> Any:
-        return tuple(quaternion_of(getattr(one, name)).to_euler())
+    def get(one: Operation, axes: SceneAxes) -> Any:
+        turn = np.deg2rad(axes.turn_in_world(getattr(one, name)))
+        return tuple(Quaternion(Vector3(turn.tolist())).to_euler())
 
     def put(row: Row, value: Any) -> dict[str, Any]:
-        return {name: rotation_of(Euler(value).to_quaternion())}
+        turn = np.rad2deg(Euler(value).to_quaternion().to_exponential_map())
+        return {name: row.scene_object.axes.turn_in_scene(np.round(turn, DIGITS))}
 
     return Shown(name, FloatVectorProperty, options, get, put)
-
-
-def quaternion_of(rotate: Vector) -> Quaternion:
-    """A rotation of an operation, along Blender's axes."""
-    return Quaternion(Vector3(np.deg2rad(blender_vector(rotate)).tolist()))
-
-
-def rotation_of(turn: Quaternion) -> Vector:
-    """A rotation along Blender's axes as operations have it: axis times degrees, along the scene's axes."""
-    return scene_vector(tuple(round(part, DIGITS) for part in np.rad2deg(turn.to_exponential_map()).tolist()))
 
 
 def _optional(shown: Shown, new: Callable[[Row], Any]) -> list[Shown]:
@@ -337,13 +338,13 @@ def _span(optional: bool) -> list[Shown]:
     switch = _switch("frames", "Time Span", lambda row, on: {"frames": (now(row), end(row)) if on else None})
     return [
         *([switch] if optional else []),
-        Shown("first", FloatProperty, {"name": "First Frame", **number}, lambda one: one.frames[0], first, is_set),
-        Shown("last", FloatProperty, {"name": "Last Frame", **number}, lambda one: one.frames[1], last, has_end),
+        Shown("first", FloatProperty, {"name": "First Frame", **number}, lambda one, _: one.frames[0], first, is_set),
+        Shown("last", FloatProperty, {"name": "Last Frame", **number}, lambda one, _: one.frames[1], last, has_end),
         Shown(
             "until_end",
             BoolProperty,
             {"name": "To the End", "default": False},
-            lambda one: not has_end(one),
+            lambda one, _: not has_end(one),
             until_end,
             is_set,
         ),

@@ -1,7 +1,8 @@
 """Handles of edits that move things: an empty for Blender's own tools and gizmos, whose transform is the edit's.
 
     NAME edit 3    child of the root; `f4x_edit` is the id of a `transform`: its location, rotation and scale are the edit's
-                   `translate`, `rotate` and `scale`; its delta location puts it on the thing
+                   `translate`, `rotate` and `scale` along Blender's axes, which are those of its parent inverse; its delta
+                   location puts it on the thing
 
 Whoever moves, turns or scales the empty, by G, R, S, a gizmo or a number, changes the same edit again and again, with Blender's
 own Undo. Where the edit is changed elsewhere, the empty follows. It is never drawn in renders, and goes with its edit.
@@ -22,12 +23,13 @@ from ..f4x_core.edit.operations import MAX_SCALE, Transform
 from ..f4x_core.edit.retiming import progress
 from ..f4x_core.errors import F4xError
 from . import display, edit_fields
+from .axes import SceneAxes
 from .edit_fields import DIGITS
 from .panel_operators import SceneOperator
 from .scene_object import HANDLE_OF, SceneObject
 
-SYNCED = "f4x_synced"
-"""Property of a handle: JSON of the values at which it and its edit agreed."""
+SYNCED, SYNCED_EDIT = "f4x_synced", "f4x_synced_edit"
+"""Properties of a handle: JSON of its values and of its edit's when they agreed."""
 SIZE = 1.0
 """Half the drawn width of a handle, in standard deviations of the thing along its widest axis."""
 
@@ -44,10 +46,7 @@ def add_handle(scene_object: SceneObject, id: int) -> bpy.types.Object:
     scene_object.root.users_collection[0].objects.link(item)
     item.parent, item[HANDLE_OF], item.rotation_mode = scene_object.root, id, "QUATERNION"
     item.empty_display_type = "CUBE"
-    means = scene_object.shown.means_of(id, scene_object.frame)
-    item.empty_display_size = SIZE * float(means.std(0).max(initial=0.0))
-    _put(item, operation)
-    put_on_thing(scene_object, item)
+    _stand(scene_object, item, operation)
     return item
 
 
@@ -65,12 +64,25 @@ def follow(scene_object: SceneObject) -> None:
         operation = _operation(scene_object, id)
         if operation is None or (item.animation_data is not None and item.animation_data.action is not None):
             continue  # keys would change the edit at every frame
-        synced = item.get(SYNCED)
-        if json.dumps(_values(item)) != synced:
-            item[SYNCED] = json.dumps(_values(item))
+        if json.dumps(_values(item)) != item.get(SYNCED):
+            item[SYNCED] = item[SYNCED_EDIT] = json.dumps(_values(item))
             edit_fields.change(scene_object, id, later=True, **_values(item))
-        elif json.dumps(_fields(operation)) != synced:
+        elif (
+            item.matrix_parent_inverse != scene_object.root.matrix_world.inverted_safe()
+        ):  # the scene was placed elsewhere
+            _stand(scene_object, item, operation)
+        elif json.dumps(_fields(operation)) != item.get(SYNCED_EDIT):
             _put(item, operation)
+
+
+def _stand(scene_object: SceneObject, item: bpy.types.Object, operation: Transform) -> None:
+    """Give a handle Blender's axes where the scene is now, the transform of its edit, and a place and size by the thing."""
+    item.matrix_parent_inverse = scene_object.root.matrix_world.inverted_safe()
+    means = scene_object.shown.means_of(item[HANDLE_OF], scene_object.frame)
+    size = float(means.std(0).max(initial=0.0)) * scene_object.root.matrix_world.median_scale
+    item.empty_display_size = SIZE * size
+    _put(item, operation)
+    put_on_thing(scene_object, item)
 
 
 def put_on_thing(scene_object: SceneObject, item: bpy.types.Object) -> None:
@@ -83,7 +95,8 @@ def put_on_thing(scene_object: SceneObject, item: bpy.types.Object) -> None:
         done = progress(
             operation.frames, operation.ease, scene_object.frame, float(scene_object.base.cameras.times[-1])
         )
-        item.delta_location = Vector(np.median(means, 0).tolist()) - done * Vector(operation.translate)
+        place = item.matrix_parent_inverse.inverted_safe() @ Vector(np.median(means, 0).tolist())
+        item.delta_location = place - done * Vector(_axes(item).way_in_world(operation.translate))
 
 
 def _operation(scene_object: SceneObject, id: int) -> Transform | None:
@@ -92,12 +105,22 @@ def _operation(scene_object: SceneObject, id: int) -> Transform | None:
     return found if isinstance(found, Transform) else None
 
 
+def _axes(item: bpy.types.Object) -> SceneAxes:
+    """The axes of a handle's numbers: Blender's where the scene was when they were written."""
+    return SceneAxes.from_matrix(np.array(item.matrix_parent_inverse.inverted_safe()))
+
+
 def _values(item: bpy.types.Object) -> dict[str, Any]:
     """Fields of the edit that a handle stands for."""
+    axes = _axes(item)
     turn = np.rad2deg(item.rotation_quaternion.normalized().to_exponential_map())
     size = float(np.exp(np.mean(np.log(np.maximum(np.abs(item.scale), 1e-9)))))
     size = min(max(size, 1 / MAX_SCALE), MAX_SCALE)
-    return {"translate": _rounded(item.location), "rotate": _rounded(turn), "scale": round(size, DIGITS)}
+    return {
+        "translate": _rounded(axes.way_in_scene(item.location)),
+        "rotate": _rounded(axes.turn_in_scene(turn)),
+        "scale": round(size, DIGITS),
+    }
 
 
 def _fields(operation: Transform) -> dict[str, Any]:
@@ -110,10 +133,11 @@ def _fields(operation: Transform) -> dict[str, Any]:
 
 def _put(item: bpy.types.Object, operation: Transform) -> None:
     """Give a handle the transform of its edit."""
-    item.location = operation.translate
-    item.rotation_quaternion = Quaternion(Vector(np.deg2rad(operation.rotate).tolist()))
+    axes = _axes(item)
+    item.location = axes.way_in_world(operation.translate)
+    item.rotation_quaternion = Quaternion(Vector(np.deg2rad(axes.turn_in_world(operation.rotate)).tolist()))
     item.scale = [operation.scale] * 3
-    item[SYNCED] = json.dumps(_values(item))
+    item[SYNCED], item[SYNCED_EDIT] = json.dumps(_values(item)), json.dumps(_fields(operation))
 
 
 def _rounded(vector) -> tuple[float, float, float]:

@@ -46,7 +46,6 @@ from ..f4x_core.language.lexicon import PLACES, plural
 from ..f4x_core.progress import Progress
 from ..f4x_core.troubles import EXPECTED
 from . import clip_time, display, edit_fields, marking, point_edits, scene_cache
-from .axes import scene_vector
 from .panel_operators import SceneOperator
 from .preferences import preferences
 from .scene_object import EDITS, PREVIEW, TIMED, SceneObject
@@ -214,11 +213,11 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
 
     def operation(self, scene_object):
         """The transform in the scene's axes; the rotation is a rotation vector in degrees."""
-        turn = np.rad2deg(Euler(self.turn).to_quaternion().to_exponential_map())
+        turn, axes = np.rad2deg(Euler(self.turn).to_quaternion().to_exponential_map()), scene_object.axes
         return Transform(
             scene_object.selected_ids,
-            translate=scene_vector(self.move),
-            rotate=scene_vector(turn),
+            translate=axes.way_in_scene(self.move),
+            rotate=axes.turn_in_scene(turn),
             scale=round(self.size, 6),
             pivot=self.pivot,
             frames=(float(self.first), float(self.last)) if self.over_time else None,
@@ -242,7 +241,7 @@ class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
     def operation(self, scene_object):
         """In the scene's axes."""
         ids = scene_object.selected_ids
-        return Duplicate(ids, scene_vector(self.offset), round(self.time_shift, 3), self.count)
+        return Duplicate(ids, scene_object.axes.way_in_scene(self.offset), round(self.time_shift, 3), self.count)
 
 
 class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801
@@ -395,18 +394,20 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
         with quietly():
             state.sentence, state.instead = self.sentence, ""
         forget_readings(scene_object)
-        sentence, readings = self.sentence, self.readings
+        sentence, readings, meters = self.sentence, self.readings, scene_object.meters
         base, scene, asker = scene_object.base, scene_object.edited, scene_object.context
 
         def search(progress: Progress) -> Understood:
             # Not above: Blender starts more often than somebody speaks.
+            from ..f4x_core.edit.lengths import in_units
             from ..f4x_core.edit.plan import propose
             from ..f4x_core.edit.selecting import read_selecting
 
             scene_cache.wait_until_prepared(base, progress)
             if selecting := read_selecting(scene, sentence, asker):
                 return Understood(selecting)
-            proposal = propose(scene, sentence, asker, candidates=readings)
+            said = in_units(sentence, meters) if meters else sentence
+            proposal = propose(scene, said, asker, candidates=readings)
             return Understood(
                 proposal=proposal,
                 descriptions=["\n".join(plan_lines(scene, one.operations, asker.frame)) for one in proposal.candidates],
@@ -534,6 +535,15 @@ def _save_along(path: str) -> None:
 
 
 @persistent
+def _opened(*_) -> None:
+    """Forget plans of the session in which the .blend was saved: its points show the pending edits alone."""
+    for scene_object in SceneObject.among(bpy.data.objects):
+        if (PREVIEW in scene_object.root or scene_object.state.readings) and not scene_object.is_linked:
+            scene_object.show_preview(None)
+            forget_readings(scene_object)
+
+
+@persistent
 def _before_undo(*_) -> None:
     _before.clear()
     _before.update({each.root.session_uid: each.root.get(EDITS, "") for each in SceneObject.among(bpy.data.objects)})
@@ -564,7 +574,13 @@ def _undone(*_) -> None:
     _before.clear()
 
 
-_HANDLERS = {"save_pre": _save_along, "undo_pre": _before_undo, "undo_post": _undone, "redo_post": _undone}
+_HANDLERS = {
+    "load_post": _opened,
+    "save_pre": _save_along,
+    "undo_pre": _before_undo,
+    "undo_post": _undone,
+    "redo_post": _undone,
+}
 
 
 def register() -> None:

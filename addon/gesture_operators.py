@@ -153,6 +153,7 @@ class _Drawn(_Gesture):
         found = select_by_gesture(scene, scene_object.view(seen), shape, through=self.through)
         if not self.whole:
             return found
+        marking.tell_of_features(scene_object)
         return select_thing(scene, found, scene.cameras.frame_at(scene_object.frame), around=self.around)
 
 

@@ -49,6 +49,8 @@ from .scaffold_rig import add_graph, add_nodes, layer_of
 from .scene_object import PATH, SELECTED, SceneObject
 from .sequence import add_sequence, check_size
 
+GENERIC = {"scene", "clip", "frames", "images", "input", "video", "rgb", "color"}
+"""Names of files and of folders of frames that say nothing of what is in them."""
 MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
 MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
 MIN_REACH = 100.0  # Blender's own clip end, world units
@@ -93,7 +95,7 @@ def import_scene(
     else:
         first = edited(opened)
         _check(first, path)
-    name = _free_name(opened.name or path.stem)
+    name = _free_name(_called(path, opened.name) if kind == "scene" else opened.name or path.stem)
     collection = bpy.data.collections.new(name)
     bpy.context.scene.collection.children.link(collection)
     try:
@@ -186,6 +188,12 @@ def _check(scene: Scene, path: Path) -> None:
         raise F4xError(
             f"{path} has Gaussian id {largest}, above Blender's 32-bit integers; renumber it with `f4x bake`."
         )
+
+
+def _called(path: Path, clip: str) -> str:
+    """Return the file's name, else that of the clip that it was made of, else its folder's, whichever tells something."""
+    folder = path.resolve().parent.name
+    return next((name for name in (path.stem, clip, folder) if name and name.lower() not in GENERIC), path.stem)
 
 
 def _free_name(wanted: str) -> str:

@@ -98,8 +98,9 @@ def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -
         if job.message:
             box.label(text=job.message)
         return
-    # the last one stays open, so that its result is seen; a panel keeps what a person folds by its name
-    header, body = box.panel(f"f4x_job_{job.number}", default_closed=number < len(_jobs) - 1)
+    # only the last one is open, so that its result is seen; a panel keeps what a person folds by its name
+    last = number == len(_jobs) - 1
+    header, body = box.panel(f"f4x_job_{job.number}{'_last' * last}", default_closed=not last)
     header.label(text=job.title, icon=_ICONS[job.state])
     header.operator("f4x.dismiss_job", text="", icon="X", emboss=False).number = number
     if body is None:

@@ -13,6 +13,8 @@ from .axes import Eye
 from .point_cloud import read_attribute, write_attribute
 from .scene_object import BEFORE, SCORE, SELECTED, SceneObject
 
+NO_FEATURES = "This scene has no features, so a piece that hangs together was taken; Tasks > Features makes them."
+"""What the sidebar says where a whole thing was asked for and none is known."""
 BARS = 20
 """Number of bars in the histogram of scores."""
 
@@ -21,8 +23,7 @@ def ask(scene_object: SceneObject, found: Selection, mode: str | None = None) ->
     """Write the scores of a query to the points, and combine its result with the selection by `mode`, or that of the panel."""
     state = scene_object.state
     scene_object.write(**{BEFORE: ("BOOLEAN", scene_object.read(SELECTED))})
-    scores = _write_scores(scene_object, found)
-    state.histogram = json.dumps(np.histogram(scores, BARS, (0.0, 1.0))[0].tolist())
+    _write_scores(scene_object, found)
     state.combined, state.live, state.called = mode or state.mode, True, ""
     state.threshold = found.threshold  # selects, by its update
 
@@ -36,11 +37,19 @@ def follow_sphere(scene_object: SceneObject) -> None:
         apply_threshold(scene_object)
 
 
-def _write_scores(scene_object: SceneObject, found: Selection) -> np.ndarray:
-    """Write the scores (N,) float32 of a query to the points and return them; what wins is chosen at any threshold."""
+def tell_of_features(scene_object: SceneObject) -> None:
+    """Say below the words that a thing may be a fragment where the scene has no features; else take down what was said there."""
+    lacks = scene_object.base.features is None and scene_object.holds_edits
+    scene_object.state.found = NO_FEATURES if lacks else ""
+
+
+def _write_scores(scene_object: SceneObject, found: Selection) -> None:
+    """Let points, bars and heat map have the scores of a query; what wins is chosen at any threshold."""
     scores = np.where(found.wins, 1.0, found.scores).astype(np.float32)
     scene_object.write(**{SCORE: ("FLOAT", scores)})
-    return scores
+    scene_object.state.histogram = json.dumps(np.histogram(scores, BARS, (0.0, 1.0))[0].tolist())
+    if scene_object.state.show_score:
+        display.redraw(scene_object)
 
 
 def apply_threshold(scene_object: SceneObject) -> None:
@@ -59,8 +68,11 @@ def apply_threshold(scene_object: SceneObject) -> None:
 
 
 def choose(scene_object: SceneObject, chosen: np.ndarray) -> None:
-    """Select exactly the Gaussians `chosen (N,) bool`, independent of scores and threshold."""
-    scene_object.state.live, scene_object.state.called = False, ""
+    """Select exactly the Gaussians `chosen (N,) bool`, without scores and threshold: bars and heat map are those of no query."""
+    state = scene_object.state
+    state.live, state.called, state.histogram = False, "", ""
+    if state.show_score:
+        state.show_score = False  # draws the colors
     scene_object.write(**{SELECTED: ("BOOLEAN", chosen)})
     display.count(scene_object)
 

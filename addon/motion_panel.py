@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..f4x_core.language.lexicon import plural
-from .clip_time import TIME
+from .clip_time import TIME, is_still
 from .lines import CATEGORY
 from .motion_edits import unwritten
 from .scaffold_rig import HANDLE, layer_of
@@ -13,8 +13,8 @@ from .scene_object import SceneObject
 
 
 def draw_time(layout: bpy.types.UILayout, root: bpy.types.Object) -> None:
-    """Draw when the clip of a root plays."""
-    if TIME not in root:
+    """Draw when the clip of a root plays; nothing for a still."""
+    if TIME not in root or is_still(root):
         return
     column = layout.column(align=True)
     row = column.row(align=True)
@@ -29,12 +29,11 @@ def draw_time(layout: bpy.types.UILayout, root: bpy.types.Object) -> None:
 
 def draw_nodes(layout: bpy.types.UILayout, context: bpy.types.Context, scene_object: SceneObject) -> None:
     """Draw the switch that shows the nodes of a scene, and the tools that move them; nothing where it has none."""
-    nodes = layer_of(scene_object.root)
-    if nodes is None:
+    if layer_of(scene_object.root) is None:
         return
     column = layout.column(align=True)
     row = column.row(align=True)
-    row.prop(nodes, "hide_viewport", text="Nodes", icon="EMPTY_AXIS", toggle=1, invert_checkbox=True)
+    row.prop(scene_object.state, "show_nodes", icon="EMPTY_AXIS", toggle=1)
     row.operator("f4x.grab_nodes", text="Grab")
     row.operator("f4x.add_handles", text="Handles")
     if any(HANDLE in item for item in scene_object.root.children_recursive):
@@ -53,8 +52,9 @@ class F4X_PT_motion(bpy.types.Panel):  # noqa: N801 - Blender wants this form
 
     @classmethod
     def poll(cls, context):
-        """Show the panel if there is an imported scene."""
-        return SceneObject.of(context.object) is not None
+        """Show the panel if there is an imported scene that plays."""
+        found = SceneObject.of(context.object)
+        return found is not None and not is_still(found.root)
 
     def draw(self, context):
         """Draw time, then nodes."""

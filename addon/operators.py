@@ -8,8 +8,10 @@ import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
+from ..f4x_core.scene.linear import is_refitted
 from . import clip_time, packing, viewport
 from .clip_background import doubt, show_clip
+from .gaussian_attributes import draws_splats
 from .import_scene import NOTES, import_scene
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
@@ -21,6 +23,9 @@ from .wording import Reporting
 PASSING = {"HIDDEN", "SKIP_SAVE"}
 """Options of properties that Blender or a job sets for a single call."""
 
+REFIT = "Tasks > Refit lets Cycles and EEVEE draw this scene like the clip; the engine Feature4X does so already."
+"""What the sidebar says of a scene that was fitted for other blending than Blender's own."""
+_told_of_refit = False
 SCENE_FILES = "*.f4x;*.ply;*.splat;*.spz;*.glb;*.gltf"
 """Files that browsers show."""
 
@@ -98,9 +103,10 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         lines = self._show_set_up(context, root) if takes_over else []
         if not takes_over and (line := left_as_is(context.scene, clip_camera(root))):
             root.f4x.notice = "\n".join(part for part in (root.f4x.notice, line) if part)
+        _tell_of_refit(root)
         if self.show:
             moves = takes_over and PATH in root and SceneObject(root).holds_edits
-            viewport.show(root, context.scene.camera if moves else None)
+            viewport.show(root, context.scene.camera if moves else None, stay=not takes_over)
         if root.f4x.speed != 1:
             lines.append(_own_pace(root, context.scene))
         # one report: of several the status bar shows none
@@ -129,6 +135,16 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         """Open the file browser, or only the options if a file was dropped into the viewport."""
         self.set_up_render = self._takes_over(context)
         return self.invoke_popup(context) if self.filepath else super().invoke(context, event)
+
+
+def _tell_of_refit(root: bpy.types.Object) -> None:
+    """Say once in a session, in the sidebar, that Cycles and EEVEE would draw this scene better after a refit."""
+    global _told_of_refit
+    if _told_of_refit or PATH not in root or not draws_splats() or not SceneObject(root).holds_edits:
+        return
+    if not is_refitted(SceneObject(root).base):
+        _told_of_refit = True
+        root.f4x.notice = "\n".join(part for part in (root.f4x.notice, REFIT) if part)
 
 
 def _own_pace(root: bpy.types.Object, scene: bpy.types.Scene) -> str:

@@ -7,6 +7,7 @@ import json
 import bpy
 
 from . import cleanup_operators, display, edit_operators, marking, point_edits, viewport
+from .clip_time import is_still
 from .edit_fields import draw_fields
 from .gesture_operators import TOOLS
 from .lines import CATEGORY, draw_lines
@@ -25,7 +26,7 @@ def _bars(counts: list[int]) -> str:
     return "".join(LEVELS[round((count / highest) ** 0.5 * (len(LEVELS) - 1))] for count in counts)
 
 
-EXAMPLES = "Or: select what moves"
+EXAMPLE, EXAMPLE_OF_STILL = "Or: select what moves", "Or: make everything warmer"
 """What stands where answers do while there is none."""
 WITHOUT = "No scene yet. Drop a .f4x file into the viewport, or make a scene of a video."
 CHOOSE_ONE = "There are several scenes. Select an object of one."
@@ -225,7 +226,8 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         if state.readings:
             self._draw_readings(layout, context, state)
         if state.answer or not state.readings:
-            draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
+            example = EXAMPLE_OF_STILL if is_still(state.id_data) else EXAMPLE
+            draw_lines(layout, context, state.answer or example, "INFO", min_lines=ANSWER_LINES)
         if state.slower:
             layout.operator("f4x.slow_clip", icon="TIME").speed = state.slower
         if state.instead:
@@ -249,8 +251,9 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.transform", text="Move…", icon="ORIENTATION_GLOBAL")
         row.operator("f4x.edit_gizmo", text="", icon="GIZMO").edit_id = 0
         grid.operator("f4x.duplicate", text="Duplicate…", icon="DUPLICATE")
-        grid.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
-        grid.operator("f4x.retime", text="Retime…", icon="TIME")
+        if not is_still(state.id_data):
+            grid.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
+            grid.operator("f4x.retime", text="Retime…", icon="TIME")
 
     def _draw_readings(self, layout, context, state):
         """Draw what the sentence would do, and the buttons that do it."""

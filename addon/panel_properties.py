@@ -16,6 +16,7 @@ from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED
 from . import clip_time, display, edit_fields, marking
+from .scaffold_rig import layer_of
 from .scene_object import SceneObject
 from .submitting import submit
 from .wording import error_line
@@ -107,6 +108,11 @@ def _set_start(self, frame: float) -> None:
 
 def _set_speed(self, rate: float) -> None:
     clip_time.place(self.id_data, clip_time.timing_of(self.id_data).start, rate)
+
+
+def _show_nodes(self, on: bool) -> None:
+    if (layer := layer_of(self.id_data)) is not None:
+        layer.hide_viewport = not on
 
 
 class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
@@ -221,6 +227,13 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         name="Show How Far to Believe",
         description="Show in viewports how far beside the clip's camera the scene can be believed",
         default=True,
+    )
+    show_nodes: BoolProperty(  # type: ignore[valid-type]
+        name="Nodes",
+        description="Show the nodes, empties that move the Gaussians near them: move, key or constrain them",
+        options=set(),
+        get=lambda self: (layer := layer_of(self.id_data)) is not None and not layer.hide_viewport,
+        set=_show_nodes,
     )
     notice: StringProperty()  # type: ignore[valid-type]  # what happened to the nodes
     uncovered: StringProperty()  # type: ignore[valid-type]  # what edits bring to light that no frame saw

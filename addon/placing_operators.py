@@ -8,11 +8,12 @@ from bpy.props import FloatProperty, FloatVectorProperty
 from mathutils import Matrix, Vector
 
 from ..f4x_core.errors import F4xError
-from ..f4x_core.query.ground import Plane, find_ground, plane_through
+from ..f4x_core.query.ground import LEANS, Plane, find_ground, leaning, plane_through
+from .cleanup_operators import BOX
 from .gesture_operators import place_under
 from .import_scene import MIN_REACH
 from .panel_operators import SceneOperator, require_viewport
-from .scene_object import SceneObject
+from .scene_object import IN_METERS, SceneObject
 from .viewport import see_to
 
 REACH = 4.0
@@ -32,6 +33,10 @@ def _place(context: bpy.types.Context, root: bpy.types.Object, change: Matrix) -
     """Move the root by `change`, in Blender's world, and let viewports see as far as the scene goes."""
     root.matrix_world = change @ root.matrix_world
     context.view_layer.update()
+    for box in (item for item in root.children if BOX in item):  # which went along, and keeps to Blender's axes
+        placed = box.matrix_world.copy()
+        box.matrix_parent_inverse = root.matrix_world.inverted_safe()
+        box.matrix_world = placed
     see_to(REACH * _extent(SceneObject(root)))
 
 
@@ -125,7 +130,11 @@ class F4X_OT_align_floor(SceneOperator, bpy.types.Operator):  # noqa: N801 - Ble
         """Place the root. The scene file stays as it is."""
         floor = find_ground(scene_object.base)
         _stand_on(context, scene_object, floor)
-        self.report({"INFO"}, f"The floor of {scene_object.name} is on Z = 0 now; check it, or use Floor by 3 Points")
+        lean = leaning(scene_object.base.cameras, floor)
+        told = f", {lean:.0f}° off from level in the clip's pictures," if lean >= LEANS else ""
+        self.report(
+            {"INFO"}, f"The floor of {scene_object.name}{told} is on Z = 0 now; check it, or use Floor by 3 Points"
+        )
 
 
 class F4X_OT_align_points(_Clicks, bpy.types.Operator):  # noqa: N801
@@ -192,6 +201,7 @@ class F4X_OT_scale_length(_Clicks, bpy.types.Operator):  # noqa: N801
         middle.z = 0.0
         about = Matrix.Translation(middle)
         _place(context, root, about @ Matrix.Scale(factor, 4) @ about.inverted())
+        root[IN_METERS] = True
         self.report(
             {"INFO"}, f"{scene_object.name} is {factor:.4g} times as large; {measured:.4g} became {self.length:.4g}"
         )

@@ -184,6 +184,7 @@ class _Prompt(SearchOperator):
     def take(self, context, scene_object, found):
         """Select what was found."""
         marking.ask(scene_object, found)
+        marking.tell_of_features(scene_object)
         self.report({"INFO"}, f"{scene_object.state.selected:,} of {scene_object.state.total:,} Gaussians selected")
 
     def require(self, context) -> None:

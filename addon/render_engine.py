@@ -189,7 +189,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         scene, layer = depsgraph.scene, depsgraph.view_layer
         self.update_stats("Feature4X", "reading the scene")
         display.check_frame(scene.original)
-        believed.warn(self.report, scene.original, scene.camera.evaluated_get(depsgraph))
+        believed.warn(self.report, depsgraph)
         for title, channels in _titles(layer).items():
             self.add_pass(title, len(channels), channels, layer=layer.name)
         for view in _views(scene.render):

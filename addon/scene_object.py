@@ -38,7 +38,7 @@ from ..f4x_core.query.gesture import View
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene, updating, write_scene
 from . import clip_time, packing, scene_cache
-from .axes import Eye
+from .axes import Eye, SceneAxes
 from .gaussian_attributes import draws_splats
 from .packing import PACKED, pack, unpacked
 from .point_cloud import read_attribute, write_attribute
@@ -52,6 +52,8 @@ SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
 """Point attributes: the selection (Blender's own name), the selection before the last query, and the query's scores."""
 HIDDEN = "f4x_hidden"
 """Point attribute, BOOLEAN: points that no picture shows."""
+IN_METERS = "f4x_in_meters"
+"""Property of a root that was scaled to a length that a person knows: Blender's units are meters then."""
 TIMED = "f4x_timed"
 """Property of a root whose edits change over time, so that its clouds are updated at every frame."""
 PATIENCE = 1.0
@@ -59,7 +61,13 @@ PATIENCE = 1.0
 MOVED = 3
 """Number of folders above a .blend in which a moved scene file is searched."""
 
+_kept_back: set[str] = set()  # what keeps previews from being shown at present: a render, a save of the .blend
 _synced: dict[int, str] = {}  # session_uid of a root -> JSON of the stack that the file held when the root last met it
+
+
+def keep_back_previews(why: str, on: bool) -> None:
+    """Let all scenes show their pending edits alone, without previews, or no longer for this reason."""
+    (_kept_back.add if on else _kept_back.discard)(why)
 
 
 def root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
@@ -263,16 +271,21 @@ class SceneObject:
         return self._display(self._pending).scene
 
     @property
+    def shown_edits(self) -> str:
+        """JSON of the stack that is shown: the preview's in a viewport that has one, else the pending one."""
+        return (not _kept_back and self.root.get(PREVIEW)) or self._pending
+
+    @property
     def shown(self) -> Display:
-        """The scene that the viewport shows: with the preview if there is one, else with the pending edits."""
-        return self._display(self.root.get(PREVIEW) or self._pending)
+        """The scene with `shown_edits`."""
+        return self._display(self.shown_edits)
 
     @property
     def shown_linear(self) -> Display | None:
         """`shown` for engines that blend in linear light without a footprint; None where Blender has none or it is the same."""
         if not draws_splats() or self.base.fitted_focal(float(self.base.cameras.times[0])) is None:
             return None
-        return scene_cache.displayed_linear(self._checked_path(), self.root.get(PREVIEW) or self._pending)
+        return scene_cache.displayed_linear(self._checked_path(), self.shown_edits)
 
     @property
     def frame(self) -> float:
@@ -352,6 +365,16 @@ class SceneObject:
             return ids
         return replace(ids, words=state.called[:MAX_WORDS_LENGTH])
 
+    @property
+    def axes(self) -> SceneAxes:
+        """How Blender's axes lie in the scene where it is placed now."""
+        return SceneAxes.of(self.root)
+
+    @property
+    def meters(self) -> float | None:
+        """Meters of one unit of the scene; None where nobody told a length."""
+        return self.root.matrix_world.median_scale if IN_METERS in self.root else None
+
     def view(self, seen: Eye) -> View:
         """How the scene is looked at now, for gestures."""
         to_world, hidden = np.array(self.root.matrix_world), self.read(HIDDEN)
@@ -405,6 +428,7 @@ def forget() -> None:
     scene_cache.forget()
     packing.forget()
     _synced.clear()
+    _kept_back.clear()
 
 
 @lru_cache(maxsize=scene_cache.KEPT)

@@ -39,10 +39,11 @@ def _may_use_engine() -> bool:
     return (settings is None or settings.show_exactly) and open_library()[0] is not None
 
 
-def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
+def show(root: bpy.types.Object, camera: bpy.types.Object | None, stay: bool = False) -> None:
     """Let every 3D viewport of the window show colours and no lines to parents.
 
-    They are the engine's where the scene is drawn with Feature4X. The view is that of `camera` if given, else all below `root`.
+    They are the engine's where the scene is drawn with Feature4X. The view is that of `camera` if given, else all below `root`;
+    with `stay` a viewport that looks through a camera goes on doing so.
     """
     window = bpy.context.window
     if window is None:  # without a window there is nothing to look through
@@ -59,6 +60,8 @@ def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
             camera.data.show_background_images = False  # the picture hides the clip, but for specks at the points
         if camera is not None:
             space.region_3d.view_perspective = "CAMERA"
+            continue
+        if stay and space.region_3d.view_perspective == "CAMERA":
             continue
         region = next(region for region in area.regions if region.type == "WINDOW")
         with bpy.context.temp_override(window=window, area=area, region=region):

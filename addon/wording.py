@@ -22,6 +22,13 @@ _PANEL_WORDS = (
     (r"`f4x render[^`]*unseen`", "The pass Unseen of Feature4X's renders"),
     (r"`f4x export[^`]*`", "Tasks > Export"),
     (r"`f4x bake` (them|the scene)", r"bake \1 with the command f4x bake"),
+    (r"use `f4x undo[^`]*`(, or the button for it)?", "press Ctrl-Z"),
+    (r"`f4x undo[^`]*`", "Ctrl-Z"),
+    (
+        r"^A clip does not tell how long a metre or a foot is;",
+        "Scale to Length first, which tells how long a meter is, or",
+    ),
+    (r"Add Crop Box in Blender|Scale to Length in Blender", lambda found: found[0].removesuffix(" in Blender")),
     (r"`f4x (\w+)[^`]*`", r"the command f4x \1"),
     (r" Say '.*', or add --yes\.", ""),
     (r"^-o ", ""),

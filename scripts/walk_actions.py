@@ -20,11 +20,11 @@ from walk_checks import content, require, same
 
 door.load_extension()
 
-from feature4x.addon import edit_fields, jobs  # noqa: E402 - there once the extension is loaded
+from feature4x.addon import edit_fields, edit_operators, jobs  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.evaluated import OF  # noqa: E402
 from feature4x.addon.point_cloud import read_attribute, write_attribute  # noqa: E402
 from feature4x.addon.scaffold_rig import HANDLE, NODE, layer_of  # noqa: E402
-from feature4x.addon.scene_object import APART, HANDLE_OF  # noqa: E402
+from feature4x.addon.scene_object import APART, HANDLE_OF, SceneObject  # noqa: E402
 from feature4x.f4x_core.edit.operations import Opacity  # noqa: E402
 from feature4x.f4x_core.edit.selects import All  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack, write_stack  # noqa: E402
@@ -111,10 +111,18 @@ def save_blend(walk: Walk) -> None:
     bpy.ops.wm.save_as_mainfile(filepath=str(walk.blend), check_existing=False)
 
 
+def forget_plans() -> None:
+    """Drop what is planned in all scenes."""
+    for scene_object in SceneObject.among(bpy.data.objects):
+        if not scene_object.is_linked and scene_object.state.readings:
+            edit_operators.forget_readings(scene_object)
+
+
 @action(1.5, ANY)
 def reopen(walk: Walk) -> None:
-    """Save and open again: everything has to be as it was."""
+    """Save and open again: everything has to be as it was but for what is only planned, which no file keeps."""
     save_blend(walk)
+    forget_plans()
     before = content()
     walk.open(walk.blend)
     same(before, content(), "reopened")
@@ -135,6 +143,7 @@ def auto_saved(walk: Walk) -> None:
     handlers.clear()  # it tells nobody
     bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, check_existing=False)
     handlers.extend(asleep)
+    forget_plans()
     before = content()
     walk.open(copy)
     same(before, content(), "recovered")

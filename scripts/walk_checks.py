@@ -80,7 +80,7 @@ def check_words(scene_object: SceneObject) -> None:
     """The sidebar's lists and counts, and what it says about the file."""
     state, stack, name = scene_object.state, scene_object.stack, scene_object.name
     shown = [(row.name, row.edit_id, row.enabled) for row in state.history]
-    held = [(display.words_of(edit.operation), edit.id, edit.enabled) for edit in stack.edits]
+    held = [(display.words_of(edit.operation, scene_object.axes), edit.id, edit.enabled) for edit in stack.edits]
     require(shown == held, f"{name}: the history shows {shown} and the scene holds {held}")
     words = scene_object.saving
     try:

@@ -402,8 +402,22 @@ _BARRED = (
         r"any\w+) wants?|(?:heaven|god) forbid)",
         "'{words}' tells what is not wanted; say what is to be done.",
     ),
+    _Barred(
+        r"\b(?:crop|trim) (?:down )?(?:the |this |my |whole |entire )*(?:scene|splats?|point cloud|everything)\b",
+        "A scene is cropped by a box that you place: Add Crop Box in Blender; 'keep only the dog' keeps one thing.",
+    ),
+    _Barred(
+        r"\b(?:scale|resize|convert|set|bring|make)\b.*\b(?:scene|everything|world)\b.*\b(?:met(?:er|re)s?|(?:real|true|life)"
+        r"[- ](?:world )?(?:scale|size))\s*[.!]*\s*\Z",
+        "A clip does not tell how long a meter is; Scale to Length in Blender scales the scene to a length that you know.",
+    ),
+    _Barred(
+        r"\b(?:(?:put|place|set|stand|drop|bring) (?:the (?:whole )?scene|everything)|(?:align|level|snap) (?:it|the (?:whole )?"
+        r"scene|everything)) (?:flat )?(?:on|onto|to|with) the (?:floor|ground)\b",
+        "The scene's floor comes to lie on Blender's ground by Align to Floor; a sentence moves things within the scene.",
+    ),
 )
-"""Sentences that take back, bring back or say what is not to be done: the first that fits is told."""
+"""Sentences that take back, bring back, ask for a tool or say what is not to be done: the first that fits is told."""
 
 
 _CUT = re.compile(r"\b(?:cut|mask|key|lift|crop|take|roto|comp|pull)", re.IGNORECASE)
@@ -969,7 +983,8 @@ _ELSEWHERE = {
 _NO_OPERATION = """
 sound music audio song voice bark meow talk sing hello volume mute: a scene has no sound.
 text title caption captions subtitle subtitles watermark: nothing can be written into a scene.
-sun sunlight sunshine spotlight backlight: the light is as it was filmed; it can be made brighter, darker, warmer or cooler.
+relight relighting relit sun sunlight sunshine spotlight backlight: the light is as it was filmed; it can be made brighter,
+    darker, warmer or cooler.
 mirror mirrored horizontally vertically flop: nothing is mirrored; 'turn the dog around' lets it face the other way.
 taller longer wider thinner shorter fatter slimmer stretched squash squashed narrower thicker: a thing grows as a whole; say for
     example 'make the dog bigger'.

@@ -60,6 +60,8 @@ _REWRITINGS = r"""
     freeze \g<x>\g<rest>
 ^{X} (?:is|are|was|were) (?!to\b)[^,;.]+?,? (?:and|so) (?:(?:it|they|he|she) )?(?P<modal>should|must|ought to|has to|have
     to|needs? to|can|could|may) {REST}$ => \g<x> \g<modal> \g<rest>
+^(?:please )?keep (?P<x>what (?:moves|stands still)|(?:the )?(?:selection|moving (?:things?|objects?))|what is selected)$ =>
+    keep only \g<x>
 ^(?:turn|change|make|transform) (?:the )?(?:day|daytime|daylight) (?:in)?to night$ => make everything look like night
 """
 _ORDERS = r"""

@@ -49,20 +49,20 @@ noted["without"] = refused(ops.crop)
 ops.add_crop_box("EXEC_DEFAULT", True)
 box = bpy.context.object
 noted["box"] = [box.name, box.empty_display_type, box.parent.name]
-box.scale = (0.4, 0.4, 10.0)
-box.location = (0.5, 0.3, 0.0)
+box.scale = (0.4, 10.0, 0.4)  # along Blender's axes
+box.location = (0.5, 0.0, -0.3)
 def outcome():
     gone = scene_object().edited.rows.gone
     return [len(scene_object().stack), int(gone.sum()), root().f4x.history[-1].name]
 ops.crop("EXEC_DEFAULT", True, keep="INSIDE"); noted["keep"] = outcome()
 arrays["kept"] = ~scene_object().edited.rows.gone
-box.rotation_euler.z = 0.5
+box.rotation_euler.y = 0.5
 ops.crop("EXEC_DEFAULT", True, keep="OUTSIDE"); noted["remove"] = outcome()
 box.location.x = 1000
 noted["nothing"] = refused(ops.crop, keep="OUTSIDE")
 noted["after"] = outcome()[:2]
 root().location.x = 5
-box.location.x, box.rotation_euler.z = 0.5, 0.0
+box.location.x, box.rotation_euler.y = 0.5, 0.0
 ops.crop("EXEC_DEFAULT", True, keep="INSIDE"); noted["moved"] = outcome()
 ops.save_edits()
 """

@@ -221,4 +221,4 @@ def test_a_handle_moves_the_selection_again_and_again(tmp_path):
     assert noted["shown"] == noted["shown undone"] == pytest.approx([0.5, -1.0, 0.0], abs=1e-5)
     assert noted["turned"][0] == 1 and noted["turned"][3] == pytest.approx(2)
     assert np.abs(noted["turned"][2]) == pytest.approx([0, 90, 0], abs=1e-3)
-    assert noted["follows"] == pytest.approx([0, 0, 0.25]) and noted["again"] and noted["left"] == []
+    assert noted["follows"] == pytest.approx([0, 0.25, 0]) and noted["again"] and noted["left"] == []

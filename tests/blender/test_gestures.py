@@ -1,5 +1,7 @@
 """Gestures without a window: the operators with explicit coordinates over what the scene's camera sees, as scripts call them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from labelled_scene import HEIGHT, labelled_scene
@@ -113,6 +115,45 @@ noted["sphere"] = root().f4x.sphere_radius
         assert 0 < small.sum() < sphere[0].sum()
         np.testing.assert_array_equal(arrays[name], sphere[1] | small)
     assert "radius" in noted["refused"] and noted["sphere"] == pytest.approx(0.05)
+
+
+def test_bars_and_heat_map_are_those_of_the_selection(folder, scene):
+    left, top, right, bottom = square_of(scene)
+    script = f"""
+def seen():
+    return [root().f4x.show_score, sum(json.loads(root().f4x.histogram or "[]")), len(np.unique(colors()))]
+def colors():
+    return np.concatenate([values(cloud, "radiance:base")[:, :3] for cloud in scene_object().clouds]).round(3)
+ops.query_text(text="square")
+root().f4x.show_score = True
+before = colors()
+ops.select_box(box=({left}, {HEIGHT - bottom}, {right}, {HEIGHT - top}))
+noted["gesture"] = [bool((colors() != before).any()), seen()[1]]
+ops.plan(sentence="select what moves")
+noted["words"] = seen()[:2]
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["gesture"] == [True, len(scene.ids)]  # the gesture's own
+    assert noted["words"] == [False, 0]
+
+
+@pytest.mark.parametrize("features", [True, False])
+def test_a_thing_of_a_scene_without_features_is_said_to_be_a_piece(folder, scene, features):
+    if not features:
+        write_scene(replace(scene, features=None), folder / "scene.f4x")
+    left, top, right, bottom = square_of(scene)
+    x, y = (left + right) / 2, (top + bottom) / 2
+    script = f"""
+ops.select_brush(path=way({[(x - 2, y), (x + 2, y)]}), radius=2.0)
+noted["stroke"] = root().f4x.found
+ops.select_brush(path=way({[(x - 2, y), (x + 2, y)]}), radius=2.0, whole=True)
+noted["thing"] = root().f4x.found
+ops.query_point(frame={FRAME}, at=({x}, {y}))
+noted["pick"] = root().f4x.found
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["stroke"] == "" and noted["thing"] == noted["pick"]
+    assert ("no features" in noted["pick"]) != features
 
 
 def test_what_is_hidden_in_the_viewport_is_not_selected(folder, scene):

@@ -11,6 +11,7 @@ from PIL import Image
 
 from f4x_core.clip.video import write_video
 from f4x_core.scene import write_scene
+from f4x_core.scene.formats import export
 from f4x_core.scene.view import render
 
 from .artist import perform
@@ -46,6 +47,50 @@ noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_pre
 """
     noted, _ = perform(folder, START + script)
     assert noted["planned"] > 0 and noted["applied"] == 1 and noted["undone"] == [0, 0, False]
+
+
+@pytest.mark.parametrize("sentence", ["make the square red", "move the square up", "copy the square to the left"])
+def test_a_plan_is_neither_rendered_nor_saved(folder, sentence):
+    script = (
+        f"SENTENCE = {sentence!r}"
+        + """
+ops.query_text(text="wall")
+ops.opacity(factor=0.5)
+bpy.context.scene.render.resolution_percentage = 25
+bpy.context.scene.render.image_settings.file_format = "OPEN_EXR"
+
+def picture():
+    path = str(folder / f"{len(arrays)}.exr")
+    bpy.context.scene.render.filepath = path
+    bpy.ops.render.render(write_still=True)
+    return np.array(bpy.data.images.load(path).pixels[:])
+
+def points():
+    found = [values(cloud, "radiance:base") for cloud in scene_object().clouds]
+    return np.concatenate([each.reshape(-1) for each in found if each is not None])
+
+arrays["before"] = picture()
+noted["before"] = [root().f4x.uncovered, len(points())]
+ops.plan(sentence=SENTENCE)
+arrays["seen"] = points()
+arrays["planned"] = picture()
+arrays["seen after"] = points()
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "plan.blend"))
+arrays["seen saved"] = points()
+noted["planned"] = [root().f4x.uncovered, len(root().f4x.readings)]
+bpy.ops.wm.open_mainfile(filepath=str(folder / "plan.blend"))
+noted["opened"] = [root().f4x.uncovered, len(points()), len(root().f4x.readings), "f4x_preview" in root(), root().f4x.preview]
+arrays["opened"] = picture()
+"""
+    )
+    noted, arrays = perform(folder, START + script)
+    np.testing.assert_array_equal(arrays["planned"], arrays["before"])
+    np.testing.assert_array_equal(arrays["opened"], arrays["before"])
+    np.testing.assert_array_equal(arrays["seen after"], arrays["seen"])
+    np.testing.assert_array_equal(arrays["seen saved"], arrays["seen"])
+    uncovered, points = noted["before"]
+    assert noted["planned"] == [uncovered, 1]
+    assert noted["opened"] == [uncovered, points, 0, False, False]
 
 
 def test_a_refused_sentence_is_shown_in_the_panel_alone(folder):
@@ -149,17 +194,100 @@ import_fitted({"scene": str(folder / "other.f4x")})
 bpy.context.view_layer.update()
 noted["active"] = bpy.context.object.name
 noted["selected"] = [item.name for item in bpy.context.selected_objects]
-noted["places"] = [bpy.data.objects[name].matrix_world.translation.x for name in ("labelled", "tiny")]
+noted["places"] = [bpy.data.objects[name].matrix_world.translation.x for name in ("labelled", "other")]
 import_fitted({"scene": str(folder / "other.f4x")})
 bpy.context.view_layer.update()
-noted["places"].append(bpy.data.objects["tiny (2)"].matrix_world.translation.x)
+noted["places"].append(bpy.data.objects["other (2)"].matrix_world.translation.x)
 bpy.ops.wm.read_factory_settings(use_empty=True)
 import_fitted({"scene": str(folder / "other.f4x")})
 noted["alone"] = [bpy.context.object.name, bpy.context.object.location.x]
 """
     noted, _ = perform(folder, START + script)
     assert noted["active"] == "mine" and noted["selected"] == ["mine"]
-    assert noted["places"] == [0.0, 4.0, 8.0] and noted["alone"] == ["tiny", 0.0]
+    assert noted["places"] == [0.0, 4.0, 8.0] and noted["alone"] == ["other", 0.0]
+
+
+@pytest.mark.parametrize(
+    ("file", "clip", "called"),
+    [
+        ("demo.f4x", "clip", "demo"),
+        ("scene.f4x", "dog", "dog"),
+        ("scene.f4x", "clip", "my_dog"),
+    ],
+)
+def test_a_scene_is_called_by_what_tells_something(tmp_path, file, clip, called):
+    (tmp_path / "my_dog").mkdir()
+    write_scene(labelled_scene(name=clip), tmp_path / "my_dog" / file)
+    script = f"""
+bpy.ops.wm.read_factory_settings(use_empty=True)
+ops.import_scene(filepath=str(folder / "my_dog" / {file!r}))
+noted["called"] = root().name
+"""
+    assert perform(tmp_path, script)[0]["called"] == called
+
+
+def test_a_second_import_leaves_the_viewport_with_its_camera(folder):
+    script = """
+bpy.ops.wm.read_factory_settings()
+with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+    view = next(area for area in bpy.context.screen.areas if area.type == "VIEW_3D").spaces.active.region_3d
+    for takes_over in (True, False):
+        ops.import_scene(filepath=str(folder / "scene.f4x"), set_up_render=takes_over)
+        noted[str(takes_over)] = view.view_perspective
+"""
+    assert perform(folder, script)[0] == {"True": "CAMERA", "False": "CAMERA"}
+
+
+def test_blender_with_splats_is_told_of_the_refit_once(folder):
+    script = """
+import importlib
+operators = importlib.import_module("feature4x.addon.operators")
+operators.draws_splats = lambda: True
+operators._told_of_refit = False
+for name in ("first", "second"):
+    ops.import_scene(filepath=str(folder / "scene.f4x"))
+    noted[name] = "Refit" in root().f4x.notice
+"""
+    assert perform(folder, START + script)[0] == {"first": True, "second": False}
+
+
+def test_the_switch_of_the_nodes_says_what_it_shows(tmp_path):
+    write_scene(tiny_scene(), tmp_path / "scene.f4x")
+    script = """
+from feature4x.addon.scaffold_rig import layer_of
+state = root().f4x
+noted["hint"] = state.bl_rna.properties["show_nodes"].description
+noted["shown"] = [state.show_nodes]
+state.show_nodes = True
+noted["shown"] += [state.show_nodes, not layer_of(root()).hide_viewport]
+"""
+    noted, _ = perform(tmp_path, START + script)
+    assert "nodes" in noted["hint"] and noted["shown"] == [False, True, True]
+
+
+def test_a_still_shows_no_time(folder):
+    export(labelled_scene(), folder / "still.ply", [0])
+    script = """
+from feature4x.addon.motion_panel import F4X_PT_motion
+
+noted["clip"] = F4X_PT_motion.poll(bpy.context)
+ops.import_scene(filepath=str(folder / "still.ply"))
+noted["still"] = F4X_PT_motion.poll(bpy.context)
+"""
+    assert perform(folder, START + script)[0] == {"clip": True, "still": False}
+
+
+def test_a_swing_begins_within_what_can_be_believed(tmp_path):
+    write_scene(labelled_scene(provenance={"believed_degrees": 2.0}), tmp_path / "scene.f4x")
+    script = """
+from types import SimpleNamespace
+from feature4x.addon.camera_operators import _stay_believed
+for name, told in (("default", False), ("asked", True)):
+    operator = SimpleNamespace(degrees=5.0, properties=SimpleNamespace(is_property_set=lambda _: told))
+    _stay_believed(operator, scene_object())
+    noted[name] = operator.degrees
+"""
+    assert perform(tmp_path, START + script)[0] == {"default": 2.0, "asked": 5.0}
 
 
 def test_a_clip_of_another_scene_is_doubted(folder):
@@ -225,6 +353,7 @@ noted["far"] = refused(ops.query_text, text="goat")
         ("there are 201 edits; 200 are the most, so `f4x bake` them first.",
          "there are 201 edits; 200 are the most, so bake them with the command f4x bake first."),
         ("fit without --resume, or into another folder.", "fit without Continue, or into another folder."),
+        ("That is no edit; use `f4x undo SCENE`, or the button for it.", "That is no edit; press Ctrl-Z."),
         ("Nothing is selected; use Query.", "Nothing is selected; use Query."),
     ],
 )  # fmt: skip

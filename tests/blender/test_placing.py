@@ -94,3 +94,62 @@ noted["uneven"] = refused(ops.export_scene, filepath=str(folder / "uneven.ply"))
     np.testing.assert_allclose(placed.scales, 10 * came.scales, rtol=1e-5)
     assert "scale" in noted["uneven"] and not (tmp_path / "uneven.ply").exists()
     assert (tmp_path / "scene.f4x").read_bytes() == before
+
+
+def test_moves_are_along_blenders_axes_wherever_the_scene_was_placed(tmp_path):
+    script = """
+ops.import_scene("EXEC_DEFAULT", True, filepath=str(folder / "scene.f4x"))
+ops.add_crop_box()
+box = bpy.context.object
+root().rotation_euler = (2.5, 0.3, 0.4)  # of a clip whose camera looked down
+bpy.context.view_layer.update()
+ops.scale_length(a=(0, 0, 0), b=(1, 0, 0), length=3)
+bpy.context.view_layer.update()
+noted["meters"] = scene_object().meters
+ops.plan(sentence="move what moves up by 30 cm")
+noted["planned"] = json.loads(root().f4x.readings[0].operations)[0]["translate"]
+ops.drop_plan()
+noted["box"] = float(np.abs(np.array(box.matrix_world) - np.array(box.matrix_basis)).max())
+ops.plan(sentence="select what moves")
+chosen = np.flatnonzero(scene_object().read(".selection"))
+
+def middle():
+    means, matrix = scene_object().shown.scene.posed(0.0).means, np.array(root().matrix_world)
+    return np.median(means[chosen] @ matrix[:3, :3].T + matrix[:3, 3], axis=0)
+
+before = middle()
+ops.transform(move=(0, 0, 1))
+noted["moved"] = (middle() - before).tolist()
+noted["row"], field = root().f4x.history[0].name, root().f4x.fields.transform
+noted["field"] = list(field.translate)
+field.translate = (2, 0, 0)
+noted["set"] = (middle() - before).tolist()
+field.translate, field.rotate = (0, 0, 0), (0, 0, 0.5)
+turn = np.array(scene_object().axes.turn_in_world(scene_object().stack.edits[0].operation.rotate))
+noted["turned"] = np.deg2rad(turn).tolist()
+field.rotate = (0, 0, 0)
+ops.edit_gizmo(edit_id=root().f4x.history[0].edit_id)
+handle = bpy.context.object
+handle.location = (0, 1, 0)
+bpy.context.view_layer.update()
+noted["dragged"] = (middle() - before).tolist()
+noted["on the thing"] = (middle() - np.array(handle.matrix_world.translation)).tolist()
+select(root())
+root().rotation_euler = (0, 0, 0)
+bpy.context.view_layer.update()
+noted["axes"] = [list(handle.location), list(field.translate), root().f4x.history[0].name]
+noted["stack"] = len(scene_object().stack)
+"""
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    noted, _ = perform(tmp_path, START + script)
+    assert [noted["moved"], noted["field"]] == [pytest.approx([0, 0, 1], abs=1e-4)] * 2
+    assert noted["meters"] == pytest.approx(3) and np.linalg.norm(noted["planned"]) == pytest.approx(0.1, abs=1e-4)
+    assert noted["row"] == "move what moves by (0, 0, 1) units along Blender's X, Y and Z"
+    assert noted["set"] == pytest.approx([2, 0, 0], abs=1e-4) and noted["turned"] == pytest.approx(
+        [0, 0, 0.5], abs=1e-4
+    )
+    assert noted["dragged"] == pytest.approx([0, 1, 0], abs=1e-4)
+    assert noted["on the thing"] == pytest.approx([0, 0, 0], abs=1e-4) and noted["box"] < 1e-4
+    location, field, row = noted["axes"]
+    assert location == pytest.approx(field, abs=1e-4) and np.linalg.norm(field) == pytest.approx(1, abs=1e-3)
+    assert f"({field[0]:.3g}, " in row and noted["stack"] == 1

@@ -94,7 +94,7 @@ noted["rows"] = [row.name for row in state.history]
     noted, _ = perform(folder, START + script)
     assert noted["rows"] == [
         "move the square by (-1.5, 0.25, 0) units along Blender's X, Y and Z",
-        "make the square #e41a1a",
+        "make the square red (#e41a1a)",
     ]
 
 
@@ -109,20 +109,24 @@ def render(degrees, times=1):
     for handler in bpy.app.handlers.render_init:
         handler(scene)
     turn = Matrix.Rotation(np.radians(degrees), 4, "Z")
-    camera.matrix_world = Matrix.Translation((0, 1, 0)) @ turn @ Matrix.Translation((0, -1, 0))
+    ahead = Matrix.Rotation(np.pi / 2, 4, "X")
+    camera.matrix_world = Matrix.Translation((0, 1, 0)) @ turn @ Matrix.Translation((0, -1, 0)) @ ahead
     bpy.context.view_layer.update()
     for _ in range(times):
-        believed.warn(lambda kind, line: lines.append([*kind, line]), scene, camera)
+        believed.warn(lambda kind, line: lines.append([*kind, line]), bpy.context.evaluated_depsgraph_get())
     return list(lines)
 noted["inside"], noted["outside"] = render(9), render(34, times=3)
-root().matrix_world = Matrix.Translation((5, 0, 0)) @ root().matrix_world
+camera.data.shift_x = 5
+noted["not in view"] = render(34)
+camera.data.shift_x = 0
+root().matrix_world = Matrix.Translation((0.5, 0, 0)) @ root().matrix_world
 bpy.context.view_layer.update()
 camera.parent = None
 noted["moved"] = render(9)
 """
     noted, _ = perform(folder, START + script)
     line = "labelled, frame 0: 34° beside the clip's camera: guesswork (good up to about 10°)"
-    assert noted["inside"] == [] and noted["outside"] == [["WARNING", line]]
+    assert noted["inside"] == noted["not in view"] == [] and noted["outside"] == [["WARNING", line]]
     assert len(noted["moved"]) == 1  # the scene went away from the camera
 
 

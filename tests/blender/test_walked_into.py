@@ -138,7 +138,7 @@ ops.query_text("EXEC_DEFAULT", True, text="wall")
 bpy.ops.ed.undo(); bpy.context.view_layer.update()
 edit_fields.show_late()
 noted["shown"] = [row.name for row in scene_object().state.history]
-noted["held"] = [display.words_of(edit.operation) for edit in scene_object().stack.edits]
+noted["held"] = [display.words_of(edit.operation, scene_object().axes) for edit in scene_object().stack.edits]
 """
     noted, _ = perform(folder, START + script)
     assert noted["shown"] == noted["held"] and "0.5" in noted["held"][0]

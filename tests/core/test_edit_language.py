@@ -14,6 +14,7 @@ from f4x_core.edit import styles
 from f4x_core.edit.commands import COMMANDS
 from f4x_core.edit.description import describe, in_words
 from f4x_core.edit.language import MAX_CHARACTERS, Refusal, about_there, nearest, parse
+from f4x_core.edit.lengths import in_units
 from f4x_core.edit.making import SHOWN
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Retime, Transform, read_operation
 from f4x_core.edit.request import Request
@@ -301,6 +302,10 @@ def test_long_texts_take_bounded_time(part):
         ("make the dog darker red", "'darker red'"),
         ("paint the second dog blue", "'the second dog'"),
         ("undo the last edit", "`f4x undo SCENE`"),
+        ("crop the scene", "Add Crop Box"),
+        ("scale the scene to meters", "Scale to Length"),
+        ("align it to the floor", "Align to Floor"),
+        ("relight the scene", "as it was filmed"),
         ("change the color of the dog", "not said to which color"),
     ],
 )
@@ -309,6 +314,19 @@ def test_the_word_that_is_blamed_is_the_one_at_fault(sentence, word):
         say(sentence, selected=True)
     assert word in message.value.reason
     assert not any("remove" in example for example in message.value.nearest if "n't" in sentence)
+
+
+@pytest.mark.parametrize(
+    ("sentence", "expected"),
+    [
+        ("move it 10cm up", "move it 0.05 units up"),
+        ("move it half a meter up by 2 feet", "move it 0.25 units up by 0.3048 units"),
+        ("remove the two feet in 2 seconds", "remove the two feet in 2 seconds"),
+        ("paint a foot red", "paint a foot red"),
+    ],
+)
+def test_lengths_are_units_of_a_scene_that_is_known_to_be_so_large(sentence, expected):
+    assert in_units(sentence, 2.0) == expected
 
 
 @pytest.mark.parametrize(

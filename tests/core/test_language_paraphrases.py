@@ -9,6 +9,7 @@ from f4x_core.language.paraphrases import paraphrases
 
 SAME = (
     ("bird: red", "make the bird red"),
+    ("keep what moves", "keep only what moves"),
     ("red bird, please!", "make the bird red"),
     ("would it be possible to have the bird in red?", "make the bird red"),
     ("the bird would look better in blue", "make the bird blue"),

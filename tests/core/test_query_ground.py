@@ -8,7 +8,7 @@ from floater_scenes import planted
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
-from f4x_core.query.ground import find_ground, plane_through
+from f4x_core.query.ground import Plane, find_ground, leaning, plane_through
 
 
 @pytest.mark.parametrize("kind", ["room", "street", "statue", "meadow"])
@@ -26,6 +26,21 @@ def test_the_floor_is_found_where_the_camera_looks_down(kind, pitch):
 def test_without_a_floor_none_is_made_up(kind):
     with pytest.raises(F4xError, match="No floor was found"):
         find_ground(planted(kind, 31)[0])
+
+
+def test_the_lower_side_of_a_random_cloud_is_no_floor():
+    scene, _, _ = planted("room", 31)
+    means = np.random.default_rng(0).uniform((-1.3, -0.8, 3), (1.3, 0.8, 6), (len(scene.static), 3)).astype(np.float32)
+    static = replace(scene.static, means=means, scales=np.full_like(means, 0.02))
+    with pytest.raises(F4xError, match="No floor was found"):
+        find_ground(replace(scene, static=static))
+
+
+def test_a_floor_that_slopes_sideways_is_told():
+    scene, _, _ = planted("room", 31)
+    assert leaning(scene.cameras, Plane(np.array([0.0, -1, 0]), -1.0)) < 0.5
+    sloping = Plane(np.array([np.sin(0.2), -np.cos(0.2), 0.0]), -1.0)
+    assert leaning(scene.cameras, sloping) == pytest.approx(np.degrees(0.2), abs=0.5)
 
 
 def test_a_plane_through_three_points():
