@@ -126,9 +126,12 @@ class Walk:
             same(before, content(), "refused")
 
     def push(self, name: str) -> None:
-        """End a step of undo, as Blender does when a slider was moved."""
-        bpy.ops.ed.undo_push(message=name)
-        self.remember()
+        """End a step of undo, as Blender does when a slider was moved; in other modes it undoes no sliders, and counts anew."""
+        if bpy.context.mode == "OBJECT":
+            bpy.ops.ed.undo_push(message=name)
+            self.remember()
+        else:
+            self.begin_undo()
 
     def remember(self) -> None:
         """Blender has ended a step of undo: undo has to bring this back."""
