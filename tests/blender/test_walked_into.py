@@ -251,6 +251,25 @@ noted["answer"] = root().f4x.answer
     assert "scene.f4x cannot be read" in noted["answer"]
 
 
+@pytest.mark.parametrize(
+    "change",
+    ['(folder / "scene.f4x").rename(folder / "away.f4x")', "bpy.context.object.parent = scene_object().clouds[0]"],
+)
+def test_a_handle_without_its_scene_stays_where_it_is(folder, change):
+    script = f"""
+ops.query_text("EXEC_DEFAULT", True, text="square")
+ops.edit_gizmo("EXEC_DEFAULT", True, edit_id=0)
+handle = bpy.context.object
+noted["before"] = list(handle.delta_location)
+{change}
+from feature4x.addon import edit_handles
+edit_handles._frame_changed(bpy.context.scene)
+noted["after"] = list(handle.delta_location)
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["after"] == noted["before"]
+
+
 def test_importing_while_workbench_is_the_engine(folder):
     script = """
 bpy.context.scene.render.engine = "BLENDER_WORKBENCH"
