@@ -33,7 +33,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
 import door
-from walk_actions import ACTIONS, ANY, GROWS, copies_of
+from walk_actions import ACTIONS, ANY, GROWS, copies_of, without_eevee
 from walk_checks import WrongError, check_points, check_words, content, draw_panels, own_scenes, pending, require, same
 
 from feature4x.addon import edit_fields, scene_cache  # isort: skip - there once `walk_actions` has loaded the extension
@@ -177,6 +177,7 @@ class Walk:
         begin = time.monotonic()
         with _in_viewport():
             chosen.run(self)
+        without_eevee()
         self.slowest[name] = max(self.slowest.get(name, 0.0), round(time.monotonic() - begin, 2))
         bpy.context.view_layer.update()
         edit_fields.show_late()  # in a window a timer shows what a drag has changed
