@@ -10,6 +10,7 @@ own Undo. Where the edit is changed elsewhere, the empty follows. It is never dr
 
 from __future__ import annotations
 
+import contextlib
 import json
 from typing import Any
 
@@ -190,10 +191,13 @@ def _changed(scene: bpy.types.Scene, *_) -> None:
 
 @persistent
 def _frame_changed(scene: bpy.types.Scene, *_) -> None:
-    """Put the active handle on its thing, which may have moved."""
+    """Put the active handle on its thing, which may have moved; without the scene file it stays where it is."""
     item = bpy.context.view_layer.objects.active
-    if item is not None and HANDLE_OF in item and item.parent is not None and not bpy.app.is_job_running("RENDER"):
-        put_on_thing(SceneObject(item.parent), item)
+    if item is None or HANDLE_OF not in item or bpy.app.is_job_running("RENDER"):
+        return
+    for scene_object in SceneObject.among([item.parent] if item.parent else []):  # an artist may hang it elsewhere
+        with contextlib.suppress(F4xError):
+            put_on_thing(scene_object, item)
 
 
 _HANDLERS = {"depsgraph_update_post": _changed, "frame_change_post": _frame_changed}

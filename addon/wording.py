@@ -63,7 +63,10 @@ def refuse(operator: bpy.types.Operator | bpy.types.RenderEngine, error: BaseExc
 
 
 class Reporting:
-    """Base of all operators: an expected error ends `execute`, `invoke` or `modal` with one report, as `EXPECTED` has it."""
+    """Base of all operators: an expected error ends `execute`, `invoke` or `modal` with one report, as `EXPECTED` has it.
+
+    An operator that Ctrl-Z undoes ends in Object Mode: the steps of undo of other modes hold the edited object alone.
+    """
 
     def __init_subclass__(cls, **options) -> None:
         super().__init_subclass__(**options)
@@ -78,11 +81,14 @@ class Reporting:
 def _reporting(method: Callable) -> Callable:
     def attempt(operator: Reporting, context: bpy.types.Context, *event: bpy.types.Event) -> set[str]:
         try:
-            return method(operator, context, *event)
+            done = method(operator, context, *event)
         except EXPECTED as error:
             if method.__name__ == "modal":
                 operator.let_go(context)
             return refuse(operator, error)
+        if "FINISHED" in done and "UNDO" in operator.bl_options and context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        return done
 
     if method.__name__ == "execute":  # Blender counts the arguments
         return wraps(method)(lambda self, context: attempt(self, context))

@@ -847,13 +847,28 @@ def register_anew(walk: Walk) -> None:
     door.load_extension().register()
 
 
+def by_processor() -> bool:
+    """Whether the processor draws the window."""
+    return "llvmpipe" in gpu.platform.renderer_get()
+
+
+def without_eevee() -> None:
+    """Let viewports be Solid that EEVEE would draw: by the processor that takes minutes, and gigabytes of its memory."""
+    if bpy.app.background or not by_processor():
+        return
+    for window in bpy.context.window_manager.windows:
+        drawn = {"MATERIAL", "RENDERED"} if "EEVEE" in window.scene.render.engine else {"MATERIAL"}
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D" and area.spaces.active.shading.type in drawn:
+                area.spaces.active.shading.type = "SOLID"
+
+
 @action(1.5)
 def change_view(walk: Walk) -> None:
     """Another shading, a camera's view, another workspace, a sidebar: in a window."""
     if bpy.app.background:
         return
-    # drawn by the processor EEVEE takes minutes, and the buffers of ever more editors are in the memory that is watched
-    slow = "llvmpipe" in gpu.platform.renderer_get()
+    slow = by_processor()  # the buffers of ever more editors are in the memory that is watched
     names = ("shading", "shading", "camera", "quad", "sidebar", "full", "sidebar" if slow else "workspace")
     what = walk.random.choice(names)
     space = bpy.context.space_data

@@ -16,6 +16,7 @@ memory grows. SCENE is copied, not changed; the same seed takes the same steps.
 from __future__ import annotations
 
 import argparse
+import ctypes
 import gc
 import json
 import os
@@ -32,7 +33,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
 import door
-from walk_actions import ACTIONS, ANY, GROWS, copies_of
+from walk_actions import ACTIONS, ANY, GROWS, copies_of, without_eevee
 from walk_checks import WrongError, check_points, check_words, content, draw_panels, own_scenes, pending, require, same
 
 from feature4x.addon import edit_fields, scene_cache  # isort: skip - there once `walk_actions` has loaded the extension
@@ -126,9 +127,12 @@ class Walk:
             same(before, content(), "refused")
 
     def push(self, name: str) -> None:
-        """End a step of undo, as Blender does when a slider was moved."""
-        bpy.ops.ed.undo_push(message=name)
-        self.remember()
+        """End a step of undo, as Blender does when a slider was moved; in other modes it undoes no sliders, and counts anew."""
+        if bpy.context.mode == "OBJECT":
+            bpy.ops.ed.undo_push(message=name)
+            self.remember()
+        else:
+            self.begin_undo()
 
     def remember(self) -> None:
         """Blender has ended a step of undo: undo has to bring this back."""
@@ -173,6 +177,7 @@ class Walk:
         begin = time.monotonic()
         with _in_viewport():
             chosen.run(self)
+        without_eevee()
         self.slowest[name] = max(self.slowest.get(name, 0.0), round(time.monotonic() - begin, 2))
         bpy.context.view_layer.update()
         edit_fields.show_late()  # in a window a timer shows what a drag has changed
@@ -222,10 +227,11 @@ class Walk:
 
 
 def resident() -> float:
-    """MiB of memory in use by this process; 0 where the system does not tell."""
+    """MiB of memory in use by this process, without what the C library keeps free; 0 where the system does not tell."""
     try:
+        ctypes.CDLL(None).malloc_trim(0)
         return round(int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20, 1)
-    except OSError:
+    except (OSError, AttributeError, TypeError):  # another system than Linux
         return 0.0
 
 

@@ -144,6 +144,27 @@ noted["held"] = [display.words_of(edit.operation, scene_object().axes) for edit 
     assert noted["shown"] == noted["held"] and "0.5" in noted["held"][0]
 
 
+def test_undo_of_what_a_button_did_in_edit_mode_brings_all_clouds_back(folder):
+    """Steps of undo of Edit Mode hold the points of the edited cloud alone."""
+    script = """
+ops.query_text("EXEC_DEFAULT", True, text="square")
+select(scene_object().clouds[0])
+push("picked")
+bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode="EDIT")
+noted["in"] = bpy.context.mode
+for name in ("before", "after"):
+    for at, cloud in enumerate(scene_object().clouds):
+        arrays[f"{at} {name}"] = read_attribute(cloud.data, ".selection")
+    if name == "before":
+        ops.change_selection("EXEC_DEFAULT", True, how="ALL")
+        bpy.ops.ed.undo()
+"""
+    noted, arrays = perform(folder, START + script)
+    assert noted["in"] != "OBJECT" and len(arrays) == 4
+    for at in range(2):
+        np.testing.assert_array_equal(arrays[f"{at} after"], arrays[f"{at} before"])
+
+
 def test_undo_of_copied_nodes_lets_points_follow_their_own_nodes(folder):
     """Places of nodes are worked out after the step of undo that copies them, so undo finds the same mesh in both steps."""
     script = """
@@ -228,6 +249,25 @@ noted["answer"] = root().f4x.answer
 """
     noted, _ = perform(folder, START + script)
     assert "scene.f4x cannot be read" in noted["answer"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    ['(folder / "scene.f4x").rename(folder / "away.f4x")', "bpy.context.object.parent = scene_object().clouds[0]"],
+)
+def test_a_handle_without_its_scene_stays_where_it_is(folder, change):
+    script = f"""
+ops.query_text("EXEC_DEFAULT", True, text="square")
+ops.edit_gizmo("EXEC_DEFAULT", True, edit_id=0)
+handle = bpy.context.object
+noted["before"] = list(handle.delta_location)
+{change}
+from feature4x.addon import edit_handles
+edit_handles._frame_changed(bpy.context.scene)
+noted["after"] = list(handle.delta_location)
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["after"] == noted["before"]
 
 
 def test_importing_while_workbench_is_the_engine(folder):
