@@ -49,7 +49,7 @@ def remark_on(scene: Scene, label: str) -> str:
 
 
 def person_at(scene: Scene, pixels: np.ndarray, frame: int) -> np.ndarray | None:
-    """(N,) bool: the Gaussians of the person that gets most of the light at `pixels (H,W)` bool of a clip frame; None for no one's."""
+    """(N,) bool: the Gaussians of the person at `pixels (H,W)` bool of a clip frame, by their light; None for no one's."""
     people = people_of(scene)
     if people is None:
         return None

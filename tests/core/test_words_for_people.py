@@ -36,8 +36,12 @@ def test_parts_of_the_body_are_those_of_the_joints():
 @pytest.mark.parametrize("features", [False, True])
 @pytest.mark.parametrize(
     ("word", "values"),
-    [("person", None), ("the men", None), ("dancer", None), ("somebody", None), ("head", [1]), ("face", [1])]
-    + [("left hand", [5]), ("hands", [5]), ("the woman's hand", [5]), ("right hand", []), ("torso", [2])],
+    [
+        *((word, None) for word in ("person", "the men", "dancer", "somebody")),
+        *((word, [1]) for word in ("head", "face")),
+        *((word, [5]) for word in ("left hand", "hands", "the woman's hand")),
+        *(("right hand", []), ("torso", [2])),
+    ],
 )
 def test_a_word_selects_people_exactly_without_a_teacher(word, values, features):
     scene = scene_with_people(features)
