@@ -139,7 +139,7 @@ def _query(
     unknown = [
         word
         for word in (*labels, *(negatives or ()))
-        if known.isdisjoint(spellings(word)) and not needs_no_teacher(word)
+        if known.isdisjoint(spellings(word)) and not needs_no_teacher(scene, word)
     ]
     others = instead(scene, unknown)[1] if known and unknown else ""
     hint = f" {others[0].upper()}{others[1:]}." if others else ""

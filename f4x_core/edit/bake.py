@@ -255,9 +255,12 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
     field = base.features
     extra = {}
     for name, array in base.extra.items():
-        part = name.split("/")[0]
+        part, _, kind = name.partition("/")
         index = origin if part == "static" else rows.origin[followers] - count
         extra[name] = _taken(array, index) if part in ("static", "dynamic") else array
+        before = base.extra.get(f"static/{kind}") if part == "dynamic" else None
+        if before is not None:  # what stood still may move now
+            extra[name] = np.concatenate([before, array])[rows.origin[followers]]
     folded_edits = [
         {"op": edit.operation.TAG, "said": edit.sentence}
         for edit in of(scene).edits

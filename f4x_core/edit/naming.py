@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..language.lexicon import spellings
+from ..query.cast import needs_no_teacher
 from ..query.inventory import is_calibrated, labels_of, select_word
 from ..query.knowledge import refuse_evidence_of_another, refuse_unknown
 from ..query.labels import BACKGROUND, Encode
@@ -70,10 +71,11 @@ def by_labels(
     if negatives is None and len(labels) > 1:  # one of them is nothing that another is weighed against
         forms = {form for label in labels for form in spellings(label)}
         negatives = [label for label in labels_of(scene) if label.lower() in {*BACKGROUND} - forms]
-    rivals = len(labels) > 1 and not is_calibrated(scene)
+    taught = [label for label in labels if not needs_no_teacher(scene, label)]
+    rivals = len(taught) > 1 and not is_calibrated(scene)
     found = {}
     for label in labels:
-        against = [*(negatives or ()), *(other for other in labels if other != label)] if rivals else negatives
+        against = [*(negatives or ()), *(other for other in taught if other != label)] if rivals else negatives
         found[label] = select_word(scene, label, against, threshold, encode=encode, span=span)
         refuse_evidence_of_another(scene, label, found[label], encode)
     return found

@@ -15,6 +15,7 @@ from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.inventory import words_there
 from ..query.labels import Encode
+from ..query.people import remark_on
 from ..scene import Scene, read_scene, updating
 from . import endpoint, language
 from .apply import edited, stack_of, with_operations
@@ -25,7 +26,7 @@ from .records import Record
 from .request import Request
 from .resolve import Absent, EditorState, Resolver, labels_of, rows_of
 from .retiming import time_map_of
-from .selects import All, Ids, SelectKind, Text
+from .selects import All, Ids, SelectKind, Text, parts_of
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
 from .stack import undo as undo
@@ -126,7 +127,7 @@ def propose(
             found.append(Candidate(settled, why, sentence))
         if len(found) == candidates:
             break
-    notes += tuple(_idle(scene, found[0].operations))
+    notes += (*_remarks(scene, asked), *_idle(scene, found[0].operations))
     proposal = Proposal(sentence, tuple(found), 0, understood_by, notes=notes)
     if len(found) == 1:
         return proposal
@@ -184,6 +185,13 @@ def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:
 def _there(scene: Scene) -> tuple[str, ...]:
     """Labels that examples may speak of."""
     return tuple(words_there(scene)[0]) if labels_of(scene) else ()
+
+
+def _remarks(scene: Scene, operations: tuple[Operation, ...]) -> list[str]:
+    """What words for people say that the scene cannot tell, each once."""
+    selects = [getattr(operation, "select", None) for operation in operations]
+    parts = [part for select in selects if select is not None for part in parts_of(select) if isinstance(part, Text)]
+    return list(dict.fromkeys(filter(None, (remark_on(scene, label) for part in parts for label in part.labels))))
 
 
 def _idle(scene: Scene, operations: tuple[Operation, ...]) -> Iterator[str]:

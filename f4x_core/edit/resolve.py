@@ -19,6 +19,7 @@ from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
 from ..query.selection import SELECTED, Selection, fingerprint
 from ..scene import Scene
+from ..scene.people import single_people
 from .apply import EditedScene, edited, next_id, pivot_of, with_operations
 from .description import whom
 from .operations import Duplicate, Freeze, Glow, Opacity, Operation, Rekey, Swap, TakeBack, Transform
@@ -180,7 +181,9 @@ class Resolver:
             if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
                 rows = first
             if (select.number == "both" or select.count) and len(rows):
-                many = int(split_objects(scene.posed(self.context.frame), rows)[0].max()) + 1
+                many = (
+                    int(split_objects(scene.posed(self.context.frame), rows, single_people(scene, rows))[0].max()) + 1
+                )
                 if many == 1 and select.number == "both":
                     raise Absent(f"In the scene '{scene.name}' there is only one of {whom(select)}, not both.")
                 if select.count not in (0, many):
@@ -189,7 +192,7 @@ class Resolver:
                         f" {select.count}; those that touch count as one. Say 'all' for all of them, or 'the left one'."
                     )
             if tidy and len(rows):
-                rows = rows[~split_objects(scene.posed(self.context.frame), rows)[1]]
+                rows = rows[~split_objects(scene.posed(self.context.frame), rows, single_people(scene, rows))[1]]
             return Ids.of(scene.ids[rows])
         if isinstance(select, Point):
             return Ids.of(
@@ -202,7 +205,13 @@ class Resolver:
             if not len(rows):
                 raise Absent(self._nothing(scene, select.of))
             time = float(select.frame)
-            return Ids.of(scene.ids[pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time))])
+            return Ids.of(
+                scene.ids[
+                    pick_object(
+                        scene.posed(time), rows, select.which, scene.cameras.at(time), single_people(scene, rows)
+                    )
+                ]
+            )
         if isinstance(select, Beside):
             rows, others = (rows_of(scene, self._cached(scene, part, tidy)) for part in (select.of, select.other))
             time = float(select.frame)

@@ -34,6 +34,7 @@ from .covered import completed
 from .harmonics import GAIN_DB
 from .model import CameraRig, NodeSet, SceneModel
 from .needs import Need, Shortage, lack_in_words, moving_fraction
+from .people import with_people_of
 from .spawning import Explained, Spawner
 from .start import start_scaffold
 from .trainer import Trainer
@@ -84,7 +85,8 @@ class ClipFit:
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time of the stages that are done."""
     whole: bool = True
-    """It is no window of a longer clip: what no frame of it shows is made up (`completed`)."""
+    """It is no window of a longer clip: what no frame of it shows is made up (`completed`), and its people are known by
+    their numbers, which other windows count anew (`with_people_of`)."""
 
     def run(self) -> FitResult:
         """All stages, one after the other."""
@@ -112,7 +114,7 @@ class ClipFit:
         trainer.run(checkpoint, settings_hash, self.progress)
         self._record("photometric", clock)
         result = self.finish(trainer)
-        scene = completed(result.scene) if self.whole else result.scene
+        scene = with_people_of(completed(result.scene), priors) if self.whole else result.scene
         known = {**scene.provenance, "believed_degrees": _believed(priors)}
         return replace(result, priors=priors, scene=replace(scene, provenance=known))
 

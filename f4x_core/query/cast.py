@@ -12,6 +12,7 @@ import numpy as np
 from ..scene import Scene
 from .floaters import is_floaters
 from .objects import graph_of
+from .people import is_of_people
 
 _WORDS = re.compile(
     r"(?:(?:the|its|his|her|their) )?(?:(?P<whose>.+)'s? )?(?:shadow|reflection|ripple)s?", re.IGNORECASE
@@ -23,9 +24,9 @@ def is_cast(label: str) -> bool:
     return _WORDS.fullmatch(" ".join(label.split())) is not None
 
 
-def needs_no_teacher(label: str) -> bool:
-    """True if the scene itself tells what `label` means, so that no vocabulary has to know it: what is cast, and floaters."""
-    return is_cast(label) or is_floaters(label)
+def needs_no_teacher(scene: Scene, label: str) -> bool:
+    """True if the scene itself tells what `label` means, and no vocabulary has to know it: what is cast, floaters, known people."""
+    return is_cast(label) or is_floaters(label) or is_of_people(scene, label)
 
 
 def caster(label: str) -> str | None:

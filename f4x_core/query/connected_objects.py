@@ -52,13 +52,17 @@ def connect(edges: np.ndarray, count: int) -> np.ndarray:
     return np.unique(label, return_inverse=True)[1]
 
 
-def split_objects(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def split_objects(
+    posed: PosedSplats, rows: np.ndarray, known: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Split the Gaussians `rows (n,)` int: (object (n,) int from 0, the largest first; stray (n,) bool).
 
     A component below `MIN_OBJECT_SIZE` joins the object whose centre is nearest. Size is the geometric mean of surface (opacity
     times the two largest deviations) and of opacity: a few large floaters have much surface and little opacity, a plain object
-    has much surface and few Gaussians.
+    has much surface and few Gaussians. `known (n,)` int from 0: objects that are known, such as people; nothing is stray then.
     """
+    if known is not None:
+        return known, np.zeros(len(rows), bool)
     points = posed.means[rows]
     sizes = np.sort(posed.scales[rows], axis=1)
     surface = posed.opacities[rows] * sizes[:, 1] * sizes[:, 2] + 1e-12
@@ -78,9 +82,14 @@ def split_objects(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.
     return owner, (total < MAX_STRAY_SIZE * total.max())[component]
 
 
-def pick_object(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera) -> np.ndarray:
-    """Return those of the Gaussians `rows` that make up the object `which` (see `selects.Instance`), seen through `camera`."""
-    owner, _ = split_objects(posed, rows)
+def pick_object(
+    posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera, known: np.ndarray | None = None
+) -> np.ndarray:
+    """Return those of the Gaussians `rows` that make up the object `which` (see `selects.Instance`), seen through `camera`.
+
+    `known`: see `split_objects`.
+    """
+    owner, _ = split_objects(posed, rows, known)
     surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
     pixels, depth = camera.project(centres_of(posed.means[rows], owner, surface))
     aside = np.linalg.norm(pixels - np.array([camera.width, camera.height]) / 2, axis=-1)

@@ -13,15 +13,19 @@ from ..features.unknown import unknown_kind
 from ..language.compounds import head_of, names_another
 from ..language.lexicon import misspelt, spellings
 from ..scene import Scene
+from ..scene.people import people_of
 from .calibration import evidence
 from .cast import needs_no_teacher
 from .labels import Encode, ask_for, text_head, unknown_label
 from .not_deleted import not_deleted
+from .people import labels_of_people
 from .pixels import label_scores
 from .prompts import select_by_text
 from .score import THRESHOLD, cosines
 from .selection import Selection
 
+PERSON = "person"
+"""The word for the people that a fit found."""
 LOOKED_AT = 4096
 """Number of Gaussians, evenly spread, that are classified by their best word."""
 MIN_FRACTION = 0.01
@@ -38,7 +42,12 @@ offered for 38 words, with five of the everyday words there, 89 % were a kind of
 
 
 def labels_of(scene: Scene) -> list[str]:
-    """The words of the scene's vocabulary; none where it knows no words."""
+    """The words that the scene knows: those for its people, and those of its vocabulary."""
+    return list(dict.fromkeys([*labels_of_people(scene), *vocabulary_of(scene)]))
+
+
+def vocabulary_of(scene: Scene) -> list[str]:
+    """The words of the scene's vocabulary; none where no teacher has taught it any."""
     if scene.features is None or not any(head.spec.text_encoder for head in scene.features.heads):
         return []
     known = scene.features.vocabularies.get(text_head(scene).spec.text_encoder or "")
@@ -50,9 +59,9 @@ def find(scene: Scene, label: str, encode: Encode | None = None) -> Selection:
 
     Without a null vector scores say which word rather than whether one, so the label is weighed against the whole vocabulary.
     """
-    if needs_no_teacher(label):  # but for who casts it
+    if needs_no_teacher(scene, label):  # but for who casts it
         return select_by_text(scene, [label], encode=encode)
-    return select_word(scene, label, None if is_calibrated(scene) else labels_of(scene), encode=encode)
+    return select_word(scene, label, None if is_calibrated(scene) else vocabulary_of(scene), encode=encode)
 
 
 def is_calibrated(scene: Scene) -> bool:
@@ -73,6 +82,8 @@ def select_word(
 
     Raises F4xError besides: a word that the vocabulary lacks and whose last part names something else ("hot dog").
     """
+    if needs_no_teacher(scene, label):
+        return select_by_text(scene, [label], negatives, threshold, encode=encode, span=span)
     known = {word.lower() for word in labels_of(scene)}
     if names_another(label) and known.isdisjoint(spellings(label)):
         raise F4xError(unknown_label(scene, label, labels_of(scene), text_head(scene).spec.text_encoder or ""))
@@ -88,9 +99,11 @@ def things_there(scene: Scene) -> dict[str, Selection]:
 
     Words that few Gaussians answer to more than to any other are not asked.
     """
-    labels, there = labels_of(scene), np.flatnonzero(not_deleted(scene))
+    labels, there = vocabulary_of(scene), np.flatnonzero(not_deleted(scene))
+    everybody = {} if people_of(scene) is None else {PERSON: select_by_text(scene, [PERSON])}
+    everybody = {label: selection for label, selection in everybody.items() if selection.chosen.any()}
     if not labels or not len(there):
-        return {}
+        return everybody
     query = ask_for(scene, labels, [])
     latents = scene.latents()[there[:: max(1, len(there) // LOOKED_AT)]]
     null = null_vector(query.head.spec.text_encoder or "")
@@ -100,8 +113,10 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     encoder = query.head.spec.text_encoder or ""
     asked = {label: find(scene, label) for label in candidates if unknown_kind(encoder, label) is None}
     found = {label: selection for label, selection in asked.items() if selection.chosen.any()}
-    kept: dict[str, Selection] = {}
-    for label in sorted(found, key=lambda label: -float(found[label].scores[found[label].chosen].mean())):
+    kept: dict[str, Selection] = everybody
+    for label in sorted(
+        found.keys() - everybody.keys(), key=lambda label: -float(found[label].scores[found[label].chosen].mean())
+    ):
         own = found[label].chosen
         if all((own & other.chosen).sum() <= SAME * (own | other.chosen).sum() for other in kept.values()):
             kept[label] = found[label]
@@ -113,7 +128,8 @@ def is_doubtful(scene: Scene, selection: Selection) -> bool:
 
     Its probability is that of its best Gaussian. For a word that somebody asks for, it says enough.
     """
-    return is_calibrated(scene) and (1 - float(selection.scores.max(initial=0))) * len(labels_of(scene)) > MISTAKES
+    doubt = (1 - float(selection.scores.max(initial=0))) * len(labels_of(scene))
+    return doubt > MISTAKES and is_calibrated(scene)
 
 
 def words_there(scene: Scene) -> tuple[list[str], bool]:
@@ -129,9 +145,9 @@ def words_there(scene: Scene) -> tuple[list[str], bool]:
 
 def _narrower(scene: Scene, label: str, selection: Selection) -> list[str]:
     """The word of the vocabulary for a kind of `label` that has most evidence in `selection`, if it selects the same; else none."""
-    null = null_vector(text_head(scene).spec.text_encoder or "")
-    kinds = [word for word in labels_of(scene) if word != label and label in kinds_of(word)]
-    if null is None or not kinds:
+    kinds = [word for word in vocabulary_of(scene) if word != label and label in kinds_of(word)]
+    null = null_vector(text_head(scene).spec.text_encoder or "") if kinds else None
+    if null is None or needs_no_teacher(scene, label):
         return []
     query = ask_for(scene, kinds, [])
     latents = scene.latents()[selection.chosen]
@@ -167,11 +183,11 @@ def nearest_labels(
     """
     asked = ask_for(scene, words, [], encode=encode)
     others = [label for label in labels if label not in asked.labels]
-    known = ask_for(scene, labels_of(scene), [])
+    known = ask_for(scene, vocabulary_of(scene), [])
     cosine = cosines(known.vectors, asked.vectors)  # (labels, words)
     likeness = ((cosine - cosine.mean(0)) / np.maximum(cosine.std(0), 1e-6)).max(1)
     stands_out = dict(zip(known.labels, likeness, strict=True))
-    by_meaning = sorted((one for one in others if stands_out[one] >= NEAR), key=lambda one: -stands_out[one])
+    by_meaning = sorted((one for one in others if stands_out.get(one, 0) >= NEAR), key=lambda one: -stands_out[one])
     return list(dict.fromkeys([*spelt_like(words, others), *by_meaning]))
 
 

@@ -28,7 +28,7 @@ the label sofa has 0.03 more."""
 
 def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> None:
     """Raise F4xError where the scene's teacher knows nothing of the kind of thing that `label` names."""
-    kind = None if needs_no_teacher(label) else unknown_kind(text_head(scene).spec.text_encoder or "", label)
+    kind = None if needs_no_teacher(scene, label) else unknown_kind(text_head(scene).spec.text_encoder or "", label)
     if kind is None:
         return
     _, hint = instead(scene, [label], encode)
@@ -40,7 +40,7 @@ def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> No
 
 def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encode: Encode | None = None) -> None:
     """Raise F4xError where what `label` has `found` answers clearly more to a label that means something else."""
-    if needs_no_teacher(label):
+    if needs_no_teacher(scene, label):
         return
     head = text_head(scene)
     encoder = head.spec.text_encoder or ""

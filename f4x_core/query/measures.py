@@ -14,6 +14,7 @@ from ..geometry import spherical_harmonics
 from ..language.colour_names import everyday_name
 from ..language.lexicon import plural
 from ..scene import Scene
+from ..scene.people import single_people
 from .connected_objects import split_objects, width_along
 from .selection import Selection
 from .wording import Asked
@@ -83,7 +84,7 @@ def measure(
 def single_ones(scene: Scene, kind: Measured, times: np.ndarray) -> list[Measured]:
     """The separate things that `kind` consists of, from left to right; none where it is one."""
     posed, camera = scene.posed(float(times[0])), scene.cameras.at(float(times[0]))
-    owner, stray = split_objects(posed, kind.rows)
+    owner, stray = split_objects(posed, kind.rows, single_people(scene, kind.rows))
     parts = [kind.rows[(owner == n) & ~stray] for n in range(int(owner.max()) + 1)]
     if len(parts) < 2:
         return []
@@ -353,7 +354,9 @@ class Comparison:
         sentences = []
         for thing in self.things:
             posed, camera = self.scene.posed(float(self.times[0])), self.scene.cameras.at(float(self.times[0]))
-            owner, _ = split_objects(posed, thing.rows)
+            known = single_people(self.scene, thing.rows)
+            owner, _ = split_objects(posed, thing.rows, known)
+            told = "; those that touch count as one" if known is None else ""
             numbers = range(int(owner.max()) + 1)
             if self.asked.side:
                 middles = [
@@ -362,9 +365,7 @@ class Comparison:
                 ]
                 numbers = [n for n in numbers if (middles[n] < camera.width / 2) == (self.asked.side == "left")]  # type: ignore[assignment]
             label = thing.name.removeprefix("the ")
-            sentences.append(
-                f"{label}: {len(numbers)} separate in the scene {self._at(0)}; those that touch count as one."
-            )
+            sentences.append(f"{label}: {len(numbers)} separate in the scene {self._at(0)}{told}.")
             if self.asked.manner:
                 sentences.append(f"Whether they are {self.asked.manner} I cannot tell.")
         return " ".join(sentences)

@@ -23,6 +23,7 @@ from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
 from .objects import point_out
+from .people import is_of_people, person_at, rows_of_people
 from .pixels import label_scores
 from .score import THRESHOLD, target_score
 from .segmentation import MaskDecoder
@@ -51,8 +52,12 @@ def select_by_text(
     """
     cast = [label for label in labels if is_cast(label)]
     floaters = [label for label in labels if is_floaters(label)]
-    things = [label for label in labels if label not in (*cast, *floaters)]
+    people = [label for label in labels if is_of_people(scene, label)]
+    things = [label for label in labels if label not in (*cast, *floaters, *people)]
     parts = []
+    for label in people:
+        rows = rows_of_people(scene, label)
+        parts.append(_selection(scene, rows.astype(float), np.zeros(len(rows), bool), threshold, span, label))
     for label in floaters:
         scores = floater_scores(scene)
         parts.append(_selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label))
@@ -149,7 +154,12 @@ def select_by_prompts(
     checked = {frame: check_prompt(frame, len(cameras), size, **prompt) for frame, prompt in prompts.items()}
     label = _marked_at(prompts)
     if decoder is None and all(prompt.mask is None for prompt in checked.values()):
-        chosen = point_out(scene, [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)])
+        marks = [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)]
+        if len(marks) == 1 and marks[0].on and not marks[0].around:  # a click on a person means the person
+            person = person_at(scene, marks[0].pixels(size) > 0, marks[0].frame)
+            if person is not None:
+                return _selection(scene, person.astype(float), np.zeros(len(person), bool), threshold, span, label)
+        chosen = point_out(scene, marks)
         if chosen is not None:
             scores = follow_thing(scene, chosen, prompts, config, backend, progress)
             return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)

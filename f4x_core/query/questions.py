@@ -26,6 +26,7 @@ from .knowledge import refuse_unknown
 from .labels import Encode
 from .measures import Comparison, Measured, measure, single_ones, times_of
 from .not_deleted import not_deleted
+from .people import is_of_people, remark_on
 from .pixels import head_map
 from .selection import SELECTED, Selection
 from .wording import CLIP_FACTS, INSTEAD, ONE_BY_ONE, Asked, Unanswerable, read_question
@@ -332,7 +333,7 @@ def _found(
             if word not in names:
                 refuse_unknown(scene, name, encode)
         found = {word: names[word] if word in names else find(scene, word, encode) for word in words.values()}
-        notes = {word: _note(name, word) for name, word in words.items() if word not in names}
+        notes = {word: _note(name, word) or remark_on(scene, word) for name, word in words.items() if word not in names}
     else:
         there = things_there(scene)
         found = {_perhaps(word) if is_doubtful(scene, one) else word: one for word, one in there.items()}
@@ -396,6 +397,8 @@ def _word_of(scene: Scene, name: str) -> str:
     if is_cast(name):  # "the car's shadow"
         whose, cast = caster(name), name.split()[-1]
         return cast if whose is None else f"{_word_of(scene, whose)}'s {cast}"
+    if is_of_people(scene, name):
+        return name
     known = {label.lower(): label for label in labels_of(scene)}
     words = name.split()
     for start in range(len(words)):

@@ -313,7 +313,8 @@ class Scene:
     @property
     def background(self) -> Scene:
         """The scene without what moves and without features, which are those of both."""
-        return replace(self, dynamic=DynamicSet.empty(), scaffold=None, features=None)
+        extra = {name: array for name, array in self.extra.items() if not name.startswith("dynamic/")}
+        return replace(self, dynamic=DynamicSet.empty(), scaffold=None, features=None, extra=extra)
 
     @property
     def moving(self) -> np.ndarray:

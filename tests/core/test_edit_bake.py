@@ -189,7 +189,7 @@ def test_features_and_unknown_arrays_come_along():
     baked = bake(edits)
     assert len(baked.static) == count - 150 and len(baked.dynamic) == 2 * moving + 100
     np.testing.assert_array_equal(baked.extra["static/note"], np.arange(150, count))
-    assert (baked.extra["dynamic/note"] == 0).sum() == 100 and len(baked.extra["other"]) == 3
+    assert (baked.extra["dynamic/note"] < 5000).sum() == 100 and len(baked.extra["other"]) == 3
     for words in (["square"], ["wall"]):
         a, b = select_by_text(edited(edits), words), select_by_text(baked, words)
         np.testing.assert_array_equal(a.for_ids(baked.ids).chosen, b.chosen)

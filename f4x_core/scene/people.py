@@ -1,0 +1,82 @@
+"""The person and the part of the body that each Gaussian of a scene shows. Needs numpy alone.
+
+A fit stores them in `Scene.extra`, where people were found in the clip:
+
+    static/person       (Ns,)     dynamic/person       (Nd,)   uint8, index of the person + 1; 0 = nobody
+    static/body_part    (Ns,)     dynamic/body_part    (Nd,)   uint8, index in `PARTS` + 1; 0 = none
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .model import Scene
+
+PARTS = (
+    "head",
+    "torso",
+    "left arm",
+    "right arm",
+    "left hand",
+    "right hand",
+    "left leg",
+    "right leg",
+    "left foot",
+    "right foot",
+)
+"""Parts of the body, those of `priors.joints.LIMBS` in their order; left and right are the person's own."""
+LIMB = PARTS.index("left arm") + 1
+"""Value from which on a part of the body is one of a pair."""
+NAMES = ("person", "body_part")
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """The people of a scene, by Gaussian: N of them, static ones first."""
+
+    person: np.ndarray
+    """(N,) uint8: index of the person + 1; 0 = nobody."""
+    part: np.ndarray
+    """(N,) uint8: index in `PARTS` + 1; 0 = none, or nobody's."""
+
+    def single_ones(self, rows: np.ndarray) -> np.ndarray | None:
+        """(n,) int from 0: the person, or the limb, that each of the Gaussians `rows (n,)` belongs to; None unless all do.
+
+        Where all rows belong to arms, hands, legs and feet, left and right of one person count as two.
+        """
+        person, part = self.person[rows].astype(int), self.part[rows].astype(int)
+        if not len(rows) or not person.all():
+            return None
+        each = person * (len(PARTS) + 1) + part if (part >= LIMB).all() else person
+        return np.unique(each, return_inverse=True)[1]
+
+
+def people_of(scene: Scene) -> People | None:
+    """The people of a scene with its edits, in the order of `posed`; None where it knows of none."""
+    base = scene.base
+    values = []
+    for name in NAMES:
+        parts = [
+            base.extra.get(f"{part}/{name}", np.zeros(len(held), np.uint8))
+            for part, held in (("static", base.static), ("dynamic", base.dynamic))
+        ]
+        if any(part.dtype != np.uint8 or part.ndim != 1 for part in parts):
+            return None
+        values.append(np.concatenate(parts)[scene.origin])
+    return People(*values) if values[0].any() else None
+
+
+def single_people(scene: Scene, rows: np.ndarray) -> np.ndarray | None:
+    """(n,) int: `People.single_ones` of the Gaussians `rows (n,)`; None where the scene knows of no people."""
+    people = people_of(scene)
+    return None if people is None else people.single_ones(rows)
+
+
+def with_people(scene: Scene, people: People) -> Scene:
+    """The unedited scene with `people` stored in it."""
+    count, extra = len(scene.static), dict(scene.extra)
+    for name, values in zip(NAMES, (people.person, people.part), strict=True):
+        extra |= {f"static/{name}": values[:count], f"dynamic/{name}": values[count:]}
+    return replace(scene, extra=extra)
