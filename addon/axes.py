@@ -47,7 +47,7 @@ class Stereo(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SceneAxes:
-    """How ways and turns along Blender's axes lie in a scene that is placed somewhere."""
+    """Ways and turns along Blender's axes, and the same in the axes of a scene that is placed somewhere."""
 
     to_world: np.ndarray
     """(3,3) from the scene's axes and unit to Blender's."""

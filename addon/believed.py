@@ -62,7 +62,7 @@ def line_at(scene_object: SceneObject, eye: Vector) -> str:
 
 
 def is_in_view(scene_object: SceneObject, to_clip: Matrix) -> bool:
-    """Whether a view shows some of a scene; `to_clip`: the (4,4) matrix from Blender's world to its clip coordinates."""
+    """Return True where a view shows some of a scene; `to_clip`: the (4,4) matrix from Blender's world to its clip coordinates."""
     try:
         means = scene_object.base.static.means
     except EXPECTED:

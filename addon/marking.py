@@ -14,7 +14,7 @@ from .point_cloud import read_attribute, write_attribute
 from .scene_object import BEFORE, SCORE, SELECTED, SceneObject
 
 NO_FEATURES = "This scene has no features, so a piece that hangs together was taken; Tasks > Features makes them."
-"""What the sidebar says where a whole thing was asked for and none is known."""
+"""The sidebar's sentence where a whole thing was asked for and none is known."""
 BARS = 20
 """Number of bars in the histogram of scores."""
 
@@ -38,7 +38,7 @@ def follow_sphere(scene_object: SceneObject) -> None:
 
 
 def tell_of_features(scene_object: SceneObject) -> None:
-    """Say below the words that a thing may be a fragment where the scene has no features; else take down what was said there."""
+    """Say below the words that a thing may be a fragment where the scene has no features; else take that line down."""
     lacks = scene_object.base.features is None and scene_object.holds_edits
     scene_object.state.found = NO_FEATURES if lacks else ""
 

@@ -24,7 +24,7 @@ PASSING = {"HIDDEN", "SKIP_SAVE"}
 """Options of properties that Blender or a job sets for a single call."""
 
 REFIT = "Tasks > Refit lets Cycles and EEVEE draw this scene like the clip; the engine Feature4X does so already."
-"""What the sidebar says of a scene that was fitted for other blending than Blender's own."""
+"""The sidebar's sentence on a scene that was fitted for other blending than Blender's own."""
 _told_of_refit = False
 SCENE_FILES = "*.f4x;*.ply;*.splat;*.spz;*.glb;*.gltf"
 """Files that browsers show."""

@@ -367,12 +367,12 @@ class SceneObject:
 
     @property
     def axes(self) -> SceneAxes:
-        """How Blender's axes lie in the scene where it is placed now."""
+        """Blender's axes in the scene where it is placed now."""
         return SceneAxes.of(self.root)
 
     @property
     def meters(self) -> float | None:
-        """Meters of one unit of the scene; None where nobody told a length."""
+        """Meters of one unit of the scene; None where no length is known."""
         return self.root.matrix_world.median_scale if IN_METERS in self.root else None
 
     def view(self, seen: Eye) -> View:

@@ -848,7 +848,7 @@ def register_anew(walk: Walk) -> None:
 
 
 def by_processor() -> bool:
-    """Whether the processor draws the window."""
+    """True where the processor draws the window."""
     return "llvmpipe" in gpu.platform.renderer_get()
 
 

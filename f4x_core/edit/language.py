@@ -417,7 +417,7 @@ _BARRED = (
         "The scene's floor comes to lie on Blender's ground by Align to Floor; a sentence moves things within the scene.",
     ),
 )
-"""Sentences that take back, bring back, ask for a tool or say what is not to be done: the first that fits is told."""
+"""Sentences that take back, bring back, ask for a tool or say what is not to be done: the first that fits is the answer."""
 
 
 _CUT = re.compile(r"\b(?:cut|mask|key|lift|crop|take|roto|comp|pull)", re.IGNORECASE)

@@ -15,10 +15,10 @@ METERS = {
 }
 """Names of a unit -> its length."""
 WORDS = {"half an?": 0.5, "one|an?": 1.0, "two": 2.0, "three": 3.0, "four": 4.0, "five": 5.0, "ten": 10.0}
-"""Numbers that lengths are told by."""
+"""Numbers in front of lengths."""
 _NUMBER = rf"(?P<digits>\d+(?:\.\d+)?|\.\d+)\s*|(?P<word>{'|'.join(WORDS)})\s+"
 _COUNTED = r"(?<!\bthe )(?<!\bthese )(?<!\bboth )"
-"""What stands before a number of things and not before a length: "remove the two feet"."""
+"""Words before a number of things and not before a length: "remove the two feet"."""
 _LENGTH = re.compile(rf"\b{_COUNTED}(?:{_NUMBER})(?P<unit>{'|'.join(METERS)})\b(?!')", re.IGNORECASE)
 _AMBIGUOUS = re.compile("in|foot|feet", re.IGNORECASE)
 """Units that are other words, too: they count behind digits alone."""

@@ -188,7 +188,7 @@ def _there(scene: Scene) -> tuple[str, ...]:
 
 
 def _remarks(scene: Scene, operations: tuple[Operation, ...]) -> list[str]:
-    """What words for people say that the scene cannot tell, each once."""
+    """The remarks on words for people that ask more than the scene knows, each once."""
     selects = [getattr(operation, "select", None) for operation in operations]
     parts = [part for select in selects if select is not None for part in parts_of(select) if isinstance(part, Text)]
     return list(dict.fromkeys(filter(None, (remark_on(scene, label) for part in parts for label in part.labels))))

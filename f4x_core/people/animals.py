@@ -21,7 +21,7 @@ GREY = (124, 116, 104)
 
 
 def animal_likelihood(picture: np.ndarray, mask: np.ndarray) -> float | None:
-    """How surely the masked part of a picture is an animal, 0..1; None where the classifier is not installed.
+    """Likelihood 0..1 that the masked part of a picture is an animal; None where the classifier is not installed.
 
     picture: (H, W, 3) uint8. mask: (H, W) bool, not empty.
     """

@@ -19,7 +19,7 @@ TILES = 0.6
 CONFIRMED, MIN_SEED = 0.3, 0.6
 """Score of the detector, in the crop by the joints, from which a pose is a person's, and from which somebody is followed."""
 EXPLAINED = 0.3
-"""What moves is not looked at where the box of somebody's joints overlaps it by so much."""
+"""Moving regions are not looked at where the box of somebody's joints overlaps them by so much."""
 TURNS = 8
 """Directions of "up" that are tried on what moves: whoever dances on their hands is upright for the network."""
 COARSE = 2
@@ -73,14 +73,14 @@ def look_twice(picture: np.ndarray, crop: Crop) -> Pose | None:
 
 
 def is_usable(crop: Crop, picture: np.ndarray) -> bool:
-    """Whether a crop is large enough and has its center in the picture."""
+    """Return True where a crop is large enough and has its center in the picture."""
     height, width = picture.shape[:2]
     inside = 0 <= crop.center[0] < width and 0 <= crop.center[1] < height
     return bool(inside and MIN_BODY * max(height, width) < crop.side < 4 * max(height, width))
 
 
 def same_body(one: Pose, other: Pose, shape: tuple[int, int]) -> bool:
-    """Whether two poses in one picture of `shape` (H, W) are of one person."""
+    """Return True where two poses in one picture of `shape` (H, W) are of one person."""
     apart = np.linalg.norm(one.joints - other.joints, axis=1)
     size = min(one.crop.side, other.crop.side) / 2
     if np.median(apart) < SAME_BODY * size or np.median(apart[list(TORSO)]) < SAME_BODY * size / 2:
@@ -92,14 +92,14 @@ def same_body(one: Pose, other: Pose, shape: tuple[int, int]) -> bool:
 
 
 def _look(picture: np.ndarray, crops: Sequence[Crop]) -> list[Seed]:
-    """Who is in the crops, if the detector knows them, too."""
+    """Seeds of the people in the crops whom the detector knows, too."""
     poses = [pose for crop in crops if (pose := look_twice(picture, crop)) is not None]
     seeds = [Seed(pose, confirm(picture, pose.next_crop)) for pose in poses]
     return [seed for seed in seeds if seed.score >= MIN_SEED]
 
 
 def _detected(picture: np.ndarray, parts: bool) -> list[Crop]:
-    """Where the detector sees somebody, in the whole picture and in its parts; the surest first."""
+    """Crops of the people that the detector sees, in the whole picture and in its parts; the surest first."""
     seen = detect(picture, THRESHOLD)
     if parts:
         height, width = picture.shape[:2]
@@ -124,7 +124,7 @@ def _joints_box(pose: Pose) -> np.ndarray:
 
 
 def _starts(length: int, side: int) -> list[int]:
-    """Where parts of length `side` begin along an edge: they overlap by half, and the last one ends at the border."""
+    """Starts of parts of length `side` along an edge: they overlap by half, and the last one ends at the border."""
     count = max(int(np.ceil(2 * (length - side) / side)), 0) + 1
     return np.round(np.linspace(0, max(length - side, 0), count)).astype(int).tolist()
 

@@ -28,11 +28,11 @@ MIN_PIXELS = 10
 MAX_PEOPLE, MAX_FOLLOWED = 6, 8
 """People that are kept, and that are followed before it is known who is one; in a crowd the rest stays background."""
 MIN_FRAMES = 16
-"""Who is seen in fewer pictures, or in fewer than half of a short clip's, is left out: for a moment much looks like somebody."""
+"""Fewest pictures of a person, half of a short clip's at least: for a moment much looks like somebody."""
 CHECKS, OPINIONS = 16, 5
 """Pictures of a person in which the detector looks for them again, and that the classifier of animals sees."""
 PRESENCE_WEIGHT, USUAL_PRESENCE = 2.0, 0.9
-"""How much the mean presence counts beside the detector's mean score, from its usual value."""
+"""Weight of the mean presence beside the detector's mean score, counted from its usual value."""
 SURE_PERSON, PERSON, ANIMAL = 0.6, 0.47, 0.5
 """Evidence from which somebody is a person, and from which only if the classifier's likelihood of animals is below the last.
 Chosen on seven clips: a toy train has .40, a dog .47, a swan .46; people have .49 and more, those who fill the picture 1."""
@@ -82,7 +82,7 @@ class Person:
 
     @property
     def weight(self) -> float:
-        """How much of the clip shows them, by frames and size."""
+        """Frames that show them, weighted by size."""
         return sum(np.sqrt(pose.crop.side) for pose in self.poses.values())
 
 
@@ -116,7 +116,7 @@ def follow_everyone(
 
 
 def is_person(person: Person, pictures: np.ndarray) -> bool:
-    """Whether somebody is a person: the detector sees them too, or the pose is sure and it is no animal."""
+    """Return True for a person: the detector sees them too, or the pose is sure and it is no animal."""
     frames = person.frames[:: max(len(person.poses) // CHECKS, 1)]
     scores = np.array(in_threads(lambda f: confirm(pictures[f], person.poses[f].next_crop), frames))
     presence = float(np.mean([pose.presence for pose in person.poses.values()]))
@@ -128,7 +128,7 @@ def is_person(person: Person, pictures: np.ndarray) -> bool:
 
 
 def _is_animal(person: Person, frames: Sequence[int], pictures: np.ndarray) -> bool:
-    """Whether the classifier takes somebody for an animal; True, too, where there is no classifier to ask."""
+    """Return True where the classifier takes somebody for an animal, or where there is no classifier."""
     some = frames[:: max(len(frames) // OPINIONS, 1)]
     masks = {frame: person.poses[frame].mask(*pictures.shape[1:3]) > 0.5 for frame in some}
     asked = [animal_likelihood(pictures[frame], mask) for frame, mask in masks.items() if mask.any()]
@@ -145,7 +145,7 @@ def _until_known(person: Person, start: int, people: Sequence[Person], pictures:
 
 
 def _known(people: Sequence[Person], frame: int, pose: Pose, pictures: np.ndarray) -> bool:
-    """Whether a pose is of one of the people."""
+    """Return True where a pose is of one of the people."""
     shape = pictures.shape[1], pictures.shape[2]
     return any(frame in person.poses and same_body(person.poses[frame], pose, shape) for person in people)
 
@@ -173,7 +173,7 @@ def _turn(crop: Crop) -> float:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where somebody is expected in a picture."""
+    """The place where somebody is expected in a picture."""
 
     picture: np.ndarray
     """(H, W, 3) uint8."""
@@ -211,13 +211,13 @@ class _Place:
 
 
 def _place(clip: Pictures, frame: int, last: Pose, before: int, turns: int) -> _Place:
-    """Where somebody who was `last` seen in picture `before` is expected in picture `frame`."""
+    """The place in picture `frame` of somebody who was `last` seen in picture `before`."""
     expected = clip.carried(last.mask(clip.rgb.shape[1], clip.rgb.shape[2], COARSE), before, frame) > 0.5
     return _Place(clip.rgb[frame], expected, last.next_crop, turns)
 
 
 def _joined(people: list[Person], pictures: np.ndarray) -> list[Person]:
-    """Who was lost and found again is one person."""
+    """Join people who were lost and found again."""
     parts = sorted(people, key=lambda person: (person.frames[0], -person.weight))
     colors = [_colors(person, pictures) for person in parts]
     joined = True
@@ -238,7 +238,7 @@ def _joined(people: list[Person], pictures: np.ndarray) -> list[Person]:
 
 
 def _likeness(one: Person, other: Person, color: np.ndarray, other_color: np.ndarray) -> float:
-    """How surely `other` is `one` found again, 0 where they cannot be."""
+    """Likeness of `other` to `one`, of whom they may be the return; 0 where they cannot be."""
     last, first = one.frames[-1], other.frames[0]
     if not 0 < first - last <= GAP:
         return 0.0

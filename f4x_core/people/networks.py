@@ -89,7 +89,7 @@ class Pose:
     crop: Crop
     """The crop that was looked at."""
     next_crop: Crop
-    """Where the person is by these joints: for a second look, or for the next frame."""
+    """The crop of the person by these joints: for a second look, or for the next frame."""
 
     def mask(self, height: int, width: int, step: int = 1) -> np.ndarray:
         """(H // step, W // step) float32 in 0..1: how surely every `step`-th pixel shows the person; 0 outside the crop."""
@@ -177,7 +177,7 @@ def find_pose(picture: np.ndarray, crop: Crop) -> Pose:
 
 
 def confirm(picture: np.ndarray, crop: Crop) -> float:
-    """How surely the detector sees somebody, upright and of the right size, in a crop of `picture (H, W, 3)` uint8: 0..1.
+    """Score 0..1 of somebody whom the detector sees upright and of the right size in a crop of `picture (H, W, 3)` uint8.
 
     `find_pose` finds joints in swans and camels, too, of which the detector knows nothing.
     """

@@ -51,7 +51,7 @@ class PeopleConfig:
     """The people in every frame."""
 
     provider: str = "networks"
-    """Who finds them (`providers.PROVIDERS`); `none` looks for nobody."""
+    """Name of the provider (`providers.PROVIDERS`); `none` looks for nobody."""
     every: int = 2
     """Frames between two in which people are looked for; they are followed through all."""
     parts_every: int = 16

@@ -32,7 +32,7 @@ MIN_PEAK = 1.4
 """Least ratio of what lies in a floor to what lies in as thick a layer above it: the lower side of a random cloud has 1.0, the
 weakest of six fitted scenes with a floor 2.05."""
 LEANS = 3.0
-"""Degrees that a floor leans sideways in the clip's pictures from which it is told."""
+"""Degrees that a floor leans sideways in the clip's pictures from which the message says so."""
 MIN_ANGLE = 0.02
 """Sine of the angle at a point, from which on three points tell a plane."""
 REFINED = 4

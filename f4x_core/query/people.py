@@ -44,8 +44,8 @@ def remark_on(scene: Scene, label: str) -> str:
     if not is_of_people(scene, label):
         return ""
     word = spellings(label)[-1]
-    told = "men from women" if _SEX.fullmatch(word) else "children from adults" if _AGE.fullmatch(word) else ""
-    return told and f"'{label}' is taken for a person; the scene cannot tell {told}."
+    unknown = "men from women" if _SEX.fullmatch(word) else "children from adults" if _AGE.fullmatch(word) else ""
+    return unknown and f"'{label}' is taken for a person; the scene cannot tell {unknown}."
 
 
 def person_at(scene: Scene, pixels: np.ndarray, frame: int) -> np.ndarray | None:
