@@ -421,8 +421,6 @@ def _end_wrong_render(scene: bpy.types.Scene) -> None:
 @persistent
 def _changed(*_) -> None:
     _counts.clear()
-    if bpy.context.view_layer is not None:
-        bpy.context.view_layer.update()  # an undo step brings objects back before it places them
     _follow_axes()
 
 
