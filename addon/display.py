@@ -64,8 +64,6 @@ VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
 HEX = re.compile(r"#([0-9a-f]{6})\b")
 """A color in a row of the list of edits that has no name of its own."""
-LISTED = "f4x_listed"
-"""Property of a root: (9,) the axes by which its list of edits was written."""
 DRAWN_AT = "f4x_drawn_at"
 """Property of a root: Time at which its points were drawn last."""
 WORLD_AXES = "Blender's X, Y and Z"
@@ -172,7 +170,6 @@ def _fill_lists(scene_object: SceneObject) -> None:
     for edit in scene_object.stack.edits:
         row = state.history.add()
         row.edit_id, row.enabled = edit.id, edit.enabled
-    _name_rows(scene_object)
     state.history_index = picked if before == len(state.history) else len(state.history) - 1
     state.names.clear()
     for name, rows in scene_object.names.items():
@@ -421,30 +418,12 @@ def _end_wrong_render(scene: bpy.types.Scene) -> None:
 @persistent
 def _changed(*_) -> None:
     _counts.clear()
-    _follow_axes()
-
-
-def _follow_axes() -> None:
-    """Write the lists of edits anew of scenes, of all Blender scenes, that are placed otherwise than when they were written."""
-    for root in [item for item in bpy.data.objects if item.get(EDITS, "[]") != "[]" and LISTED in item]:
-        scene_object = SceneObject(root)
-        if not scene_object.is_linked and scene_object.axes.to_world.ravel().tolist() != list(root[LISTED]):
-            _name_rows(scene_object)
-
-
-def _name_rows(scene_object: SceneObject) -> None:
-    """Write the words of the edits into their rows, along Blender's axes where the scene is placed now."""
-    axes = scene_object.axes
-    scene_object.root[LISTED] = axes.to_world.ravel().tolist()
-    for row, edit in zip(scene_object.state.history, scene_object.stack.edits, strict=False):
-        row.name = words_of(edit.operation, axes)
 
 
 @persistent
 def _evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    """Update scenes whose edits change over time, where Time was changed at the same frame, and the lists of those that moved."""
+    """Update scenes whose edits change over time, where Time was changed at the same frame."""
     _counts.clear()
-    _follow_axes()
     for root in [item for item in scene.objects if item.get(TIMED)]:
         time = clip_time.time_of(root)
         if root.get(DRAWN_AT, time) != time and root.session_uid not in _failures:
@@ -489,7 +468,6 @@ def _file_loaded(path: str) -> None:
     forget()
     _failures.clear()
     _counts.clear()
-    _follow_axes()
 
 
 _HANDLERS = {

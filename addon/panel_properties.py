@@ -82,9 +82,17 @@ def _said(self, context) -> None:
         submit(context, self.id_data, "plan")
 
 
-class F4X_PG_edit(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form
-    """A row of the history; `name` is the edit in words."""
+def _words_of_edit(self) -> str:
+    """The edit of a row in words, along Blender's axes where the scene is placed now; empty for an edit that is gone."""
+    scene_object = SceneObject(self.id_data)
+    edits = [edit for edit in scene_object.stack.edits if edit.id == self.edit_id]
+    return display.words_of(edits[0].operation, scene_object.axes) if edits else ""
 
+
+class F4X_PG_edit(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form
+    """A row of the history."""
+
+    name: StringProperty(get=_words_of_edit)  # type: ignore[valid-type]
     edit_id: IntProperty()  # type: ignore[valid-type]
     enabled: BoolProperty()  # type: ignore[valid-type]
 
