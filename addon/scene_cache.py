@@ -10,6 +10,7 @@ import json
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from threading import Event, Thread
 from typing import NamedTuple
@@ -140,8 +141,9 @@ def text_of(stack: EditStack) -> str:
     return json.dumps(stack.to_json())
 
 
+@lru_cache(maxsize=16)
 def stack_from(text: str, owner: str) -> EditStack:
-    """The stack that `text` describes; F4xError, which names the `owner`, where it is damaged."""
+    """The stack that `text` describes; F4xError, which names the `owner`, where it is damaged. Every row of a list asks for it."""
     try:
         return EditStack.from_json(json.loads(text), owner)
     except ValueError as error:

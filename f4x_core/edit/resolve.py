@@ -181,9 +181,7 @@ class Resolver:
             if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
                 rows = first
             if (select.number == "both" or select.count) and len(rows):
-                many = (
-                    int(split_objects(scene.posed(self.context.frame), rows, single_people(scene, rows))[0].max()) + 1
-                )
+                many = int(self._split(scene, rows)[0].max()) + 1
                 if many == 1 and select.number == "both":
                     raise Absent(f"In the scene '{scene.name}' there is only one of {whom(select)}, not both.")
                 if select.count not in (0, many):
@@ -192,7 +190,7 @@ class Resolver:
                         f" {select.count}; those that touch count as one. Say 'all' for all of them, or 'the left one'."
                     )
             if tidy and len(rows):
-                rows = rows[~split_objects(scene.posed(self.context.frame), rows, single_people(scene, rows))[1]]
+                rows = rows[~self._split(scene, rows)[1]]
             return Ids.of(scene.ids[rows])
         if isinstance(select, Point):
             return Ids.of(
@@ -205,13 +203,8 @@ class Resolver:
             if not len(rows):
                 raise Absent(self._nothing(scene, select.of))
             time = float(select.frame)
-            return Ids.of(
-                scene.ids[
-                    pick_object(
-                        scene.posed(time), rows, select.which, scene.cameras.at(time), single_people(scene, rows)
-                    )
-                ]
-            )
+            known = single_people(scene, rows)
+            return Ids.of(scene.ids[pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time), known)])
         if isinstance(select, Beside):
             rows, others = (rows_of(scene, self._cached(scene, part, tidy)) for part in (select.of, select.other))
             time = float(select.frame)
@@ -296,6 +289,10 @@ class Resolver:
             raise F4xError("The two things share Gaussians, so they cannot change places; name two separate things.")
         means = scene.posed(operation.frames[0] if operation.frames else self.context.frame).means
         return _vector(pivot_of("base", means[others]) - pivot_of("base", means[rows]))
+
+    def _split(self, scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`split_objects` of the Gaussians `rows (n,)` at the context's frame; people are known by themselves."""
+        return split_objects(scene.posed(self.context.frame), rows, single_people(scene, rows))
 
     def _nothing(self, scene: Scene, select: SelectKind) -> str:
         """The sentence about a selection that holds no Gaussian."""

@@ -7,15 +7,14 @@ import numpy as np
 from ..clip.images import resize_nearest
 from ..geometry.arrays import evenly_spaced
 from ..priors import Priors
-from ..priors.joints import LIMBS
+from ..priors.joints import LIMBS, to_segments
+from ..priors.moving_people import SHOWN
 from ..raster.blend_weights import blend_weight_sums
 from ..scene import MADE_UP, Scene
 from ..scene.people import People, with_people
 
 FRAMES, COLUMNS = 16, 480
 """Used frames, evenly over the clip, whose masks are lifted, and their largest width in pixels."""
-SURE = 0.5
-"""Probability above which a pixel is a person's."""
 MOSTLY = 0.5
 """Fraction of a Gaussian's light that falls into the mask of the person whose it is; it has to be exceeded."""
 VISIBLE = 0.5
@@ -63,7 +62,7 @@ def _layers(priors: Priors, row: int, count: int, size: tuple[int, int]) -> np.n
     """(h,w,count + parts + 1) float32 of a used frame: the mask of each person, of each part of the body, and ones."""
     assert priors.people is not None and priors.people_probability is not None
     height, width = size
-    who = np.where(priors.people_probability[row] > SURE, priors.people[row], 0)
+    who = np.where(priors.people_probability[row] > SHOWN, priors.people[row], 0)
     who = resize_nearest(who, width, height)
     layers = np.zeros((height, width, count + len(LIMBS) + 1), np.float32)
     layers[..., -1] = 1
@@ -87,15 +86,7 @@ def nearest_part(pixels: np.ndarray, joints: np.ndarray) -> np.ndarray:
     seen = np.isfinite(joints).all(1) & (np.nan_to_num(joints[:, 2]) >= VISIBLE)
     nearest = np.full((len(LIMBS), len(pixels)), np.inf)
     for index, segments in enumerate(LIMBS.values()):
-        for start, end in segments:
-            if seen[start] and seen[end]:
-                apart = _distances(pixels, joints[start, :2], joints[end, :2])
-                nearest[index] = np.minimum(nearest[index], apart)
+        ends = np.array([pair for pair in segments if seen[list(pair)].all()], int).reshape(-1, 2)
+        if len(ends):
+            nearest[index] = to_segments(pixels, joints[ends[:, 0], :2], joints[ends[:, 1], :2])[0].min(1)
     return np.where(np.isfinite(nearest).any(0), nearest.argmin(0), -1)
-
-
-def _distances(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(n,) of `points (n,2)` to the segment from `start (2,)` to `end (2,)`."""
-    along = end - start
-    share = np.clip((points - start) @ along / max(float(along @ along), 1e-9), 0, 1)
-    return np.linalg.norm(points - start - share[:, None] * along, axis=1)

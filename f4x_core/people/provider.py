@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from ..clip import Clip
     from ..priors import Priors, PriorsConfig
 
-SHOWN = 0.5
-"""Probability from which a pixel shows a person."""
 FLOW_STEP = 8
 """Distance in pixels of the flow's samples that tell what moves."""
 MIN_MOVED, NOISE = 1.5, 3.0

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from .joints import FEET, HIPS, LIMBS
-from .moving_people import SHOWN
+from .joints import FEET, HIPS, LIMBS, to_segments
+from .moving_people import shows_person
 
 if TYPE_CHECKING:
     from .folder import Priors
@@ -66,10 +66,7 @@ class _Body:
         segments = np.array([pair for pairs in LIMBS.values() for pair in pairs])
         segments = segments[(self.weight[segments] > 0).all(1)]
         start, end = self.pixels[segments[:, 0]], self.pixels[segments[:, 1]]
-        along = end - start
-        here = np.stack([x + 0.5, y + 0.5], 1)[:, None] - start  # (n, s, 2)
-        part = np.clip((here * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-9), 0, 1)
-        apart = np.linalg.norm(here - part[..., None] * along, axis=-1)
+        apart, part = to_segments(np.stack([x + 0.5, y + 0.5], 1), start, end)
         z = self.metres[segments[:, 0], 2] * (1 - part) + self.metres[segments[:, 1], 2] * part
         weight = 1 / (apart + LIMB_PIXELS) ** FALLOFF
         return (weight * z).sum(1) / weight.sum(1)
@@ -83,10 +80,9 @@ def add_relief(inverse: np.ndarray, guessed: np.ndarray, priors: Priors) -> int:
     """
     if priors.people is None or priors.people_joints is None or priors.people_metres is None or priors.cameras is None:
         return 0
-    assert priors.people_probability is not None
     found = 0
     for person in range(priors.people_joints.shape[1]):
-        shown = (priors.people == person + 1) & (priors.people_probability > SHOWN) & guessed
+        shown = shows_person(priors, person + 1) & guessed
         bodies = _bodies(priors.people_joints[:, person], priors.people_metres[:, person])
         frames = [frame for frame in bodies if shown[frame].sum() >= MIN_PIXELS]
         scales = _smooth_scales({frame: bodies[frame].pixels_per_metre for frame in frames})

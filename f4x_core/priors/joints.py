@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 NAMES = (
     "nose",
     "left eye inner",
@@ -56,3 +58,10 @@ LIMBS = {
     "right foot": ((28, 30), (30, 32), (28, 32)),
 }
 """Part of the body -> the segments between joints that run through it."""
+
+
+def to_segments(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances `(n, s)` of `points (n, 2)` to segments `start, end (s, 2)`, and where along each the nearest point lies, 0..1."""
+    along, away = end - start, points[:, None] - start
+    part = np.clip((away * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-9), 0, 1)
+    return np.linalg.norm(away - part[..., None] * along, axis=-1), part

@@ -87,10 +87,13 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     threshold = statistics["threshold"] = config.motion.threshold or find_threshold(score)
     crisp = cut_out(clip.frames[clip.supervised], score, threshold)
     crisp = _smooth_in_time(crisp.astype(np.float32), flows) > AGREEMENT  # colours mislead in single frames
-    crisp = with_people(crisp, (score + _softened(crisp)) / 2, priors)
+    motion = (score + _softened(crisp)) / 2
+    whole = with_people(crisp, motion, priors)
+    if whole is not crisp:
+        motion = (score + _softened(whole)) / 2
     if priors.mask is None:
-        priors.mask = crisp
-    priors.motion = np.clip((score + _softened(crisp)) / 2 if crisp.any() else score, 0, 1).astype(np.float16)
+        priors.mask = whole
+    priors.motion = np.clip(motion if whole.any() else score, 0, 1).astype(np.float16)
     statistics["share"] = float(priors.mask.mean())
     statistics["moving"] = bool(priors.mask.any())
     priors.statistics["motion"] = statistics

@@ -24,13 +24,19 @@ camera passes are less sure, a horse is as sure as its rider. Chosen on parkour,
 .67 -> .67, .70 -> .72); dance-twirl .78 -> .81, breakdance .46 -> .49."""
 
 
+def shows_person(priors: Priors, person: int) -> np.ndarray:
+    """(F,H,W) bool: the pixels that show a person, numbered from 1."""
+    assert priors.people is not None and priors.people_probability is not None
+    return (priors.people == person) & (priors.people_probability > SHOWN)
+
+
 def moving_people(mask: np.ndarray, priors: Priors) -> np.ndarray:
     """(F,H,W) bool: all pixels of the people most of whom lie in the moving `mask (F,H,W)`."""
     found = np.zeros_like(mask)
-    if priors.people is None or priors.people_probability is None or priors.people_joints is None:
+    if priors.people_joints is None:
         return found
     for person in range(1, priors.people_joints.shape[1] + 1):
-        shown = (priors.people == person) & (priors.people_probability > SHOWN)
+        shown = shows_person(priors, person)
         size = shown.sum((1, 2))
         seen = size > 0
         if seen.any() and ((shown & mask).sum((1, 2))[seen] / size[seen]).mean() > MIN_MOVING:

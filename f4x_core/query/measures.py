@@ -356,7 +356,7 @@ class Comparison:
             posed, camera = self.scene.posed(float(self.times[0])), self.scene.cameras.at(float(self.times[0]))
             known = single_people(self.scene, thing.rows)
             owner, _ = split_objects(posed, thing.rows, known)
-            told = "; those that touch count as one" if known is None else ""
+            touching = "; those that touch count as one" if known is None else ""
             numbers = range(int(owner.max()) + 1)
             if self.asked.side:
                 middles = [
@@ -365,7 +365,7 @@ class Comparison:
                 ]
                 numbers = [n for n in numbers if (middles[n] < camera.width / 2) == (self.asked.side == "left")]  # type: ignore[assignment]
             label = thing.name.removeprefix("the ")
-            sentences.append(f"{label}: {len(numbers)} separate in the scene {self._at(0)}{told}.")
+            sentences.append(f"{label}: {len(numbers)} separate in the scene {self._at(0)}{touching}.")
             if self.asked.manner:
                 sentences.append(f"Whether they are {self.asked.manner} I cannot tell.")
         return " ".join(sentences)
