@@ -33,7 +33,7 @@ TRACK_NOISE_PX = 0.4
 """Error of a track's pixel where the cameras' statistics do not say it; 480 pixels wide."""
 MIRROR_ERROR = 1.0
 """Relative error of depth where near and far are exchanged."""
-DECIDED_ERROR = {"ground contact": 0.12, "size": 0.2, "surroundings": 0.3}
+DECIDED_ERROR = {"feet": 0.08, "ground contact": 0.12, "size": 0.2, "surroundings": 0.3}
 """Relative error of a moving object's depth by what decided it. Its own motion is judged by its viewing angle instead.
 
 Ground contact: between the upper quartiles on the rendered clips `knight` (0.08) and `procedural` (0.14). Of the other two no

@@ -224,6 +224,7 @@ def believed_sentence(believed: Believed) -> str:
 
 MEASURED = "its own motion"
 GUESSED_FROM = {
+    "feet": "where feet stand on the ground",
     "ground contact": "where it touches the ground",
     "size": "how its size changes",
     "surroundings": "its surroundings, as no contact with the ground is seen and it turns little",

@@ -1,7 +1,8 @@
-"""Depth of people within their bodies: limbs in front of and behind each other by their joints, in place of one upright plane.
+"""Depth of people: limbs in front of and behind each other by their joints, at the distance at which their feet stand.
 
 A person's joints are known in metres from between the hips and in pixels of the picture, so the picture's scale at the body
-is known too; with the distance of the feet (or of the body) that gives every joint a depth, and every pixel that of the limb
+is known too: the distance as a number of metres, and how it changes. Feet on the ground tell the distance in the scene's
+unit; who rides, hangs or is cut off at the feet has the distance of the moving region. Every pixel gets the depth of the limb
 that it lies on.
 """
 
@@ -13,6 +14,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
+from ..parallel import in_threads
+from .contact import (
+    MIN_CONTACT_FRAMES,
+    MOVING_MARGIN,
+    NO_CONTACT,
+    DepthMaps,
+    ground_edge,
+    guessed_confidence,
+    inverse_around,
+    one_scale,
+)
 from .joints import FEET, HIPS, LIMBS, to_segments
 from .moving_people import shows_person
 
@@ -23,14 +35,26 @@ SEEN = 0.3
 """Visibility from which a joint tells anything."""
 SMOOTH_FRAMES = 1.5
 """Gaussian (frames) over which joints in metres are smoothed: they tremble more than people do."""
+SIZE_FRAMES = 2.0
+"""Gaussian (frames) over which a body's size is smoothed."""
+UNSTEADY = 0.06
+"""Scatter (of the logarithm) of a body's size about the smoothed one from which it is none: people have .01 to .05, patterns that
+are taken for people .08 to .18."""
 LIMB_PIXELS, FALLOFF = 2.0, 4
 """Softening (pixels) and power of the distances by which limbs share a pixel."""
 MAX_RELIEF = 0.3
 """Largest difference of depth within a body, as a fraction of its distance: an arm's length at two meters."""
+THICKNESS = 0.07
+"""Meters by which what is seen of a body is nearer than its joints: half of a limb, mean over the body."""
 BESIDE = 12
 """Pixels around a body that move with it: clothes and what is held have the depth of the nearest limb."""
 MIN_JOINTS, MIN_PIXELS = 8, 40
 """Joints and pixels that a frame needs to show a body's relief."""
+STANDS = "feet"
+"""Name of a distance that comes from feet on the ground."""
+FOOT_WIDTH, FOOT_HEIGHT, STANDING = 0.06, 0.25, 0.08
+"""Meters: half the width of a foot below its joint, how far below it its lowest pixel may lie, and how much higher than the lower
+foot the other one may be and still stand."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +96,108 @@ class _Body:
         return (weight * z).sum(1) / weight.sum(1)
 
 
+@dataclass(frozen=True)
+class PlacedPeople:
+    """People whose distance is known from their feet."""
+
+    pixels: np.ndarray
+    """(F, H, W) bool: theirs, and moving ones close beside them."""
+    frames: list[np.ndarray]
+    """Rows of the priors in which each of them is seen."""
+
+
+def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
+    """Write the depth of moving people who stand on the ground into `maps`, in place."""
+    placed = PlacedPeople(np.zeros_like(maps.moving), [])
+    if priors.people is None or priors.people_joints is None or priors.people_metres is None or priors.cameras is None:
+        return placed
+    for person in range(priors.people_joints.shape[1]):
+        shown = shows_person(priors, person + 1) & maps.moving
+        bodies = _bodies(priors.people_joints[:, person], priors.people_metres[:, person])
+        frames = np.flatnonzero((shown.sum((1, 2)) >= MIN_PIXELS) & np.isin(np.arange(len(shown)), list(bodies)))
+        if len(frames) == 0:
+            continue
+        measured = np.array([bodies[frame].pixels_per_metre for frame in frames])
+        smooth = np.array(list(_smooth_scales(dict(zip(frames.tolist(), measured, strict=True))).values()))
+        if np.std(np.log(measured / smooth)) > UNSTEADY:
+            continue
+        size = smooth / priors.cameras.intrinsics[frames, 0, 0]
+        contact, trust = _feet_on_ground(maps, shown, [(int(frame), bodies[frame]) for frame in frames], size)
+        if (trust > NO_CONTACT).mean() < MIN_CONTACT_FRAMES:
+            continue
+        scale = one_scale(contact / size, trust)
+        certain = np.clip(trust, 0.25, 1.0)
+        for frame, per_metre, sure in zip(frames, size, certain, strict=True):
+            own = _with_clothes(shown[frame], maps.moving[frame] & (priors.people[frame] == 0))
+            y, x = np.nonzero(own)
+            maps.inverse[frame][y, x] = (
+                scale * per_metre / (1 + _limited((bodies[frame].relief(y, x) - THICKNESS) * per_metre))
+            )
+            maps.confidence[frame][y, x] = guessed_confidence(priors, sure)
+            placed.pixels[frame] |= own
+        placed.frames.append(frames)
+    return placed
+
+
+def _feet_on_ground(
+    maps: DepthMaps, shown: np.ndarray, bodies: list[tuple[int, _Body]], size: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse depth of the hips `(f,)` in each of the frames of `bodies`, from the feet that stand, and its trust `(f,)` 0..1.
+
+    shown: (F, H, W) the person; size: (f,) a metre at the body, as a fraction of its distance. Frames without a foot on the
+    ground have the inverse depth of what is around, with little trust.
+    """
+
+    def stand(i: int) -> tuple[float, float]:
+        frame, body = bodies[i]
+        inverse, moving, own = maps.inverse[frame], maps.moving[frame], shown[frame]
+        edge = ground_edge(inverse, maps.static_confidence[frame], moving, own)
+        feet = _standing_feet(body, own, moving)
+        if edge is None or not feet:
+            return inverse_around(inverse, moving, own), NO_CONTACT
+        ground = np.interp([column for _, column in feet], edge.columns, edge.ground)
+        along = body.metres[[joint for joint, _ in feet], 2]
+        return float(np.mean(ground * (1 + along * size[i]))), edge.trust
+
+    found = np.array(in_threads(stand, range(len(bodies))))
+    return found[:, 0], found[:, 1]
+
+
+def _standing_feet(body: _Body, own: np.ndarray, moving: np.ndarray) -> list[tuple[int, int]]:
+    """(joint, column) of heels and toes of the person `own (H, W)` that stand on what does not move."""
+    unit = body.pixels_per_metre
+    seen = [joint for joint in FEET if body.weight[joint] > 0]
+    lowest = max((body.metres[joint, 1] for joint in seen), default=0.0)
+    reach, found = max(round(FOOT_HEIGHT * unit), MOVING_MARGIN), []
+    for joint in seen:
+        x, y = body.pixels[joint]
+        near = slice(max(int(x - FOOT_WIDTH * unit), 0), max(int(x + FOOT_WIDTH * unit), 0) + 1)
+        rows = np.flatnonzero(own[:, near].any(1))
+        if len(rows) == 0 or body.metres[joint, 1] < lowest - STANDING:
+            continue
+        bottom = int(rows[-1])
+        column = near.start + int(np.argmax(own[bottom, near]))
+        below = moving[bottom + 1 : bottom + 1 + reach, column]  # what it stands on, a board or a horse, may move
+        if abs(bottom - y) <= reach and bottom < len(own) - 2 and below[len(below) // 2 :].mean() < 0.5:
+            found.append((joint, column))
+    return found
+
+
+def _with_clothes(shown: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(H, W) bool: the person `shown` and what is `free` close beside them: clothes and what they hold."""
+    import cv2
+
+    square = np.ones((2 * BESIDE + 1, 2 * BESIDE + 1), np.uint8)
+    return shown | (free & (cv2.dilate(shown.astype(np.uint8), square) > 0))
+
+
+def _limited(relief: np.ndarray) -> np.ndarray:
+    """Differences of depth as fractions of the body's distance, at most `MAX_RELIEF`."""
+    return np.clip(relief, -MAX_RELIEF, MAX_RELIEF)
+
+
 def add_relief(inverse: np.ndarray, guessed: np.ndarray, priors: Priors) -> int:
-    """Write the relief of people into `inverse (F, H, W)`, in place, where their depth is `guessed (F, H, W)` bool.
+    """Write the relief of people into `inverse (F, H, W)`, in place, where they are on a plane: `guessed (F, H, W)` bool.
 
     What is there gives each body's distance in each frame: the median of its inverse depth. Returns how many people have a
     relief.
@@ -99,13 +223,9 @@ def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: _Bo
 
     per_metre: a metre at the body, as a fraction of its distance.
     """
-    import cv2
-
-    square = np.ones((2 * BESIDE + 1, 2 * BESIDE + 1), np.uint8)
-    y, x = np.nonzero(shown | (beside & (cv2.dilate(shown.astype(np.uint8), square) > 0)))
+    y, x = np.nonzero(_with_clothes(shown, beside))
     distance = 1 / float(np.median(inverse[shown]))
-    relief = np.clip((body.relief(y, x) - body.anchor) * per_metre, -MAX_RELIEF, MAX_RELIEF)
-    inverse[y, x] = 1 / (distance * (1 + relief))
+    inverse[y, x] = 1 / (distance * (1 + _limited((body.relief(y, x) - body.anchor) * per_metre)))
 
 
 def _bodies(joints: np.ndarray, metres: np.ndarray) -> dict[int, _Body]:
@@ -124,4 +244,6 @@ def _smooth_scales(scales: dict[int, float]) -> dict[int, float]:
     """Median over neighbouring frames: one pose may be seen along the view, where its scale is a guess."""
     frames = np.array(list(scales))
     values = np.array([scales[frame] for frame in scales])
-    return {int(frame): float(np.median(values[abs(frames - frame) <= 4])) for frame in frames}
+    steady = np.array([np.median(values[abs(frames - frame) <= 4]) for frame in frames])
+    smooth = [np.average(steady, weights=np.exp(-0.5 * ((frames - frame) / SIZE_FRAMES) ** 2)) for frame in frames]
+    return dict(zip(frames.tolist(), map(float, smooth), strict=True))

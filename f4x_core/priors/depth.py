@@ -21,11 +21,11 @@ from ..native.library import open_library
 from ..native.maps import F4X_SMOOTH_MAP, SMOOTHING
 from ..parallel import in_threads
 from ..progress import Progress
-from .body_depth import add_relief
 from .cameras import dilate_masks, static_tracks
 from .config import PriorsConfig
+from .contact import GUESS_CONFIDENCE, MOVING_MARGIN
 from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
-from .movers import GUESS_CONFIDENCE, MOVING_CONFIDENCE, MOVING_MARGIN, place_objects
+from .movers import place_objects
 from .points import TRACK_OUTLIER_PX, fit_points
 
 if TYPE_CHECKING:
@@ -78,7 +78,6 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         priors.warn("Without parallax no depth can be measured: depth is a ground-like guess with low confidence.")
     progress("depth", frames, frames + 1, "moving objects")
     objects = place_objects(inverse, confidence, moving, priors)
-    reliefs = add_relief(inverse, moving & (confidence <= MOVING_CONFIDENCE), priors)
     progress("depth", frames + 1, frames + 1)
     depth = 1 / inverse
     unit = float(np.median(depth if clip.hidden is None or not seen.any() else depth[seen]))
@@ -94,7 +93,6 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     priors.statistics["depth"] = statistics | {
         "moving_objects": len(objects),
         "movers": objects,
-        "people_with_relief": reliefs,
         "percentiles_2_50_98": [round(float(value), 3) for value in percentiles],
         "mean_confidence": round(float(confidence.mean()), 3),
     }

@@ -17,17 +17,28 @@ from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
 from ..parallel import in_threads
+from .body_depth import STANDS, add_relief, place_people
+from .contact import (
+    GROUND_NOISE,
+    GUESS_CONFIDENCE,
+    MIN_CONTACT_FRAMES,
+    MIN_OBJECT_PIXELS,
+    MOVING_CONFIDENCE,
+    NO_CONTACT,
+    DepthMaps,
+    ground_edge,
+    growth,
+    guessed_confidence,
+    inverse_around,
+    largest_piece,
+    one_scale,
+    smooth_object_depth,
+)
 from .own_motion import MIN_POINTS, OwnMotion, TracksOnObject, solve
 
 if TYPE_CHECKING:
     from .folder import Priors
 
-GUESS_CONFIDENCE = 0.05
-"""Largest confidence of the guessed depth of moving pixels, and of all depth in a clip without parallax."""
-MOVING_MARGIN = 6
-"""Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of what moves."""
-MOVING_CONFIDENCE = 0.2
-"""Largest confidence of the guessed depth of moving pixels in a clip with parallax."""
 BODY_CONFIDENCE = 0.9
 """Confidence of a rigid body's depth: its shape is measured, its distance depends on ground contact."""
 MIN_INSIDE = 0.6
@@ -44,30 +55,13 @@ NEIGHBOURS, MIN_APART = 6, 0.8
 SMOOTH_PX, MAX_KNOTS, GRID_PX = 2.0, 200, 4
 """Smoothing of inverse depth between a body's points (that of the linear kernel, pixels), how many of them are used per
 frame, and the grid on which it is evaluated."""
-NO_CONTACT, MIN_CONTACT_FRAMES = 0.05, 0.25
-"""Weight of the surroundings' depth for a body without ground contact; fraction of frames with contact below which the body's
-size gives its distance."""
-CONTACT_QUANTILE = 0.7
-"""Quantile over the frames of a body's contacts that gives its distance: above the middle, as it may hop, never sink in."""
 TOUCH_QUANTILE = 0.98
 """Quantile of the ratios along the lower edge at which a region touches the ground: columns beyond are noise."""
-GROUND_FRACTION, GROUND_NOISE = 0.2, 0.03
-"""How far below a moving region the ground is fitted (fraction of the image height), and how uneven ground may be (relative
-inverse depth)."""
 TURN_LIMIT, TURNS, TURN_COST = 1.5, 31, 0.05
 """Largest turn of a region against the view (relative inverse depth over the picture's width), how many are tried, and the
 fraction of touching columns that a turn of 1 must win."""
-BEHIND_WEIGHT = 0.03
-"""Weight of a ground contact behind the object's depth: an object in the air is seen in front of farther ground, never behind
-nearer ground."""
-MIN_CONTACT_PIXELS = 8
-"""With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
 TILT_FRAMES, TILT_RANGE = 3.0, (0.5, 2.0)
 """Frames over which the turn of a region is smoothed, and the bounds of what it may do to the inverse depth."""
-SIZE_NOISE, CONTACT_NOISE = 0.02, 0.05
-"""Relative errors of the frame-to-frame size change and of one contact depth, used to smooth an object's depth."""
-MIN_OBJECT_PIXELS = 30
-"""Moving regions with fewer pixels per frame than this follow the static depth around them."""
 
 
 @dataclass(frozen=True)
@@ -84,32 +78,19 @@ class _MovingObject:
     """Its structure, where it has one."""
 
 
-@dataclass(frozen=True)
-class _Maps:
-    """Depth, its confidence and the moving mask of every pixel, each (F, H, W)."""
-
-    inverse: np.ndarray
-    """Inverse depth; written where objects move."""
-    confidence: np.ndarray
-    """0..1; written where objects move."""
-    static_confidence: np.ndarray
-    """`confidence` before anything was written."""
-    moving: np.ndarray
-    """bool."""
-
-
 def place_objects(
     inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, priors: Priors
 ) -> list[dict[str, Any]]:
     """Write the inverse depth of moving pixels into `inverse (F, H, W)` and its confidence into `confidence`, both in place.
 
-    Returns one row per object: `group`, its first and last clip frame `frames`, what its depth was `decided_by` ("its own
+    Returns one row per object: `group`, its first and last clip frame `frames`, what its depth was `decided_by` ("feet", "its own
     motion", "ground contact", "size" or "surroundings"), and `emf_degrees`, the angle of the rays its points were seen from
     in its own axes (0 where unknown).
     """
-    maps = _Maps(inverse, confidence, confidence.copy(), moving)
+    maps = DepthMaps(inverse, confidence, confidence.copy(), moving)
     confidence[moving] = np.minimum(confidence[moving], GUESS_CONFIDENCE)
-    labels, _ = ndimage.label(moving)
+    people = place_people(maps, priors)
+    labels, _ = ndimage.label(moving & ~people.pixels)
     on_mover = _labels_of_tracks(labels, priors)
 
     def bodies(number: int) -> list[_MovingObject]:
@@ -123,19 +104,19 @@ def place_objects(
         return [body for one in _objects(whole, priors) for body in _rigid_bodies(one, priors)]
 
     found = ndimage.find_objects(labels)
-    rows: list[dict[str, Any]] = []
+    rows = [_row(number, frames, STANDS, 0.0, priors) for number, frames in enumerate(people.frames)]
     for mover in (body for number in range(1, len(found) + 1) for body in bodies(number)):
         place = _place_upright_plane if mover.motion is None else _place_rigid_body
         decided = place(mover, maps, priors)
-        rows.append(
-            {
-                "group": len(rows),
-                "frames": [int(priors.frames[mover.frames[0]]), int(priors.frames[mover.frames[-1]])],
-                "decided_by": decided,
-                "emf_degrees": round(mover.motion.degrees, 1) if mover.motion else 0.0,
-            }
-        )
+        rows.append(_row(len(rows), mover.frames, decided, mover.motion.degrees if mover.motion else 0.0, priors))
+    add_relief(inverse, moving & ~people.pixels & (confidence <= MOVING_CONFIDENCE), priors)
     return rows
+
+
+def _row(number: int, frames: np.ndarray, decided_by: str, degrees: float, priors: Priors) -> dict[str, Any]:
+    """Facts about one moving object, as `place_objects` describes them; `frames (f,)` rows of the priors."""
+    first, last = (int(priors.frames[frame]) for frame in frames[[0, -1]])
+    return {"group": number, "frames": [first, last], "decided_by": decided_by, "emf_degrees": round(degrees, 1)}
 
 
 def _labels_of_tracks(labels: np.ndarray, priors: Priors) -> np.ndarray:
@@ -276,17 +257,15 @@ def _split(region: _MovingObject, bodies: list[_MovingObject], priors: Priors) -
     return [body for body in found if len(body.frames)]
 
 
-def _place_upright_plane(mover: _MovingObject, maps: _Maps, priors: Priors) -> str:
+def _place_upright_plane(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> str:
     """Write an object without a structure of its own as one upright plane per frame; returns what decided its depth."""
 
     def contact(i: int) -> tuple[float, float, float]:
         f = mover.frames[i]
-        return _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mover.masks[i])
+        return _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], largest_piece(mover.masks[i]))
 
     contacts = np.array(in_threads(contact, range(len(mover.frames))))
-    size = np.array(
-        in_threads(lambda i: _growth(priors, mover.frames[i], mover.masks[i]), range(len(mover.frames) - 1))
-    )
+    size = np.array(in_threads(lambda i: growth(priors, mover.frames[i], mover.masks[i]), range(len(mover.frames) - 1)))
     middle, tilt, trust = contacts.T
     solved, certain = smooth_object_depth(middle, trust, size)
     norm = ndimage.gaussian_filter1d(trust + 1e-3, TILT_FRAMES)
@@ -294,21 +273,20 @@ def _place_upright_plane(mover: _MovingObject, maps: _Maps, priors: Priors) -> s
     for f, mask, value, slope, sure in zip(mover.frames, mover.masks, solved, tilt, certain, strict=True):
         y, x = np.nonzero(mask)
         maps.inverse[f][y, x] = value * np.clip(1 + slope * (x - x.mean()), *TILT_RANGE)
-        maps.confidence[f][y, x] = MOVING_CONFIDENCE * sure if priors.camera_kind == "moving" else GUESS_CONFIDENCE
+        maps.confidence[f][y, x] = guessed_confidence(priors, sure)
     stands = (trust > NO_CONTACT).mean()
     return "surroundings" if stands == 0 else "ground contact" if stands >= MIN_CONTACT_FRAMES else "size"
 
 
-def _place_rigid_body(mover: _MovingObject, maps: _Maps, priors: Priors) -> str:
+def _place_rigid_body(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> str:
     """Write a rigid body at one scale for all frames; returns what decided its depth."""
     shapes = _relative_inverse(mover, priors)
     ratio, trust = np.zeros((2, len(shapes)))
     for i, (f, mask, shape) in enumerate(zip(mover.frames, mover.masks, shapes, strict=True)):
-        edge = _ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask)
+        edge = ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask)
         if edge is None:
-            rim = ndimage.binary_dilation(mask, iterations=2 * MOVING_MARGIN) & ~maps.moving[f]
-            around = maps.inverse[f][rim] if rim.any() else maps.inverse[f]
-            ratio[i], trust[i] = np.median(around) / np.median(shape), NO_CONTACT
+            around = inverse_around(maps.inverse[f], maps.moving[f], mask)
+            ratio[i], trust[i] = around / np.median(shape), NO_CONTACT
             continue
         lowest = np.zeros(mask.shape[1])
         lowest[np.nonzero(mask)[1]] = shape  # rows ascend, so the last one written is the lowest
@@ -350,88 +328,6 @@ def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray
     return np.clip(ndimage.map_coordinates(coarse, at, order=1, mode="nearest"), *np.percentile(values, (2, 98)))
 
 
-def one_scale(ratio: np.ndarray, trust: np.ndarray) -> float:
-    """The factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
-
-    The weighted quantile `CONTACT_QUANTILE` of what frames ask for: ground behind a body that is in the air asks for less.
-    """
-    order = np.argsort(ratio)
-    weight = np.cumsum((trust + 1e-3)[order])
-    return float(ratio[order][np.searchsorted(weight, CONTACT_QUANTILE * weight[-1])])
-
-
-def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth `(f,)` of one object over time, and its certainty 0..1.
-
-    `contact (f,)` inverse depths where it touches the ground with `trust (f,)` 0..1, `growth (f - 1,)` logarithm of its
-    change of picture size to the next frame (NaN = unknown). Size is inverse depth times a constant, so
-    `argmin sum trust (x - log contact)^2 / c^2 + sum (x' - x - growth)^2 / s^2`, x = log inverse depth; Cauchy weights
-    on the contacts, and little weight where the ground is seen behind the object (`BEHIND_WEIGHT`).
-    """
-    count, measured = len(contact), np.log(contact)
-    known = np.isfinite(growth)
-    step = np.where(known, growth, 0.0)
-    link = np.where(known, 1 / SIZE_NOISE**2, 1 / (5 * SIZE_NOISE) ** 2)
-    laplacian = np.zeros((count, count))
-    right = np.zeros(count)
-    for i in range(count - 1):
-        laplacian[i : i + 2, i : i + 2] += link[i] * np.array([[1, -1], [-1, 1]])
-        right[i : i + 2] += link[i] * step[i] * np.array([-1, 1])
-    solution = np.full(count, np.average(measured, weights=trust + 1e-6))
-    for _ in range(5):
-        weight = (trust + 1e-3) / CONTACT_NOISE**2 / (1 + ((measured - solution) / (2 * CONTACT_NOISE)) ** 2)
-        weight *= np.where(measured < solution, BEHIND_WEIGHT, 1.0)
-        solution = np.linalg.solve(laplacian + np.diag(weight), right + weight * measured)
-    return np.exp(solution), np.clip(trust, 0.25, 1.0)
-
-
-@dataclass(frozen=True)
-class _GroundEdge:
-    """The ground behind the lower edge of a region, n of its columns."""
-
-    columns: np.ndarray
-    """(n,) int."""
-    run: np.ndarray
-    """(n,) columns from the region's mean one."""
-    ground: np.ndarray
-    """(n,) inverse depth of the ground at the region's lowest pixel."""
-    trust: float
-    """0..1."""
-
-
-def _ground_edge(
-    inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray
-) -> _GroundEdge | None:
-    """The ground that a region is seen in front of, carried up to its lower edge; None where too little of it is seen.
-
-    The ground is a plane, so its inverse depth is linear in the picture; it is fitted below the region, where flow is free.
-    """
-    height = len(own)
-    columns = np.flatnonzero(own.any(0))
-    bottom = height - 1 - np.argmax(own[::-1], axis=0)[columns]
-    rows = np.arange(height)[:, None]
-    lowest = int(bottom.max()) + MOVING_MARGIN + round(GROUND_FRACTION * height)
-    ground = (rows > bottom + MOVING_MARGIN) & (rows <= lowest) & ~moving[:, columns]
-    y, which = np.nonzero(ground)
-    if len(y) < MIN_CONTACT_PIXELS:
-        return None
-    run = columns - np.nonzero(own)[1].mean()  # (n,)
-    values = inverse[y, columns[which]].astype(np.float64)
-    offset = np.stack([np.ones(len(y)), run[which], y - bottom.max() - 1.0], 1)
-    given = confidence[y, columns[which]].astype(np.float64) ** 2 + 1e-3
-    weight = given
-    for _ in range(6):
-        normal = (offset * weight[:, None]).T @ offset + np.diag(
-            [0.0, 1.0, 1.0]
-        ) * given.sum()  # ridge: one pixel's worth
-        plane = np.linalg.solve(normal, offset.T @ (weight * values))
-        weight = given / (1 + ((values - offset @ plane) / (GROUND_NOISE * abs(plane[0]) + 1e-9)) ** 2)
-    edge = plane[0] + plane[1] * run + plane[2] * (bottom - bottom.max())
-    hidden = float((bottom >= height - 2).mean())  # it leaves the picture below: the true contact is nearer
-    trust = float(np.clip(1 - 2 * hidden, 0.1, 1.0) * np.sqrt(given.mean()).clip(0.1, 1))
-    return _GroundEdge(columns, run, edge, trust)
-
-
 def _contact(
     inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray
 ) -> tuple[float, float, float]:
@@ -441,10 +337,9 @@ def _contact(
     `a (1 + b (column - mean))`, lies above the ground's values on its lower edge and touches them at its feet; of all turns
     `b` the one that touches most columns is taken (feet and wheels do, bellies and tails do not).
     """
-    found = _ground_edge(inverse, confidence, moving, own)
+    found = ground_edge(inverse, confidence, moving, own)
     if found is None:
-        rim = ndimage.binary_dilation(own, iterations=2 * MOVING_MARGIN) & ~moving
-        return float(np.median(inverse[rim] if rim.any() else inverse)), 0.0, NO_CONTACT
+        return inverse_around(inverse, moving, own), 0.0, NO_CONTACT
     width, edge, run = own.shape[1], found.ground, found.run
     usual = max(float(edge.max()), 1e-6)
     best, a, b = -np.inf, usual, 0.0
@@ -455,22 +350,3 @@ def _contact(
         if score > best:
             best, a, b = score, touching, turn
     return max(a, 0.3 * usual), b, found.trust
-
-
-def _growth(priors: Priors, frame: int, own: np.ndarray) -> float:
-    """Logarithm of a region's change of size to the next frame, from a robust similarity of its flow; NaN if unknown."""
-    if priors.flow_forward is None or priors.flow_forward_mask is None:
-        return float("nan")
-    y, x = np.nonzero(own & priors.flow_forward_mask[frame])
-    if len(x) < MIN_OBJECT_PIXELS:
-        return float("nan")
-    here = np.stack([x + 0.5, y + 0.5], 1)
-    there = here + priors.flow_forward[frame][y, x].astype(np.float64)
-    weight = np.ones(len(x))
-    for _ in range(4):
-        p = here - np.average(here, axis=0, weights=weight)
-        q = there - np.average(there, axis=0, weights=weight)
-        a, b = p[:, 0] + 1j * p[:, 1], q[:, 0] + 1j * q[:, 1]
-        factor = (weight * b * a.conj()).sum() / (weight * abs(a) ** 2).sum()  # scale and turn as one complex number
-        weight = 1 / (1 + abs(b - factor * a) ** 2)
-    return float(np.clip(np.log(abs(factor)), -0.2, 0.2))

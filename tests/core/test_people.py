@@ -12,9 +12,10 @@ from f4x_core.people import networks, provider
 from f4x_core.people.finding import same_body
 from f4x_core.people.networks import POSE_SIZE, Crop, Pose, box_overlap
 from f4x_core.priors import Priors, PriorsConfig
-from f4x_core.priors.body_depth import add_relief
+from f4x_core.priors.body_depth import THICKNESS, add_relief, place_people
+from f4x_core.priors.contact import MOVING_CONFIDENCE, DepthMaps
 from f4x_core.priors.flow import provide as provide_flow
-from f4x_core.priors.joints import JOINTS, LIMBS, NAMES
+from f4x_core.priors.joints import FEET, JOINTS, LIMBS, NAMES
 from f4x_core.priors.moving_people import with_people
 from f4x_core.progress import silent
 
@@ -157,6 +158,63 @@ def test_a_measured_depth_keeps_its_shape():
     inverse = np.full((3, 60, 80), 0.5)
     assert add_relief(inverse, np.zeros((3, 60, 80), bool), priors) == 0
     assert (inverse == 0.5).all()
+
+
+WALKER = 6.0
+"""Meters to the person of `on_a_plain`, and units of the scene."""
+
+
+def on_a_plain(frames=12, hop=(), unsteady=0.0):
+    """Priors of somebody who walks across a plain 1.5 m below the camera, and their maps: depth is known but for the person.
+
+    hop: frames in which they are .3 m above the ground; unsteady: scatter of the logarithm of the joints' size.
+    """
+    rng, focal, height, width = np.random.default_rng(2), 180.0, 180, 240
+    intrinsics = np.tile(np.array([[focal, 0, 120], [0, focal, 60], [0, 0, 1]]), (frames, 1, 1))
+    cameras = CameraPath(intrinsics, np.tile(np.eye(4), (frames, 1, 1)), np.arange(float(frames)), width, height)
+    y, x = np.mgrid[:height, :width] + 0.5
+    plain = np.broadcast_to(np.maximum((y - 60) / focal / 1.5, 0.02), (frames, height, width)).copy()
+    metres = np.column_stack([rng.uniform(-0.2, 0.2, JOINTS), rng.uniform(-0.8, 0.6, JOINTS), np.zeros(JOINTS)])
+    metres[list(FEET)] = [(-0.1, 0.9, -0.1), (0.1, 0.9, 0.1), (-0.1, 0.9, -0.2), (0.1, 0.9, 0.2)]
+    masks, joints = np.zeros((frames, height, width), bool), np.zeros((frames, JOINTS, 3))
+    for frame in range(frames):
+        middle = np.array([0.05 * frame - 0.3, 0.6 - 0.3 * (frame in hop), WALKER])
+        size = np.exp(unsteady * rng.standard_normal())
+        joints[frame, :, :2] = (middle + metres)[:, :2] / WALKER * focal * size + [120, 60]
+        joints[frame, :, 2] = 1
+        feet = joints[frame, list(FEET)]
+        left, right = feet[:, 0].min() - 3, feet[:, 0].max() + 3
+        masks[frame] = (x > left) & (x < right) & (y > feet[:, 1].max() - 50) & (y < feet[:, 1].max())
+    priors = priors_with([(masks[0], joints[0], metres)], width, height, frames)
+    priors.cameras, priors.mask, priors.camera_kind = cameras, masks, "moving"
+    priors.people[:] = masks
+    priors.people_probability[:] = masks
+    priors.people_joints[:, 0] = joints
+    return priors, DepthMaps(plain, np.full(plain.shape, 0.5), np.full(plain.shape, 0.5), masks)
+
+
+@pytest.mark.parametrize("hop", [(), (4, 5, 6)])
+def test_who_stands_is_where_their_feet_are_and_who_hops_stays_at_that_distance(hop):
+    priors, maps = on_a_plain(hop=hop)
+    placed = place_people(maps, priors)
+    assert len(placed.frames) == 1 and (placed.pixels == maps.moving).all()
+    for frame, mask in enumerate(maps.moving):
+        assert np.median(1 / maps.inverse[frame][mask]) == pytest.approx(WALKER - THICKNESS, rel=0.03)
+    assert (maps.confidence[maps.moving] <= MOVING_CONFIDENCE).all()
+
+
+def test_who_rides_has_the_distance_of_the_region():
+    priors, maps = on_a_plain()
+    horse = np.stack([np.roll(mask, 30, 0) & (np.arange(180) > 100)[:, None] for mask in maps.moving])
+    maps.moving[:] |= horse
+    before = maps.inverse.copy()
+    assert not place_people(maps, priors).pixels.any()
+    np.testing.assert_array_equal(maps.inverse, before)
+
+
+def test_a_pattern_that_is_taken_for_a_person_keeps_its_distance():
+    priors, maps = on_a_plain(unsteady=0.2)
+    assert not place_people(maps, priors).pixels.any()
 
 
 def found_in(name, count):

@@ -6,11 +6,11 @@ import pytest
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors.bundle import _Problem
+from f4x_core.priors.contact import growth
 from f4x_core.priors.depth import _confidence, below_horizon, ground_prior
 from f4x_core.priors.flow import pixel_grid
 from f4x_core.priors.folder import Priors
 from f4x_core.priors.motion import THRESHOLD_LIFT, find_threshold
-from f4x_core.priors.movers import _growth
 from f4x_core.priors.own_motion import _angles
 
 
@@ -45,7 +45,7 @@ def test_growth_of_a_region_is_that_of_most_of_its_pixels():
     flow = 0.1 * np.stack([x - 20, y - 20], -1)
     flow[36:, 20:] += 30
     priors = Priors(40, 40, np.arange(2), flow_forward=flow[None], flow_forward_mask=np.ones((1, 40, 40), bool))
-    assert _growth(priors, 0, np.ones((40, 40), bool)) == pytest.approx(np.log(1.1), abs=0.01)
+    assert growth(priors, 0, np.ones((40, 40), bool)) == pytest.approx(np.log(1.1), abs=0.01)
 
 
 def test_depth_that_samples_contradict_is_trusted_less():

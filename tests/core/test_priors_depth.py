@@ -6,6 +6,7 @@ import pytest
 from f4x_core.clip import Clip
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors, PriorsConfig
+from f4x_core.priors.contact import smooth_object_depth
 from f4x_core.priors.depth import (
     epipolar_direction,
     fill_inverse_depth,
@@ -14,7 +15,6 @@ from f4x_core.priors.depth import (
     provide,
 )
 from f4x_core.priors.flow import texture_along
-from f4x_core.priors.movers import smooth_object_depth
 from f4x_core.progress import silent
 
 WIDTH, HEIGHT = 96, 64

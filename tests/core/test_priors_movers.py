@@ -9,6 +9,7 @@ from scipy.interpolate import RBFInterpolator
 
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors
+from f4x_core.priors import contact as touching
 from f4x_core.priors import movers as module
 from f4x_core.priors.own_motion import OwnMotion
 
@@ -36,11 +37,11 @@ def edge_by_hand(inverse, confidence, moving, own):
     columns = [x for x in range(WIDTH) if own[:, x].any()]
     bottom = [max(y for y in range(HEIGHT) if own[y, x]) for x in columns]
     middle = np.mean([x for y in range(HEIGHT) for x in range(WIDTH) if own[y, x]])
-    deepest = max(bottom) + module.MOVING_MARGIN + round(module.GROUND_FRACTION * HEIGHT)
+    deepest = max(bottom) + touching.MOVING_MARGIN + round(touching.GROUND_FRACTION * HEIGHT)
     rows, values, given = [], [], []
     for y in range(HEIGHT):
         for x, low in zip(columns, bottom, strict=True):
-            if low + module.MOVING_MARGIN < y <= deepest and not moving[y, x]:
+            if low + touching.MOVING_MARGIN < y <= deepest and not moving[y, x]:
                 rows.append((1, x - middle, y - max(bottom) - 1))
                 values.append(float(inverse[y, x]))
                 given.append(float(confidence[y, x]) ** 2 + 1e-3)
@@ -49,7 +50,7 @@ def edge_by_hand(inverse, confidence, moving, own):
     for _ in range(6):
         normal = np.einsum("p,pi,pj->ij", weight, rows, rows) + np.diag([0, 1, 1]) * given.sum()
         plane = np.linalg.solve(normal, np.einsum("p,pi,p->i", weight, rows, values))
-        weight = given / (1 + ((values - rows @ plane) / (module.GROUND_NOISE * abs(plane[0]))) ** 2)
+        weight = given / (1 + ((values - rows @ plane) / (touching.GROUND_NOISE * abs(plane[0]))) ** 2)
     run = np.array(columns) - middle
     edge = plane[0] + plane[1] * run + plane[2] * (np.array(bottom) - max(bottom))
     hidden = np.mean([low >= HEIGHT - 2 for low in bottom])
@@ -65,7 +66,7 @@ def test_the_ground_below_a_region_is_carried_up_to_its_edge(low):
     moving = own.copy()
     moving[45:50, 20:24] = True
     inverse[1, 44:48, 26:30] += 2  # something stands there
-    found = module._ground_edge(inverse[1], confidence[1], moving, own)
+    found = touching.ground_edge(inverse[1], confidence[1], moving, own)
     columns, run, edge, trust = edge_by_hand(inverse[1], confidence[1], moving, own)
     np.testing.assert_array_equal(found.columns, columns)
     np.testing.assert_allclose(found.run, run)
@@ -75,16 +76,16 @@ def test_the_ground_below_a_region_is_carried_up_to_its_edge(low):
 
 def test_too_little_ground_is_none():
     own = np.zeros((HEIGHT, WIDTH), bool)
-    own[40 : HEIGHT - module.MOVING_MARGIN - 1, 10:18] = True  # one row of eight pixels is left below
+    own[40 : HEIGHT - touching.MOVING_MARGIN - 1, 10:18] = True  # one row of eight pixels is left below
     maps = np.ones((HEIGHT, WIDTH)), np.ones((HEIGHT, WIDTH))
-    assert module._ground_edge(*maps, own, own) is not None
-    own[40 : HEIGHT - module.MOVING_MARGIN - 1, 17] = False
-    assert module._ground_edge(*maps, own, own) is None
+    assert touching.ground_edge(*maps, own, own) is not None
+    own[40 : HEIGHT - touching.MOVING_MARGIN - 1, 17] = False
+    assert touching.ground_edge(*maps, own, own) is None
     inverse = np.arange(HEIGHT * WIDTH, dtype=float).reshape(HEIGHT, WIDTH)
     moving = own.copy()
     moving[:30] = True
     rim = ndimage.binary_dilation(own, iterations=12) & ~moving
-    assert module._contact(inverse, maps[1], moving, own) == (np.median(inverse[rim]), 0.0, module.NO_CONTACT)
+    assert module._contact(inverse, maps[1], moving, own) == (np.median(inverse[rim]), 0.0, touching.NO_CONTACT)
     everything = np.ones((HEIGHT, WIDTH), bool)
     assert module._contact(inverse, maps[1], everything, own)[0] == np.median(inverse)
 
@@ -123,15 +124,15 @@ def smoothed_by_hand(contact, trust, growth):
         normal, right = np.zeros((count, count)), np.zeros(count)
         for i in range(count - 1):
             known = np.isfinite(growth[i])
-            weight = 1 / module.SIZE_NOISE**2 if known else 1 / (5 * module.SIZE_NOISE) ** 2
+            weight = 1 / touching.SIZE_NOISE**2 if known else 1 / (5 * touching.SIZE_NOISE) ** 2
             row = np.zeros(count)
             row[i : i + 2] = -1, 1
             normal += weight * np.outer(row, row)
             right += weight * row * (growth[i] if known else 0)
         for i in range(count):
-            weight = (trust[i] + 1e-3) / module.CONTACT_NOISE**2
-            weight /= 1 + ((logarithm[i] - x[i]) / (2 * module.CONTACT_NOISE)) ** 2
-            weight *= module.BEHIND_WEIGHT if logarithm[i] < x[i] else 1
+            weight = (trust[i] + 1e-3) / touching.CONTACT_NOISE**2
+            weight /= 1 + ((logarithm[i] - x[i]) / (2 * touching.CONTACT_NOISE)) ** 2
+            weight *= touching.BEHIND_WEIGHT if logarithm[i] < x[i] else 1
             normal[i, i] += weight
             right[i] += weight * logarithm[i]
         x = np.linalg.solve(normal, right)
@@ -143,7 +144,7 @@ def test_an_objects_depth_over_time_is_its_robust_least_squares():
     contact, trust = np.exp(0.3 * rng.standard_normal(9)), rng.uniform(0.02, 1, 9)
     growth = 0.1 * rng.standard_normal(8)
     growth[[2, 5]] = np.nan
-    found, certain = module.smooth_object_depth(contact, trust, growth)
+    found, certain = touching.smooth_object_depth(contact, trust, growth)
     np.testing.assert_allclose(found, smoothed_by_hand(contact, trust, growth), rtol=1e-9)
     np.testing.assert_allclose(certain, [min(max(one, 0.25), 1) for one in trust])
     assert certain.min() == 0.25 < certain.max()
@@ -191,19 +192,19 @@ def growth_by_hand(priors, own):
 def test_growth_is_that_of_a_robust_similarity():
     for factor in (1.06, 0.93):
         priors = grown(factor)
-        found = module._growth(priors, 0, priors.mask[0])
+        found = touching.growth(priors, 0, priors.mask[0])
         assert found == pytest.approx(growth_by_hand(priors, priors.mask[0]), abs=1e-6)
         assert found == pytest.approx(np.log(factor), abs=0.02)
-    assert module._growth(grown(1.5, 0, 0), 0, priors.mask[0]) == pytest.approx(0.2)
-    assert module._growth(grown(0.6, 0, 0), 0, priors.mask[0]) == pytest.approx(-0.2)
+    assert touching.growth(grown(1.5, 0, 0), 0, priors.mask[0]) == pytest.approx(0.2)
+    assert touching.growth(grown(0.6, 0, 0), 0, priors.mask[0]) == pytest.approx(-0.2)
     few = np.zeros((HEIGHT, WIDTH), bool)
     few[10, 20:50] = True
     priors = grown(1.05, spoilt=0)
-    assert module._growth(priors, 0, few) == pytest.approx(np.log(1.05), abs=1e-3)
+    assert touching.growth(priors, 0, few) == pytest.approx(np.log(1.05), abs=1e-3)
     priors.flow_forward_mask[0, 10, 49] = False  # 29 pixels are too few
-    assert np.isnan(module._growth(priors, 0, few))
-    assert np.isnan(module._growth(replace(priors, flow_forward=None), 0, few))
-    assert np.isnan(module._growth(replace(priors, flow_forward_mask=None), 0, few))
+    assert np.isnan(touching.growth(priors, 0, few))
+    assert np.isnan(touching.growth(replace(priors, flow_forward=None), 0, few))
+    assert np.isnan(touching.growth(replace(priors, flow_forward_mask=None), 0, few))
 
 
 def test_values_between_points_are_those_of_the_kernel_on_a_grid():
@@ -379,7 +380,7 @@ def test_pixels_go_to_the_body_with_the_nearest_track():
 
 
 def maps_of(priors, inverse, confidence):
-    return module._Maps(inverse, confidence, confidence.copy(), priors.mask)
+    return touching.DepthMaps(inverse, confidence, confidence.copy(), priors.mask)
 
 
 @pytest.mark.parametrize("kind", ["moving", "static"])
@@ -391,8 +392,8 @@ def test_an_upright_plane_per_frame_stands_on_its_contacts(kind):
     mover = module._MovingObject(np.arange(6), priors.mask, np.zeros(0, int))
     before = inverse.copy()
     contacts = np.array([module._contact(before[f], confidence[f], priors.mask[f], priors.mask[f]) for f in range(6)])
-    growth = np.array([module._growth(priors, f, priors.mask[f]) for f in range(5)])
-    solved, certain = module.smooth_object_depth(contacts[:, 0], contacts[:, 2], growth)
+    growth = np.array([touching.growth(priors, f, priors.mask[f]) for f in range(5)])
+    solved, certain = touching.smooth_object_depth(contacts[:, 0], contacts[:, 2], growth)
     norm = ndimage.gaussian_filter1d(contacts[:, 2] + 1e-3, 3.0)
     tilt = ndimage.gaussian_filter1d(contacts[:, 1] * (contacts[:, 2] + 1e-3), 3.0) / norm
     assert module._place_upright_plane(mover, maps_of(priors, inverse, confidence), priors) == "ground contact"
@@ -402,7 +403,7 @@ def test_an_upright_plane_per_frame_stands_on_its_contacts(kind):
         for y, x in np.argwhere(priors.mask[f]):
             expected = solved[f] * min(max(1 + tilt[f] * (x - middle), 0.5), 2.0)
             assert inverse[f, y, x] == pytest.approx(expected, rel=1e-5)
-        sure = module.MOVING_CONFIDENCE * certain[f] if kind == "moving" else module.GUESS_CONFIDENCE
+        sure = touching.MOVING_CONFIDENCE * certain[f] if kind == "moving" else touching.GUESS_CONFIDENCE
         np.testing.assert_allclose(confidence[f][priors.mask[f]], sure, rtol=1e-5)
         np.testing.assert_array_equal(inverse[f][~priors.mask[f]], before[f][~priors.mask[f]])
 
@@ -411,7 +412,7 @@ def test_an_upright_plane_per_frame_stands_on_its_contacts(kind):
 def test_what_decided_a_planes_depth(standing, word, monkeypatch):
     """A quarter of eight frames with contact are enough to speak of it."""
     priors, inverse, confidence = world(frames=8)
-    rows = [(1.0, 0.0, 0.8 if f < standing else module.NO_CONTACT) for f in range(8)]
+    rows = [(1.0, 0.0, 0.8 if f < standing else touching.NO_CONTACT) for f in range(8)]
     monkeypatch.setattr(module, "_contact", lambda *all: rows.pop(0))
     mover = module._MovingObject(np.arange(8), priors.mask, np.zeros(0, int))
     assert module._place_upright_plane(mover, maps_of(priors, inverse, confidence), priors) == word
@@ -471,12 +472,12 @@ def test_a_rigid_body_has_one_scale_that_its_contacts_give(kind):
     ratio, trust = [], []
     for f in range(FRAMES):
         mask = priors.mask[f]
-        edge = module._ground_edge(before[f], trusted[f], priors.mask[f], mask)
+        edge = touching.ground_edge(before[f], trusted[f], priors.mask[f], mask)
         if f == 2:
             assert edge is None
             rim = ndimage.binary_dilation(mask, iterations=12) & ~mask
             ratio.append(np.median(before[f][rim]) / np.median(shapes[f]))
-            trust.append(module.NO_CONTACT)
+            trust.append(touching.NO_CONTACT)
             continue
         values = np.zeros((HEIGHT, WIDTH))
         values[mask] = shapes[f]
@@ -487,7 +488,7 @@ def test_a_rigid_body_has_one_scale_that_its_contacts_give(kind):
     assert module._place_rigid_body(mover, maps_of(priors, inverse, confidence), priors) == "its own motion"
     for f in range(FRAMES):
         np.testing.assert_allclose(inverse[f][priors.mask[f]], scale * shapes[f], rtol=1e-5)
-        sure = module.BODY_CONFIDENCE if kind == "moving" else module.GUESS_CONFIDENCE
+        sure = module.BODY_CONFIDENCE if kind == "moving" else touching.GUESS_CONFIDENCE
         np.testing.assert_allclose(confidence[f][priors.mask[f]], sure, rtol=1e-6)
 
 
@@ -579,7 +580,7 @@ def test_rows_tell_what_was_placed():
     (row,) = module.place_objects(inverse, confidence, priors.mask, priors)
     assert row == {"group": 0, "frames": [5, 8], "decided_by": "ground contact", "emf_degrees": 0.0}
     np.testing.assert_array_equal(inverse[1, 50:56, 60:63], before[1, 50:56, 60:63])
-    assert confidence[1, 50:56, 60:63].max() <= module.GUESS_CONFIDENCE + 1e-6
+    assert confidence[1, 50:56, 60:63].max() <= touching.GUESS_CONFIDENCE + 1e-6
     priors.mask[1:3, 50:56, 60:65] = True  # of 30 pixels: large enough
     rows = module.place_objects(before, confidence, priors.mask, priors)
     assert [row["frames"] for row in rows] == [[5, 8], [6, 7]] and [row["group"] for row in rows] == [0, 1]
@@ -595,3 +596,12 @@ def test_rows_tell_the_angle_that_a_body_was_seen_from(monkeypatch):
     mostly = module._tracks_mostly_inside(module._labels_of_tracks(priors.mask.astype(int), priors) == 1, priors)
     np.testing.assert_array_equal(asked[0].tracks, np.flatnonzero(mostly))
     np.testing.assert_array_equal(asked[0].frames, np.arange(FRAMES))
+
+
+def test_a_region_touches_the_ground_with_its_largest_piece():
+    own = np.zeros((HEIGHT, WIDTH), bool)
+    assert touching.largest_piece(own) is own
+    own[10:30, 20:36] = True
+    body = own.copy()
+    own[50:54, 20:60] = True  # a shadow in front of it
+    np.testing.assert_array_equal(touching.largest_piece(own), body)

@@ -1,0 +1,168 @@
+"""Distance of what moves from the ground that it touches and from how its picture grows, over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+if TYPE_CHECKING:
+    from .folder import Priors
+
+GUESS_CONFIDENCE = 0.05
+"""Largest confidence of the guessed depth of moving pixels, and of all depth in a clip without parallax."""
+MOVING_CONFIDENCE = 0.2
+"""Largest confidence of the guessed depth of moving pixels in a clip with parallax."""
+NO_CONTACT, MIN_CONTACT_FRAMES = 0.05, 0.25
+"""Weight of the surroundings' depth for a body without ground contact; fraction of frames with contact below which the body's
+size gives its distance."""
+CONTACT_QUANTILE = 0.7
+"""Quantile over the frames of a body's contacts that gives its distance: above the middle, as it may hop, never sink in."""
+GROUND_FRACTION, GROUND_NOISE = 0.2, 0.03
+"""How far below a moving region the ground is fitted (fraction of the image height), and how uneven ground may be (relative
+inverse depth)."""
+BEHIND_WEIGHT = 0.03
+"""Weight of a ground contact behind the object's depth: an object in the air is seen in front of farther ground, never behind
+nearer ground."""
+MIN_CONTACT_PIXELS = 8
+"""With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
+SIZE_NOISE, CONTACT_NOISE = 0.02, 0.05
+"""Relative errors of the frame-to-frame size change and of one contact depth, used to smooth an object's depth."""
+MIN_OBJECT_PIXELS = 30
+"""Moving regions with fewer pixels per frame than this follow the static depth around them."""
+MOVING_MARGIN = 6
+"""Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of what moves."""
+
+
+@dataclass(frozen=True)
+class DepthMaps:
+    """Depth, its confidence and the moving mask of every pixel, each (F, H, W)."""
+
+    inverse: np.ndarray
+    """Inverse depth; written where objects move."""
+    confidence: np.ndarray
+    """0..1; written where objects move."""
+    static_confidence: np.ndarray
+    """`confidence` before anything was written."""
+    moving: np.ndarray
+    """bool."""
+
+
+def guessed_confidence(priors: Priors, certain: float) -> float:
+    """Confidence of an object's depth in a frame in which its contact is `certain` 0..1."""
+    return MOVING_CONFIDENCE * certain if priors.camera_kind == "moving" else GUESS_CONFIDENCE
+
+
+def largest_piece(own: np.ndarray) -> np.ndarray:
+    """(H,W) bool: the largest connected piece of the region `own (H,W)`, where it touches the ground; others may be its shadow."""
+    import cv2
+
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(own.astype(np.uint8))
+    return own if count <= 2 else labels == 1 + int(boxes[1:, cv2.CC_STAT_AREA].argmax())
+
+
+def inverse_around(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> float:
+    """Median inverse depth `(H,W)` of what stands around the region `own (H,W)`; of the whole frame where nothing does."""
+    rim = ndimage.binary_dilation(own, iterations=2 * MOVING_MARGIN) & ~moving
+    return float(np.median(inverse[rim] if rim.any() else inverse))
+
+
+def one_scale(ratio: np.ndarray, trust: np.ndarray) -> float:
+    """The factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
+
+    The weighted quantile `CONTACT_QUANTILE` of what frames ask for: ground behind a body that is in the air asks for less.
+    """
+    order = np.argsort(ratio)
+    weight = np.cumsum((trust + 1e-3)[order])
+    return float(ratio[order][np.searchsorted(weight, CONTACT_QUANTILE * weight[-1])])
+
+
+def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, grown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse depth `(f,)` of one object over time, and its certainty 0..1.
+
+    `contact (f,)` inverse depths where it touches the ground with `trust (f,)` 0..1, `grown (f - 1,)` logarithm of its
+    change of picture size to the next frame (NaN = unknown). Size is inverse depth times a constant, so
+    `argmin sum trust (x - log contact)^2 / c^2 + sum (x' - x - grown)^2 / s^2`, x = log inverse depth; Cauchy weights
+    on the contacts, and little weight where the ground is seen behind the object (`BEHIND_WEIGHT`).
+    """
+    count, measured = len(contact), np.log(contact)
+    known = np.isfinite(grown)
+    step = np.where(known, grown, 0.0)
+    link = np.where(known, 1 / SIZE_NOISE**2, 1 / (5 * SIZE_NOISE) ** 2)
+    laplacian = np.zeros((count, count))
+    right = np.zeros(count)
+    for i in range(count - 1):
+        laplacian[i : i + 2, i : i + 2] += link[i] * np.array([[1, -1], [-1, 1]])
+        right[i : i + 2] += link[i] * step[i] * np.array([-1, 1])
+    solution = np.full(count, np.average(measured, weights=trust + 1e-6))
+    for _ in range(5):
+        weight = (trust + 1e-3) / CONTACT_NOISE**2 / (1 + ((measured - solution) / (2 * CONTACT_NOISE)) ** 2)
+        weight *= np.where(measured < solution, BEHIND_WEIGHT, 1.0)
+        solution = np.linalg.solve(laplacian + np.diag(weight), right + weight * measured)
+    return np.exp(solution), np.clip(trust, 0.25, 1.0)
+
+
+@dataclass(frozen=True)
+class GroundEdge:
+    """The ground behind the lower edge of a region, n of its columns."""
+
+    columns: np.ndarray
+    """(n,) int."""
+    run: np.ndarray
+    """(n,) columns from the region's mean one."""
+    ground: np.ndarray
+    """(n,) inverse depth of the ground at the region's lowest pixel."""
+    trust: float
+    """0..1."""
+
+
+def ground_edge(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray) -> GroundEdge | None:
+    """The ground that a region is seen in front of, carried up to its lower edge; None where too little of it is seen.
+
+    The ground is a plane, so its inverse depth is linear in the picture; it is fitted below the region, where flow is free.
+    """
+    height = len(own)
+    columns = np.flatnonzero(own.any(0))
+    bottom = height - 1 - np.argmax(own[::-1], axis=0)[columns]
+    rows = np.arange(height)[:, None]
+    lowest = int(bottom.max()) + MOVING_MARGIN + round(GROUND_FRACTION * height)
+    ground = (rows > bottom + MOVING_MARGIN) & (rows <= lowest) & ~moving[:, columns]
+    y, which = np.nonzero(ground)
+    if len(y) < MIN_CONTACT_PIXELS:
+        return None
+    run = columns - np.nonzero(own)[1].mean()  # (n,)
+    values = inverse[y, columns[which]].astype(np.float64)
+    offset = np.stack([np.ones(len(y)), run[which], y - bottom.max() - 1.0], 1)
+    given = confidence[y, columns[which]].astype(np.float64) ** 2 + 1e-3
+    weight = given
+    for _ in range(6):
+        normal = (offset * weight[:, None]).T @ offset + np.diag(
+            [0.0, 1.0, 1.0]
+        ) * given.sum()  # ridge: one pixel's worth
+        plane = np.linalg.solve(normal, offset.T @ (weight * values))
+        weight = given / (1 + ((values - offset @ plane) / (GROUND_NOISE * abs(plane[0]) + 1e-9)) ** 2)
+    edge = plane[0] + plane[1] * run + plane[2] * (bottom - bottom.max())
+    hidden = float((bottom >= height - 2).mean())  # it leaves the picture below: the true contact is nearer
+    trust = float(np.clip(1 - 2 * hidden, 0.1, 1.0) * np.sqrt(given.mean()).clip(0.1, 1))
+    return GroundEdge(columns, run, edge, trust)
+
+
+def growth(priors: Priors, frame: int, own: np.ndarray) -> float:
+    """Logarithm of a region's change of size to the next frame, from a robust similarity of its flow; NaN if unknown."""
+    if priors.flow_forward is None or priors.flow_forward_mask is None:
+        return float("nan")
+    y, x = np.nonzero(own & priors.flow_forward_mask[frame])
+    if len(x) < MIN_OBJECT_PIXELS:
+        return float("nan")
+    here = np.stack([x + 0.5, y + 0.5], 1)
+    there = here + priors.flow_forward[frame][y, x].astype(np.float64)
+    weight = np.ones(len(x))
+    for _ in range(4):
+        p = here - np.average(here, axis=0, weights=weight)
+        q = there - np.average(there, axis=0, weights=weight)
+        a, b = p[:, 0] + 1j * p[:, 1], q[:, 0] + 1j * q[:, 1]
+        factor = (weight * b * a.conj()).sum() / (weight * abs(a) ** 2).sum()  # scale and turn as one complex number
+        weight = 1 / (1 + abs(b - factor * a) ** 2)
+    return float(np.clip(np.log(abs(factor)), -0.2, 0.2))
