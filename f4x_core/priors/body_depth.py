@@ -54,7 +54,9 @@ STANDS = "feet"
 """Name of a distance that comes from feet on the ground."""
 FOOT_WIDTH, FOOT_HEIGHT, STANDING = 0.06, 0.25, 0.08
 """Meters: half the width of a foot below its joint, how far below it its lowest pixel may lie, and how much higher than the lower
-foot the other one may be and still stand."""
+foot the other one may be and still stand; a joint as far below the lowest pixel is hidden by something nearer."""
+FOOT_SEEN = 0.5
+"""Visibility from which a foot may stand: hidden ones are guesses."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ def _feet_on_ground(
 def _standing_feet(body: _Body, own: np.ndarray, moving: np.ndarray) -> list[tuple[int, int]]:
     """(joint, column) of heels and toes of the person `own (H, W)` that stand on what does not move."""
     unit = body.pixels_per_metre
-    seen = [joint for joint in FEET if body.weight[joint] > 0]
+    seen = [joint for joint in FEET if body.weight[joint] >= FOOT_SEEN]
     lowest = max((body.metres[joint, 1] for joint in seen), default=0.0)
     reach, found = max(round(FOOT_HEIGHT * unit), MOVING_MARGIN), []
     for joint in seen:
@@ -178,7 +180,11 @@ def _standing_feet(body: _Body, own: np.ndarray, moving: np.ndarray) -> list[tup
         bottom = int(rows[-1])
         column = near.start + int(np.argmax(own[bottom, near]))
         below = moving[bottom + 1 : bottom + 1 + reach, column]  # what it stands on, a board or a horse, may move
-        if abs(bottom - y) <= reach and bottom < len(own) - 2 and below[len(below) // 2 :].mean() < 0.5:
+        if (
+            -max(STANDING * unit, 1) <= bottom - y <= reach
+            and bottom < len(own) - 2
+            and below[len(below) // 2 :].mean() < 0.5
+        ):
             found.append((joint, column))
     return found
 
