@@ -80,7 +80,7 @@ def _stand(scene_object: SceneObject, item: bpy.types.Object, operation: Transfo
     """Give a handle Blender's axes where the scene is now, the transform of its edit, and a place and size by the thing."""
     item.matrix_parent_inverse = scene_object.root.matrix_world.inverted_safe()
     means = scene_object.shown.means_of(item[HANDLE_OF], scene_object.frame)
-    size = float(means.std(0).max(initial=0.0)) * scene_object.root.matrix_world.median_scale
+    size = (float(means.std(0).max()) if len(means) else 0.0) * scene_object.root.matrix_world.median_scale
     item.empty_display_size = SIZE * size
     _put(item, operation)
     put_on_thing(scene_object, item)
