@@ -64,7 +64,7 @@ def test_scenes_are_chosen_by_name():
 
 def test_examples_are_no_clips_that_anything_is_chosen_on_or_judged_by():
     assert not SCENES.keys() & EXAMPLES.keys() and len(EXAMPLES) == 3
-    assert all(scene.camera.path >= 0.2 and not scene.needs_models for scene in EXAMPLES.values())
+    assert all(scene.camera.path >= 0.2 and not scene.models for scene in EXAMPLES.values())
     assert [scene.name for scene in scenes_named(["meeting"])] == ["meeting"]
 
 
