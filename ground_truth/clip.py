@@ -7,7 +7,7 @@ Everything is lit by one sharp sun plus an emission that stands for sky light, s
     OUT/truth/%05d.exr     multilayer float32: Combined, Depth.Z (z depth, 1e10 = nothing), Vector, Position and
                            the object index (`IndexOB.X` from Blender 4.x, `Object Index.X` from 5.x)
     OUT/truth.json         cameras, moving object indices, extra cameras, people (model, object index, height in metres)
-    OUT/joints.npy         (T,M,33,3) float32 world: joints of the people in that order (`priors.joints`), NaN = not known
+    OUT/joints.npy         (T,M,33,3) float32 world: joints of the people in that order (`priors.joints`)
     OUT/images_left10 ...  the same moments from 10 degrees to the side, on request
     OUT/truth_left10 ...   their passes
 

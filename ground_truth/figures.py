@@ -12,7 +12,7 @@ from ..f4x_core.clip.rendered_motion import body_poses
 from ..f4x_core.clip.rendered_scenes import Figure
 from ..f4x_core.errors import F4xError
 from ..f4x_core.priors.joints import JOINTS, NAMES
-from .nodes import FPS, Nodes, key_linear, keyed_times, shade
+from .nodes import FPS, Nodes, key_linear, keyed_times, linear_color, shade
 
 _Place = tuple[float, float, float]
 Rig = dict[str, tuple[str, _Place | None]]
@@ -75,6 +75,25 @@ RIGS: dict[str, Rig] = {
 """Model -> its joints. The models look towards -y, so that their right side is at negative x."""
 
 
+STANDS_FOR = {
+    f"{side} {of}": f"{side} {other}"
+    for side in ("left", "right")
+    for of, other in {
+        "eye inner": "eye",
+        "eye outer": "eye",
+        "thumb": "index finger",
+        "little finger": "index finger",
+    }.items()
+}
+"""Joint that no rig has -> the one beside it, whose place it gets."""
+
+
+CLOTHES = ("c68863", "2b1d14", "7d3b3b", "2e3d5c", "4a3524")
+"""Skin, hair, shirt, trousers, shoes."""
+EYE = (0.06, -0.13, 1.36)
+"""Of the right and left side of Cesium man at rest."""
+
+
 @dataclass(frozen=True)
 class Model:
     """An imported figure."""
@@ -122,7 +141,7 @@ class BuiltFigure:
     armature: bpy.types.Object
 
     def joints(self) -> np.ndarray:
-        """World positions (33,3) of its joints at the current frame; NaN for those that the rig does not have."""
+        """World positions (33,3) of its joints at the current frame."""
         found = np.full((JOINTS, 3), np.nan)
         for joint, (name, place) in RIGS[self.model].items():
             bone, rest = self.armature.pose.bones[name], self.armature.data.bones[name]
@@ -131,6 +150,8 @@ class BuiltFigure:
                 at_rest = self.armature.matrix_local.inverted() @ Vector(place)
                 point = bone.matrix @ rest.matrix_local.inverted() @ at_rest
             found[NAMES.index(joint)] = self.armature.matrix_world @ point
+        for joint, other in STANDS_FOR.items():
+            found[NAMES.index(joint)] = found[NAMES.index(other)]
         return found
 
 
@@ -140,6 +161,8 @@ def build_figure(figure: Figure, index: int, assets: Path, frames: int) -> Built
     model.armature.data.pose_position = "REST"
     bpy.context.view_layer.update()
     lowest, highest = world_bounds(model.meshes)
+    if figure.model == "cesium_man":
+        dress(model.meshes[0])
     model.armature.data.pose_position = "POSE"
     model.carrier.scale = (figure.height / (highest.z - lowest.z),) * 3
     model.play(figure.action, figure.pace)
@@ -192,6 +215,24 @@ def import_model(path: Path, index: int, frames: int, left_out: tuple[str, ...] 
     for root in [o for o in figure if o.parent is None]:
         root.parent = carrier
     return Model(carrier, armature, meshes, [action for action in bpy.data.actions if action not in actions])
+
+
+def dress(item: bpy.types.Object) -> None:
+    """Give Cesium man skin, hair and clothes in place of a logo on white, in which no network sees a person."""
+    place = np.array([item.matrix_world @ vertex.co for vertex in item.data.vertices])
+    x, y, z = np.abs(place[:, 0]), place[:, 1], place[:, 2]
+    skin, hair, shirt, trousers, shoes = (linear_color(one) for one in CLOTHES)
+    color = np.tile(skin, (len(place), 1))
+    color[(z < 1.13) & (x < 0.3)] = shirt
+    color[(z < 0.66) & (x < 0.3)] = trousers
+    color[z < 0.08] = shoes
+    color[(z > 1.43) | ((z > 1.2) & (y > 0.0))] = hair
+    item.data.attributes.new("clothes", "FLOAT_COLOR", "POINT").data.foreach_set(
+        "color", color.astype(np.float32).ravel()
+    )
+    for slot in item.material_slots:
+        nodes = Nodes(slot.material.node_tree)
+        shade(nodes, nodes.add("Attribute", attribute_name="clothes").outputs["Color"])
 
 
 def world_bounds(meshes) -> tuple[Vector, Vector]:

@@ -131,6 +131,8 @@ class RenderedScene:
     """Seeded boxes and posts that stand around."""
     look: int = 0
     """Seed of ground, wall and props."""
+    contrast: float = 1.0
+    """Of all patterns but the figures' own."""
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -238,8 +240,10 @@ SCENES = {
 def _people(
     name: str, camera: CameraMove, figures: tuple[Figure, ...], bodies: tuple[Body, ...] = (), **rest: Any
 ) -> RenderedScene:
-    """A clip of people, at the size of real ones."""
-    return RenderedScene(name, "yard", camera, bodies, figures, size=(480, 270), focus_height=0.9, **rest)
+    """A clip of people, at the size of real ones; before stronger patterns the networks take the wall for somebody."""
+    return RenderedScene(
+        name, "yard", camera, bodies, figures, size=(480, 270), focus_height=0.9, contrast=0.25, **rest
+    )
 
 
 PEOPLE = {
@@ -267,7 +271,7 @@ PEOPLE = {
         _people(
             "people-turn",
             CameraMove("recorded", 0.2, distance=3.7, height=1.4, start=100),
-            (Figure("knight", "Walking_A", Way(((0, -0.2, 0.0), (1, 0.2, 0.1)), turn=200), 1.7, heading=-60),),
+            (Figure("cesium_man", "Anim_0", Way(((0, -0.2, 0.0), (1, 0.2, 0.1)), turn=160), heading=-60),),
             (Body("cone", (0.9, 0.9, 1.3), 221, (1.8, 1.6)),),
             frames=30,
             look=23,
@@ -283,7 +287,7 @@ PEOPLE = {
         _people(
             "people-hidden",
             CameraMove("recorded", 0.2, distance=3.7, height=1.5, start=48),
-            (Figure("cesium_man", "Anim_0", Way(((0, -0.8, 0.1), (1, 0.7, 0.0))), heading=85, pace=1.6),),
+            (Figure("cesium_man", "Anim_0", Way(((0, -0.8, 0.3), (1, 0.7, -0.1))), heading=65, pace=1.6),),
             (_box((0.15, -0.75), (0.9, 0.3, 0.8), 241, 8), Body("cylinder", (0.5, 0.5, 1.2), 242, (-1.8, 1.4))),
             frames=36,
             look=25,
