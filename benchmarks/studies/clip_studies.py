@@ -166,8 +166,10 @@ def fit_rendered(context: Context) -> Findings:
     return Findings([table], skipped=skipped)
 
 
-def render_clips(context: Context, names: Sequence[str]) -> tuple[dict[str, Path], list[str]]:
+def render_clips(context: Context, names: Sequence[str], how: Sequence[str] = ()) -> tuple[dict[str, Path], list[str]]:
     """Name -> folder of rendered clips with their truth, and why the others could not be rendered.
+
+    `how`: arguments of the renderer in place of those of the report's size.
 
     They lie where `rendered-clips` keeps them, for all studies of a report: what one rendered, another takes.
     """
@@ -175,7 +177,13 @@ def render_clips(context: Context, names: Sequence[str]) -> tuple[dict[str, Path
     script = _script("synthetic_clip.py")
     clips, skipped = {}, []
     for name in names:
-        command = [str(script), str(folder / name), "--scene", name, *context.choose(QUICK_RENDER, FULL_RENDER)]
+        command = [
+            str(script),
+            str(folder / name),
+            "--scene",
+            name,
+            *(how or context.choose(QUICK_RENDER, FULL_RENDER)),
+        ]
         try:
             if not (folder / name / "truth.json").is_file():  # written last
                 _run(command)

@@ -118,8 +118,6 @@ class RenderedScene:
     camera: CameraMove = CameraMove()
     bodies: tuple[Body, ...] = ()
     """What moves, and what stands near it."""
-    figures: tuple[Figure, ...] = ()
-    """People, of a `field` or a `yard`."""
     frames: int = 24
     size: tuple[int, int] = (240, 136)
     """Width and height of the pictures, pixels."""
@@ -133,6 +131,8 @@ class RenderedScene:
     """Seed of ground, wall and props."""
     contrast: float = 1.0
     """Of all patterns but the figures' own."""
+    figures: tuple[Figure, ...] = ()
+    """People, of a `field` or a `yard`."""
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -242,7 +242,7 @@ def _people(
 ) -> RenderedScene:
     """A clip of people, at the size of real ones; before stronger patterns the networks take the wall for somebody."""
     return RenderedScene(
-        name, "yard", camera, bodies, figures, size=(480, 270), focus_height=0.9, contrast=0.25, **rest
+        name, "yard", camera, bodies, figures=figures, size=(480, 270), focus_height=0.9, contrast=0.25, **rest
     )
 
 

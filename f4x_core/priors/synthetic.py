@@ -23,7 +23,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.camera import Camera, CameraPath
 from ..progress import Progress
-from ..reading import load_json, load_npy
+from ..reading import load_json, load_npy, undamaged
 from .config import PriorsConfig
 from .depth import MAX_DEPTH
 from .files import camera_kind
@@ -92,19 +92,19 @@ class TruePeople:
     def read(cls, folder: Path, people: Sequence[Mapping[str, Any]], objects: np.ndarray) -> TruePeople:
         """The people that truth.json lists, with the object index `objects (T, H, W)`; F4xError when their joints are missing."""
         who, path = np.zeros(objects.shape, np.uint8), folder / "joints.npy"
-        joints = load_npy(path).astype(np.float64) if people else np.zeros((len(objects), 0, JOINTS, 3))
-        if joints.shape != (len(objects), len(people), JOINTS, 3) or not np.isfinite(joints).all():
-            raise F4xError(
-                f"{path} holds no {JOINTS} joints for {len(people)} people in {len(objects)} frames; render the clip again."
-            )
-        try:
+        joints = np.zeros((len(objects), 0, JOINTS, 3))
+        with undamaged(path, "render the synthetic clip again."):
+            if people:
+                joints = load_npy(path).astype(np.float64)
+            wanted = (len(objects), len(people), JOINTS, 3)
+            if joints.shape != wanted or not np.isfinite(joints).all():
+                raise F4xError(
+                    f"does not hold {JOINTS} joints of {wanted[1]} people in {wanted[0]} frames; render it again."
+                )
+        with undamaged(folder / "truth.json", "render the synthetic clip again."):
             for number, person in enumerate(people):
                 who[objects == person["index"]] = number + 1
             return cls(who, joints, np.array([float(person["height"]) for person in people]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise F4xError(
-                f"{folder / 'truth.json'} is damaged ({error!r}); render the synthetic clip again."
-            ) from error
 
     def pixels(self, frame: int, camera: Camera) -> np.ndarray:
         """Joints in a frame's picture (M, 33, 3): x, y and 1 where it shows the person there, 0 where something hides them.

@@ -1,0 +1,67 @@
+"""Rendered people: whether the networks see them, where their joints are, and how far away their bodies are found."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from f4x_core.clip import read_clip
+from f4x_core.priors import PriorsConfig, build_priors
+from f4x_core.priors.synthetic import Truth
+from f4x_core.progress import silent
+from f4x_core.reading import load_json
+
+from ..halves import PEOPLE
+from ..quality.people import PersonScore, score_people
+from ..study import Context, Findings, Row, Table
+from .clip_studies import render_clips
+from .oracle_ladder import prior_errors
+
+RENDER = ("--extra-cameras", "10", "--samples", "6")
+COLUMNS = {
+    "height": "height, of the picture's",
+    "frames": "frames",
+    "found": "found in",
+    "iou": "J",
+    "joints": "joints within 5 % of the height",
+    "joint_error": "joints, median error (heights)",
+    "crossings": "limbs that overlap",
+    "ordered": "nearer one right",
+}
+"""Field of `PersonScore` -> column."""
+
+
+def study_people(context: Context) -> Findings:
+    """The offline priors of each rendered clip of people, against their truth."""
+    clips, skipped = render_clips(context, PEOPLE.every, RENDER)
+    rows: list[Row] = []
+    errors: list[Row] = []
+    for name, folder in clips.items():
+        found = context.step(name, partial(look, folder, context.folder / name))
+        about = {"clip": name, "half": PEOPLE.half_of(name)}
+        rows += [about | row for row in found["people"]]
+        errors.append(about | found["priors"])
+    note = (
+        "J: mean over all frames that show the person, 0 where nobody was found. Joints that another thing hides do not count."
+        " Two limbs overlap where their axes pass each other within 6 % of the height; depth by the joints in metres."
+    )
+    tables = [
+        Table("people", rows, "Rendered people", note=note),
+        Table("priors", errors, "How wrong the offline priors are"),
+    ]
+    return Findings(tables, skipped=skipped)
+
+
+def look(folder: Path, work: Path) -> Row:
+    """Rows of the people of a rendered clip, and errors of its offline priors; priors are kept below `work`."""
+    clip = read_clip(folder / "images")
+    true = build_priors(clip, work / "true", PriorsConfig.of("synthetic"))
+    offline = build_priors(clip, work / "offline", PriorsConfig())
+    models = [person["model"] for person in load_json(folder / "truth.json")["people"]]
+    scores = score_people(offline, Truth.read(clip, silent))
+    people = [{"figure": model} | _row(score) for model, score in zip(models, scores, strict=True)]
+    return {"people": people, "priors": prior_errors(true, offline)}
+
+
+def _row(score: PersonScore) -> Row:
+    return {column: getattr(score, field) for field, column in COLUMNS.items()}
