@@ -21,6 +21,10 @@ SAMPLES = np.linspace(0, 1, 11)
 """Places along a limb at which two limbs are compared."""
 MIN_PIXELS = 30
 """Of a person in a frame that counts."""
+LIMB_JOINTS = [
+    i for i, name in enumerate(NAMES) if name.split()[-1] in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+]
+"""Joints that mean the same on every rig; faces, hands and feet of figures have shapes of their own."""
 OWN_PLACE = [
     i for i, name in enumerate(NAMES) if not any(part in name for part in ("inner", "outer", "thumb", "little"))
 ]
@@ -42,15 +46,17 @@ class PersonScore:
     frames: int
     """That show the person."""
     height: float
-    """Median of the person's height in the picture, in heights of the picture."""
+    """Median of the person's height, standing, in heights of the picture."""
     found: float
     """Fraction of these frames in which somebody was found there, by the joints or by the mask."""
     iou: float
     """Mean J of the mask over these frames; 0 where nobody was found."""
     joints: float
     """Fraction of the joints that nothing else hides within `NEAR`."""
+    limb_joints: float
+    """The same of `LIMB_JOINTS` alone."""
     joint_error: float
-    """Median distance of these joints, in heights."""
+    """Median distance of those, in heights."""
     crossings: int
     """Pairs of limbs that overlap in the picture, one of them in front."""
     ordered: float
@@ -107,9 +113,9 @@ class _Pose:
         joints, metres = found.people_joints[row, who], found.people_metres[row, who]
         return cls(true[:, :2] / scale, depth / height, true[:, 2] > 0, joints[:, :2] / scale, metres[:, 2])
 
-    def distances(self) -> np.ndarray:
-        """(n,) heights from the true joints to the found ones, of those that nothing hides."""
-        which = np.array(OWN_PLACE)[self.seen[OWN_PLACE]]
+    def distances(self, joints: list[int]) -> np.ndarray:
+        """(n,) heights from the true `joints` to the found ones, of those that nothing hides."""
+        which = np.array(joints)[self.seen[joints]]
         return np.linalg.norm(self.pixels[which] - self.true_pixels[which], axis=1)
 
     def orders(self) -> list[bool]:
@@ -144,15 +150,19 @@ def pixel_height(truth: Truth, person: int, frame: int) -> float:
 def _summary(poses: list[_Pose], truth: Truth, person: int, frames: np.ndarray, iou: np.ndarray) -> PersonScore:
     tall = [pixel_height(truth, person, int(frame)) / truth.cameras.height for frame in frames]
     poses = [pose for pose in poses if np.isfinite(pose.pixels).all()]
-    distances = np.concatenate([pose.distances() for pose in poses]) if poses else np.zeros(0)
+    every, limbs = (
+        np.concatenate([np.zeros(0), *(pose.distances(joints) for pose in poses)])
+        for joints in (OWN_PLACE, LIMB_JOINTS)
+    )
     orders = [right for pose in poses for right in pose.orders()]
     return PersonScore(
         frames=len(frames),
         height=float(np.median(tall)) if tall else np.nan,
         found=float((iou > 0).mean()) if len(iou) else np.nan,
         iou=float(iou.mean()) if len(iou) else np.nan,
-        joints=float((distances < NEAR).mean()) if len(distances) else np.nan,
-        joint_error=float(np.median(distances)) if len(distances) else np.nan,
+        joints=float((every < NEAR).mean()) if len(every) else np.nan,
+        limb_joints=float((limbs < NEAR).mean()) if len(limbs) else np.nan,
+        joint_error=float(np.median(limbs)) if len(limbs) else np.nan,
         crossings=len(orders),
         ordered=float(np.mean(orders)) if orders else np.nan,
     )

@@ -23,8 +23,9 @@ COLUMNS = {
     "frames": "frames",
     "found": "found in",
     "iou": "J",
-    "joints": "joints within 5 % of the height",
-    "joint_error": "joints, median error (heights)",
+    "joints": "joints within 5 %",
+    "limb_joints": "shoulders to ankles within 5 %",
+    "joint_error": "their median error",
     "crossings": "limbs that overlap",
     "ordered": "nearer one right",
 }
@@ -42,8 +43,9 @@ def study_people(context: Context) -> Findings:
         rows += [about | row for row in found["people"]]
         errors.append(about | found["priors"])
     note = (
-        "J: mean over all frames that show the person, 0 where nobody was found. Joints that another thing hides do not count."
-        " Two limbs overlap where their axes pass each other within 6 % of the height; depth by the joints in metres."
+        "J: mean over all frames that show the person, 0 where nobody was found. Joints: within 5 % of the person's height;"
+        " those that another thing hides do not count. Two limbs overlap where their axes pass each other within 6 % of the"
+        " height; which is nearer: by the joints in metres."
     )
     tables = [
         Table("people", rows, "Rendered people", note=note),

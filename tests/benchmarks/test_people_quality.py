@@ -83,7 +83,10 @@ def test_somebody_who_is_not_seen_has_no_joints(truth):
 
 def test_the_truth_scores_full_marks(truth, found):
     for score in score_people(found, truth):
-        assert (score.frames, score.found, score.iou, score.joints, score.ordered) == (FRAMES, 1, 1, 1, 1)
+        assert (score.frames, score.found, score.iou, score.joints, score.limb_joints, score.ordered) == (
+            FRAMES,
+            *[1] * 5,
+        )
         assert score.crossings > 0 and score.joint_error < 1e-5
         assert 0.3 < score.height < 0.6
 
@@ -118,5 +121,5 @@ def test_joints_that_do_not_fit_are_one_sentence(tmp_path, joints):
 
 def test_a_damaged_list_of_people_is_one_sentence(tmp_path):
     np.save(tmp_path / "joints.npy", np.zeros((FRAMES, 1, JOINTS, 3)))
-    with pytest.raises(F4xError, match="truth.json: damaged"):
+    with pytest.raises(F4xError, match=r"truth\.json: damaged"):
         TruePeople.read(tmp_path, json.loads('[{"index": 2}]'), np.zeros((FRAMES, 4, 4), np.uint16))
