@@ -187,7 +187,7 @@ def test_people_have_an_index_each_and_joints_where_they_are_seen(people):
             rows, columns = np.nonzero(index == person["index"])
             near = np.hypot(uv[:, None, 0] - columns - 0.5, uv[:, None, 1] - rows - 0.5).min(1)
             assert np.median(near) < 1 and near.max() < 4  # pixels
-            assert 0.9 * person["height"] < np.ptp(there[:, 2]) * 1.2 < 1.3 * person["height"]
+            assert 0.65 * person["height"] < there[:, 2].max() < person["height"]  # eyes; the knight's head is large
             assert there[29:, 2].min() == pytest.approx(0, abs=0.1)  # a foot is on the ground
             right, left = there[[12, 24]].mean(0), there[[11, 23]].mean(0)
             ahead = np.cross(left - right, [0.0, 0.0, 1.0])
