@@ -19,6 +19,8 @@ MIN_APART = 0.03
 """Distance along the view, in heights, from which one of two limbs is in front."""
 SAMPLES = np.linspace(0, 1, 11)
 """Places along a limb at which two limbs are compared."""
+MATCHED = 0.1
+"""J from which a found person is the rendered one in a frame."""
 MIN_PIXELS = 30
 """Of a person in a frame that counts."""
 LIMB_JOINTS = [
@@ -48,7 +50,7 @@ class PersonScore:
     height: float
     """Median of the person's height, standing, in heights of the picture."""
     found: float
-    """Fraction of these frames in which somebody was found there, by the joints or by the mask."""
+    """Fraction of these frames in which the mask is the person's."""
     iou: float
     """Mean J of the mask over these frames; 0 where nobody was found."""
     joints: float
@@ -158,7 +160,7 @@ def _summary(poses: list[_Pose], truth: Truth, person: int, frames: np.ndarray, 
     return PersonScore(
         frames=len(frames),
         height=float(np.median(tall)) if tall else np.nan,
-        found=float((iou > 0).mean()) if len(iou) else np.nan,
+        found=float((iou > MATCHED).mean()) if len(iou) else np.nan,
         iou=float(iou.mean()) if len(iou) else np.nan,
         joints=float((every < NEAR).mean()) if len(every) else np.nan,
         limb_joints=float((limbs < NEAR).mean()) if len(limbs) else np.nan,

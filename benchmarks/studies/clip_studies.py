@@ -29,6 +29,8 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 """Of a checkout."""
 QUICK_RENDER = ("--extra-cameras", "10", "--frames", "12", "--samples", "4")
 FULL_RENDER = ("--extra-cameras",)
+PEOPLE_RENDER = ("--extra-cameras", "10", "--samples", "6")
+"""Of rendered people, whose pictures are larger."""
 RENDERED_CLIPS = "rendered-clips"
 """Study whose folder holds the rendered clips."""
 PROVIDERS = {"true": "synthetic", "offline": "classical"}
