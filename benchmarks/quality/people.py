@@ -76,7 +76,9 @@ def score_people(found: Priors, truth: Truth) -> list[PersonScore]:
         best = int(np.argmax([one.mean() for one in overlaps])) if overlaps else None
         iou = overlaps[best] if best is not None else np.zeros(len(frames))
         poses = [
-            _Pose.of(found, truth, person, best, int(frame)) for frame, j in zip(frames, iou, strict=True) if j > 0
+            _Pose.of(found, truth, person, best, int(frame))
+            for frame, j in zip(frames, iou, strict=True)
+            if j > MATCHED
         ]
         scores.append(_summary(poses, truth, person, found.frames[frames], iou))
     return scores
