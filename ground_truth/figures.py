@@ -218,7 +218,7 @@ def import_model(path: Path, index: int, frames: int, left_out: tuple[str, ...] 
 
 
 def dress(item: bpy.types.Object) -> None:
-    """Give Cesium man skin, hair and clothes in place of a logo on white, in which no network sees a person."""
+    """Give Cesium man skin, hair and clothes in place of a logo on white, in which the networks seldom see a person."""
     place = np.array([item.matrix_world @ vertex.co for vertex in item.data.vertices])
     x, y, z = np.abs(place[:, 0]), place[:, 1], place[:, 2]
     skin, hair, shirt, trousers, shoes = (linear_color(one) for one in CLOTHES)
