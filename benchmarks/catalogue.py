@@ -228,6 +228,14 @@ STUDIES = (
         only_full=True,
     ),
     Study(
+        "rendered-people",
+        "clips",
+        "Rendered people against their truth",
+        "Are they seen as people, where are their joints, which of two limbs is in front, and how far away are they?",
+        ".studies.rendered_people:study_people",
+        only_full=True,
+    ),
+    Study(
         "oracle-ladder",
         "clips",
         "Rendered clips: true priors replaced by offline ones",

@@ -56,6 +56,11 @@ RENDERED = Halves(
     ),
 )
 """What `scripts/synthetic_clip.py` renders."""
+PEOPLE = Halves(
+    choosing=("people-walk", "people-cross", "people-turn"),
+    judging=("people-jump", "people-hidden", "people-far"),
+)
+"""Rendered people, each half with both figures and three sizes."""
 REAL = Halves(
     choosing=("bedroom", "blackswan", "camel", "car-shadow", "dog", "train"),
     judging=("breakdance", "dance-twirl", "drift-straight", "horsejump-high", "parkour", "scooter-black"),

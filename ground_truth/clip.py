@@ -6,7 +6,8 @@ Everything is lit by one sharp sun plus an emission that stands for sky light, s
     OUT/images/%05d.png    sRGB, Standard view transform
     OUT/truth/%05d.exr     multilayer float32: Combined, Depth.Z (z depth, 1e10 = nothing), Vector, Position and
                            the object index (`IndexOB.X` from Blender 4.x, `Object Index.X` from 5.x)
-    OUT/truth.json         cameras, moving object indices, extra cameras
+    OUT/truth.json         cameras, moving object indices, extra cameras, people (model, object index, height in metres)
+    OUT/joints.npy         (T,M,33,3) float32 world: joints of the people in that order (`priors.joints`)
     OUT/images_left10 ...  the same moments from 10 degrees to the side, on request
     OUT/truth_left10 ...   their passes
 
@@ -29,9 +30,10 @@ from ..f4x_core.clip.rendered_motion import camera_poses
 from ..f4x_core.clip.rendered_scenes import RenderedScene
 from ..f4x_core.errors import F4xError
 from .field import build_bodies, build_field
+from .figures import BuiltFigure, build_figure
 from .nodes import FPS, key_linear, keyed_times
 from .room import build_deforming_subject, build_room, import_walker
-from .truth import render_frames, use_passes, write_facts
+from .truth import MOVING_INDEX, render_frames, use_passes, write_facts
 
 EXTRA_VIEWS = 4
 """Moments that each extra camera sees, spread evenly over the clip."""
@@ -58,7 +60,8 @@ class ClipSettings:
             raise F4xError(
                 "A clip needs at least 1 frame, 16x16 pixels and 1 sample; raise --frames, --size or --samples."
             )
-        needed = [f"{self.scene.name}.glb", "handheld_camera.json"] if self.scene.needs_models else []
+        needed = [f"{model}.glb" for model in self.scene.models]
+        needed += ["handheld_camera.json"] if self.scene.camera.kind == "recorded" else []
         for name in needed:
             if not (self.assets / name).is_file():
                 raise F4xError(f"{self.assets / name} is missing; give the folder that holds it with --assets.")
@@ -83,12 +86,15 @@ def write_clip(folder: Path, settings: ClipSettings) -> None:
     """Build the scene and render images and truth into `folder`; `truth.json` comes last."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = _set_up_render(settings)
-    poses = _build(settings)
+    poses, figures = _build(settings)
     for material in bpy.data.materials:
         material.cycles.emission_sampling = "NONE"  # a lamp for each face would cost half the time and add noise
     camera = _add_camera(scene, "camera", poses)
     times = np.arange(settings.count)
     render_frames(folder, scene, times)
+    people = [{"model": f.model, "index": f.index, "height": f.height} for f in figures]
+    if people:
+        np.save(folder / "joints.npy", _joints(scene, figures, times))
 
     entries = []
     chosen = times[:: max(settings.count // EXTRA_VIEWS, 1)]
@@ -102,12 +108,27 @@ def write_clip(folder: Path, settings: ClipSettings) -> None:
         entry = {"name": extra.name, "degrees": extra.degrees, "cameras": path.to_json()}
         entries.append(entry | {"images": f"images_{extra.name}"})
 
-    write_facts(folder, settings.scene.name, FPS, camera_path(scene, camera, times), extra_cameras=entries)
+    write_facts(folder, settings.scene.name, FPS, camera_path(scene, camera, times), entries, people)
 
 
-def _build(settings: ClipSettings) -> dict[int, Matrix]:
-    """Everything but the cameras; returns the clip camera's poses."""
+def _joints(scene: bpy.types.Scene, figures: list[BuiltFigure], times: np.ndarray) -> np.ndarray:
+    """World positions (T,M,33,3) float32 of the figures' joints."""
+    found = []
+    for time in times:
+        scene.frame_set(int(time))
+        found.append([figure.joints() for figure in figures])
+    return np.array(found, np.float32)
+
+
+def _build(settings: ClipSettings) -> tuple[dict[int, Matrix], list[BuiltFigure]]:
+    """Everything but the cameras; returns the clip camera's poses and the people."""
     spec, count = settings.scene, settings.count
+    if spec.figures:
+        build_field(spec, count, settings.seed)
+        figures = [
+            build_figure(figure, MOVING_INDEX + i, settings.assets, count) for i, figure in enumerate(spec.figures)
+        ]
+        return _hand_held_poses(settings), figures
     if spec.setting in ("field", "yard", "room"):
         if spec.setting == "room":
             build_room(np.random.default_rng(settings.seed))
@@ -116,14 +137,16 @@ def _build(settings: ClipSettings) -> dict[int, Matrix]:
             build_field(spec, count, settings.seed)
         times = np.array(keyed_times(count))
         positions, targets = camera_poses(spec, times / max(count - 1, 1), settings.seed)
-        return {int(t): _looking_at(Vector(p), Vector(q)) for t, p, q in zip(times, positions, targets, strict=True)}
+        return {
+            int(t): _looking_at(Vector(p), Vector(q)) for t, p, q in zip(times, positions, targets, strict=True)
+        }, []
     random = np.random.default_rng(settings.seed)
     build_room(random)
     if spec.setting == "procedural":
         build_deforming_subject(count)
-        return _smooth_hand_poses(count, random)
+        return _smooth_hand_poses(count, random), []
     import_walker(spec.name, settings.assets, count)
-    return _recorded_hand_poses(settings)
+    return _recorded_hand_poses(settings), []
 
 
 def _set_up_render(settings: ClipSettings) -> bpy.types.Scene:
@@ -166,30 +189,63 @@ def _looking_at(position: Vector, target: Vector) -> Matrix:
     return Matrix.Translation(position) @ rotation.to_4x4()
 
 
+@dataclass(frozen=True)
+class Recording:
+    """The recorded cameras in a frame whose z is up and whose +y is the mean viewing direction."""
+
+    offset: dict[int, Vector]
+    """Clip frame -> place, from the point that all cameras look at, in mean distances to it."""
+    turn: dict[int, Matrix]
+    """Clip frame -> rotation from Blender's camera axes (3x3)."""
+
+    @classmethod
+    def read(cls, settings: ClipSettings) -> "Recording":
+        """Read the cameras (y up, OpenCV: `orientation` = R world to camera, `position` = centre) of the clip's frames.
+
+        They are played back and forth when the clip is longer than the recording.
+        """
+        record = json.loads((settings.assets / "handheld_camera.json").read_text())
+        position = np.array([c["position"] for c in record])  # (n,3)
+        rotation = np.array([c["orientation"] for c in record])  # (n,3,3) world to camera
+        axis = rotation[:, 2]  # viewing direction in the world
+        across = np.eye(3) - axis[:, :, None] * axis[:, None, :]  # (n,3,3) projects away from the ray
+        seen = np.linalg.solve(across.sum(0), (across @ position[:, :, None]).sum(0))[:, 0]
+        scale = 1 / np.linalg.norm(position - seen, axis=1).mean()
+
+        last, start = len(record) - 1, settings.scene.camera.start
+        index = {
+            t: last - abs(last - (abs(t) * HANDHELD_STRIDE + start) % (2 * last)) for t in keyed_times(settings.count)
+        }
+        mean_axis = axis[list(index.values())].mean(0)
+        upright = Matrix(((1, 0, 0), (0, 0, -1), (0, 1, 0)))  # y up -> z up
+        turn = Matrix.Rotation(math.atan2(*(upright @ Vector(mean_axis)).xy), 3, "Z") @ upright
+        opengl = np.diag([1.0, -1.0, -1.0])
+        return cls(
+            {t: turn @ Vector(scale * (position[i] - seen)) for t, i in index.items()},
+            {t: turn @ Matrix(rotation[i].T @ opengl) for t, i in index.items()},
+        )
+
+
 def _recorded_hand_poses(settings: ClipSettings) -> dict[int, Matrix]:
-    """The recorded cameras, moved and scaled so that the point they look at becomes SCENE_CENTRE.
+    """The recorded cameras, moved and scaled so that the point they look at becomes SCENE_CENTRE."""
+    record = Recording.read(settings)
+    return {
+        t: Matrix.Translation(SCENE_CENTRE + CAMERA_DISTANCE * offset) @ record.turn[t].to_4x4()
+        for t, offset in record.offset.items()
+    }
 
-    The recording (y up, OpenCV cameras: `orientation` = R world to camera, `position` = centre) is played back and
-    forth when the clip is longer than it.
-    """
-    record = json.loads((settings.assets / "handheld_camera.json").read_text())
-    position = np.array([c["position"] for c in record])  # (n,3)
-    rotation = np.array([c["orientation"] for c in record])  # (n,3,3) world to camera
-    axis = rotation[:, 2]  # viewing direction in the world
-    across = np.eye(3) - axis[:, :, None] * axis[:, None, :]  # (n,3,3) projects away from the ray
-    seen = np.linalg.solve(across.sum(0), (across @ position[:, :, None]).sum(0))[:, 0]
-    scale = CAMERA_DISTANCE / np.linalg.norm(position - seen, axis=1).mean()
 
-    last = len(record) - 1
-    index = {t: last - abs(last - (abs(t) * HANDHELD_STRIDE) % (2 * last)) for t in keyed_times(settings.count)}
-    mean_axis = axis[list(index.values())].mean(0)
-    upright = Matrix(((1, 0, 0), (0, 0, -1), (0, 1, 0)))  # y up -> z up
-    turn = Matrix.Rotation(math.atan2(*(upright @ Vector(mean_axis)).xy), 3, "Z") @ upright
-    poses = {}
-    for time, i in index.items():
-        opengl = Matrix(rotation[i].T @ np.diag([1.0, -1.0, -1.0]))
-        centre = SCENE_CENTRE + turn @ Vector(scale * (position[i] - seen))
-        poses[time] = Matrix.Translation(centre) @ (turn @ opengl).to_4x4()
+def _hand_held_poses(settings: ClipSettings) -> dict[int, Matrix]:
+    """A path of the wanted length that looks at the focus, with the recorded path's form and the shake of its hand."""
+    record, move = Recording.read(settings), settings.scene.camera
+    first, last = record.offset[0], record.offset[settings.count - 1]
+    scale = move.path * move.distance / (last - first).length
+    middle, start = (first + last) / 2, Vector((0.0, -move.distance, move.height))
+    focus, poses = Vector((0.0, 0.0, settings.scene.focus_height)), {}
+    for time, offset in record.offset.items():
+        shake = _looking_at(offset, Vector()).to_3x3().transposed() @ record.turn[time]
+        ours = _looking_at(start + scale * (offset - middle), focus)
+        poses[time] = ours @ shake.to_4x4()
     return poses
 
 

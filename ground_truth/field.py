@@ -39,15 +39,15 @@ def build_field(spec: RenderedScene, frames: int, seed: int) -> None:
     first = int(random.integers(1000))
     _build_sky(first)
     for number, (inner, outer, tile) in enumerate(zip(RINGS, RINGS[1:], RING_TEXTURE, strict=False)):
-        pattern = texture(first + number, ("patches", "clouds")[number % 2], GROUND_STRENGTH)
+        pattern = texture(first + number, ("patches", "clouds")[number % 2], GROUND_STRENGTH * spec.contrast)
         _build_ring(inner, outer, _material(f"ground {number}", pattern, tile))
     _build_hills(_material("hills", texture(first + 4, "clouds", HILL_STRENGTH), 60.0), random)
     if spec.setting == "yard":
         wall = Body("box", (WALL[1], 0.3, WALL[2]), first + 5, (0.0, WALL[0]))
-        _place(_solid("wall", wall, STATIC_INDEX), wall)
+        _place(_solid("wall", wall, STATIC_INDEX, spec.contrast), wall)
     for number in range(spec.props):
         prop = _prop(number, spec, random)
-        _place(_solid(f"prop {number}", prop, STATIC_INDEX), prop)
+        _place(_solid(f"prop {number}", prop, STATIC_INDEX, spec.contrast), prop)
     build_bodies(spec, frames)
 
 
@@ -55,9 +55,9 @@ def build_bodies(spec: RenderedScene, frames: int) -> None:
     """The bodies of `spec`, keyed for `frames` frames."""
     for number, body in enumerate(spec.bodies):
         if body.way is None:
-            _place(_solid(f"body {number}", body, STATIC_INDEX), body)
+            _place(_solid(f"body {number}", body, STATIC_INDEX, spec.contrast), body)
         else:
-            _move(_solid(f"body {number}", body, MOVING_INDEX), body, frames)
+            _move(_solid(f"body {number}", body, MOVING_INDEX, spec.contrast), body, frames)
 
 
 def _material(name: str, pattern: np.ndarray, tile: float) -> bpy.types.Material:
@@ -150,7 +150,7 @@ def _prop(number: int, spec: RenderedScene, random: np.random.Generator) -> Body
     return Body(shape, tuple(size), int(random.integers(1000)), tuple(place), float(random.uniform(0, 90)))
 
 
-def _solid(name: str, body: Body, index: int) -> bpy.types.Object:
+def _solid(name: str, body: Body, index: int, contrast: float) -> bpy.types.Object:
     """The body's mesh about its centre, textured."""
     shape = bmesh.new()
     if body.shape == "box":
@@ -173,7 +173,12 @@ def _solid(name: str, body: Body, index: int) -> bpy.types.Object:
         for polygon in mesh.polygons:
             polygon.use_smooth = True
     large = max(body.size) > FAR_SCALE
-    return _add(name, mesh, _material(name, texture(body.texture), TILE * (FAR_SCALE if large else 1.0)), index)
+    return _add(
+        name,
+        mesh,
+        _material(name, texture(body.texture, strength=contrast), TILE * (FAR_SCALE if large else 1.0)),
+        index,
+    )
 
 
 def _place(item: bpy.types.Object, body: Body) -> None:

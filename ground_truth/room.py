@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from ..f4x_core.errors import F4xError
+from .figures import import_model, world_bounds
 from .nodes import FPS, Nodes, key_linear, keyed_times, linear_color, shade
 from .truth import MOVING_INDEX, STATIC_INDEX
 
@@ -196,7 +196,7 @@ def build_deforming_subject(frames: int) -> None:
     lowest = {}  # of the deformed body while its origin rests at height 0: hops start and end on the floor
     for t in times:
         bpy.context.scene.frame_set(t)
-        lowest[t] = _world_bounds([subject])[0].z
+        lowest[t] = world_bounds([subject])[0].z
     key_linear(
         subject,
         "location",
@@ -213,36 +213,11 @@ def build_deforming_subject(frames: int) -> None:
 
 def import_walker(figure_name: str, assets: Path, frames: int) -> None:
     """Import the animated figure `figure_name.glb`, repeat its walk and carry it across the room."""
-    bpy.ops.preferences.addon_enable(module="io_scene_gltf2")
-    before = set(bpy.data.objects)
-    bpy.ops.import_scene.gltf(filepath=str(assets / f"{figure_name}.glb"))
-    scene = bpy.context.scene
-    scene.frame_start, scene.frame_end = 0, frames - 1  # the importer sets its own range
-    scene.render.fps = FPS
-    figure = [o for o in bpy.data.objects if o not in before]
-    armature = next(o for o in figure if o.type == "ARMATURE")
-    # the importer leaves helpers (bone shapes) and spare props; only what is skinned or worn is the figure
-    for item in [o for o in figure if o.type == "MESH" and (o.parent is None or not o.visible_get())]:
-        figure.remove(item)
-        bpy.data.objects.remove(item)
-    _repeat_action(armature, bpy.data.actions[_action_name(WALK_ACTION[figure_name])])
-
-    for material in {s.material for o in figure if o.type == "MESH" for s in o.material_slots if s.material}:
-        principled = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
-        nodes = Nodes(material.node_tree)
-        linked = principled.inputs["Base Color"].links
-        plain = nodes.add("RGB")
-        plain.outputs[0].default_value = principled.inputs["Base Color"].default_value
-        shade(nodes, linked[0].from_socket if linked else plain.outputs[0])
-    for item in figure:
-        item.pass_index = MOVING_INDEX
-
-    carrier = bpy.data.objects.new("carrier", None)
-    scene.collection.objects.link(carrier)
-    for root in [o for o in figure if o.parent is None]:
-        root.parent = carrier
-    scene.frame_set(0)
-    lowest, highest = _world_bounds([o for o in figure if o.type == "MESH"])
+    model = import_model(assets / f"{figure_name}.glb", MOVING_INDEX, frames)
+    model.play(WALK_ACTION[figure_name])
+    bpy.context.scene.frame_set(0)
+    lowest, highest = world_bounds(model.meshes)
+    carrier = model.carrier
     carrier.scale = (SUBJECT_HEIGHT[figure_name] / (highest.z - lowest.z),) * 3
     carrier.rotation_euler.z = math.radians(62)  # the figures face -y; walk to the right and slightly to the camera
     step = WALK_SPEED[figure_name] / FPS
@@ -250,36 +225,3 @@ def import_walker(figure_name: str, assets: Path, frames: int) -> None:
     middle = 0.5 * (frames - 1)
     floor = Vector((0.0, 0.0, FLOOR_COVER - lowest.z * carrier.scale.z))
     key_linear(carrier, "location", {t: floor + direction * step * (t - middle) for t in keyed_times(frames)})
-
-
-def _action_name(wanted: str) -> str:
-    """Find an imported action whose name may carry a suffix."""
-    names = [a.name for a in bpy.data.actions]
-    found = [n for n in names if n == wanted] or [n for n in names if n.split("_Armature")[0] == wanted]
-    if not found:
-        raise F4xError(f"The imported figure has no action {wanted}; it has {', '.join(sorted(names))}.")
-    return found[0]
-
-
-def _repeat_action(armature: bpy.types.Object, action: bpy.types.Action) -> None:
-    """Play `action` over and over, on an NLA strip that starts before the clip."""
-    data = armature.animation_data
-    data.action = None
-    for track in list(data.nla_tracks):
-        data.nla_tracks.remove(track)
-    length = action.frame_range[1] - action.frame_range[0]
-    strip = data.nla_tracks.new().strips.new(action.name, -round(length), action)
-    if action.slots and strip.action_slot is None:
-        strip.action_slot = action.slots[0]
-    strip.repeat = 1000
-
-
-def _world_bounds(meshes) -> tuple[Vector, Vector]:
-    """Lowest and highest corner of the evaluated meshes, world frame."""
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    corners = []
-    for item in meshes:
-        evaluated = item.evaluated_get(depsgraph)
-        corners += [evaluated.matrix_world @ v.co for v in evaluated.data.vertices]
-    points = np.array(corners)
-    return Vector(points.min(0)), Vector(points.max(0))

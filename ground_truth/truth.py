@@ -116,7 +116,14 @@ def render_frames(folder: Path, scene: bpy.types.Scene, frames: Sequence[int] | 
         save_png(scene, folder / "images" / f"{number:05d}.png")
 
 
-def write_facts(folder: Path, name: str, fps: float, cameras: CameraPath, extra_cameras: Iterable[dict] = ()) -> None:
+def write_facts(
+    folder: Path,
+    name: str,
+    fps: float,
+    cameras: CameraPath,
+    extra_cameras: Iterable[dict] = (),
+    people: Sequence[dict] = (),
+) -> None:
     """Write truth.json."""
     facts = {
         "width": cameras.width,
@@ -124,8 +131,9 @@ def write_facts(folder: Path, name: str, fps: float, cameras: CameraPath, extra_
         "fps": fps,
         "scene": name,
         "cameras": cameras.to_json(),
-        "moving_index": [MOVING_INDEX],
+        "moving_index": sorted({MOVING_INDEX, *(person["index"] for person in people)}),
         "extra_cameras": list(extra_cameras),
+        "people": list(people),
     }
     (folder / "truth.json").write_text(json.dumps(facts))
 

@@ -18,7 +18,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
 import door
 
-RENDERED = ("images", "truth", "images_*", "truth_*", "truth.json")
+RENDERED = ("images", "truth", "images_*", "truth_*", "joints.npy", "truth.json")
 """Files and folders in the folder of a clip."""
 DEGREES = "5,10,20"
 """Angles of `--extra-cameras` without a value."""
@@ -32,7 +32,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
         "--scene", default="procedural", metavar="NAME[,NAME]|all", help="which scenes (default: procedural)"
     )
     parser.add_argument("--frames", type=int, default=0, help="clip frames (default: as the scene wants)")
-    parser.add_argument("--size", default="240x136", help="WIDTHxHEIGHT in pixels")
+    parser.add_argument("--size", metavar="WIDTHxHEIGHT", help="pixels (default: as the scene wants)")
     parser.add_argument("--samples", type=int, default=12, help="Cycles samples per pixel")
     parser.add_argument("--seed", type=int, default=0, help="camera jitter, textures and furniture")
     parser.add_argument("--assets", type=Path, default=door.ROOT.parent / "shared" / "assets")
@@ -54,7 +54,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
     from feature4x.f4x_core.errors import F4xError
     from feature4x.ground_truth import clip
 
-    width, _, height = options.size.partition("x")
+    width, _, height = (options.size or "0x0").partition("x")
     if not (width.isdigit() and height.isdigit()):
         raise F4xError(f"--size {options.size} is not WIDTHxHEIGHT; give for example --size 240x136.")
     try:
@@ -68,8 +68,8 @@ def main(arguments: list[str]) -> dict[str, Any]:
         settings = clip.ClipSettings(
             scene=scene,
             frames=options.frames,
-            width=int(width),
-            height=int(height),
+            width=int(width) if options.size else scene.size[0],
+            height=int(height) if options.size else scene.size[1],
             samples=options.samples,
             seed=options.seed,
             assets=options.assets,

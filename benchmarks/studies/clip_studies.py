@@ -29,6 +29,8 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 """Of a checkout."""
 QUICK_RENDER = ("--extra-cameras", "10", "--frames", "12", "--samples", "4")
 FULL_RENDER = ("--extra-cameras",)
+PEOPLE_RENDER = ("--extra-cameras", "10", "--samples", "6")
+"""Of rendered people, whose pictures are larger."""
 RENDERED_CLIPS = "rendered-clips"
 """Study whose folder holds the rendered clips."""
 PROVIDERS = {"true": "synthetic", "offline": "classical"}
@@ -166,8 +168,10 @@ def fit_rendered(context: Context) -> Findings:
     return Findings([table], skipped=skipped)
 
 
-def render_clips(context: Context, names: Sequence[str]) -> tuple[dict[str, Path], list[str]]:
+def render_clips(context: Context, names: Sequence[str], how: Sequence[str] = ()) -> tuple[dict[str, Path], list[str]]:
     """Name -> folder of rendered clips with their truth, and why the others could not be rendered.
+
+    `how`: arguments of the renderer in place of those of the report's size.
 
     They lie where `rendered-clips` keeps them, for all studies of a report: what one rendered, another takes.
     """
@@ -175,7 +179,13 @@ def render_clips(context: Context, names: Sequence[str]) -> tuple[dict[str, Path
     script = _script("synthetic_clip.py")
     clips, skipped = {}, []
     for name in names:
-        command = [str(script), str(folder / name), "--scene", name, *context.choose(QUICK_RENDER, FULL_RENDER)]
+        command = [
+            str(script),
+            str(folder / name),
+            "--scene",
+            name,
+            *(how or context.choose(QUICK_RENDER, FULL_RENDER)),
+        ]
         try:
             if not (folder / name / "truth.json").is_file():  # written last
                 _run(command)

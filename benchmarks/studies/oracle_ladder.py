@@ -24,10 +24,10 @@ from f4x_core.priors.depth import MAX_DEPTH
 from f4x_core.priors.synthetic import motion_of_tracks
 from f4x_core.scene import Scene
 
-from ..halves import RENDERED
+from ..halves import PEOPLE, RENDERED
 from ..study import Context, Findings, Row, Table
-from .clip_studies import render_clips
-from .toy_fits import base_config
+from .clip_studies import PEOPLE_RENDER, render_clips
+from .toy_fits import QUICK_STEPS, base_config, shorten
 
 RUNGS = (
     "camera poses",
@@ -42,6 +42,8 @@ Mixture = tuple[str, frozenset[str]]
 """What the row is called, and which of `RUNGS` are replaced."""
 QUICK_CLIPS = ("procedural", "horizon")
 """Clips of a quick report: a room, and a far ground under a sky."""
+STEPS = QUICK_STEPS
+"""Of every fit."""
 ANGLE = 10
 """Degrees off the path of the views that are compared."""
 PICTURES = f"unseen_psnr_covered_at_{ANGLE}"
@@ -61,19 +63,25 @@ LOST = {"seen surfaces (dB)": "lost (dB)", "moving (dB)": "lost, moving (dB)", "
 
 
 def study_ladder(context: Context) -> Findings:
-    """Every rung alone, all together, and all but one, on the clips that constants are chosen on."""
-    clips, skipped = render_clips(context, context.choose(QUICK_CLIPS, RENDERED.choosing))
+    """Every rung alone, all together, and all but one, on all rendered clips."""
+    clips, skipped = render_clips(context, context.choose(QUICK_CLIPS, RENDERED.every))
+    if not context.quick:
+        people, without = render_clips(context, PEOPLE.every, PEOPLE_RENDER)
+        clips, skipped = clips | people, skipped + without
     rows: list[Row] = []
     errors: list[Row] = []
     steps = context.choose(mixtures()[: len(RUNGS) + 2], mixtures())
+    config = shorten(base_config(context), STEPS)  # what one prior costs shows early
     for name, folder in clips.items():
-        found = context.step(name, partial(climb, folder, context.folder / name, base_config(context), steps))
-        rows += [{"clip": name} | row for row in found["rungs"]]
-        errors.append({"clip": name} | found["priors"])
+        found = context.step(name, partial(climb, folder, context.folder / name, config, steps))
+        about = {"clip": name, "half": RENDERED.half_of(name) or PEOPLE.half_of(name)}
+        rows += [about | row for row in found["rungs"]]
+        errors.append(about | found["priors"])
     note = (
-        f"Profile quick. Seen surfaces of views {ANGLE} degrees off the path, parted by what the pixel truly shows; lost:"
-        " against the same fit with every prior true. Offline depth replaced alone is scaled by the median ratio over the"
-        " background, offline cameras by their similarity to the true ones; both keep their own unit where both are offline."
+        f"Profile quick in {STEPS} steps. Seen surfaces of views {ANGLE} degrees off the path, parted by what the pixel truly"
+        " shows; lost: against the same fit with every prior true. Offline depth replaced alone is scaled by the median ratio"
+        " over the background, offline cameras by their similarity to the true ones; both keep their own unit where both are"
+        " offline."
     )
     tables = [
         Table("ladder", rows, "True priors replaced by offline ones", note=note),
@@ -114,12 +122,12 @@ def mix_priors(true: Priors, offline: Priors, replaced: Collection[str]) -> Prio
     if set(replaced) == set(RUNGS):
         return offline
     wanted = {rung: rung in replaced for rung in RUNGS}
-    mask = offline.mask if wanted["masks"] else true.mask
+    shown = offline if wanted["masks"] else true
     tracks = offline if wanted["tracks"] else true
     if wanted["masks"] and wanted["tracks"]:
         motion = offline.tracks_motion
     else:
-        motion = motion_of_tracks(_array(tracks.tracks), _array(tracks.tracks_visible), _array(mask))
+        motion = motion_of_tracks(_array(tracks.tracks), _array(tracks.tracks_visible), _array(shown.mask))
     depth, confidence = _mixed_depth(true, offline, wanted)
     cameras, from_cameras = _mixed_cameras(true, offline, wanted)
     return replace(
@@ -128,8 +136,12 @@ def mix_priors(true: Priors, offline: Priors, replaced: Collection[str]) -> Prio
         camera_kind=from_cameras.camera_kind,
         depth=depth,
         depth_confidence=confidence,
-        mask=mask,
-        motion=offline.motion if wanted["masks"] else true.motion,
+        mask=shown.mask,
+        motion=shown.motion,
+        people=shown.people,
+        people_probability=shown.people_probability,
+        people_joints=shown.people_joints,
+        people_metres=shown.people_metres,
         tracks=tracks.tracks,
         tracks_visible=tracks.tracks_visible,
         tracks_motion=motion,

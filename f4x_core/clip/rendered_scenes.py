@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from ..errors import F4xError
 
@@ -25,7 +26,7 @@ class CameraMove:
 
     kind: str = "sweep"
     """`sweep` (sideways, in a slight arc), `walk` (forward), `orbit` (around the focus), `pan` (turns on the spot, with a
-    step), or of the room's scenes: `hand`, `recorded`."""
+    step), `recorded` (a real hand's), or of the procedural room: `hand`."""
     path: float = 0.15
     """Length in distances to the focus."""
     turn: float = 0.0
@@ -36,6 +37,8 @@ class CameraMove:
     """Above the ground, metres."""
     tremble: float = 0.006
     """Standard deviation of the hand, metres; a third of it, in radians, turns the camera."""
+    start: int = 0
+    """Camera of the recording that the clip begins with."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,23 @@ class Body:
 
 
 @dataclass(frozen=True)
+class Figure:
+    """A person: a rigged model that goes its way while an action of its own is played over and over."""
+
+    model: str
+    """`cesium_man` or `knight`: the name of its file in the folder of assets."""
+    action: str
+    """Name of the action in the file."""
+    way: Way
+    height: float = 1.75
+    """Of the model at rest, metres."""
+    heading: float = 0.0
+    """Degrees about the vertical at the start: 0 looks towards -y, where the camera is, 90 to the right."""
+    pace: float = 1.0
+    """Speed of the action."""
+
+
+@dataclass(frozen=True)
 class RenderedScene:
     """One rendered clip."""
 
@@ -99,6 +119,8 @@ class RenderedScene:
     bodies: tuple[Body, ...] = ()
     """What moves, and what stands near it."""
     frames: int = 24
+    size: tuple[int, int] = (240, 136)
+    """Width and height of the pictures, pixels."""
     focus_height: float = 0.7
     """Of the focus, metres."""
     aside: tuple[str, ...] = ("left", "right", "up")
@@ -107,11 +129,16 @@ class RenderedScene:
     """Seeded boxes and posts that stand around."""
     look: int = 0
     """Seed of ground, wall and props."""
+    contrast: float = 1.0
+    """Of all patterns but the figures' own."""
+    figures: tuple[Figure, ...] = ()
+    """People, of a `field` or a `yard`."""
 
     @property
-    def needs_models(self) -> bool:
-        """Whether the scene shows a figure that must be downloaded."""
-        return self.setting in ("knight", "fox")
+    def models(self) -> tuple[str, ...]:
+        """Names of the models that the scene shows, which must be downloaded."""
+        rooms = (self.setting,) if self.setting in ("knight", "fox") else ()
+        return tuple(dict.fromkeys(rooms + tuple(figure.model for figure in self.figures)))
 
 
 def _box(place: tuple[float, float], size: tuple[float, float, float], texture: int, turned: float = 0.0) -> Body:
@@ -209,6 +236,77 @@ SCENES = {
 }
 """By name. `benchmarks.halves.RENDERED` says which of them constants are chosen on."""
 
+
+def _people(
+    name: str, camera: CameraMove, figures: tuple[Figure, ...], bodies: tuple[Body, ...] = (), **rest: Any
+) -> RenderedScene:
+    """A clip of people, at the size of real ones; before stronger patterns the networks take the wall for somebody."""
+    return RenderedScene(
+        name, "yard", camera, bodies, figures=figures, size=(480, 270), focus_height=0.9, contrast=0.25, **rest
+    )
+
+
+PEOPLE = {
+    scene.name: scene
+    for scene in (
+        _people(
+            "people-walk",
+            CameraMove("recorded", 0.2, distance=5.5, height=1.5, start=24),
+            (Figure("cesium_man", "Anim_0", Way(((0, -0.9, 0.1), (1, 0.8, -0.2))), heading=80, pace=1.7),),
+            (_box((-1.9, 1.2), (0.7, 0.6, 1.0), 201, 20), _box((1.9, 0.9), (0.5, 0.8, 0.6), 202, -15)),
+            frames=36,
+            look=21,
+        ),
+        _people(
+            "people-cross",
+            CameraMove("recorded", 0.15, distance=11.0, height=1.6, start=60),
+            (
+                Figure("cesium_man", "Anim_0", Way(((0, -1.3, 0.4), (1, 1.3, 0.5))), heading=90, pace=1.8),
+                Figure("knight", "Walking_A", Way(((0, 1.2, -0.5), (1, -1.2, -0.4))), 1.6, heading=-90, pace=1.9),
+            ),
+            (_box((-2.6, -2.0), (0.8, 0.8, 0.7), 211, 30), Body("cylinder", (0.6, 0.6, 1.3), 212, (2.8, 1.0))),
+            frames=48,
+            look=22,
+        ),
+        _people(
+            "people-turn",
+            CameraMove("recorded", 0.2, distance=3.7, height=1.4, start=100),
+            (Figure("cesium_man", "Anim_0", Way(((0, -0.2, 0.0), (1, 0.2, 0.1)), turn=160), heading=-60),),
+            (Body("cone", (0.9, 0.9, 1.3), 221, (1.8, 1.6)),),
+            frames=30,
+            look=23,
+        ),
+        _people(
+            "people-jump",
+            CameraMove("recorded", 0.2, distance=5.5, height=1.5, start=0),
+            (Figure("knight", "Jump_Full_Short", Way(((0, -0.4, 0.0), (1, 0.4, -0.1))), 1.7, heading=50),),
+            (_box((-1.7, 1.0), (0.8, 0.7, 1.1), 231, 25),),
+            frames=32,
+            look=24,
+        ),
+        _people(
+            "people-hidden",
+            CameraMove("recorded", 0.2, distance=3.7, height=1.5, start=48),
+            (Figure("cesium_man", "Anim_0", Way(((0, -0.8, 0.3), (1, 0.7, -0.1))), heading=65, pace=1.6),),
+            (_box((0.15, -0.75), (0.9, 0.3, 0.8), 241, 8), Body("cylinder", (0.5, 0.5, 1.2), 242, (-1.8, 1.4))),
+            frames=36,
+            look=25,
+        ),
+        _people(
+            "people-far",
+            CameraMove("recorded", 0.1, distance=22.0, height=1.7, start=168),
+            (
+                Figure("cesium_man", "Anim_0", Way(((0, -1.4, -0.3), (1, 0.6, 0.2))), heading=100, pace=1.7),
+                Figure("knight", "Cheer", Way(((0, 1.6, 0.4),)), heading=-20),
+            ),
+            (_box((-3.0, -6.0), (1.0, 0.8, 0.9), 251, 35), _box((3.4, -9.0), (0.7, 0.7, 1.0), 252, 10)),
+            frames=36,
+            look=26,
+        ),
+    )
+}
+"""By name: people at 1/8 to 3/4 of the picture's height. `benchmarks.halves.PEOPLE` parts them."""
+
 EXAMPLES = {
     scene.name: scene
     for scene in (
@@ -256,7 +354,7 @@ EXAMPLES = {
 
 def scenes_named(names: Sequence[str]) -> list[RenderedScene]:
     """The scenes that `names` names, each once; `ALL` stands for every one of `SCENES`. F4xError for an unknown name."""
-    known = SCENES | EXAMPLES
+    known = SCENES | PEOPLE | EXAMPLES
     wanted = dict.fromkeys(SCENES if ALL in names else names)
     for name in wanted:
         if name not in known:

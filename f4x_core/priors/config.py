@@ -127,7 +127,7 @@ class PriorsConfig:
     def of(cls, provider: str, **stages: Any) -> PriorsConfig:
         """All stages done by one provider (`PriorsConfig.of("synthetic")`); `stages` replace whole stage configs.
 
-        People are found by the networks beside `classical`, by nobody beside another one.
+        People are found by the networks beside `classical`, read from the truth beside `synthetic`, by nobody beside another.
         """
         kinds = {"flow": FlowConfig, "tracks": TracksConfig, "motion": MotionConfig}
         kinds |= {"cameras": CamerasConfig, "depth": DepthConfig}
@@ -143,7 +143,7 @@ class PriorsConfig:
 
 def _finds_people(provider: str) -> str:
     """The provider of people beside the `provider` of all other stages."""
-    return "networks" if provider == "classical" else "none"
+    return {"classical": "networks", "synthetic": "synthetic"}.get(provider, "none")
 
 
 def config_hash(*parts: Any) -> str:

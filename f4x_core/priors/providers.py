@@ -45,6 +45,7 @@ PROVIDERS: dict[tuple[str, str], str | Provider] = {
     ("depth", "classical"): "depth:provide",
     ("flow", "synthetic"): "synthetic:provide_flow",
     ("tracks", "synthetic"): "synthetic:provide_tracks",
+    ("people", "synthetic"): "synthetic:provide_people",
     ("motion", "synthetic"): "synthetic:provide_motion",
     ("cameras", "synthetic"): "synthetic:provide_cameras",
     ("depth", "synthetic"): "synthetic:provide_depth",

@@ -1,7 +1,8 @@
 """Exact priors from the truth that Blender rendered beside a synthetic clip (provider `synthetic`).
 
 The clip's folder holds `truth/%05d.exr` (multilayer float32: Depth, Vector, Object Index) and `truth.json` (`width`,
-`height`, `cameras`: CameraPath of every frame, `moving_index`: object indices that move). Blender's conventions, verified
+`height`, `cameras`: CameraPath of every frame, `moving_index`: object indices that move, `people`: `index` and `height` of
+each person, whose joints `joints.npy` holds). Blender's conventions, verified
 against analytic reprojection: Depth is planar z with 1e10 for background; forward flow t -> t+1 is (-Vector.Z, +Vector.W),
 backward flow t -> t-1 is (+Vector.X, -Vector.Y), in pixels, x right, y down.
 
@@ -12,20 +13,22 @@ their truth is used for that, never their picture).
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import F4xError
-from ..geometry.camera import CameraPath
+from ..geometry.camera import Camera, CameraPath
 from ..progress import Progress
-from ..reading import load_json
+from ..reading import load_json, load_npy, undamaged
 from .config import PriorsConfig
 from .depth import MAX_DEPTH
 from .files import camera_kind
 from .flow import sample
+from .joints import HIPS, JOINTS
 from .tracks import longest_first
 
 if TYPE_CHECKING:
@@ -40,6 +43,8 @@ DEPTH_AGREES = 0.02
 """Relative difference of depth up to which a reprojected point is the visible surface."""
 RETURN_PX = 0.5
 """A moving point is occluded when the backward vector does not lead back to within this."""
+JOINT_REACH = 2
+"""Pixels from a joint within which its person is seen if nothing hides it: heels and toes lie on the outline."""
 PASS_NAMES = {"IndexOB": "Object Index"}
 """Blender 4.x name -> 5.x name."""
 CHANNEL_ORDER = "XYZWRGBAUV"
@@ -73,6 +78,53 @@ def read_passes(path: str | Path) -> dict[str, np.ndarray]:
 
 
 @dataclass(frozen=True)
+class TruePeople:
+    """The people of a synthetic clip, all T frames."""
+
+    who: np.ndarray
+    """(T, H, W) uint8: which of M people is seen, + 1 (0 = nobody)."""
+    joints: np.ndarray
+    """(T, M, 33, 3) float64 in the renderer's world (`joints.NAMES`)."""
+    heights: np.ndarray
+    """(M,) at rest, in the renderer's unit."""
+
+    @classmethod
+    def read(cls, folder: Path, people: Sequence[Mapping[str, Any]], objects: np.ndarray) -> TruePeople:
+        """The people that truth.json lists, with the object index `objects (T, H, W)`; F4xError when their joints are missing."""
+        who, path = np.zeros(objects.shape, np.uint8), folder / "joints.npy"
+        joints = np.zeros((len(objects), 0, JOINTS, 3))
+        with undamaged(path, "render the synthetic clip again."):
+            if people:
+                joints = load_npy(path).astype(np.float64)
+            wanted = (len(objects), len(people), JOINTS, 3)
+            if joints.shape != wanted or not np.isfinite(joints).all():
+                raise F4xError(
+                    f"does not hold {JOINTS} joints of {wanted[1]} people in {wanted[0]} frames; render it again."
+                )
+        with undamaged(folder / "truth.json", "render the synthetic clip again."):
+            for number, person in enumerate(people):
+                who[objects == person["index"]] = number + 1
+            return cls(who, joints, np.array([float(person["height"]) for person in people]))
+
+    def pixels(self, frame: int, camera: Camera) -> np.ndarray:
+        """Joints in a frame's picture (M, 33, 3): x, y and 1 where it shows the person there, 0 where something hides them.
+
+        A joint that the person's own body hides counts as shown. NaN for people of whom the frame shows nothing.
+        """
+        height, width = self.who.shape[1:]
+        uv, depth = camera.project(self.joints[frame].reshape(-1, 3))
+        x, y, inside = _pixels_of(uv, (height, width))
+        persons = np.repeat(np.arange(self.joints.shape[1]) + 1, JOINTS)
+        reach = np.arange(-JOINT_REACH, JOINT_REACH + 1)
+        rows, columns = np.clip(y + reach[:, None], 0, height - 1), np.clip(x + reach[:, None], 0, width - 1)
+        near = self.who[frame][rows[:, None], columns[None]]  # (rows, columns, M * 33)
+        shown = inside & (depth > 0) & (near == persons).any((0, 1))
+        joints = np.column_stack([uv, shown]).reshape(-1, JOINTS, 3)
+        joints[~np.isin(np.arange(len(joints)) + 1, self.who[frame])] = np.nan
+        return joints
+
+
+@dataclass(frozen=True)
 class Truth:
     """Everything known about a synthetic clip, all T frames, in the unit of the renderer."""
 
@@ -85,6 +137,8 @@ class Truth:
     """(T, H, W, 2) float32 pixels t -> t - 1."""
     moving: np.ndarray
     """(T, H, W) bool: pixels of objects that move."""
+    people: TruePeople | None = None
+    """Nobody in clips whose truth lists no people; None where they are not asked for."""
 
     @classmethod
     def read(cls, clip: Clip, progress: Progress) -> Truth:
@@ -108,7 +162,7 @@ class Truth:
                 f"{path} describes {len(cameras)} frames of {cameras.width}x{cameras.height} ({len(files)} EXR files), the"
                 f" clip has {count} of {width}x{height}; read the whole clip at its own size."
             )
-        depth, moving = np.empty((count, height, width), np.float32), np.empty((count, height, width), bool)
+        depth, objects = np.empty((count, height, width), np.float32), np.empty((count, height, width), np.uint16)
         forward, backward = np.empty((2, count, height, width, 2), np.float32)
         for i, file in enumerate(files):
             progress("truth", i, count)
@@ -126,9 +180,10 @@ class Truth:
             vector = passes["Vector"]
             forward[i] = np.stack([-vector[..., 2], vector[..., 3]], axis=-1)
             backward[i] = np.stack([vector[..., 0], -vector[..., 1]], axis=-1)
-            moving[i] = np.isin(passes["Object Index"].round(), moving_index)
+            objects[i] = passes["Object Index"].round()
         progress("truth", count, count)
-        return cls(cameras, depth, forward, backward, moving)
+        people = TruePeople.read(folder, head.get("people", []), objects)
+        return cls(cameras, depth, forward, backward, np.isin(objects, moving_index), people)
 
     @property
     def far(self) -> float:
@@ -220,6 +275,22 @@ def provide_tracks(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
     visible = np.concatenate([v for _, v in found], axis=1) if found else np.zeros((len(frames), 0), bool)
     longest = np.sort(longest_first(visible)[: settings.count])
     priors.tracks, priors.tracks_visible = tracks[:, longest].astype(np.float32), visible[:, longest]
+
+
+def provide_people(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `people`, `people_probability`, `people_joints` and `people_metres`; nobody where the truth knows of no people."""
+    truth = _truth(clip, priors, progress)
+    people, frames = truth.people, priors.frames
+    assert people is not None
+    cameras = [truth.cameras[int(frame)] for frame in frames]
+    hips = people.joints[:, :, HIPS].mean(axis=2, keepdims=True)
+    turns = np.stack([camera.world_to_camera[:3, :3] for camera in cameras])
+    priors.people = people.who[frames]
+    priors.people_probability = (priors.people > 0).astype(np.float16)
+    joints = [people.pixels(int(frame), camera) for frame, camera in zip(frames, cameras, strict=True)]
+    priors.people_joints = np.stack(joints).astype(np.float32)
+    metres = np.einsum("fij,fmkj->fmki", turns, (people.joints - hips)[frames])
+    priors.people_metres = np.where(np.isfinite(priors.people_joints), metres, np.nan).astype(np.float32)
 
 
 def provide_motion(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:

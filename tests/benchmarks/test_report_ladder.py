@@ -50,17 +50,18 @@ def priors(offline: bool) -> Priors:
         tracks=tracks,
         tracks_visible=np.ones(tracks.shape[:2], bool),
         tracks_motion=np.array([1, 0, 1] if offline else [0, 1], np.float32),
+        people=mask.astype(np.uint8),
     )
 
 
-FIELDS = ("depth", "depth_confidence", "motion", "mask", "tracks", "tracks_motion")
+FIELDS = ("depth", "depth_confidence", "motion", "mask", "people", "tracks", "tracks_motion")
 CHANGED = {
     "camera poses": (),
     "focal length": (),
     "depth of the background": ("depth_confidence",),
     "depth of moving objects": ("depth", "depth_confidence"),
     "tracks": ("tracks", "tracks_motion"),
-    "masks": ("motion", "mask", "tracks_motion"),
+    "masks": ("motion", "mask", "people", "tracks_motion"),
 }
 
 

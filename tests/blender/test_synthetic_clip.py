@@ -155,3 +155,47 @@ def test_missing_assets_are_one_sentence(tmp_path):
     done = render(tmp_path / "out", "--scene", "fox", "--assets", str(tmp_path))
     assert done.returncode == 2
     assert "fox.glb is missing" in done.stderr and "Traceback" not in done.stderr
+
+
+ASSETS = Path(__file__).resolve().parents[3] / "shared" / "assets"
+"""As `scripts/synthetic_clip.py --assets` without a value."""
+
+
+@pytest.fixture(scope="module")
+def people(tmp_path_factory):
+    """Two people that cross, two frames."""
+    for name in ("cesium_man.glb", "knight.glb", "handheld_camera.json"):
+        if not (ASSETS / name).is_file():
+            pytest.skip(f"{ASSETS / name} is absent")
+    folder = tmp_path_factory.mktemp("people")
+    command = ("--scene", "people-cross", "--frames", "2", "--size", "240x136", "--samples", "1")
+    done = render(folder, *command, "--assets", str(ASSETS))
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_people_have_an_index_each_and_joints_where_they_are_seen(people):
+    truth, joints = json.loads((people / "truth.json").read_text()), np.load(people / "joints.npy")
+    assert [person["model"] for person in truth["people"]] == ["cesium_man", "knight"]
+    assert truth["moving_index"] == [2, 3] and joints.shape == (2, 2, 33, 3)
+    cameras = CameraPath.from_json(truth["cameras"])
+    for frame in range(2):
+        index = read_channels(people / "truth" / f"{frame:05d}.exr")["IndexOB.X"]
+        for number, person in enumerate(truth["people"]):
+            there = joints[frame, number].astype(float)
+            uv = cameras[frame].project(there)[0]
+            rows, columns = np.nonzero(index == person["index"])
+            near = np.hypot(uv[:, None, 0] - columns - 0.5, uv[:, None, 1] - rows - 0.5).min(1)
+            assert np.median(near) < 1 and near.max() < 4  # pixels
+            assert 0.65 * person["height"] < there[:, 2].max() < person["height"]  # eyes; the knight's head is large
+            assert there[29:, 2].min() == pytest.approx(0, abs=0.1)  # a foot is on the ground
+            right, left = there[[12, 24]].mean(0), there[[11, 23]].mean(0)
+            ahead = np.cross(left - right, [0.0, 0.0, 1.0])
+            assert ahead @ (there[0] - there[[11, 12]].mean(0)) > 0  # the nose is ahead, not behind: left is left
+
+
+def test_people_walk_before_a_hand_that_moves(people):
+    cameras = CameraPath.from_json(json.loads((people / "truth.json").read_text())["cameras"])
+    assert np.linalg.norm(cameras.centers[1] - cameras.centers[0]) == pytest.approx(0.15 * 11, rel=1e-3)
+    joints = np.load(people / "joints.npy")
+    assert (np.linalg.norm(joints[1] - joints[0], axis=-1).mean(1) > 1.5).all()  # they cross

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.halves import PEOPLE as PEOPLE_HALVES
 from benchmarks.halves import REAL, RENDERED, in_order
 from f4x_core.clip.rendered_motion import RESTITUTION, body_poses, camera_poses
 from f4x_core.clip.rendered_scenes import (
@@ -10,6 +11,7 @@ from f4x_core.clip.rendered_scenes import (
     EXAMPLES,
     GRID_MOTIONS,
     GRID_PATHS,
+    PEOPLE,
     SCENES,
     Body,
     Swing,
@@ -48,7 +50,8 @@ def test_the_table_has_what_was_asked_for():
 
 def test_the_halves_part_the_clips():
     assert sorted(RENDERED.every) == sorted(SCENES)
-    for halves in (RENDERED, REAL):
+    assert sorted(PEOPLE_HALVES.every) == sorted(PEOPLE)
+    for halves in (RENDERED, REAL, PEOPLE_HALVES):
         assert not set(halves.choosing) & set(halves.judging)
         assert abs(len(halves.choosing) - len(halves.judging)) <= 1
     assert REAL.half_of("train") == "choosing" and REAL.half_of("parkour") == "judging" and REAL.half_of("mine") == ""
@@ -64,8 +67,17 @@ def test_scenes_are_chosen_by_name():
 
 def test_examples_are_no_clips_that_anything_is_chosen_on_or_judged_by():
     assert not SCENES.keys() & EXAMPLES.keys() and len(EXAMPLES) == 3
-    assert all(scene.camera.path >= 0.2 and not scene.needs_models for scene in EXAMPLES.values())
+    assert all(scene.camera.path >= 0.2 and not scene.models for scene in EXAMPLES.values())
     assert [scene.name for scene in scenes_named(["meeting"])] == ["meeting"]
+
+
+def test_each_half_of_the_rendered_people_has_both_figures_and_two_at_once():
+    for half in (PEOPLE_HALVES.choosing, PEOPLE_HALVES.judging):
+        scenes = scenes_named(half)
+        assert {model for scene in scenes for model in scene.models} == {"cesium_man", "knight"}
+        assert any(len(scene.figures) > 1 for scene in scenes)
+        assert all(24 <= scene.frames <= 48 and scene.size == (480, 270) for scene in scenes)
+    assert len({scene.camera.distance for scene in PEOPLE.values()}) == 4  # as large in the picture as they are near
 
 
 def test_what_swings_keeps_its_distance_and_looks_along_its_rope():
