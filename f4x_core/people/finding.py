@@ -42,7 +42,7 @@ MIN_BODY = 0.04
 """Sides of a crop below this fraction of the picture's longer side show too little."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Seed:
     """Somebody found in one picture."""
 

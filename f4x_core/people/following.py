@@ -37,6 +37,8 @@ SURE_PERSON, PERSON = 0.6, 0.47
 STEADY, STEADY_ACROBAT = 0.4, 0.55
 """Steadiness of a person's pose, and of somebody's who is not upright, of whom the detector knows little.
 Chosen on four clips: a dancer on his hands has .62; a camel and a toy train, for the networks people who lie, .47 and .25."""
+TRIAL, TRIAL_CHECKS, TRIAL_TOLERANCE = 12, 4, 0.1
+"""Pictures after which it is decided, on so many of them, who is followed further, and evidence that may be missing then."""
 SEARCH_EVERY = 4
 """Pictures between two in which a mover who was lost is looked for again."""
 GAP = 30
@@ -104,7 +106,7 @@ def follow_everyone(
     `search`: finds movers in a picture. It is asked again where a mover was lost.
     """
     people = _followed(clip, seeds, [], report)
-    movers = [person for person in people if person.moves]
+    movers = [person for person in people if person.moves and may_be_person(person, clip.rgb)]
     if movers:
         lost = [f for f in range(0, len(clip.rgb), SEARCH_EVERY) if all(f not in person.poses for person in movers)]
         found = [[seed for seed in seen if seed.moves] for seen in in_threads(search, lost)]
@@ -133,21 +135,30 @@ def _followed(
         together = [seed for seed, frame in order if frame == start]
         found = in_threads(lambda seed: follow(clip, seeds, start, seed, people), together)  # noqa: B023
         for person in found:
-            people.append(_until_known(person, start, people, pictures))
+            person = _until_known(person, start, people, pictures)
+            people += [person] if person.poses else []
     return people
 
 
-def is_person(person: Person, pictures: np.ndarray) -> bool:
-    """Return True for a person: the detector sees them too, or their pose is steady."""
-    frames = person.frames[:: max(len(person.poses) // CHECKS, 1)]
+def may_be_person(person: Person, pictures: np.ndarray) -> bool:
+    """Return False for somebody of whom even a quick look shows that they are no person."""
+    return is_person(person, pictures, TRIAL_CHECKS, TRIAL_TOLERANCE)
+
+
+def is_person(person: Person, pictures: np.ndarray, checks: int = CHECKS, tolerance: float = 0.0) -> bool:
+    """Return True for a person: the detector sees them too, or their pose is steady.
+
+    `checks`: most pictures that are looked at. `tolerance`: evidence that may be missing.
+    """
+    frames = person.frames[:: -(-len(person.poses) // checks)]
     scores = in_threads(lambda f: confirm(pictures[f], person.poses[f].next_crop), frames)
     presence = float(np.mean([pose.presence for pose in person.poses.values()]))
-    evidence = float(np.mean(scores)) + PRESENCE_WEIGHT * (presence - USUAL_PRESENCE)
+    evidence = float(np.mean(scores)) + PRESENCE_WEIGHT * (presence - USUAL_PRESENCE) + tolerance
     turned = float(np.median([pose.crop.turn for pose in person.poses.values()])) > TURNED
     if evidence >= SURE_PERSON or (evidence < PERSON and not turned):
         return evidence >= SURE_PERSON
     steady = float(np.mean(in_threads(lambda f: steadiness(pictures[f], person.poses[f]), frames)))
-    return steady > (STEADY if evidence >= PERSON else STEADY_ACROBAT)
+    return steady + tolerance > (STEADY if evidence >= PERSON else STEADY_ACROBAT)
 
 
 def _until_known(person: Person, start: int, people: Sequence[Person], pictures: np.ndarray) -> Person:
@@ -177,6 +188,8 @@ def follow(clip: Pictures, seeds: Seeds, start: int, seed: Seed, others: Sequenc
                 break
             last = poses[frame] = found
             frame += step
+            if len(poses) == TRIAL and not may_be_person(Person(poses), clip.rgb):
+                return Person(poses, seed.moves)
     return Person(poses, seed.moves)
 
 

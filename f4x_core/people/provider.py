@@ -13,7 +13,7 @@ import numpy as np
 from ..parallel import in_threads
 from ..priors.joints import JOINTS
 from ..progress import Progress
-from .finding import Seed, fills, find_everyone, find_mover
+from .finding import Seed, fills, find_everyone, find_mover, same_body
 from .following import Person, Pictures, follow_everyone
 from .networks import missing
 
@@ -86,12 +86,13 @@ def write_people(people: list[Person], priors: Priors) -> None:
 
 def _with_movers(seeds: list[Seed], picture: np.ndarray, regions: list[np.ndarray]) -> list[Seed]:
     """The people of a picture, and whoever else fills a moving region of it."""
+    shape = picture.shape[0], picture.shape[1]
     for region in regions:
         those = [seed for seed in seeds if fills(seed.pose, region, FLOW_STEP)]
-        if those:
-            seeds = [replace(seed, moves=seed.moves or seed in those) for seed in seeds]
-        elif mover := find_mover(picture, region, FLOW_STEP):
-            seeds = [*seeds, mover]
+        if not those and (mover := find_mover(picture, region, FLOW_STEP)):
+            those = [seed for seed in seeds if same_body(seed.pose, mover.pose, shape)]
+            seeds = seeds if those else [*seeds, mover]
+        seeds = [replace(seed, moves=True) if seed in those else seed for seed in seeds]
     return seeds
 
 
