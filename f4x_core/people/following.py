@@ -43,7 +43,7 @@ SEARCH_EVERY = 4
 """Pictures between two in which a mover who was lost is looked for again."""
 GAP = 30
 """Longest time, in pictures, that somebody may be hidden and still be known again."""
-ALIKE = 0.55
+ALIKE = 0.88
 """Correlation of colors from which somebody found again may be the same person."""
 BINS = 8
 """Bins of a color's histogram along each axis."""

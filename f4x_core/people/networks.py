@@ -189,7 +189,11 @@ def confirm(picture: np.ndarray, crop: Crop) -> float:
         size = DETECTOR_SIZE / widening
         for found in detect(_cut(picture, wide, DETECTOR_SIZE), 0.02):
             apart = float(np.linalg.norm(found.crop.center - DETECTOR_SIZE / 2))
-            if apart < MAX_APART * size and abs(np.log(found.crop.side / size)) < MAX_GROWTH and found.crop.turn < MAX_TURN:
+            if (
+                apart < MAX_APART * size
+                and abs(np.log(found.crop.side / size)) < MAX_GROWTH
+                and found.crop.turn < MAX_TURN
+            ):
                 score = max(score, found.score)
     return score
 

@@ -30,7 +30,13 @@ MOVING_REGIONS, MIN_REGION_FRACTION = 2, 0.004
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `people`, `people_probability`, `people_joints` and `people_metres`."""
+    """Fill `people`, `people_probability`, `people_joints` and `people_metres`.
+
+    Where the user says who is seen, joints are those of the people found there.
+    """
+    if priors.people_joints is not None:  # the user's, with the user's people
+        write_people([], priors)
+        return
     if sentence := missing():
         priors.warn(sentence)
         write_people([], priors)
@@ -57,8 +63,14 @@ def provide_nobody(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
 
 
 def write_people(people: list[Person], priors: Priors) -> None:
-    """The masks of all people as one map of who is most probable, and their joints."""
+    """Write the masks of all people as one map of who is most probable, and their joints.
+
+    A map that is there already stays, and its numbers count.
+    """
     frames, height, width = len(priors.frames), priors.height, priors.width
+    given = priors.people
+    if given is not None:
+        people = _numbered_as(given, people)
     who = np.zeros((frames, height, width), np.uint8)
     probability = np.zeros((frames, height, width), np.float16)
     joints = np.full((frames, len(people), JOINTS, 3), np.nan, np.float32)
@@ -76,12 +88,27 @@ def write_people(people: list[Person], priors: Priors) -> None:
             who[frame][better], probability[frame][better] = index + 1, shown[better]
 
     in_threads(draw, range(frames))
+    if given is not None:
+        who, probability = given, (given > 0).astype(np.float16)
     priors.people, priors.people_probability = who, probability
     priors.people_joints, priors.people_metres = joints, metres
     priors.statistics["people"] = {
         "count": len(people),
         "frames": [len(person.poses) for person in people],
     }
+
+
+def _numbered_as(given: np.ndarray, people: list[Person]) -> list[Person]:
+    """For each number in `given (F, H, W)` whoever shows most of it among the `people`; a person without poses where none does."""
+    count = int(given.max(initial=0))
+    pixels = np.zeros((len(people), count + 1))
+    for row, person in zip(pixels, people, strict=True):
+        for frame, pose in person.poses.items():
+            shown = pose.mask(*given.shape[1:]) > 0.5
+            row += np.bincount(given[frame][shown], minlength=count + 1)
+    theirs = pixels[:, 1:] > pixels.sum(1, keepdims=True) / 2
+    best = np.where(theirs, pixels[:, 1:], 0)
+    return [people[int(best[:, n].argmax())] if best[:, n].any() else Person({}) for n in range(count)]
 
 
 def _with_movers(seeds: list[Seed], picture: np.ndarray, regions: list[np.ndarray]) -> list[Seed]:
