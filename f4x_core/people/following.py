@@ -106,8 +106,8 @@ def follow_everyone(
     `search`: finds movers in a picture. It is asked again where a mover was lost.
     """
     people = _followed(clip, seeds, [], report)
-    movers = [person for person in people if person.moves and may_be_person(person, clip.rgb)]
-    if movers:
+    movers = [person for person in people if person.moves]
+    if any(is_person(person, clip.rgb) for person in movers):
         lost = [f for f in range(0, len(clip.rgb), SEARCH_EVERY) if all(f not in person.poses for person in movers)]
         found = [[seed for seed in seen if seed.moves] for seen in in_threads(search, lost)]
         people = _followed(clip, dict(zip(lost, found, strict=True)), people, report)
@@ -138,11 +138,6 @@ def _followed(
             person = _until_known(person, start, people, pictures)
             people += [person] if person.poses else []
     return people
-
-
-def may_be_person(person: Person, pictures: np.ndarray) -> bool:
-    """Return False for somebody of whom even a quick look shows that they are no person."""
-    return is_person(person, pictures, TRIAL_CHECKS, TRIAL_TOLERANCE)
 
 
 def is_person(person: Person, pictures: np.ndarray, checks: int = CHECKS, tolerance: float = 0.0) -> bool:
@@ -188,7 +183,7 @@ def follow(clip: Pictures, seeds: Seeds, start: int, seed: Seed, others: Sequenc
                 break
             last = poses[frame] = found
             frame += step
-            if len(poses) == TRIAL and not may_be_person(Person(poses), clip.rgb):
+            if len(poses) == TRIAL and not is_person(Person(poses), clip.rgb, TRIAL_CHECKS, TRIAL_TOLERANCE):
                 return Person(poses, seed.moves)
     return Person(poses, seed.moves)
 

@@ -15,7 +15,7 @@ from ..priors.joints import JOINTS
 from ..progress import Progress
 from .finding import Seed, fills, find_everyone, find_mover, same_body
 from .following import Person, Pictures, follow_everyone
-from .networks import missing
+from .networks import close_networks, missing
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -54,6 +54,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     pictures = Pictures(rgb, priors.flow_forward, priors.flow_backward)
     report = lambda done, of: progress("people", len(frames) * (of + done) // of, 2 * len(frames))  # noqa: E731
     write_people(follow_everyone(pictures, seeds, look, report), priors)
+    close_networks()
     progress("people", 2 * len(frames), 2 * len(frames))
 
 

@@ -9,6 +9,7 @@ import pytest
 from f4x_core.clip import Clip
 from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import CameraPath
+from f4x_core.parallel import in_threads, side_by_side
 from f4x_core.people import finding, following, networks, provider
 from f4x_core.people.finding import Seed, same_body
 from f4x_core.people.following import Person, Pictures
@@ -108,6 +109,29 @@ def test_a_mirrored_crop_shows_the_same_person(monkeypatch, mirrored):
     np.testing.assert_allclose(pose.joints[wrist], [40 + 12 * side, 30])
     np.testing.assert_allclose(pose.metres[wrist], [0.6 * side, 0.1, 0.3], atol=1e-6)
     assert pose.visibility[wrist] > 0.9
+
+
+def test_networks_are_opened_once_for_all_threads(monkeypatch):
+    class Network:
+        def invoke(self): ...
+        def set_tensor(self, index, values): ...
+        def get_input_details(self):
+            return [{"index": 0}]
+
+        def get_output_details(self):
+            return []
+
+    opened = []
+    monkeypatch.setattr(networks, "_open", lambda name: opened.append(name) or Network())
+    networks.close_networks()
+    with side_by_side(2):
+        for _ in range(4):
+            in_threads(lambda _: networks._run("people-pose", np.zeros((2, 2, 3))), range(8))
+    assert 1 <= len(opened) <= 2
+    networks.close_networks()
+    networks._run("people-pose", np.zeros((2, 2, 3)))
+    assert len(opened) <= 3 and opened[-1] == "people-pose"
+    networks.close_networks()
 
 
 def test_detections_that_overlap_are_one(monkeypatch):
@@ -355,7 +379,6 @@ def found_in(name, count):
     if networks.missing():
         pytest.skip(networks.missing())
     from f4x_core.clip import read_clip
-    from f4x_core.parallel import side_by_side
 
     clip = read_clip(CLIPS / name / "images")
     clip = clip_of(clip.frames[:count])
