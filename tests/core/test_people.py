@@ -395,12 +395,13 @@ def found_in(name, count):
 def test_somebody_is_found_in_every_frame(name, least):
     import cv2
 
-    priors = found_in(name, 16)
-    masks = [cv2.imread(str(file), 0) > 0 for file in sorted((CLIPS / name / "masks").iterdir())[:16]]
-    found = (priors.people == 1) & (priors.people_probability > 0.5)
-    overlaps = [(a & b).sum() / (a | b).sum() for a, b in zip(found, masks, strict=True)]
-    assert np.mean(overlaps) > least and min(overlaps) > least - 0.2
-    assert np.isfinite(priors.people_joints[:, 0]).all()
+    priors = found_in(name, 12)
+    masks = np.array([cv2.imread(str(file), 0) > 0 for file in sorted((CLIPS / name / "masks").iterdir())[:12]])
+    who = np.bincount(priors.people[masks])[1:].argmax()
+    found = (priors.people == who + 1) & (priors.people_probability > 0.5)
+    overlaps = (found & masks).sum((1, 2)) / (found | masks).sum((1, 2))
+    assert overlaps.mean() > least and overlaps.min() > least - 0.2
+    assert np.isfinite(priors.people_joints[:, who]).all()
 
 
 @pytest.mark.real
