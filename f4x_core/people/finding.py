@@ -1,14 +1,13 @@
-"""Everyone in one picture: the whole of it, its parts for those who are far away, and what moves, whichever way is up."""
+"""Everyone in one picture: the detector's people, and what moves, whichever way is up."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..priors.joints import TORSO
-from .networks import Crop, Detection, Pose, box_overlap, confirm, detect, find_pose
+from ..priors.joints import BODY, TORSO
+from .networks import CROP_FACTOR, Crop, Detection, Pose, confirm, detect, find_pose
 
 THRESHOLD = 0.35
 """Score of a detection that is looked at; `find_pose` decides."""
@@ -16,12 +15,23 @@ PRESENCE = 0.5
 """A crop holds a person from here on."""
 TILES = 0.6
 """Side of a part of the picture, in its height; parts overlap by half."""
-CONFIRMED, MIN_SEED = 0.3, 0.6
-"""Score of the detector, in the crop by the joints, from which a pose is a person's, and from which somebody is followed."""
-EXPLAINED = 0.3
-"""Moving regions are not looked at where the box of somebody's joints overlaps them by so much."""
-TURNS = 8
+MAX_FAR = 1.5
+"""Largest crop, in sides of a part, of somebody who is far away; the whole picture shows the others."""
+MIN_CONFIRMED, MIN_STEADY = 0.6, 0.5
+"""Score of the detector, in the crop by the joints, from which somebody is followed; steadiness that counts instead for a mover
+who is not upright, of whom the detector knows little."""
+TURNS = 12
 """Directions of "up" that are tried on what moves: whoever dances on their hands is upright for the network."""
+TURNED = 1.0
+"""Radians from upright beyond which the detector knows little of somebody."""
+UPRIGHT_PRESENCE, UPRIGHT_AGREEMENT = 0.9, 0.5
+"""Presence and agreement with the moving region from which the first direction, upright, is the right one."""
+MIN_MOVER = 0.3
+"""Intersection over union with the moving region from which a pose is the mover's."""
+SECOND_CROPS = ((0.4, 1.0, False), (-0.4, 1.0, True), (0.0, 0.85, False))
+"""Turn (radians), size and mirroring of the crops in which a pose is looked for again."""
+STEADY_JOINT = 0.06
+"""Distance, in sides of the crop, up to which a joint is found again."""
 COARSE = 2
 """Pixels between those at which masks are compared."""
 SAME_MASK = 0.5
@@ -32,32 +42,82 @@ MIN_BODY = 0.04
 """Sides of a crop below this fraction of the picture's longer side show too little."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Seed:
     """Somebody found in one picture."""
 
     pose: Pose
     score: float
-    """0..1, of the detector in the crop by the joints."""
+    """0..1: the detector's in the crop by the joints, or the steadiness of a mover."""
     moves: bool = False
     """Found where something moves."""
 
 
-def find_everyone(picture: np.ndarray, moving: Sequence[np.ndarray] = (), parts: bool = False) -> list[Seed]:
-    """The people in `picture (H, W, 3)` uint8, the surest first.
+def find_everyone(picture: np.ndarray, parts: bool = False) -> list[Seed]:
+    """The people whom the detector sees in `picture (H, W, 3)` uint8, the surest first.
 
-    `moving`: boxes `(4,)` of what moves, looked at from every side. `parts`: look again in overlapping parts of the picture.
+    `parts`: look again in overlapping parts of the picture, for those who are far away.
     """
     shape = picture.shape[0], picture.shape[1]
-    seeds = _look(picture, _detected(picture, parts))
-    for box in moving:
-        if all(box_overlap(box, _joints_box(seed.pose)) < EXPLAINED for seed in seeds):
-            seeds += [replace(seed, moves=True) for seed in _look(picture, _turned(box))]
+    poses = [pose for crop in _detected(picture, parts) if (pose := look_twice(picture, crop)) is not None]
     found: list[Seed] = []
-    for seed in sorted(seeds, key=lambda seed: -seed.score):
-        if not any(same_body(seed.pose, other.pose, shape) for other in found):
+    for seed in sorted([Seed(pose, confirm(picture, pose.next_crop)) for pose in poses], key=lambda seed: -seed.score):
+        if seed.score >= MIN_CONFIRMED and not any(same_body(seed.pose, other.pose, shape) for other in found):
             found.append(seed)
     return found
+
+
+def find_mover(picture: np.ndarray, region: np.ndarray, step: int) -> Seed | None:
+    """The person who fills a moving `region (H // step, W // step)` bool, whichever way is up; None where nobody does."""
+    y, x = np.nonzero(region)
+    low, high = step * np.array([x.min(), y.min()]), step * np.array([x.max() + 1, y.max() + 1])
+    side = CROP_FACTOR * float(np.max(high - low))
+    best, best_agreement = None, MIN_MOVER
+    for turn in range(TURNS):
+        pose = find_pose(picture, Crop((low + high) / 2, side, 2 * np.pi * turn / TURNS))
+        if pose.presence < PRESENCE or not is_usable(pose.next_crop, picture):
+            continue
+        agreement = pose.presence * _agreement(pose, region, step)
+        if agreement > best_agreement:
+            best, best_agreement = pose, agreement
+        if turn == 0 and pose.presence >= UPRIGHT_PRESENCE and agreement >= UPRIGHT_AGREEMENT:
+            break
+    again = None if best is None else find_pose(picture, best.next_crop)
+    if again is None or again.presence < PRESENCE or not is_usable(again.next_crop, picture):
+        return None
+    if again.next_crop.turn < TURNED:
+        score, needed = confirm(picture, again.next_crop), MIN_CONFIRMED
+    else:
+        score, needed = steadiness(picture, again), MIN_STEADY
+    return Seed(again, score, moves=True) if score >= needed else None
+
+
+def fills(pose: Pose, region: np.ndarray, step: int) -> bool:
+    """Return True where a moving `region (H // step, W // step)` bool is the person of a pose."""
+    return _agreement(pose, region, step) > MIN_MOVER
+
+
+def steadiness(picture: np.ndarray, pose: Pose) -> float:
+    """Agreement 0..1 of a pose with those found in the same crop turned, mirrored and smaller.
+
+    A body is found again, whichever way is up; swans, camels and toy trains get other joints each time.
+    """
+    shape, center = (picture.shape[0], picture.shape[1]), pose.next_crop
+    shown = pose.mask(*shape, COARSE) > 0.5
+    agreements = []
+    for turn, size, mirrored in SECOND_CROPS:
+        other = find_pose(picture, Crop(center.center, size * center.side, center.angle + turn, mirrored))
+        also = other.mask(*shape, COARSE) > 0.5
+        apart = np.linalg.norm(other.joints - pose.joints, axis=1)[list(BODY)]
+        common = (shown & also).sum() / max((shown | also).sum(), 1)
+        agreements.append(other.presence * common * (apart < STEADY_JOINT * center.side).mean())
+    return float(np.mean(agreements))
+
+
+def _agreement(pose: Pose, region: np.ndarray, step: int) -> float:
+    """Intersection over union of a person's mask and a `region (H // step, W // step)` bool."""
+    shown = pose.mask(step * region.shape[0], step * region.shape[1], step) > 0.5
+    return float((shown & region).sum() / max((shown | region).sum(), 1))
 
 
 def look_twice(picture: np.ndarray, crop: Crop) -> Pose | None:
@@ -91,13 +151,6 @@ def same_body(one: Pose, other: Pose, shape: tuple[int, int]) -> bool:
     return bool((shown & also).sum() > SAME_MASK * (shown | also).sum())
 
 
-def _look(picture: np.ndarray, crops: Sequence[Crop]) -> list[Seed]:
-    """Seeds of the people in the crops whom the detector knows, too."""
-    poses = [pose for crop in crops if (pose := look_twice(picture, crop)) is not None]
-    seeds = [Seed(pose, confirm(picture, pose.next_crop)) for pose in poses]
-    return [seed for seed in seeds if seed.score >= MIN_SEED]
-
-
 def _detected(picture: np.ndarray, parts: bool) -> list[Crop]:
     """Crops of the people that the detector sees, in the whole picture and in its parts; the surest first."""
     seen = detect(picture, THRESHOLD)
@@ -106,21 +159,9 @@ def _detected(picture: np.ndarray, parts: bool) -> list[Crop]:
         side = round(TILES * min(height, width))
         for top in _starts(height, side):
             for left in _starts(width, side):
-                seen += [
-                    _moved(one, left, top) for one in detect(picture[top : top + side, left : left + side], THRESHOLD)
-                ]
+                part = detect(picture[top : top + side, left : left + side], THRESHOLD)
+                seen += [_moved(one, left, top) for one in part if one.crop.side < MAX_FAR * side]
     return [one.crop for one in sorted(seen, key=lambda one: -one.score)]
-
-
-def _turned(box: np.ndarray) -> list[Crop]:
-    """A box `(4,)` with every side up."""
-    side = 1.2 * float(np.max(box[2:] - box[:2]))
-    return [Crop((box[:2] + box[2:]) / 2, side, 2 * np.pi * turn / TURNS) for turn in range(TURNS)]
-
-
-def _joints_box(pose: Pose) -> np.ndarray:
-    """(4,) left, top, right, bottom of all joints."""
-    return np.concatenate([pose.joints.min(0), pose.joints.max(0)])
 
 
 def _starts(length: int, side: int) -> list[int]:
@@ -133,4 +174,4 @@ def _moved(one: Detection, left: int, top: int) -> Detection:
     """A detection in a part of the picture, in pixels of the whole."""
     corner = np.array([left, top], np.float64)
     crop = Crop(one.crop.center + corner, one.crop.side, one.crop.angle)
-    return Detection(one.score, one.box + np.tile(corner, 2), crop)
+    return Detection(one.score, crop)

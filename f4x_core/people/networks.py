@@ -6,7 +6,6 @@ Positions are pixels of the picture, pixel centres at +0.5.
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -16,7 +15,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..features.weights import PACKAGED
-from ..priors.joints import JOINTS
+from ..priors.joints import JOINTS, OTHER_SIDE
 
 RUNTIME, RUNTIME_PACKAGE = "ai_edge_litert", "ai-edge-litert"
 """The module that runs the networks, and the package that holds it."""
@@ -46,6 +45,8 @@ class Crop:
     """Pixels."""
     angle: float
     """Radians, clockwise in the picture: 0 where the person is upright."""
+    mirrored: bool = False
+    """Left and right of the crop exchanged."""
 
     @classmethod
     def around(cls, center: np.ndarray, on_circle: np.ndarray) -> Crop:
@@ -53,10 +54,16 @@ class Crop:
         x, y = np.asarray(on_circle, np.float64) - center
         return cls(np.asarray(center, np.float64), 2 * CROP_FACTOR * float(np.hypot(x, y)), float(np.arctan2(x, -y)))
 
+    @property
+    def turn(self) -> float:
+        """Radians 0..pi from upright, to either side."""
+        return abs((self.angle + np.pi) % (2 * np.pi) - np.pi)
+
     def to_picture(self, size: int) -> np.ndarray:
         """(2, 3) float64: pixels of the crop, `size` along its side, to pixels of the picture."""
         cos, sin = np.cos(self.angle), np.sin(self.angle)
-        linear = self.side / size * np.array([[cos, -sin], [sin, cos]])
+        across = -1 if self.mirrored else 1
+        linear = self.side / size * np.array([[across * cos, -sin], [across * sin, cos]])
         return np.column_stack([linear, self.center - linear @ [size / 2, size / 2]])
 
 
@@ -66,8 +73,6 @@ class Detection:
 
     score: float
     """0..1."""
-    box: np.ndarray
-    """(4,) left, top, right, bottom of head and torso, pixels."""
     crop: Crop
     """For `find_pose`."""
 
@@ -145,13 +150,10 @@ def detect(picture: np.ndarray, threshold: float) -> list[Detection]:
     chosen = chosen[np.argsort(-score[chosen], kind="stable")]
     rows = raw.reshape(-1, 6, 2)[chosen]  # the center of the box and its extent, then four key points
     places = (_anchors()[chosen, None] * DETECTOR_SIZE + rows - [left, top]) / scale
-    extent = rows[:, 1]
-    found: list[Detection] = []
-    for which, place, size in zip(chosen, places, extent / scale, strict=True):
-        box = np.concatenate([place[0] - size / 2, place[0] + size / 2])
-        if all(box_overlap(box, other.box) < OVERLAP for other in found):
-            found.append(Detection(float(score[which]), box, Crop.around(place[2], place[3])))
-    return found
+    extents = rows[:, 1] / scale
+    corners = np.concatenate([places[:, 0] - extents / 2, extents], axis=1)
+    kept = cv2.dnn.NMSBoxes(corners.tolist(), score[chosen].tolist(), threshold, OVERLAP)
+    return [Detection(float(score[chosen[i]]), Crop.around(places[i, 2], places[i, 3])) for i in kept]
 
 
 def find_pose(picture: np.ndarray, crop: Crop) -> Pose:
@@ -162,13 +164,13 @@ def find_pose(picture: np.ndarray, crop: Crop) -> Pose:
     )
     landmarks = landmarks.reshape(-1, 5).astype(np.float64)
     places = landmarks[:, :2] @ there[:, :2].T + there[:, 2]
-    cos, sin = np.cos(crop.angle), np.sin(crop.angle)
-    body = metres.reshape(-1, 3)[:JOINTS].astype(np.float64)
-    body[:, :2] = body[:, :2] @ np.array([[cos, -sin], [sin, cos]]).T
+    own = list(OTHER_SIDE if crop.mirrored else range(JOINTS))
+    body = metres.reshape(-1, 3)[own].astype(np.float64)
+    body[:, :2] = body[:, :2] @ there[:, :2].T * (POSE_SIZE / crop.side)
     return Pose(
         float(presence.reshape(-1)[0]),
-        places[:JOINTS],
-        sigmoid(landmarks[:JOINTS, 3]),
+        places[own],
+        sigmoid(landmarks[own, 3]),
         body,
         logits.reshape(POSE_SIZE, POSE_SIZE),
         crop,
@@ -187,8 +189,11 @@ def confirm(picture: np.ndarray, crop: Crop) -> float:
         size = DETECTOR_SIZE / widening
         for found in detect(_cut(picture, wide, DETECTOR_SIZE), 0.02):
             apart = float(np.linalg.norm(found.crop.center - DETECTOR_SIZE / 2))
-            turned = abs((found.crop.angle + np.pi) % (2 * np.pi) - np.pi)
-            if apart < MAX_APART * size and abs(np.log(found.crop.side / size)) < MAX_GROWTH and turned < MAX_TURN:
+            if (
+                apart < MAX_APART * size
+                and abs(np.log(found.crop.side / size)) < MAX_GROWTH
+                and found.crop.turn < MAX_TURN
+            ):
                 score = max(score, found.score)
     return score
 
@@ -207,14 +212,6 @@ def sigmoid(values: np.ndarray) -> np.ndarray:
     return 1 / (1 + np.exp(-np.clip(values, -30, 30)))
 
 
-def box_overlap(one: np.ndarray, other: np.ndarray) -> float:
-    """Intersection over union of boxes `(4,)`: left, top, right, bottom."""
-    size = np.minimum(one[2:], other[2:]) - np.maximum(one[:2], other[:2])
-    common = float(np.prod(np.clip(size, 0, None)))
-    both = float(np.prod(one[2:] - one[:2]) + np.prod(other[2:] - other[:2])) - common
-    return common / both if both > 0 else 0.0
-
-
 @cache
 def _anchors() -> np.ndarray:
     """(2254, 2) centres of the anchors, in sides of the picture."""
@@ -225,19 +222,27 @@ def _anchors() -> np.ndarray:
     return np.concatenate(rows)
 
 
-_interpreters = threading.local()
-"""The networks of each thread: an interpreter must not be shared."""
+_idle: dict[str, list[Any]] = {}
+"""Networks that no thread runs: an interpreter must not be shared, and opening one takes as long as running it thrice."""
 
 
 def _run(name: str, values: np.ndarray) -> list[np.ndarray]:
     """The outputs of network `name` for one input of its size, in the order of its file."""
-    made: dict[str, Any] = _interpreters.__dict__
-    if name not in made:
-        made[name] = _open(name)
-    network = made[name]
+    idle = _idle.setdefault(name, [])
+    try:
+        network = idle.pop()
+    except IndexError:
+        network = _open(name)
     network.set_tensor(network.get_input_details()[0]["index"], values[None])
     network.invoke()
-    return [network.get_tensor(output["index"]) for output in network.get_output_details()]
+    outputs = [network.get_tensor(output["index"]) for output in network.get_output_details()]
+    idle.append(network)
+    return outputs
+
+
+def close_networks() -> None:
+    """Give back the memory of the networks, 45 MB for each thread; they are opened again when needed."""
+    _idle.clear()
 
 
 def _open(name: str) -> Any:

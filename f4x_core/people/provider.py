@@ -5,6 +5,7 @@ Where the package or its runtime is absent, nobody is found and one sentence say
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,9 +13,9 @@ import numpy as np
 from ..parallel import in_threads
 from ..priors.joints import JOINTS
 from ..progress import Progress
-from .finding import Seed, find_everyone
+from .finding import Seed, fills, find_everyone, find_mover, same_body
 from .following import Person, Pictures, follow_everyone
-from .networks import missing
+from .networks import close_networks, missing
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -24,12 +25,18 @@ FLOW_STEP = 8
 """Distance in pixels of the flow's samples that tell what moves."""
 MIN_MOVED, NOISE = 1.5, 3.0
 """Pixels between two frames, and medians of the picture, by which something moves otherwise than the picture."""
-MOVING_BOXES, MIN_BOX_FRACTION = 2, 0.004
+MOVING_REGIONS, MIN_REGION_FRACTION = 2, 0.004
 """Moving regions of a frame that are looked at, the largest first, and the smallest fraction of the picture they cover."""
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `people`, `people_probability`, `people_joints` and `people_metres`."""
+    """Fill `people`, `people_probability`, `people_joints` and `people_metres`.
+
+    Where the user says who is seen, joints are those of the people found there.
+    """
+    if priors.people_joints is not None:  # the user's, with the user's people
+        write_people([], priors)
+        return
     if sentence := missing():
         priors.warn(sentence)
         write_people([], priors)
@@ -37,21 +44,17 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     settings = config.people
     rgb = np.ascontiguousarray(clip.frames[clip.supervised])
     frames = range(0, len(rgb), settings.every)
-
-    def look(frame: int) -> list[Seed]:
-        moving = _moving_boxes(priors, frame) if frame % settings.moving_every == 0 else []
-        return find_everyone(rgb[frame], moving, parts=frame % settings.parts_every == 0)
-
-    found = in_threads(look, frames, lambda done: progress("people", done, 2 * len(frames)))
-    seeds = {frame: seen for frame, seen in zip(frames, found, strict=True) if seen}
-    if any(seed.moves for seen in seeds.values() for seed in seen):
-        between = range(settings.moving_every // 2, len(rgb), settings.moving_every)
-        again = in_threads(lambda frame: find_everyone(rgb[frame], _moving_boxes(priors, frame)), between)
-        seeds |= {frame: seen for frame, seen in zip(between, again, strict=True) if seen}
+    detect = lambda frame: find_everyone(rgb[frame], parts=frame % settings.parts_every == 0)  # noqa: E731
+    found = in_threads(detect, frames, lambda done: progress("people", done, 2 * len(frames)))
+    seeds = dict(zip(frames, found, strict=True))
+    look = lambda frame: _with_movers(seeds.get(frame, []), rgb[frame], _moving_regions(priors, frame))  # noqa: E731
+    some = range(0, len(rgb), settings.moving_every)
+    seeds |= dict(zip(some, in_threads(look, some), strict=True))
     assert priors.flow_forward is not None and priors.flow_backward is not None
     pictures = Pictures(rgb, priors.flow_forward, priors.flow_backward)
     report = lambda done, of: progress("people", len(frames) * (of + done) // of, 2 * len(frames))  # noqa: E731
-    write_people(follow_everyone(pictures, seeds, report), priors)
+    write_people(follow_everyone(pictures, seeds, look, report), priors)
+    close_networks()
     progress("people", 2 * len(frames), 2 * len(frames))
 
 
@@ -61,8 +64,14 @@ def provide_nobody(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
 
 
 def write_people(people: list[Person], priors: Priors) -> None:
-    """The masks of all people as one map of who is most probable, and their joints."""
+    """Write the masks of all people as one map of who is most probable, and their joints.
+
+    A map that is there already stays, and its numbers count.
+    """
     frames, height, width = len(priors.frames), priors.height, priors.width
+    given = priors.people
+    if given is not None:
+        people = _numbered_as(given, people)
     who = np.zeros((frames, height, width), np.uint8)
     probability = np.zeros((frames, height, width), np.float16)
     joints = np.full((frames, len(people), JOINTS, 3), np.nan, np.float32)
@@ -80,6 +89,8 @@ def write_people(people: list[Person], priors: Priors) -> None:
             who[frame][better], probability[frame][better] = index + 1, shown[better]
 
     in_threads(draw, range(frames))
+    if given is not None:
+        who, probability = given, (given > 0).astype(np.float16)
     priors.people, priors.people_probability = who, probability
     priors.people_joints, priors.people_metres = joints, metres
     priors.statistics["people"] = {
@@ -88,8 +99,33 @@ def write_people(people: list[Person], priors: Priors) -> None:
     }
 
 
-def _moving_boxes(priors: Priors, frame: int) -> list[np.ndarray]:
-    """Boxes (4,) of what moves unlike the picture as a whole, from a frame to the next one; the largest first."""
+def _numbered_as(given: np.ndarray, people: list[Person]) -> list[Person]:
+    """For each number in `given (F, H, W)` whoever shows most of it among the `people`; a person without poses where none does."""
+    count = int(given.max(initial=0))
+    pixels = np.zeros((len(people), count + 1))
+    for row, person in zip(pixels, people, strict=True):
+        for frame, pose in person.poses.items():
+            shown = pose.mask(*given.shape[1:]) > 0.5
+            row += np.bincount(given[frame][shown], minlength=count + 1)
+    theirs = pixels[:, 1:] > pixels.sum(1, keepdims=True) / 2
+    best = np.where(theirs, pixels[:, 1:], 0)
+    return [people[int(best[:, n].argmax())] if best[:, n].any() else Person({}) for n in range(count)]
+
+
+def _with_movers(seeds: list[Seed], picture: np.ndarray, regions: list[np.ndarray]) -> list[Seed]:
+    """The people of a picture, and whoever else fills a moving region of it."""
+    shape = picture.shape[0], picture.shape[1]
+    for region in regions:
+        those = [seed for seed in seeds if fills(seed.pose, region, FLOW_STEP)]
+        if not those and (mover := find_mover(picture, region, FLOW_STEP)):
+            those = [seed for seed in seeds if same_body(seed.pose, mover.pose, shape)]
+            seeds = seeds if those else [*seeds, mover]
+        seeds = [replace(seed, moves=True) if seed in those else seed for seed in seeds]
+    return seeds
+
+
+def _moving_regions(priors: Priors, frame: int) -> list[np.ndarray]:
+    """Masks (H // FLOW_STEP, W // FLOW_STEP) bool of what moves unlike the picture as a whole, to the next frame; largest first."""
     import cv2
 
     if priors.flow_forward is None or frame >= len(priors.flow_forward):
@@ -109,10 +145,7 @@ def _moving_boxes(priors: Priors, frame: int) -> list[np.ndarray]:
     left = np.linalg.norm(there - cv2.perspectiveTransform(here[:, None], homography)[:, 0], axis=1).reshape(x.shape)
     moving = (left > max(MIN_MOVED, NOISE * float(np.median(left)))).astype(np.uint8)
     moving = cv2.morphologyEx(moving, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    _, _, boxes, _ = cv2.connectedComponentsWithStats(moving)
-    largest = sorted(boxes[1:].tolist(), key=lambda box: -box[4])[:MOVING_BOXES]
-    return [
-        FLOW_STEP * np.array([left, top, left + wide, top + high], np.float64)
-        for left, top, wide, high, area in largest
-        if area > MIN_BOX_FRACTION * moving.size
-    ]
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(moving)
+    areas = boxes[:, cv2.CC_STAT_AREA]
+    largest = sorted(range(1, len(areas)), key=lambda label: -areas[label])[:MOVING_REGIONS]
+    return [labels == label for label in largest if areas[label] > MIN_REGION_FRACTION * moving.size]

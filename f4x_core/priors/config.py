@@ -52,11 +52,11 @@ class PeopleConfig:
 
     provider: str = "networks"
     """Name of the provider (`providers.PROVIDERS`); `none` looks for nobody."""
-    every: int = 2
+    every: int = 4
     """Frames between two in which people are looked for; they are followed through all."""
     parts_every: int = 16
     """Frames between two whose parts are looked at, too, for people who are far away; a multiple of `every`."""
-    moving_every: int = 8
+    moving_every: int = 16
     """Frames between two in which what moves is looked at whichever way is up; a multiple of `every`.
     Halved where that finds somebody."""
 

@@ -3,7 +3,8 @@
 Accepted for a prior: `.npy`, `.npz` (the array named like the prior, else the only one), or a folder with one `.npy`,
 `.npz` or `.png` per frame in the order of the names, for all frames of the clip or for the supervised ones only. Masks and
 depth of another size but the same shape of picture are resized; PNG masks are foreground where not black, 16-bit PNG depth
-is read as integers with 0 = unknown. Cameras are a `cameras.json` as `CameraPath.write` makes it.
+is read as integers with 0 = unknown, PNG people hold their numbers, 0 = nobody. Cameras are a `cameras.json` as
+`CameraPath.write` makes it.
 """
 
 from __future__ import annotations
@@ -51,17 +52,36 @@ def take(priors: Priors, clip: Clip, config: PriorsConfig, own: list[str], folde
         setattr(priors, name, _fit(name, value, source, priors, clip))
     if {"depth", "cameras"} <= set(given):
         _set_unit(priors)
+    sources = sources_in(folder) | {name: f"{source} (given for {name})" for name, (_, source) in given.items()}
+    _require_people(priors, {*own, *given}, sources)
     derived = _derive(priors, (*own, *given))
     for name, value in derived.items():
         setattr(priors, name, value)
     fixed = [*own, *given, *derived]
-    priors.validate(
-        fixed, sources_in(folder) | {name: f"{source} (given for {name})" for name, (_, source) in given.items()}
-    )
+    priors.validate(fixed, sources)
     for name in (*given, *derived):
         entry = {"provider": "files", "settings": {"source": given[name][1] if name in given else "derived"}}
         priors.provenance[name] = entry | {"key": "given", "digest": priors.provenance.get(name, {}).get("digest")}
     return fixed
+
+
+def _require_people(priors: Priors, fixed: set[str], sources: dict[str, str]) -> None:
+    """Raise F4xError where the user's files on people leave open whose they are."""
+    for name in ("people_probability", "people_joints", "people_metres"):
+        if name in fixed and "people" not in fixed:
+            raise F4xError(
+                f"{sources[name]} needs people.npy beside it, which tells who is seen where; give both or neither."
+            )
+    for name, other in (("people_joints", "people_metres"), ("people_metres", "people_joints")):
+        if name in fixed and other not in fixed:
+            raise F4xError(f"{sources[name]} needs {other}.npy beside it; give both or neither.")
+    if "people" in fixed and "people_joints" not in fixed and priors.people is not None:
+        numbers = np.unique(priors.people)
+        last, count = int(numbers.max(initial=0)), int((numbers > 0).sum())
+        if last != count:
+            raise F4xError(
+                f"{sources['people']} shows {count} people but numbers them up to {last}; use 0 for nobody, then 1, 2, 3."
+            )
 
 
 def _read(name: str, path: Path, clip: Clip) -> Any:
@@ -105,6 +125,8 @@ def _read_array(name: str, path: Path) -> np.ndarray:
             raise F4xError(f"{path} cannot hold {name}; give .npy, or for depth a grey PNG of 16 bits.")
         if name == "depth":
             return np.where(picture > 0, picture.astype(np.float32), np.nan)
+        if name == "people":
+            return picture
         return picture.astype(np.float32) / (65535 if picture.dtype == np.uint16 else 255)
     try:
         if suffix != ".npz":
@@ -129,6 +151,10 @@ def _fit(name: str, value: Any, source: str, priors: Priors, clip: Clip) -> Any:
         raise F4xError(f"{source}: {name} has shape {value.shape}; its axes must be {' '.join(axes)}.")
     if value.dtype.kind not in "biuf":
         raise F4xError(f"{source}: {name} has dtype {value.dtype}; save it as {np.dtype(dtype).name}.")
+    if name == "people" and not np.isin(value, np.arange(256)).all():
+        raise F4xError(
+            f"{source}: people holds other numbers than whole ones from 0 (nobody) to 255; give who is seen where."
+        )
     if axes[0] == "F" and len(value) == total:
         value = value[supervised]
     if name in RESIZABLE and value.shape[1:] != (priors.height, priors.width):

@@ -147,6 +147,8 @@ class Priors:
             self._validate_depth(source["depth"])
         if "tracks" in fields and self.tracks is not None and self.tracks_visible is not None:
             self._validate_tracks(source["tracks"], source["tracks_visible"])
+        if self.people is not None and self.people_joints is not None and {"people", "people_joints"} & set(fields):
+            self._validate_people(source["people"], source["people_joints"])
         if self.camera_kind is not None and self.camera_kind not in CAMERA_KINDS:
             raise F4xError(f"priors.json: camera_kind is '{self.camera_kind}'; use one of {', '.join(CAMERA_KINDS)}.")
 
@@ -190,6 +192,18 @@ class Priors:
             )
         if outside:
             self.tracks_visible = self.tracks_visible & inside
+
+    def _validate_people(self, source: str, joints_source: str) -> None:
+        assert self.people is not None and self.people_joints is not None
+        last, count = int(self.people.max(initial=0)), self.people_joints.shape[1]
+        if last > count:
+            raise F4xError(f"{source} shows person {last}, {joints_source} has {count} people; number both alike.")
+        visibility = self.people_joints[..., 2]
+        known = np.isfinite(visibility)
+        if not ((visibility[known] >= 0) & (visibility[known] <= 1)).all():
+            raise F4xError(
+                f"{joints_source}: the visibility of joints (their third number) leaves the range 0..1; rescale it."
+            )
 
     def _validate_cameras(self, source: str) -> None:
         path = self.cameras

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 NAMES = (
@@ -45,6 +47,12 @@ SHOULDERS, HIPS = (11, 12), (23, 24)
 TORSO = (*SHOULDERS, *HIPS)
 FEET = (29, 30, 31, 32)
 """Heels and toes."""
+BODY = (*range(11, 17), *range(23, 29))
+"""Shoulders, elbows, wrists, hips, knees and ankles."""
+OTHER_SIDE = tuple(
+    NAMES.index(re.sub("left|right", lambda side: "right" if side[0] == "left" else "left", name)) for name in NAMES
+)
+"""Joint -> the same one on the other side of the body; a mirror exchanges them."""
 LIMBS = {
     "head": ((0, 7), (0, 8), (7, 8)),
     "torso": ((11, 12), (23, 24), (11, 23), (12, 24), (11, 24), (12, 23)),
