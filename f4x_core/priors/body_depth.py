@@ -37,9 +37,9 @@ SMOOTH_FRAMES = 1.5
 """Gaussian (frames) over which joints in metres are smoothed: they tremble more than people do."""
 SIZE_FRAMES = 2.0
 """Gaussian (frames) over which a body's size is smoothed."""
-UNSTEADY = 0.06
-"""Scatter (of the logarithm) of a body's size about the smoothed one from which it is none: people have .01 to .05, patterns that
-are taken for people .08 to .18."""
+UNSTEADY = 0.1
+"""Scatter (of the logarithm) of a body's size about the smoothed one from which it is none: people have .01 to .08, patterns that
+are taken for people .12 to .18."""
 LIMB_PIXELS, FALLOFF = 2.0, 4
 """Softening (pixels) and power of the distances by which limbs share a pixel."""
 MAX_RELIEF = 0.3
@@ -48,6 +48,8 @@ THICKNESS = 0.07
 """Meters by which what is seen of a body is nearer than its joints: half of a limb, mean over the body."""
 BESIDE = 12
 """Pixels around a body that move with it: clothes and what is held have the depth of the nearest limb."""
+FRAGMENT = 0.25
+"""A piece of the moving mask that touches people is no object of its own below this fraction of their pixels."""
 MIN_JOINTS, MIN_PIXELS = 8, 40
 """Joints and pixels that a frame needs to show a body's relief."""
 STANDS = "feet"
@@ -103,7 +105,7 @@ class PlacedPeople:
     """People whose distance is known from their feet."""
 
     pixels: np.ndarray
-    """(F, H, W) bool: theirs, and moving ones close beside them."""
+    """(F, H, W) bool: theirs, moving ones close beside them, and fragments of the mask that touch them."""
     frames: list[np.ndarray]
     """Rows of the priors in which each of them is seen."""
 
@@ -138,7 +140,23 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
             maps.confidence[frame][y, x] = guessed_confidence(priors, sure)
             placed.pixels[frame] |= own
         placed.frames.append(frames)
+    _take_fragments(maps, placed)
     return placed
+
+
+def _take_fragments(maps: DepthMaps, placed: PlacedPeople) -> None:
+    """Give small pieces of the moving mask that touch people the depth of the nearest pixel of theirs: halos, shadows, hems."""
+    labels, _ = ndimage.label(maps.moving & ~placed.pixels)
+    near = np.unique(labels[ndimage.binary_dilation(placed.pixels)])
+    size = np.bincount(labels.ravel())
+    fragments = [piece for piece in near if piece > 0 and size[piece] < FRAGMENT * placed.pixels.sum()]
+    taken = np.isin(labels, fragments) & placed.pixels.any((1, 2))[:, None, None]
+    for frame in np.flatnonzero(taken.any((1, 2))):
+        nearest = ndimage.distance_transform_edt(~placed.pixels[frame], return_distances=False, return_indices=True)
+        own = taken[frame]
+        for values in (maps.inverse[frame], maps.confidence[frame]):
+            values[own] = values[tuple(nearest[:, own])]
+    placed.pixels[:] |= taken
 
 
 def _feet_on_ground(

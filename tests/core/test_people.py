@@ -358,6 +358,20 @@ def test_who_stands_is_where_their_feet_are_and_who_hops_stays_at_that_distance(
     assert (maps.confidence[maps.moving] <= MOVING_CONFIDENCE).all()
 
 
+def test_fragments_that_touch_people_are_no_objects_of_their_own():
+    priors, maps = on_a_plain()
+    rest = np.zeros_like(maps.moving)
+    rest[3, 20:24, 100:140] = True  # far from them
+    halo = np.zeros_like(rest)
+    for frame, mask in enumerate(maps.moving):
+        column = np.nonzero(mask.any(0))[0][-1] + 1
+        halo[frame, 70:75, column : column + 30] = True
+    maps.moving[:] |= rest | halo
+    placed = place_people(maps, priors)
+    assert placed.pixels[halo].all() and not placed.pixels[rest].any()
+    assert np.median(1 / maps.inverse[halo]) == pytest.approx(WALKER, rel=0.05)
+
+
 def test_who_rides_has_the_distance_of_the_region():
     priors, maps = on_a_plain()
     horse = np.stack([np.roll(mask, 30, 0) & (np.arange(180) > 100)[:, None] for mask in maps.moving])
