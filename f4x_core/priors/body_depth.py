@@ -34,7 +34,7 @@ MIN_JOINTS, MIN_PIXELS = 8, 40
 
 
 @dataclass(frozen=True)
-class _Body:
+class Body:
     """The joints of one person in one frame."""
 
     pixels: np.ndarray
@@ -83,9 +83,9 @@ def add_relief(inverse: np.ndarray, guessed: np.ndarray, priors: Priors) -> int:
     found = 0
     for person in range(priors.people_joints.shape[1]):
         shown = shows_person(priors, person + 1) & guessed
-        bodies = _bodies(priors.people_joints[:, person], priors.people_metres[:, person])
+        bodies = bodies_of(priors.people_joints[:, person], priors.people_metres[:, person])
         frames = [frame for frame in bodies if shown[frame].sum() >= MIN_PIXELS]
-        scales = _smooth_scales({frame: bodies[frame].pixels_per_metre for frame in frames})
+        scales = smooth_scales({frame: bodies[frame].pixels_per_metre for frame in frames})
         for frame in frames:
             beside = guessed[frame] & (priors.people[frame] == 0)
             per_metre = scales[frame] / float(priors.cameras.intrinsics[frame, 0, 0])
@@ -94,7 +94,7 @@ def add_relief(inverse: np.ndarray, guessed: np.ndarray, priors: Priors) -> int:
     return found
 
 
-def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: _Body, per_metre: float) -> None:
+def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: Body, per_metre: float) -> None:
     """Write a body's relief into one frame's `inverse (H, W)`: where it is `shown`, and on what is close `beside` it.
 
     per_metre: a metre at the body, as a fraction of its distance.
@@ -108,7 +108,7 @@ def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: _Bo
     inverse[y, x] = 1 / (distance * (1 + relief))
 
 
-def _bodies(joints: np.ndarray, metres: np.ndarray) -> dict[int, _Body]:
+def bodies_of(joints: np.ndarray, metres: np.ndarray) -> dict[int, Body]:
     """Frame -> body, from joints `(F, 33, 3)` and metres `(F, 33, 3)`; frames that show too few joints are left out."""
     seen = np.isfinite(joints).all((1, 2))
     weight = np.where(seen[:, None], np.nan_to_num(joints[..., 2]), 0)
@@ -117,10 +117,10 @@ def _bodies(joints: np.ndarray, metres: np.ndarray) -> dict[int, _Body]:
     smooth /= np.maximum(norm, 1e-6)[:, None, None]
     sure = np.where(weight >= SEEN, weight, 0)
     frames = np.flatnonzero(seen & ((sure > 0).sum(1) >= MIN_JOINTS))
-    return {int(frame): _Body(joints[frame, :, :2].astype(np.float64), smooth[frame], sure[frame]) for frame in frames}
+    return {int(frame): Body(joints[frame, :, :2].astype(np.float64), smooth[frame], sure[frame]) for frame in frames}
 
 
-def _smooth_scales(scales: dict[int, float]) -> dict[int, float]:
+def smooth_scales(scales: dict[int, float]) -> dict[int, float]:
     """Median over neighbouring frames: one pose may be seen along the view, where its scale is a guess."""
     frames = np.array(list(scales))
     values = np.array([scales[frame] for frame in scales])
