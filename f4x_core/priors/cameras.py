@@ -1,13 +1,13 @@
 """Camera path of the supervised frames from pictures and tracks (provider `classical`).
 
-1. The camera stands, as points looked for again in far frames tell (`standing`), or nothing static moves -> `static`; nothing is
-   solved then, and a jitter of pixels is a turn in its place. 2. Otherwise a first solution: aligned depth where a depth prior exists; else a camera
-   that only turns, all its frames at once set free to move (as structure from small motion does: Yu and Gallup, "3D
-   Reconstruction from Accidental Motion", 2014; Ha et al., "High-Quality Depth from Uncalibrated Small Motion Clip", 2016);
-   else pycolmap on keyframes, or own incremental structure from motion. 3. It is compared with its mirror image in depth
-   (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the clip is
-   a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the focal
-   length with them. 6. Where what moves fills the picture's border, cameras of all tracks are tried, too (`rigid`).
+1. The camera stands, as points looked for again in far frames tell (`standing`), or nothing static moves -> `static`: nothing
+   is solved, and a jitter of pixels becomes turns. 2. Otherwise a first solution: aligned depth where a depth prior exists;
+   else a camera that only turns, all its frames at once set free to move (as structure from small motion does: Yu and
+   Gallup, "3D Reconstruction from Accidental Motion", 2014; Ha et al., "High-Quality Depth from Uncalibrated Small Motion
+   Clip", 2016); else pycolmap on keyframes, or own incremental structure from motion. 3. It is compared with its mirror image
+   in depth (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the
+   clip is a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the
+   focal length with them. 6. Where what moves fills the picture's border, cameras of all tracks are tried, too (`rigid`).
 7. What moving cameras explain as static is taken out of what moves (`second_look`).
 
 Held-out frames are never looked at; how much real shake their interpolated cameras will miss is measured

@@ -29,6 +29,7 @@ from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import GUESS_CONFIDENCE, MOVING_CONFIDENCE, MOVING_MARGIN, place_objects
 from .points import TRACK_OUTLIER_PX, fit_points
 from .standing_world import guess_world
+from .uprights import feet_of_uprights
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -76,7 +77,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     if priors.camera_kind == "moving":
         inverse, confidence = _static_depth(clip, priors, config, moving | ~seen, progress, statistics)
     elif priors.camera_kind == "static":
-        inverse, confidence = _before_standing_camera(priors, cameras, statistics)
+        inverse, confidence = _before_standing_camera(clip, priors, cameras, statistics)
     else:
         inverse, confidence = ground_prior(cameras), np.full(moving.shape, GUESS_CONFIDENCE, np.float32)
         priors.warn("Without parallax no depth can be measured: depth is a ground-like guess with low confidence.")
@@ -105,14 +106,14 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
 
 
 def _before_standing_camera(
-    priors: Priors, cameras: CameraPath, statistics: dict[str, Any]
+    clip: Clip, priors: Priors, cameras: CameraPath, statistics: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Guessed inverse depth and confidence `(F, H, W)` of the world before a camera that stands."""
     world = guess_world(priors)
     statistics["guess"] = world.summary()
     whence = "where what moves touches it" if world.known else "where it usually lies, as little tells where it is"
     priors.warn(f"The camera stands, so no depth can be measured: depth is a guess, with the ground {whence}.")
-    inverse = world.inverse_depth(cameras)
+    inverse = world.inverse_depth(cameras, feet_of_uprights(clip, priors, world.base))
     return inverse, np.tile(world.confidence()[:, None].astype(np.float32), (len(inverse), 1, inverse.shape[2]))
 
 

@@ -128,10 +128,14 @@ class StillnessTest:
         if not len(points):
             return points, np.zeros(0, bool)
         side = 2 * round((WINDOW_PX * self.unit - 1) / 2) + 1
-        look = {"winSize": (side, side), "maxLevel": 3}
         before, after = self.pictures[reference], self.read(frame)
-        there, ahead, _ = cv2.calcOpticalFlowPyrLK(before, after, points, None, **look)
-        back, behind, _ = cv2.calcOpticalFlowPyrLK(after, before, there, None, **look)
+
+        def look(start: np.ndarray, end: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            there, found, _ = cv2.calcOpticalFlowPyrLK(start, end, places, None, winSize=(side, side), maxLevel=3)
+            return there, found
+
+        there, ahead = look(before, after, points)
+        back, behind = look(after, before, there)
         close = np.linalg.norm(back - points, axis=1) < RETURN_PX * self.unit
         return there, (ahead[:, 0] > 0) & (behind[:, 0] > 0) & close
 

@@ -30,6 +30,8 @@ SIZE_NOISE, EFFECTIVE_FRAMES = 0.1, 5.0
 """Relative error of one size, and the frames over which such errors are alike, so that they count as one."""
 HORIZON_RANGE, HORIZON_STEP = 1.0, 0.005
 """Rows above the picture up to which the horizon is looked for, and the distance of those that are tried, in picture heights."""
+HEIGHTS = (0.02, 50.0)
+"""Heights of things, in heights of the camera above the ground, that can be told."""
 MIN_PIXELS, MIN_FRAMES, EDGE = 60, 6, 2
 """Pixels and frames that an object needs to tell anything, and rows and columns at the border: who reaches them is cut off."""
 MIN_PERSON_OVERLAP = 0.5
@@ -37,13 +39,13 @@ MIN_PERSON_OVERLAP = 0.5
 MIN_FOOT = 0.5
 """Visibility from which a foot tells where it stands."""
 FARTHEST, BEHIND, USUAL_BASE = 0.05, 0.7, 0.25
-"""The background stands upright behind the ground. Its foot lies at the second fraction of the way from the horizon to the row of the
-farthest contacts (their quantile is the first), and at the third of the way to the picture's lower edge without any."""
+"""The background stands upright behind the ground. Its foot lies at the second fraction of the way from the horizon to the
+row of the farthest contacts (their quantile is the first), and at the third of the way to the lower edge without any."""
 LEAN, LEAN_SPAN = 0.5, 0.5
-"""What is above the horizon is farther: its inverse depth falls by the first fraction over the second (tangent of the elevation)."""
+"""What is above the horizon is farther: its inverse depth falls by the first fraction over the second, a tangent."""
 MIN_ERROR, PRECISION_OF_HALF = 0.15, 50.0
-"""Least relative error of guessed depth of the ground, and 1 / variance of the relative error that is worth a confidence of one half,
-as in depth that is measured."""
+"""Least relative error of guessed depth of the ground, and 1 / variance of the relative error that is worth a confidence of
+one half, as in depth that is measured."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +55,19 @@ class Contacts:
     row: np.ndarray
     """(n,) pixels from the top."""
     size: np.ndarray
-    """(n,) in the picture, in a unit of the group."""
+    """(n,) height in pixels; of people pixels per metre."""
     group: np.ndarray
-    """(n,) int: sightings of equal true size have the same number; 0 = people."""
+    """(n,) int: what has the same true size has the same number; 0 = people."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Lens of the camera and size of its pictures, pixels."""
+
+    focal: float
+    middle: float
+    """Row of the principal point."""
+    height: int
 
 
 @dataclass(frozen=True)
@@ -86,18 +98,36 @@ class GuessedWorld:
         down = np.array([0.0, 1.0, (middle - self.horizon) / focal])
         return down / np.linalg.norm(down)
 
-    def inverse_depth(self, cameras: CameraPath) -> np.ndarray:
-        """(F, H, W) float32 inverse depth; the unit is that of the camera's height above the ground."""
+    def inverse_depth(self, cameras: CameraPath, feet: np.ndarray | None = None) -> np.ndarray:
+        """(F, H, W) float32 inverse depth; the unit is that of the camera's height above the ground.
+
+        feet: (H,W) row of the foot of what stands upright at each pixel of the first frame, 0 where nothing does.
+        """
+        import cv2
+
         first, every = cameras[0], pixel_grid(cameras.height, cameras.width)
         down = first.world_to_camera[:3, :3].T @ self.down(first)
-        foot = float(slope(first, np.array([first.intrinsics[0, 2], self.base]), down))
+        foot = self._below(self.base, first)
+        upright = np.zeros(every.shape[:2]) if feet is None else np.where(feet > 0, self._below(feet, first), 0)
+        upright = upright.astype(np.float32)
 
         def draw(frame: int) -> np.ndarray:
-            below = slope(cameras[frame], every, down)
-            lean = LEAN * np.clip(-below / LEAN_SPAN, 0, 1)
-            return np.where(below > foot, below, foot * (1 - lean)).astype(np.float32)
+            camera = cameras[frame]
+            below = slope(camera, every, down)
+            far = foot * (1 - LEAN * np.clip(-below / LEAN_SPAN, 0, 1))
+            turn = camera.world_to_camera[:3, :3] @ first.world_to_camera[:3, :3].T
+            shift = camera.intrinsics @ turn @ np.linalg.inv(first.intrinsics)
+            near = cv2.warpPerspective(upright, shift, upright.shape[::-1], flags=cv2.INTER_NEAREST)
+            # Things end at twice the camera's height at the latest: what is above them is the background.
+            near = far + (near - far) * np.clip(1 + below / np.maximum(near, 1e-9), 0, 1)
+            return np.maximum(np.where(below > foot, below, far), near).astype(np.float32)
 
         return np.stack(in_threads(draw, range(len(cameras))))
+
+    def _below(self, row: float | np.ndarray, camera: Camera) -> Any:
+        """Inverse depth of the ground at a `row` of the picture, 0 above the horizon."""
+        tilt = self.down(camera)
+        return np.maximum(tilt[1] * (row - camera.intrinsics[1, 2]) / camera.intrinsics[1, 1] + tilt[2], 0)
 
     def error(self) -> np.ndarray:
         """(H,) relative error of the depth of the ground in every row; infinite above its end."""
@@ -130,7 +160,10 @@ def slope(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.ndarray:
 def guess_world(priors: Priors) -> GuessedWorld:
     """Guess the ground before a standing camera from what moves over it."""
     contacts = find_contacts(priors)
-    horizon, error = find_horizon(contacts, priors.height)
+    assert priors.cameras is not None
+    intrinsics = priors.cameras.intrinsics[0]
+    lens = Lens(float(intrinsics[1, 1]), float(intrinsics[1, 2]), priors.height)
+    horizon, error = find_horizon(contacts, lens)
     end, part = float(priors.height), USUAL_BASE
     if len(contacts.row):
         end, part = max(float(np.quantile(contacts.row, FARTHEST)), horizon + 1), BEHIND
@@ -138,24 +171,38 @@ def guess_world(priors: Priors) -> GuessedWorld:
     return GuessedWorld(horizon, error, base, len(contacts.row), bool((contacts.group == 0).any()), priors.height)
 
 
-def find_horizon(contacts: Contacts, height: int) -> tuple[float, float]:
-    """Row of the horizon and its standard deviation, in pixels, from contacts in a picture of `height` rows.
+def find_horizon(contacts: Contacts, lens: Lens) -> tuple[float, float]:
+    """Row of the horizon and its standard deviation, in pixels.
 
-    Mean and deviation over the rows that may be it: `log size = log(row - horizon) + constant of the group`, errors with long
-    tails (who jumps, bends or is half hidden misses by much), and what is usual.
+    Mean and deviation over the rows that may be it: the logarithm of `true_size` is the same in a group, errors have long tails
+    (who jumps, bends or is half hidden misses by much), and what is usual counts, too.
     """
-    rows = height * np.arange(-HORIZON_RANGE, 1, HORIZON_STEP)
-    cost = ((rows / height - USUAL_HORIZON) / HORIZON_SPREAD) ** 2 / 2
+    rows = lens.height * np.arange(-HORIZON_RANGE, 1, HORIZON_STEP)
+    cost = ((rows / lens.height - USUAL_HORIZON) / HORIZON_SPREAD) ** 2 / 2
     for group in np.unique(contacts.group):
         own = contacts.group == group
-        above = contacts.row[own][:, None] - rows
-        miss = np.log(contacts.size[own])[:, None] - np.log(np.maximum(above, 1.0))
+        miss = np.log(true_size(contacts.row[own, None], contacts.size[own, None], group == 0, rows, lens))
         miss -= np.median(miss, axis=0)
         cost += np.log1p((miss / SIZE_NOISE) ** 2).sum(0) / EFFECTIVE_FRAMES
     weight = np.exp(cost.min() - cost)
     weight /= weight.sum()
     horizon = float(weight @ rows)
     return horizon, float(np.sqrt(weight @ (rows - horizon) ** 2))
+
+
+def true_size(row: np.ndarray, size: np.ndarray, scale: bool, horizon: np.ndarray, lens: Lens) -> np.ndarray:
+    """True sizes, in camera heights, of what touches the ground at `row` and is `size` pixels high, for each `horizon`.
+
+    `scale`: `size` is a scale of the picture in place of a height, which is `row - horizon` but for a factor. Of an upright thing
+    seen by a camera that looks down the ends lie at the angles `a` and `b` below the horizon: its height is `1 - tan a / tan b`.
+    """
+    tilt = np.arctan((lens.middle - horizon) / lens.focal)
+    lower, upper = (tilt + np.arctan((end - lens.middle) / lens.focal) for end in (row, row - size))
+    above = np.maximum(row - horizon, 1.0)
+    if scale:
+        return size / (above * np.cos(tilt))
+    height = 1 - np.tan(upper) / np.tan(np.maximum(lower, above / lens.focal / 2))
+    return np.clip(height, *HEIGHTS)
 
 
 def find_contacts(priors: Priors) -> Contacts:
@@ -171,7 +218,9 @@ def _feet(priors: Priors) -> tuple[np.ndarray, np.ndarray]:
     """Rows `(n,)` of the lowest foot of people and pixels per metre at their bodies `(n,)`."""
     rows, sizes = [], []
     joints, metres = priors.people_joints, priors.people_metres
-    for person in range(0 if joints is None or metres is None else joints.shape[1]):
+    if joints is None or metres is None:
+        return np.zeros(0), np.zeros(0)
+    for person in range(joints.shape[1]):
         bodies = bodies_of(joints[:, person], metres[:, person])
         scales = smooth_scales({frame: body.pixels_per_metre for frame, body in bodies.items()})
         for frame, body in bodies.items():
@@ -194,7 +243,10 @@ def _objects(priors: Priors) -> list[tuple[np.ndarray, np.ndarray]]:
         pieces, count = _large_pieces(mask)
         links = np.unique(np.stack([before[pieces > 0], pieces[pieces > 0]]), axis=1)
         links = links[:, links[0] > 0]
-        alone = [np.bincount(side, minlength=size + 1) == 1 for side, size in zip(links, (len(owner) - 1, count), strict=True)]
+        alone = [
+            np.bincount(side, minlength=size + 1) == 1
+            for side, size in zip(links, (len(owner) - 1, count), strict=True)
+        ]
         same = {int(new): owner[old] for old, new in links.T if alone[0][old] and alone[1][new]}
         owner = [0] * (count + 1)
         for number, box in enumerate(ndimage.find_objects(pieces), 1):
