@@ -23,8 +23,9 @@ SAMPLED_FRAMES = 24
 """Frames that are compared, each with the first, the middle and the last of them."""
 MAX_POINTS, QUALITY, APART_PX = 1000, 0.005, 8.0
 """Corners of a picture that are looked for again, the weakest of them against the strongest, and their distance."""
-WINDOW_PX, RETURN_PX = 21, 0.7
-"""Side of the window that is compared; a point is found when looking back from there ends this close to the start."""
+WINDOW_PX, MIN_WINDOW, RETURN_PX = 21, 5, 0.7
+"""Side of the window that is compared, in a small picture at least the second; a point is found when looking back ends this
+close to the start."""
 STILL_PX = 0.75
 """A point stands when it is found within this distance of where the turn of the whole picture puts it."""
 MIN_STANDING, MIN_COVERED, MAX_JITTER_PX = 0.5, 0.3, 3.0
@@ -63,8 +64,9 @@ class Standing:
 
     def summary(self) -> dict[str, Any]:
         """Plain values for the statistics of the priors."""
-        numbers = {"standing": self.standing, "covered": self.covered, "jitter_px": self.jitter}
-        return {"stands": self.stands} | {name: round(value, 3) for name, value in numbers.items()}
+        jitter = round(self.jitter, 3) if np.isfinite(self.jitter) else None
+        fractions = {"standing": round(self.standing, 3), "covered": round(self.covered, 3)}
+        return {"stands": self.stands, "jitter_px": jitter} | fractions
 
 
 class StillnessTest:
@@ -95,13 +97,13 @@ class StillnessTest:
             return Standing(0.0, 0.0, np.inf, 0.0)
         found = in_threads(lambda pair: self._compare(*pair), pairs, report)
         for reference in self.references:
-            votes = [one for one, (start, _) in zip(found, pairs, strict=True) if start == reference and one.told]
-            stood, seen = (np.sum([getattr(one, what) for one in votes], axis=0) for what in ("stands", "found"))
+            votes = [one for one, (start, _) in zip(found, pairs, strict=True) if start == reference]
+            stood, seen = np.sum([(one.stands, one.found & one.told) for one in votes], axis=0)
             self.points[reference] = self.points[reference][2 * stood > np.maximum(seen, 1)]
         rows = np.array([(one.fraction, one.covered, one.shift) for one in found])
         standing, covered = np.percentile(rows[:, :2], 10, axis=0)
-        limit = MAX_JITTER_PX * self.unit
-        return Standing(float(standing), float(covered), float(np.percentile(rows[:, 2], 90)), limit)
+        jitter = np.sort(rows[:, 2])[9 * (len(rows) - 1) // 10]  # some are infinite
+        return Standing(float(standing), float(covered), float(jitter), MAX_JITTER_PX * self.unit)
 
     def turns(self, report: Callable[[int], None] | None = None) -> np.ndarray:
         """(F, 3, 3) rotations from the axes of the first frame; exactly 1 where the jitter is noise.
@@ -119,7 +121,9 @@ class StillnessTest:
         shift = self.focal * (found - found.mean(0))[:, :2, 2]
         if float(np.sqrt((shift**2).sum(1).mean())) < NOISE_PX * self.unit:
             return np.tile(np.eye(3), (self.frames, 1, 1))
-        return found @ found[0].T
+        turns = found @ found[0].T
+        turns[0] = np.eye(3)
+        return turns
 
     def _find(self, reference: int, frame: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places `(n, 2)` of points of a reference in another frame, and whether they are found there `(n,)`."""
@@ -127,7 +131,7 @@ class StillnessTest:
 
         if not len(points):
             return points, np.zeros(0, bool)
-        side = 2 * round((WINDOW_PX * self.unit - 1) / 2) + 1
+        side = max(2 * round((WINDOW_PX * self.unit - 1) / 2) + 1, MIN_WINDOW)
         before, after = self.pictures[reference], self.read(frame)
 
         def look(start: np.ndarray, end: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -24,10 +24,12 @@ from .movers import GUESS_CONFIDENCE
 if TYPE_CHECKING:
     from .folder import Priors
 
-USUAL_HORIZON, HORIZON_SPREAD = 0.35, 0.2
-"""Row of the horizon where nothing tells it, and its standard deviation, in picture heights: phones look a little down."""
-SIZE_NOISE, EFFECTIVE_FRAMES = 0.1, 5.0
-"""Relative error of one size, and the frames over which such errors are alike, so that they count as one."""
+USUAL_HORIZON, HORIZON_SPREAD, KNOWN = 0.35, 0.2, 0.4
+"""Row of the horizon where nothing tells it, and its standard deviation, in picture heights (phones look a little down); the
+horizon is known when contacts leave less than the third of that deviation."""
+SIZE_NOISE, EFFECTIVE_FRAMES, OUTRIGHT = 0.1, 5.0, 3.0
+"""Relative error of one size, the frames over which such errors are alike, so that they count as one, and the error of what cannot
+be."""
 HORIZON_RANGE, HORIZON_STEP = 1.0, 0.005
 """Rows above the picture up to which the horizon is looked for, and the distance of those that are tried, in picture heights."""
 HEIGHTS = (0.02, 50.0)
@@ -90,7 +92,7 @@ class GuessedWorld:
     @property
     def known(self) -> bool:
         """Whether contacts tell the horizon better than what is usual."""
-        return self.horizon_error < 0.6 * HORIZON_SPREAD * self.height
+        return self.horizon_error < KNOWN * HORIZON_SPREAD * self.height
 
     def down(self, camera: Camera) -> np.ndarray:
         """(3,) unit vector: down in the axes of the camera that defines the world."""
@@ -183,6 +185,7 @@ def find_horizon(contacts: Contacts, lens: Lens) -> tuple[float, float]:
         own = contacts.group == group
         miss = np.log(true_size(contacts.row[own, None], contacts.size[own, None], group == 0, rows, lens))
         miss -= np.median(miss, axis=0)
+        miss[contacts.row[own, None] <= rows + 1] = OUTRIGHT  # nothing touches the ground above the horizon
         cost += np.log1p((miss / SIZE_NOISE) ** 2).sum(0) / EFFECTIVE_FRAMES
     weight = np.exp(cost.min() - cost)
     weight /= weight.sum()
