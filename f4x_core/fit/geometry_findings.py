@@ -153,7 +153,7 @@ def _about_standing(priors: Priors, geometry: ClipGeometry) -> Finding:
     """Finding about a camera that stands: its depth is a guess, from what, and how far aside it holds."""
     guess = priors.statistics.get("depth", {}).get("guess")
     jitter = priors.statistics.get("cameras", {}).get("standing", {}).get("jitter_px")
-    shift = f" (the picture shifts by {jitter:.1f} px at most)" if jitter is not None else ""
+    shift = f" (the picture shifts by {jitter:.1f} px)" if jitter is not None else ""
     sentence = f"The camera stood still{shift}, so nothing tells how far things are"
     if guess is None:
         sentence += "; only the original view can be believed."
