@@ -112,13 +112,7 @@ def _about_path(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
             )
         ]
     if priors.camera_kind == "static":
-        return [
-            Finding(
-                "problem",
-                "The camera stood still, so nothing tells how far things are; only the original view can be believed.",
-                "Move the camera sideways while filming, or give depth with --prior depth=DIR.",
-            )
-        ]
+        return [_about_standing(priors, geometry)]
     zoom = priors.statistics.get("cameras", {}).get("zoom")
     if priors.camera_kind == "pan" and zoom is not None:
         return [
@@ -153,6 +147,31 @@ def _about_path(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
     # A path that rests on the little that stands still may be that of something that moves.
     weight: Weight = "note" if advice or moving_fraction(priors) > MUCH_MOTION else "good"
     return [Finding(weight, f"The camera's path spans {angle:.0f}° of the scene{seen}.", advice)]
+
+
+def _about_standing(priors: Priors, geometry: ClipGeometry) -> Finding:
+    """Finding about a camera that stands: its depth is a guess, from what, and how far aside it holds."""
+    guess = priors.statistics.get("depth", {}).get("guess")
+    jitter = priors.statistics.get("cameras", {}).get("standing", {}).get("jitter_px")
+    shift = f" (the picture shifts by {jitter:.1f} px)" if jitter is not None else ""
+    sentence = f"The camera stood still{shift}, so nothing tells how far things are"
+    if guess is None:
+        sentence += "; only the original view can be believed."
+    else:
+        touched = "feet and the lowest points" if guess["people"] else "the lowest points"
+        ground = f"where {touched} of what moves touch it ({guess['contacts']} sightings)"
+        whence = ground if guess["known"] else "where it usually lies, because too little walks over it"
+        sentence += f": their depth is a guess. The ground lies {whence}, and what stands on it is upright."
+    if guess is not None and geometry.believed is not None:
+        degrees = geometry.believed.static
+        sentence += (
+            f" Views hold within about {degrees:.{1 if degrees < 2 else 0}f}° aside; beyond, things shift as guessed."
+        )
+    return Finding(
+        "problem",
+        sentence,
+        "Walk sideways by half a metre while filming, or give depth with --prior depth=DIR.",
+    )
 
 
 def _about_bump(priors: Priors) -> list[Finding]:

@@ -62,7 +62,7 @@ FOOT_SEEN = 0.5
 
 
 @dataclass(frozen=True)
-class _Body:
+class Body:
     """The joints of one person in one frame."""
 
     pixels: np.ndarray
@@ -117,12 +117,12 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
         return placed
     for person in range(priors.people_joints.shape[1]):
         shown = shows_person(priors, person + 1) & maps.moving
-        bodies = _bodies(priors.people_joints[:, person], priors.people_metres[:, person])
+        bodies = bodies_of(priors.people_joints[:, person], priors.people_metres[:, person])
         frames = np.flatnonzero((shown.sum((1, 2)) >= MIN_PIXELS) & np.isin(np.arange(len(shown)), list(bodies)))
         if len(frames) == 0:
             continue
         measured = np.array([bodies[frame].pixels_per_metre for frame in frames])
-        smooth = np.array(list(_smooth_scales(dict(zip(frames.tolist(), measured, strict=True))).values()))
+        smooth = np.array(list(smooth_scales(dict(zip(frames.tolist(), measured, strict=True))).values()))
         if np.std(np.log(measured / smooth)) > UNSTEADY:
             continue
         size = smooth / priors.cameras.intrinsics[frames, 0, 0]
@@ -160,7 +160,7 @@ def _take_fragments(maps: DepthMaps, placed: PlacedPeople) -> None:
 
 
 def _feet_on_ground(
-    maps: DepthMaps, shown: np.ndarray, bodies: list[tuple[int, _Body]], size: np.ndarray
+    maps: DepthMaps, shown: np.ndarray, bodies: list[tuple[int, Body]], size: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Inverse depth of the hips `(f,)` in each of the frames of `bodies`, from the feet that stand, and its trust `(f,)` 0..1.
 
@@ -183,7 +183,7 @@ def _feet_on_ground(
     return found[:, 0], found[:, 1]
 
 
-def _standing_feet(body: _Body, own: np.ndarray, moving: np.ndarray) -> list[tuple[int, int]]:
+def _standing_feet(body: Body, own: np.ndarray, moving: np.ndarray) -> list[tuple[int, int]]:
     """(joint, column) of heels and toes of the person `own (H, W)` that stand on what does not move."""
     unit = body.pixels_per_metre
     seen = [joint for joint in FEET if body.weight[joint] >= FOOT_SEEN]
@@ -231,9 +231,9 @@ def add_relief(inverse: np.ndarray, guessed: np.ndarray, priors: Priors) -> int:
     found = 0
     for person in range(priors.people_joints.shape[1]):
         shown = shows_person(priors, person + 1) & guessed
-        bodies = _bodies(priors.people_joints[:, person], priors.people_metres[:, person])
+        bodies = bodies_of(priors.people_joints[:, person], priors.people_metres[:, person])
         frames = [frame for frame in bodies if shown[frame].sum() >= MIN_PIXELS]
-        scales = _smooth_scales({frame: bodies[frame].pixels_per_metre for frame in frames})
+        scales = smooth_scales({frame: bodies[frame].pixels_per_metre for frame in frames})
         for frame in frames:
             beside = guessed[frame] & (priors.people[frame] == 0)
             per_metre = scales[frame] / float(priors.cameras.intrinsics[frame, 0, 0])
@@ -242,7 +242,7 @@ def add_relief(inverse: np.ndarray, guessed: np.ndarray, priors: Priors) -> int:
     return found
 
 
-def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: _Body, per_metre: float) -> None:
+def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: Body, per_metre: float) -> None:
     """Write a body's relief into one frame's `inverse (H, W)`: where it is `shown`, and on what is close `beside` it.
 
     per_metre: a metre at the body, as a fraction of its distance.
@@ -252,7 +252,7 @@ def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: _Bo
     inverse[y, x] = 1 / (distance * (1 + _limited((body.relief(y, x) - body.anchor) * per_metre)))
 
 
-def _bodies(joints: np.ndarray, metres: np.ndarray) -> dict[int, _Body]:
+def bodies_of(joints: np.ndarray, metres: np.ndarray) -> dict[int, Body]:
     """Frame -> body, from joints `(F, 33, 3)` and metres `(F, 33, 3)`; frames that show too few joints are left out."""
     seen = np.isfinite(joints).all((1, 2))
     weight = np.where(seen[:, None], np.nan_to_num(joints[..., 2]), 0)
@@ -261,10 +261,10 @@ def _bodies(joints: np.ndarray, metres: np.ndarray) -> dict[int, _Body]:
     smooth /= np.maximum(norm, 1e-6)[:, None, None]
     sure = np.where(weight >= SEEN, weight, 0)
     frames = np.flatnonzero(seen & ((sure > 0).sum(1) >= MIN_JOINTS))
-    return {int(frame): _Body(joints[frame, :, :2].astype(np.float64), smooth[frame], sure[frame]) for frame in frames}
+    return {int(frame): Body(joints[frame, :, :2].astype(np.float64), smooth[frame], sure[frame]) for frame in frames}
 
 
-def _smooth_scales(scales: dict[int, float]) -> dict[int, float]:
+def smooth_scales(scales: dict[int, float]) -> dict[int, float]:
     """Median over neighbouring frames: one pose may be seen along the view, where its scale is a guess."""
     frames = np.array(list(scales))
     values = np.array([scales[frame] for frame in scales])

@@ -1,12 +1,13 @@
 """Camera path of the supervised frames from pictures and tracks (provider `classical`).
 
-1. Nothing static moves -> `static`. 2. Otherwise a first solution: aligned depth where a depth prior exists; else a camera
-   that only turns, all its frames at once set free to move (as structure from small motion does: Yu and Gallup, "3D
-   Reconstruction from Accidental Motion", 2014; Ha et al., "High-Quality Depth from Uncalibrated Small Motion Clip", 2016);
-   else pycolmap on keyframes, or own incremental structure from motion. 3. It is compared with its mirror image in depth
-   (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the clip is
-   a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the focal
-   length with them. 6. Where what moves fills the picture's border, cameras of all tracks are tried, too (`rigid`).
+1. The camera stands, as points looked for again in far frames tell (`standing`), or nothing static moves -> `static`: nothing
+   is solved, and a jitter of pixels becomes turns. 2. Otherwise a first solution: aligned depth where a depth prior exists;
+   else a camera that only turns, all its frames at once set free to move (as structure from small motion does: Yu and
+   Gallup, "3D Reconstruction from Accidental Motion", 2014; Ha et al., "High-Quality Depth from Uncalibrated Small Motion
+   Clip", 2016); else pycolmap on keyframes, or own incremental structure from motion. 3. It is compared with its mirror image
+   in depth (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the
+   clip is a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the
+   focal length with them. 6. Where what moves fills the picture's border, cameras of all tracks are tried, too (`rigid`).
 7. What moving cameras explain as static is taken out of what moves (`second_look`).
 
 Held-out frames are never looked at; how much real shake their interpolated cameras will miss is measured
@@ -31,6 +32,7 @@ from .flow import grey, sample, texture
 from .folder import SEEN_DEPTH
 from .lens import measure
 from .mirror import DepthCues, choose_orientation, decide, guess_inverse_distance
+from .motion import REFERENCE_WIDTH
 from .rigid import explained_fraction
 from .second_look import mask_in_doubt, release_static
 from .sfm import (
@@ -48,6 +50,7 @@ from .sfm import (
     solve_with_tracks,
     subset,
 )
+from .standing import StillnessTest
 from .zoom import MIN_COST_LEFT_BY_MOVING, Zoom, find_zoom, mean_cost, zoomed
 
 if TYPE_CHECKING:
@@ -56,6 +59,9 @@ if TYPE_CHECKING:
 
 STATIC_PX = 0.5
 """A clip is static when no pair of frames shifts its static tracks by this much (median over the tracks)."""
+MAYBE_STANDING_PX = 6.0
+"""... and may stand when they shift by less than this (480 wide), which is more than chained tracks of a tripod drift in ten
+seconds: then the pictures are compared (`standing`)."""
 SAMPLED_POINTS, SAMPLED_FRAMES = 500, 24
 """Points and frames on which solutions are compared: 500 x 24 take two seconds, and find what 2,000 x 90 find."""
 MIN_SAMPLED_POINTS, MIN_POINTS_PER_FRAME, MAX_SAMPLED_FRAMES = 200, 150, 96
@@ -125,8 +131,9 @@ def provide(
     statistics: dict[str, Any] = {"static_tracks": int(static.sum()), "static_shift_px": _json(shift)}
     job = _CameraProblem(clip, priors, settings, tracks, visible, static, focal, first, statistics, [], progress)
     times = job.times
-    solution, kind = _solve_what_stands_still(job, shift)
-    if first is None and settings.kind in (None, "moving") and mask_in_doubt(priors):
+    standing = _standing_camera(job, shift)
+    solution, kind = _solve_what_stands_still(job, shift) if standing is None else (standing, "static")
+    if standing is None and first is None and settings.kind in (None, "moving") and mask_in_doubt(priors):
         solution, kind = _solve_everything(job, solution, kind)
     if kind != "static" and first is None:
         _measure_bend(job, solution.bundle, kind)
@@ -155,6 +162,25 @@ def provide(
     }
     priors.statistics["cameras"] = statistics
     progress("cameras", 4, 4, f"{kind}, focal length {statistics['focal_over_width']:.2f} of the width")
+
+
+def _standing_camera(job: _CameraProblem, shift: float) -> Solution | None:
+    """Return the camera of a clip whose pictures show that it stands, turned by its jitter; None where they do not.
+
+    `shift` is that of the static tracks (`static_shift`). The cameras of another provider and a kind that is given are kept.
+    """
+    unit = max(job.priors.width, job.priors.height) / REFERENCE_WIDTH
+    if job.first is not None or job.settings.kind is not None or shift > MAYBE_STANDING_PX * unit:
+        return None
+    frames, supervised = len(job.tracks), np.asarray(job.clip.supervised)
+    test = StillnessTest(lambda frame: grey(job.clip.frames[supervised[[frame]]])[0], frames, job.focal)
+    measured = test.measure(lambda done: job.progress("cameras", 0, 4, f"how still it stands, {done} pairs"))
+    job.statistics["standing"] = measured.summary()
+    if not measured.stands:
+        return None
+    turns = test.turns(lambda done: job.progress("cameras", done, frames, "the camera stands"))
+    job.statistics["standing"]["turned"] = bool((turns != np.eye(3)).any())
+    return _static_camera(frames, job.focal, job.principal, turns)
 
 
 def _measure_bend(job: _CameraProblem, bundle: Bundle, kind: str) -> None:
@@ -666,9 +692,10 @@ def _adjusted_pan(turning: Solution, focal: float) -> Solution:
     return replace(turning, bundle=adjust(turning.bundle, turning.observations, settings))
 
 
-def _static_camera(frames: int, focal: float, principal: np.ndarray) -> Solution:
-    """The camera that stands still at the origin."""
-    bundle = Bundle(focal, principal, np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3)), np.zeros((0, 3)))
+def _static_camera(frames: int, focal: float, principal: np.ndarray, turns: np.ndarray | None = None) -> Solution:
+    """The camera that stands at the origin; `turns (F, 3, 3)`: its rotations, when left out it does not turn."""
+    turns = np.tile(np.eye(3), (frames, 1, 1)) if turns is None else turns
+    bundle = Bundle(focal, principal, turns, np.zeros((frames, 3)), np.zeros((0, 3)))
     nothing = Observations(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
     return Solution(bundle, nothing, np.ones(frames, bool))
 

@@ -3,7 +3,8 @@
 Static pixels: inverse depth is triangulated from flow over many frame gaps and from static tracks, then spread over the
 picture by an edge-aware smoothness term weighed against the measured precision. Moving pixels carry no depth signal; what is
 honest is plausible: contact with the ground below, the change of size over time, one depth per object and frame, and a low
-confidence. Clips without parallax get a gentle ground-like prior with almost no confidence.
+confidence. Clips from a standing camera get a guessed ground and background (`standing_world`), turning ones a gentle
+ground-like prior with almost no confidence.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from .contact import GUESS_CONFIDENCE, MOVING_MARGIN
 from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import place_objects
 from .points import TRACK_OUTLIER_PX, fit_points
+from .standing_world import guess_world
+from .uprights import feet_of_uprights
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -73,6 +76,8 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     statistics: dict[str, Any] = {}
     if priors.camera_kind == "moving":
         inverse, confidence = _static_depth(clip, priors, config, moving | ~seen, progress, statistics)
+    elif priors.camera_kind == "static":
+        inverse, confidence = _before_standing_camera(clip, priors, cameras, statistics)
     else:
         inverse, confidence = ground_prior(cameras), np.full(moving.shape, GUESS_CONFIDENCE, np.float32)
         priors.warn("Without parallax no depth can be measured: depth is a ground-like guess with low confidence.")
@@ -96,6 +101,18 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         "percentiles_2_50_98": [round(float(value), 3) for value in percentiles],
         "mean_confidence": round(float(confidence.mean()), 3),
     }
+
+
+def _before_standing_camera(
+    clip: Clip, priors: Priors, cameras: CameraPath, statistics: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Guessed inverse depth and confidence `(F, H, W)` of the world before a camera that stands."""
+    world = guess_world(priors)
+    statistics["guess"] = world.summary()
+    whence = "where what moves touches it" if world.known else "where it usually lies, as little tells where it is"
+    priors.warn(f"The camera stands, so no depth can be measured: depth is a guess, with the ground {whence}.")
+    inverse = world.inverse_depth(cameras, feet_of_uprights(clip, priors, world.base))
+    return inverse, np.tile(world.confidence()[:, None].astype(np.float32), (len(inverse), 1, inverse.shape[2]))
 
 
 def inverse_depth_from_flow(

@@ -57,22 +57,38 @@ def enlarged(priors: Priors, width: int, height: int) -> Priors:
     if priors.people is not None:
         found.people = resize_nearest(priors.people, width, height)
     if priors.people_probability is not None:
-        soft = in_threads(lambda one: resize_linear(one, width, height).astype(np.float16), priors.people_probability)
-        found.people_probability = np.stack(soft)
+        found.people_probability = _enlarged_maps(priors.people_probability, width, height)
     if priors.people_joints is not None:
         scale = np.array([width / priors.width, height / priors.height, 1], np.float32)
         found.people_joints = priors.people_joints * scale
     if priors.motion is not None:
-        found.motion = np.stack(
-            in_threads(lambda one: resize_linear(one, width, height).astype(np.float16), priors.motion)
-        )
+        found.motion = _enlarged_maps(priors.motion, width, height)
     if priors.mask is not None:
-        found.mask = np.stack(in_threads(lambda one: resize_linear(one, width, height) > 0.5, priors.mask))
+        found.mask = _enlarged_maps(priors.mask, width, height)
     if priors.depth is not None:
-        maps = in_threads(lambda frame: _enlarged_depth(priors, found, frame), range(len(priors.depth)))
-        depth, confidence = zip(*maps, strict=True)
-        found.depth = np.stack(depth)
-        found.depth_confidence = None if priors.depth_confidence is None else np.stack(confidence)
+        size = (len(priors.depth), height, width)
+        depth, confidence = np.empty(size, np.float32), np.empty(size, np.float16)
+
+        def write(frame: int) -> None:
+            depth[frame], confidence[frame] = _enlarged_depth(priors, found, frame)
+
+        in_threads(write, range(len(depth)))
+        found.depth, found.depth_confidence = depth, None if priors.depth_confidence is None else confidence
+    return found
+
+
+def _enlarged_maps(maps: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Maps (F,H,W) of numbers or bools (true from one half on) in another size.
+
+    They are written where they stay: a list of them beside their stack would take twice the memory of a long clip.
+    """
+    found = np.empty((len(maps), height, width), maps.dtype)
+
+    def write(frame: int) -> None:
+        large = resize_linear(maps[frame], width, height)
+        found[frame] = large > 0.5 if maps.dtype == bool else large
+
+    in_threads(write, range(len(maps)))
     return found
 
 

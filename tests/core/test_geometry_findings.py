@@ -294,6 +294,27 @@ def test_a_camera_that_is_only_assumed_to_stand_still_is_not_said_to_have_done_s
     assert "The camera stood still" in " ".join(finding.what for finding in findings(priors, None, {}))
 
 
+@pytest.mark.parametrize(
+    ("guess", "words"),
+    [
+        (None, ("only the original view can be believed",)),
+        (
+            {"known": True, "people": True, "contacts": 57},
+            ("a guess", "feet and the lowest points", "57 sightings", "° aside"),
+        ),
+        ({"known": True, "people": False, "contacts": 9}, ("where the lowest points of what moves touch it (9",)),
+        ({"known": False, "people": False, "contacts": 0}, ("where it usually lies", "too little walks")),
+    ],
+)
+def test_the_guess_before_a_standing_camera_is_told_with_what_it_rests_on(guess, words):
+    _, priors = toy.clip_and_priors()
+    priors.camera_kind = "static"
+    priors.statistics = {"cameras": {"standing": {"stands": True, "jitter_px": 1.7}}, "depth": {"guess": guess}}
+    found = [finding for finding in findings(priors, None, {}) if "The camera stood still" in finding.what]
+    assert len(found) == 1 and "half a metre" in found[0].advice and "1.7 px" in found[0].what
+    assert all(word in found[0].what for word in words), found[0].what
+
+
 @pytest.mark.parametrize(("share", "weight"), [(0.3, "good"), (0.7, "note")])
 def test_a_path_that_rests_on_little_is_no_praise(share, weight):
     _, priors = toy.clip_and_priors()

@@ -444,13 +444,15 @@ def test_depth_and_statistics_of_a_standing_camera():
     priors.camera_kind, cameras = "static", priors.cameras
     priors.mask[:, 30:50, 40:56] = True
     module.provide(clip, priors, PriorsConfig(), silent)
-    prior = 1 / module.ground_prior(cameras)
+    world = module.guess_world(priors)
+    prior = 1 / world.inverse_depth(cameras, module.feet_of_uprights(clip, priors, world.base))
     still = ~priors.mask
     unit = np.median(prior[still] / priors.depth[still])
     np.testing.assert_allclose(priors.depth[still], (prior / unit)[still], rtol=1e-5)
     np.testing.assert_allclose(priors.cameras.centers, cameras.centers / unit, rtol=1e-5)
     assert (priors.depth_confidence == np.float16(module.GUESS_CONFIDENCE)).all()
     found = priors.statistics["depth"]
+    assert found["guess"]["known"] is False and any("usually lies" in line for line in priors.warnings)
     assert found["moving_objects"] == len(found["movers"]) == 1
     sampled = np.percentile(priors.depth[:, ::4, ::4], (2, 50, 98))
     np.testing.assert_allclose(found["percentiles_2_50_98"], sampled, atol=6e-4)
@@ -468,7 +470,7 @@ def test_confidence_is_kept_between_nothing_and_certainty(monkeypatch):
 
 def test_given_cameras_decide_the_unit_of_depth():
     clip, priors, _ = plane_priors(frames=3)
-    priors.camera_kind, priors.provenance["cameras"] = "static", {"provider": "files"}
+    priors.camera_kind, priors.provenance["cameras"] = "pan", {"provider": "files"}
     cameras = priors.cameras
     module.provide(clip, priors, PriorsConfig(), silent)
     np.testing.assert_allclose(priors.depth, 1 / module.ground_prior(cameras), rtol=1e-6)

@@ -159,3 +159,19 @@ def test_depth_is_enlarged_layer_by_layer(without):
     assert found.scratch == {} and found.flow_forward is None
     np.testing.assert_allclose(found.tracks, 2 * priors.tracks)
     np.testing.assert_allclose(found.cameras.intrinsics[0], np.diag([2, 2, 1]) @ priors.cameras.intrinsics[0])
+
+
+def test_maps_of_a_long_clip_are_enlarged_within_little_more_than_their_own_size():
+    import tracemalloc
+
+    frames = 60
+    priors = Priors(32, 18, np.arange(frames), motion=np.zeros((frames, 18, 32), np.float16))
+    priors.depth = np.ones((frames, 18, 32), np.float32)
+    priors.depth_confidence = priors.motion + np.float16(0.5)
+    tracemalloc.start()
+    try:
+        large = enlarged(priors, 320, 180)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1.4 * sum(one.nbytes for one in (large.motion, large.depth, large.depth_confidence))
