@@ -48,7 +48,7 @@ TROUBLES = (
             "f4x_core.clip.rendered_scenes",
             "f4x_core.cli.demo",
             "ground_truth.clip",
-            "ground_truth.room",
+            "ground_truth.figures",
             "ground_truth.truth",
         ),
     ),
