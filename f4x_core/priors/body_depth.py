@@ -140,7 +140,8 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
             maps.confidence[frame][y, x] = guessed_confidence(priors, sure)
             placed.pixels[frame] |= own
         placed.frames.append(frames)
-    _take_fragments(maps, placed)
+    if placed.frames:
+        _take_fragments(maps, placed)
     return placed
 
 

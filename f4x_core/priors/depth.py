@@ -28,7 +28,7 @@ from .contact import GUESS_CONFIDENCE, MOVING_MARGIN
 from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import place_objects
 from .points import TRACK_OUTLIER_PX, fit_points
-from .standing_world import guess_world
+from .standing_world import guess_world, slope
 from .uprights import feet_of_uprights
 
 if TYPE_CHECKING:
@@ -288,9 +288,7 @@ def below_horizon(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.nd
     An inverse depth that is linear in them is that of a ground plane below and of a sphere above. `down (3,)` in the world.
     """
     local = (pixels - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]]
-    x, y, z = camera.world_to_camera[:3, :3] @ down
-    height = local[..., 0] * x + local[..., 1] * y + z
-    return np.stack([np.maximum(height, 0), np.sqrt(1 + (local**2).sum(-1))], -1)
+    return np.stack([np.maximum(slope(camera, pixels, down), 0), np.sqrt(1 + (local**2).sum(-1))], -1)
 
 
 def plain_world(inverse: np.ndarray, precision: np.ndarray, below: np.ndarray, usual: float) -> np.ndarray:

@@ -59,7 +59,7 @@ class Standing:
 
     @property
     def stands(self) -> bool:
-        """Whether the camera stands."""
+        """True where the camera stands."""
         return self.standing >= MIN_STANDING and self.covered >= MIN_COVERED and self.jitter <= self.limit
 
     def summary(self) -> dict[str, Any]:
@@ -189,7 +189,7 @@ class _Comparison:
 
     @property
     def told(self) -> bool:
-        """Whether enough points are found to tell anything."""
+        """True where enough points are found to tell anything."""
         return self.found.sum() >= MIN_FOUND
 
     @property

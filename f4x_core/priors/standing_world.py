@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from ..geometry.camera import Camera, CameraPath
 from ..parallel import in_threads
-from .body_depth import bodies_of, smooth_scales
+from .body_depth import FOOT_SEEN, bodies_of, smooth_scales
 from .contact import GUESS_CONFIDENCE
 from .flow import pixel_grid
 from .joints import FEET
@@ -38,8 +38,6 @@ MIN_PIXELS, MIN_FRAMES, EDGE = 60, 6, 2
 """Pixels and frames that an object needs to tell anything, and rows and columns at the border: who reaches them is cut off."""
 MIN_PERSON_OVERLAP = 0.5
 """A moving region that lies on people by this fraction is told by their joints."""
-MIN_FOOT = 0.5
-"""Visibility from which a foot tells where it stands."""
 FARTHEST, BEHIND, USUAL_BASE = 0.05, 0.7, 0.25
 """The background stands upright behind the ground. Its foot lies at the second fraction of the way from the horizon to the
 row of the farthest contacts (their quantile is the first), and at the third of the way to the lower edge without any."""
@@ -52,7 +50,7 @@ one half, as in depth that is measured."""
 
 @dataclass(frozen=True)
 class Contacts:
-    """Where things of known relative size touch the ground; n sightings."""
+    """Sightings (n) of things of known relative size where they touch the ground."""
 
     row: np.ndarray
     """(n,) pixels from the top."""
@@ -85,13 +83,13 @@ class GuessedWorld:
     contacts: int
     """Sightings that told it."""
     people: bool
-    """Whether people are among them."""
+    """True where people are among them."""
     height: int
     """Of the picture, pixels."""
 
     @property
     def known(self) -> bool:
-        """Whether contacts tell the horizon better than what is usual."""
+        """True where contacts tell the horizon better than what is usual."""
         return self.horizon_error < KNOWN * HORIZON_SPREAD * self.height
 
     def down(self, camera: Camera) -> np.ndarray:
@@ -227,7 +225,7 @@ def _feet(priors: Priors) -> tuple[np.ndarray, np.ndarray]:
         bodies = bodies_of(joints[:, person], metres[:, person])
         scales = smooth_scales({frame: body.pixels_per_metre for frame, body in bodies.items()})
         for frame, body in bodies.items():
-            feet = [joint for joint in FEET if body.weight[joint] >= MIN_FOOT]
+            feet = [joint for joint in FEET if body.weight[joint] >= FOOT_SEEN]
             row = max((float(body.pixels[joint, 1]) for joint in feet), default=np.inf)
             if row < priors.height - EDGE and scales[frame] > 0:
                 rows.append(row)
@@ -271,7 +269,7 @@ def _large_pieces(mask: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _seen_whole(box: tuple[slice, slice], piece: np.ndarray, frame: int, priors: Priors) -> bool:
-    """Whether a `piece` of the moving mask in the `box` of a frame is an object away from the border, and no person."""
+    """Return True where a `piece` of the moving mask in the `box` of a frame is an object away from the border, and no person."""
     y, x = box
     inside = min(y.start, x.start) >= EDGE and y.stop <= priors.height - EDGE and x.stop <= priors.width - EDGE
     if not inside:
