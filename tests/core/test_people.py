@@ -276,6 +276,20 @@ def test_a_moving_person_counts_whole_and_a_doubtful_border_does_not():
     assert surer[:, wall].all()
 
 
+def test_a_doubtful_region_beside_a_person_is_no_mover():
+    """A wall that the person touches goes; in frames in which nobody is found, what is as sure as people are stays of it."""
+    person = rectangle(30, 10, 45, 50)
+    priors = priors_with([(person, np.ones((JOINTS, 3)), np.zeros((JOINTS, 3)))])
+    halo, hidden, ball = rectangle(45, 10, 60, 50), rectangle(46, 20, 56, 40), rectangle(5, 20, 15, 30)
+    mask = np.repeat((person | halo | ball)[None], 3, 0)
+    motion = np.where(halo, 0.7, np.where(mask[0], 0.9, 0.1))[None].repeat(3, 0)
+    priors.people[2], motion[2, hidden] = 0, 0.9
+    found = with_people(mask, motion, priors)
+    assert found[:2, person].all() and found[:, ball].all() and not found[:2, 12:48, 50:60].any()
+    assert found[2, hidden].all() and not found[2, halo & ~hidden].any()
+    assert with_people(mask, np.where(halo, 0.9, motion), priors)[:, halo].all()
+
+
 def test_a_person_who_stands_changes_no_mask():
     priors = priors_with([(rectangle(30, 10, 45, 50), np.ones((JOINTS, 3)), np.zeros((JOINTS, 3)))])
     mask = np.repeat(rectangle(60, 0, 80, 60)[None], 3, 0)

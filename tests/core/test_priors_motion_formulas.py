@@ -375,7 +375,21 @@ def scored_by_hand(pictures, flows, gaps):
     contrast = max(np.mean([pictures[:, ::4, ::4, c].std() for c in range(3)]), 1)
     shape = (frames, len(signed), len(rows), len(columns))
     score = score.reshape(frames, len(rows), len(columns))
-    score = score * module._evidence(missed.reshape(shape), 0.28 * contrast)
+    missed = missed.reshape(shape)
+    covering = score * module._evidence(missed, 0.28 * contrast) > 0.6
+    wide = [cv2.dilate(one.astype(np.float32), np.ones((3, 3), np.uint8)) for one in covering]
+    for t, y, x in np.ndindex(score.shape):
+        hidden = []
+        for j, gap in enumerate(signed):
+            if 0 <= t + gap < frames:
+                p = y * len(columns) + x
+                moved = flows[gap][t][rows[y], columns[x]].astype(float) - residual[t, j, p]
+                there = module.look_up(wide[t + gap], np.array([[(x, y) + moved / 4 + 0.5]]))
+                hidden += [j] if there > 0.5 else []
+        seen = [j for j in range(len(signed)) if j not in hidden and np.isfinite(missed[t, j, y, x])]
+        if seen:
+            missed[t, hidden, y, x] = np.nan
+    score = score * module._evidence(missed, 0.28 * contrast)
     return module._smooth_in_time(np.stack([module.enlarge(one, height, width) for one in score]), flows), statistics
 
 
