@@ -254,7 +254,8 @@ def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: Bod
 
 
 def bodies_of(joints: np.ndarray, metres: np.ndarray) -> dict[int, Body]:
-    """Frame -> body, from joints `(F, 33, 3)` and metres `(F, 33, 3)`; frames that show too few joints are left out."""
+    """Frame -> body, from joints `(F, 33, 3)` and metres `(F, 33, 3)`; frames that show too few joints, or joints in pixels
+    that contradict those in metres, are left out."""
     seen = np.isfinite(joints).all((1, 2))
     weight = np.where(seen[:, None], np.nan_to_num(joints[..., 2]), 0)
     norm = ndimage.gaussian_filter1d(seen.astype(np.float64), SMOOTH_FRAMES)
@@ -262,7 +263,8 @@ def bodies_of(joints: np.ndarray, metres: np.ndarray) -> dict[int, Body]:
     smooth /= np.maximum(norm, 1e-6)[:, None, None]
     sure = np.where(weight >= SEEN, weight, 0)
     frames = np.flatnonzero(seen & ((sure > 0).sum(1) >= MIN_JOINTS))
-    return {int(frame): Body(joints[frame, :, :2].astype(np.float64), smooth[frame], sure[frame]) for frame in frames}
+    bodies = {int(f): Body(joints[f, :, :2].astype(np.float64), smooth[f], sure[f]) for f in frames}
+    return {frame: body for frame, body in bodies.items() if body.pixels_per_metre > 0}
 
 
 def smooth_scales(scales: dict[int, float]) -> dict[int, float]:

@@ -34,6 +34,13 @@ def shows_person(priors: Priors, person: int) -> np.ndarray:
     return (priors.people == person) & (priors.people_probability > SHOWN)
 
 
+def shows_people(priors: Priors) -> np.ndarray | None:
+    """(F,H,W) bool: the pixels that show somebody; None where nobody is known."""
+    if priors.people is None or priors.people_probability is None or not priors.people.any():
+        return None
+    return (priors.people > 0) & (priors.people_probability > SHOWN)
+
+
 def moving_people(mask: np.ndarray, priors: Priors) -> np.ndarray:
     """(F,H,W) bool: all pixels of the people most of whom lie in the moving `mask (F,H,W)`."""
     found = np.zeros_like(mask)
@@ -56,7 +63,7 @@ def with_people(mask: np.ndarray, motion: np.ndarray, priors: Priors) -> np.ndar
     people = moving_people(mask, priors)
     if not people.any():
         return mask
-    near, touching = _widened(people, NEAR), _widened(people, NEAR + 1)
+    near, touching = widened(people, NEAR), widened(people, NEAR + 1)
     touching[:, [0, -1]] = touching[:, :, [0, -1]] = True  # the border of the picture
     labels, count = ndimage.label(mask & ~near)
     size = np.maximum(np.bincount(labels.ravel(), minlength=count + 1), 1)
@@ -71,7 +78,7 @@ def with_people(mask: np.ndarray, motion: np.ndarray, priors: Priors) -> np.ndar
     return people | (mask & near) | kept[labels] | lost
 
 
-def _widened(masks: np.ndarray, pixels: int) -> np.ndarray:
+def widened(masks: np.ndarray, pixels: int) -> np.ndarray:
     """(F,H,W) bool: each of the `masks (F,H,W)`, wider by so many pixels on every side."""
     import cv2
 

@@ -315,6 +315,12 @@ def test_the_cut_follows_the_colours():
     np.testing.assert_allclose(soft[0] + soft[1], 1, atol=1e-5)
 
 
+def mean_around(values, known, y, x):
+    """Mean of the known values of the 3 x 3 samples around (y, x), the outermost repeated."""
+    values, known = (np.pad(one, 1, "symmetric")[y : y + 3, x : x + 3] for one in (values, known))
+    return values[known].mean()
+
+
 def scored_by_hand(pictures, flows, gaps):
     """The score of every pixel and what was measured, frame by frame and gap by gap."""
     frames, height, width = flows[1].shape[:3]
@@ -333,7 +339,7 @@ def scored_by_hand(pictures, flows, gaps):
     static = border_flow < 0.3 * unit and np.median(lengths(longest)) < 0.6 * unit
     residual = np.zeros((frames, len(signed), len(points), 2), np.float32)
     trust = np.zeros(residual.shape[:3], np.float32)
-    missed = np.full(residual.shape[:3], np.nan, np.float32)
+    missed, off = np.full((2, *residual.shape[:3]), np.nan, np.float32)
     inliers = {}
     soft = [cv2.GaussianBlur(picture, (0, 0), 1.0).astype(np.float32) for picture in pictures]
     for t in range(frames):
@@ -352,6 +358,7 @@ def scored_by_hand(pictures, flows, gaps):
                     module.look_up(soft[t + gap], place[None, None]) for place in (background[p], points[p] + flow[p])
                 ]
                 missed[t, j, p] = abs(seen[0] - here).mean() - abs(seen[1] - here).mean()
+                off[t, j, p] = abs(seen[0] - here).mean()
     score = module.score_of_residuals(np.linalg.norm(residual, axis=-1), trust, unit)
     unexplained = score[:, border] > 0.5
     last = np.array([abs(gap) == max(gaps) for gap in signed])
@@ -375,21 +382,23 @@ def scored_by_hand(pictures, flows, gaps):
     contrast = max(np.mean([pictures[:, ::4, ::4, c].std() for c in range(3)]), 1)
     shape = (frames, len(signed), len(rows), len(columns))
     score = score.reshape(frames, len(rows), len(columns))
-    missed = missed.reshape(shape)
-    covering = score * module._evidence(missed, 0.28 * contrast) > 0.6
-    wide = [cv2.dilate(one.astype(np.float32), np.ones((3, 3), np.uint8)) for one in covering]
+    missed, off, enough = missed.reshape(shape), off.reshape(shape), 0.28 * contrast
+    evidence = module._evidence(missed, enough)
+    wide = [cv2.dilate(one.astype(np.float32), np.ones((3, 3), np.uint8)) for one in (score * evidence > 0.6)]
+    free = missed.copy()
+    for t, j, y, x in np.ndindex(shape):
+        if 0 <= t + signed[j] < frames:
+            moved = flows[signed[j]][t][rows[y], columns[x]].astype(float) - residual[t, j, y * len(columns) + x]
+            if module.look_up(wide[t + signed[j]], np.array([[(x, y) + moved / 4 + 0.5]])) > 0.5:
+                free[t, j, y, x] = np.nan
+    anew, found = module._evidence(free, enough), evidence.copy()
     for t, y, x in np.ndindex(score.shape):
-        hidden = []
-        for j, gap in enumerate(signed):
-            if 0 <= t + gap < frames:
-                p = y * len(columns) + x
-                moved = flows[gap][t][rows[y], columns[x]].astype(float) - residual[t, j, p]
-                there = module.look_up(wide[t + gap], np.array([[(x, y) + moved / 4 + 0.5]]))
-                hidden += [j] if there > 0.5 else []
-        seen = [j for j in range(len(signed)) if j not in hidden and np.isfinite(missed[t, j, y, x])]
-        if seen:
-            missed[t, hidden, y, x] = np.nan
-    score = score * module._evidence(missed, 0.28 * contrast)
+        for j in range(len(signed)):
+            if np.isfinite(free[t, j, y, x]) and mean_around(off[t, j], np.isfinite(free[t, j]), y, x) < enough:
+                found[t, y, x] = anew[t, y, x]
+    ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    closed = np.array([cv2.morphologyEx(one.astype(np.float32), cv2.MORPH_CLOSE, ellipse) for one in found])
+    score = score * np.minimum(closed, np.maximum(evidence, found))
     return module._smooth_in_time(np.stack([module.enlarge(one, height, width) for one in score]), flows), statistics
 
 
@@ -422,6 +431,23 @@ def test_the_score_is_put_together_frame_by_frame(kind):
         assert statistics[name] == pytest.approx(by_hand[name], rel=1e-3, abs=1e-6), name
     shares = {f"inliers {gap}": value for gap, value in statistics["homography_inliers"].items()}
     assert shares == pytest.approx({name: value for name, value in by_hand.items() if "inliers" in name}, abs=1e-6)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_plain_wall_that_a_mover_soon_covers_stands(known):
+    """Flow drags the wall along for 12 pixels before the mover; where the mover is not in the way, the wall is where it was."""
+    clip, mask = warped_clip(frames=8, pan=(0.0, 0.0), speed=(2.5, 0.0))
+    pictures = np.where(mask[..., None], clip.frames, 90).astype(np.uint8)
+    dragged = np.array([cv2.dilate(one.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0 for one in mask])
+    flows = {gap: (dragged[..., None] * [2.5 * gap, 0.0]).astype(np.float16) for gap in (1, -1, 4, -4)}
+    score, _ = module.motion_score(pictures, flows, (1, 4), silent, mask if known else None)
+    inner = np.array([cv2.erode(one.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0 for one in mask])
+    ahead = np.zeros_like(mask)
+    ahead[:, :, 10:] = mask[:, :, :-10]
+    ahead &= ~np.array([cv2.dilate(one.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0 for one in mask])
+    middle = slice(2, 6)
+    assert score[middle][inner[middle]].mean() > 0.4
+    assert score[middle][ahead[middle]].mean() < 0.2, score[middle][ahead[middle]].mean()
 
 
 def test_a_slow_pan_is_no_standing_camera():
