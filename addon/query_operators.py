@@ -20,6 +20,7 @@ from ..f4x_core.query.cast import needs_no_teacher
 from ..f4x_core.query.inventory import instead
 from ..f4x_core.query.knowledge import refuse_unknown
 from ..f4x_core.query.labels import words_of
+from ..f4x_core.query.people import in_ordinals
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ..f4x_core.query.prompts import select_by_prompts
 from ..f4x_core.query.selection import Selection
@@ -81,7 +82,9 @@ class F4X_OT_query_text(SearchOperator, bpy.types.Operator):  # noqa: N801 - Ble
         if not self.text.strip():
             raise F4xError("Type what to select, such as dog; separate several words by commas.")
         scene_object.state.found = ""
-        text, base, shown, asker = self.text, scene_object.base, scene_object.shown, scene_object.context
+        base, shown, asker = scene_object.base, scene_object.shown, scene_object.context
+        frame = base.cameras.frame_at(asker.frame)  # at which somebody is on the left
+        text = self.text
         negatives = words_of(self.negatives) if self.negatives.strip() else None
         threshold, has_worker = scene_object.state.threshold, bool(find_interpreter())
 
@@ -94,7 +97,8 @@ class F4X_OT_query_text(SearchOperator, bpy.types.Operator):  # noqa: N801 - Ble
                 assert selecting is not None  # as for every phrase
                 return Answer(chosen=selecting.chosen, called=selecting.words)
             scene_cache.wait_until_prepared(base, progress)
-            return _query(base, shown, words_of(text), negatives, threshold, has_worker)
+            words = words_of(in_ordinals(base, text, frame=frame)[0])
+            return _query(base, shown, words, negatives, threshold, has_worker)
 
         return search
 
@@ -153,7 +157,8 @@ def _query(
     best = max((float(asked[label].scores.max(initial=0)) for label in absent), default=0.0)
     found |= {label: shown.of_base(each) for label, each in asked.items()}
     explained = nothing_called(scene, absent, threshold, best) if absent else ""
-    return Answer(together({word: found[word] for word in words}), called=called, hint=explained)
+    asked_for = together({word: found[word] for word in words})
+    return Answer(asked_for, called=called, hint=" ".join([*filter(None, [explained]), *asked_for.remarks]))
 
 
 class _Prompt(SearchOperator):

@@ -230,6 +230,7 @@ class Session:
                 "moving": int(opened.moving[rows].sum()),
                 "seen": {"frame": frame, "share_of_picture": float(inside.mean()), "box": _box_of(inside, opened)},
             }
+            | ({"remarks": [*found.remarks]} if found.remarks else {})
         )
 
     def ask(

@@ -24,7 +24,6 @@ from ..progress import Progress
 from ..query.inventory import instead, labels_of
 from ..query.labels import Encode, words_of
 from ..query.marks import Box, Brush, Lasso, Mark, Mask, Point
-from ..query.people import remark_on
 from ..query.pixels import coverage_image, heat_map, mask_video
 from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
 from ..query.score import THRESHOLD
@@ -62,9 +61,9 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         f"{selection.label}: {result['chosen']} of {result['gaussians']} Gaussians, {result['static']} of them static"
     ]
     absent: list[str] = []
-    if remarks := [remark for word in by_word if (remark := remark_on(scene, word))]:
-        lines += remarks
-        result["remarks"] = remarks
+    if selection.remarks:
+        lines += selection.remarks
+        result["remarks"] = [*selection.remarks]
     if by_word:
         result["missing"] = [word for word, each in by_word.items() if not each.chosen.any()]
         absent = [_empty_line(by_word[word]) for word in result["missing"]]

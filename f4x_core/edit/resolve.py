@@ -209,7 +209,8 @@ class Resolver:
             rows, others = (rows_of(scene, self._cached(scene, part, tidy)) for part in (select.of, select.other))
             time = float(select.frame)
             camera = scene.cameras.at(time)
-            found = stand_to(scene.posed(time), rows, others, select.where, camera, select.each)
+            known = single_people(scene, rows)
+            found = stand_to(scene.posed(time), rows, others, select.where, camera, select.each, known)
             if not len(found):
                 raise Absent(f"In the scene '{scene.name}' there is no {whom(select).removeprefix('the ')}.")
             return Ids.of(scene.ids[found])

@@ -21,12 +21,12 @@ from ..scene import Scene
 from ..scene.view import render
 from .cast import caster, is_cast, moving_things
 from .chat import ChatServer, image_part
-from .inventory import find, instead, is_doubtful, labels_of, things_there
+from .inventory import PERSON, find, instead, is_doubtful, labels_of, things_there
 from .knowledge import refuse_unknown
 from .labels import Encode
 from .measures import Comparison, Measured, measure, single_ones, times_of
 from .not_deleted import not_deleted
-from .people import is_of_people, remark_on
+from .people import each_person, in_ordinals, is_of_people, remarks_on
 from .pixels import head_map
 from .selection import SELECTED, Selection
 from .wording import CLIP_FACTS, INSTEAD, ONE_BY_ONE, Asked, Unanswerable, read_question
@@ -135,11 +135,13 @@ def answer(
         known[it].require_scene(scene)
         known[it] = known[it].for_ids(scene.ids)
     evidence: list[dict[str, Any]] = []
-    labels = [*labels_of(scene), *known]
+    question, people = in_ordinals(scene, question, "question")
+    labels = [*labels_of(scene), *people, *known]
     understood, mended = read_as_meant(
         lambda text: read_question(text, scene.fps, len(scene.cameras), it, labels), question, agreed
     )
     sentences = [*mended]
+    understood = [one for asked in understood for one in _for_each_person(scene, asked, known)]
     for asked in understood:
         if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)):
             sentence, things = _compared(scene, asked, encode, known)
@@ -151,12 +153,35 @@ def answer(
         )
         sentences.append(compose(scene, asked, found, encode))
         evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]
+    things = [
+        *(thing for asked in understood for thing in asked.things),
+        *(one["label"] for one in evidence if "label" in one),
+    ]
+    sentences += remarks_on(scene, [thing for thing in things if thing not in known])
     limits = (
         "words, places and motion in the scene" if labels_of(scene) else "motion in the scene, which knows no words"
     )
     different = " ".join(dict.fromkeys(sentences))  # what is not there is missing from every part of the question
     text = f"{different} (Computed from {limits}; no language model was asked.)"
     return Answer(text, COMPUTED, {"views": len(views), "sightings": evidence})
+
+
+def _for_each_person(scene: Scene, asked: Asked, names: Collection[str]) -> list[Asked]:
+    """`asked`, and in place of all people the single ones: together in one question where it takes any number of things."""
+    people = {thing: each_person(scene, thing) for thing in asked.things if thing not in names}
+    everybody = next((thing for thing in people if people[thing] and asked.kind != "count"), None)
+    if everybody is None:
+        return [asked]
+
+    def by(*singles: str) -> Asked:
+        things, other = (
+            tuple(one for thing in part for one in (singles if thing == everybody else (thing,)))
+            for part in (asked.things, asked.other)
+        )
+        return replace(asked, things=things, other=other)
+
+    together = asked.kind not in COMPARED or (asked.kind in OF_MANY and not asked.polar)
+    return [by(*people[everybody])] if together else [by(one) for one in people[everybody]]
 
 
 def ask_server(
@@ -333,9 +358,11 @@ def _found(
             if word not in names:
                 refuse_unknown(scene, name, encode)
         found = {word: names[word] if word in names else find(scene, word, encode) for word in words.values()}
-        notes = {word: _note(name, word) or remark_on(scene, word) for name, word in words.items() if word not in names}
+        notes = {word: _note(name, word) for name, word in words.items() if word not in names}
     else:
         there = things_there(scene)
+        if singles := each_person(scene, PERSON):
+            there = {one: find(scene, one) for one in singles} | {word: there[word] for word in there if word != PERSON}
         found = {_perhaps(word) if is_doubtful(scene, one) else word: one for word, one in there.items()}
         rest = moving_things(scene) & not_deleted(scene)
         for selection in found.values():
@@ -439,6 +466,8 @@ COMPARED = {*OF_ONE} | word_set(
     " in_front left_of right_of above below neighbours between still"
 )
 """… and all that compare things or moments."""
+OF_MANY = word_set("colour nearest farthest biggest brightest most_moving compare_speed order count_moving still")
+"""Those of them that take any number of things."""
 SEEING = ("seen", "seeing")
 """Kinds that many views are looked at for …"""
 COMPLETE = ("always", "enter", "leave")

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..geometry.arrays import evenly_spaced
 from .model import Scene
 
 PARTS = (
@@ -30,6 +31,10 @@ PARTS = (
 LIMB = PARTS.index("left arm") + 1
 """Value from which on a part of the body is one of a pair."""
 NAMES = ("person", "body_part")
+FRAMES_LOOKED_AT = 24
+"""Frames, evenly over the clip, among which the first is looked for that shows all people."""
+SHOWN = 0.5
+"""Fraction of a person's opacity that lies within the picture from which a frame shows the person."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +77,32 @@ def single_people(scene: Scene, rows: np.ndarray) -> np.ndarray | None:
     """(n,) int: `People.single_ones` of the Gaussians `rows (n,)`; None where the scene knows of no people."""
     people = people_of(scene)
     return None if people is None else people.single_ones(rows)
+
+
+def from_left(scene: Scene, frame: int | None = None) -> tuple[np.ndarray, int]:
+    """(People of the scene without its edits, (n,) int as in `People.person`, from left to right; the frame in which).
+
+    By default that is the first frame that shows all of them, or where none does, most of them. Those who are outside of the
+    picture stand beside it. Needs a scene that knows its people.
+    """
+    base = scene.base
+    people = people_of(base)
+    assert people is not None
+    rows = np.flatnonzero(people.person)
+    everybody, who = np.unique(people.person[rows], return_inverse=True)
+    shown, best, order = -1, 0, np.arange(len(everybody))
+    for t in evenly_spaced(len(base.cameras), FRAMES_LOOKED_AT) if frame is None else [frame]:
+        camera, posed = base.cameras[int(t)], base.posed(float(base.cameras.times[t]))
+        pixels, depth = camera.project(posed.means[rows].astype(np.float64))
+        opacity = posed.opacities[rows] * (depth > 0) + 1e-9
+        inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(1)
+        seen = np.bincount(who, opacity * inside) > SHOWN * np.bincount(who, posed.opacities[rows])
+        if seen.sum() > shown:
+            column = np.bincount(who, opacity * pixels[:, 0]) / np.bincount(who, opacity)
+            shown, best, order = int(seen.sum()), int(t), np.argsort(column, kind="stable")
+        if shown == len(everybody):
+            break
+    return everybody[order].astype(int), best
 
 
 def with_people(scene: Scene, people: People) -> Scene:
