@@ -20,8 +20,8 @@ from ..f4x_core.query.cast import needs_no_teacher
 from ..f4x_core.query.inventory import instead
 from ..f4x_core.query.knowledge import refuse_unknown
 from ..f4x_core.query.labels import words_of
-from ..f4x_core.query.people import in_ordinals
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
+from ..f4x_core.query.people import in_ordinals
 from ..f4x_core.query.prompts import select_by_prompts
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene
