@@ -19,43 +19,50 @@ from ..scene.people import PARTS, from_left, people_of
 from .blend_weights import blend_weight_sums
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
+_NUMBERS = [*ONES][1:9]
 _COUNT = {
     form: n
-    for n, (nth, word) in enumerate(zip(ORDINALS, [*ONES][1:], strict=False), 1)
-    for form in (nth, f"{n}st", f"{n}nd", f"{n}rd", f"{n}th", f"{word}th")
+    for n, nth in enumerate(ORDINALS, 1)
+    for form in (nth, f"{_NUMBERS[n - 1]}th", *(f"{n}{th}" for th in ("st", "nd", "rd", "th")))
 }
-_NTH = "|".join(ORDINALS)
-_SOMEBODY = rf"(?!(?:faces?|hands?|snow\w+|[a-z]*(?:ottoman|caiman|talisman))\b)(?:{PEOPLE}|dancers?|(?:some|any|every)(?:body|one))"
+_NTH, _NUMBER = "|".join(ORDINALS), rf"([1-8]|{'|'.join(_NUMBERS)})"
+_SOMEBODY = (
+    r"(?!(?:faces?|hands?|snow\w+|[a-z]*(?:ottoman|caiman|talisman))\b)"
+    rf"(?:{PEOPLE}|dancers?|(?:some|any|every)(?:body|one))"
+)
 _LIMB = r"(?:(?P<side>left|right) )?(?P<limb>arm|hand|leg|foot)"
 _WORD = re.compile(
     rf"(?:(?P<nth>{_NTH}) )?(?P<whom>{_SOMEBODY})|"
     rf"(?:(?:(?:(?P<whose_nth>{_NTH}) )?(?P<whose>{_SOMEBODY})'s?|his|her|their) )?(?:{_LIMB}|(?P<single>head|face|torso))"
 )
 _PARTS = r"(?:(?:left |right )?(?:arms?|hands?|legs?|foot|feet)|heads?|faces?|torsos?)"
-_NUMBER = rf"([1-8]|{'|'.join([*ONES][1:9])})"
 _PLACE = rf"(?:{'|'.join(_COUNT)}|last|other|left(?:most)?|right(?:most)?|middle)"
-_NO_AMOUNT = r"\b(?!\.?\d|%| ?(?:times|x\b|percent|sec|fr|met|c?m\b|deg|units?))"
-_ASIDE = r"(?:who is |that is |standing )?(?:on|at|in) the (?:far )?(left|right|middle)\b(?! (?:side )?of\b)(?: side)?"
-_REWRITTEN = {
-    rf"\b(?:any|some)(?:one|body)(?= {_ASIDE})": "the person",
-    rf"\b(?:the )?({_SOMEBODY}) (?:number |# ?){_NUMBER}\b": r"the \2th \1",
-    rf"(?<!the )\b({_SOMEBODY}) ([1-8]){_NO_AMOUNT}": r"the \2th \1",
-    rf"\b({_PARTS}) of (?:the )?({_SOMEBODY}) {_ASIDE}": r"\3 \2's \1",
-    rf"\b({_PARTS}) of (?:the )?({_PLACE} {_SOMEBODY})\b": r"\2's \1",
-    rf"\b({_PLACE})(?=(?:,|,? and|,? or) (?:the )?{_PLACE} ({_SOMEBODY})\b)": r"\1 \2",
-}
-"""Ways to say one person -> the same with its place before the noun."""
+_NO_AMOUNT = r"(?!\.?\d|%| ?(?:times|x\b|percent|sec|fr|met|c?m\b|deg|units?))"
+_ASIDE = r"(?:(?:who|that) is |standing )?(?:on|at|in) the (?:far )?(left|right|middle)\b(?! (?:side )?of\b)(?: side)?"
+_REWRITTEN = (
+    ("any", rf"\b(?:any|some)(?:one|body)(?= {_ASIDE})", "the person"),
+    ("any", rf"\b(?:the )?({_SOMEBODY}) (?:number |# ?){_NUMBER}\b", r"the \2th \1"),
+    ("any", rf"(?<!the )\b({_SOMEBODY}) ([1-8])\b{_NO_AMOUNT}", r"the \2th \1"),
+    ("any", rf"\b({_PARTS}) of (?:the )?({_SOMEBODY}) {_ASIDE}", r"\3 \2's \1"),
+    ("any", rf"\b({_PARTS}) of (?:the )?({_PLACE} {_SOMEBODY})\b", r"\2's \1"),
+    ("any", rf"\b({_PLACE})(?=(?:,|,? and|,? or) (?:the )?{_PLACE} ({_SOMEBODY})\b)", r"\1 \2"),
+    ("question", r"\b(?:any|some)(?:one|body)\b(?! else)", "a person"),
+    ("question", r"^(?:who|(?:which|what) person) is (?=(?:on|at|in) the )", "where is the person "),
+    ("question", r"^who (?!is (?:the|that|this|he|she|it)\b)", "which person "),
+    ("question", rf"\b({_SOMEBODY}) {_ASIDE}(?= (?!at |in |now)\w)", r"\2 \1"),
+    ("question", rf"^((?!is |are ).*)\b({_SOMEBODY}) {_ASIDE}", r"\1\3 \2"),
+    ("word", rf"\b({_SOMEBODY}) {_ASIDE}", r"\2 \1"),
+)
+"""(kind of text, or any; a way to say one person; the same with a place before the noun)."""
 _OF_MANY = rf"(?<!there )(?<!many )(?<!first )(?<!last )\b(?:both|(?:all |the |these )*{_NUMBER}) (?:of the |the )?({_SOMEBODY})\b"
 _LABEL = rf"\b(?:(?:{_NTH}) {_SOMEBODY}(?:'s? {_PARTS})?|{_SOMEBODY}'s? {_PARTS})\b"
-_ASKED = {
-    r"\b(?:any|some)(?:one|body)\b(?! else)": "a person",
-    r"^(?:who|(?:which|what) person) is (?=(?:on|at|in) the )": "where is the person ",
-    r"^who (?!is (?:the|that|this|he|she|it)\b)": "which person ",
+_UNKNOWN = {
+    r"person|people|humans?|crowd|(?:some|any|every)(?:body|one)": "",
+    r"[a-z]*m[ae]n|[a-z]*wom[ae]n|boys?|girls?|guys?|lad(?:y|ies)": "men from women",
+    r"child(?:ren)?|kids?|bab(?:y|ies)": "children from adults",
+    r".*": "what people are or do",
 }
-"""Questions about people -> the same about persons."""
-_SEX = re.compile(r"[a-z]*m[ae]n|[a-z]*wom[ae]n|boys?|girls?|guys?|lad(?:y|ies)")
-_AGE = re.compile(r"child(?:ren)?|kids?|bab(?:y|ies)")
-_PLAIN = re.compile(r"person|people|humans?|crowd|(?:some|any|every)(?:body|one)")
+"""Words for people -> what of it the scene cannot tell."""
 
 
 def in_ordinals(
@@ -67,41 +74,33 @@ def in_ordinals(
 ) -> tuple[str, list[str]]:
     """(`text` in which each way to say one person is "second person", the labels of people in it that the scene then knows).
 
-    People are counted by `from_left`; left and right are those of the clip frame `frame`, by default the one in which they are
-    counted. A sentence keeps "the left person", which it knows by itself. "The other person" is none of those named before, nor of
-    those that have any of the Gaussians `selected (N,)` bool. Raises F4xError where the scene has fewer people, or another number of them, than the text says.
+    People are counted by `from_left`; left and right are those of clip frame `frame`, by default the one in which they are
+    counted. A sentence keeps "the left person", which it knows by itself. "The other person" is none of those named before, nor
+    of those with Gaussians `selected (N,)` bool. Raises F4xError where the text says more, or another number of people.
     """
-    people = people_of(scene) if re.search(rf"{_SOMEBODY}|\bwho\b", text, re.IGNORECASE) else None
-    if people is None:
+    people = people_of(scene)
+    if people is None or not re.search(
+        rf"\b(?:who|both|any\w+|some\w+|{_NUMBER}|{_PLACE}|.*'s)\b", text, re.IGNORECASE
+    ):
         return text, []
-    many, before = len(np.setdiff1d(people.person, 0)), set[int]()
-    if selected is not None:
-        before = {n for n, person in enumerate(from_left(scene)[0], 1) if (people.person[selected] == person).any()}
+    everybody = from_left(scene)[0].tolist()
+    many, before = len(everybody), set() if selected is None else {*people.person[selected].tolist()}
     there = f"There {'is 1 person' if many == 1 else f'are {many} people'} in the scene"
-    ends = {
-        "last": many,
-        "left": 1,
-        "leftmost": 1,
-        "right": many,
-        "rightmost": many,
-        "middle": (many % 2) * (many + 1) // 2,
-    }
+    here = everybody if frame is None else from_left(scene, frame)[0].tolist()
+    ends = {"left": here[:1], "right": here[-1:], "middle": here[many // 2 :][: many % 2], "last": everybody[-1:]}
 
     def placed(found: re.Match[str]) -> str:
-        place, whom, part = found[1].lower(), found[2].lower(), found[3] or ""
-        aside = place in ends and place != "last"
-        if singular(whom) != whom or (aside and kind == "sentence" and not part):
+        place, whom, part = found[1].lower().removesuffix("most"), found[2].lower(), found[3] or ""
+        if singular(whom) != whom or (place in ("left", "right", "middle") and kind == "sentence" and not part):
             return found[0]
-        others = [n for n in range(1, many + 1) if n not in before]
-        if place == "other" and len(others) > 1:
-            raise F4xError(f"{there}, so 'the other {whom}' may be anybody; say for example 'the second {whom}'.")
-        number = sum(others) if place == "other" else ends.get(place) or _COUNT.get(place, 0)
-        if not 0 < number <= many:
-            raise F4xError(f"{there}, so nobody is 'the {place} {whom}'.")
-        if aside and frame is not None:
-            number = 1 + from_left(scene)[0].tolist().index(from_left(scene, frame)[0][number - 1])
-        before.add(number)
-        return f"{ORDINALS[number - 1]} {re.sub('.*(?:body|one)$', 'person', whom)}{part}"
+        others = [person for person in everybody if person not in before]
+        number = _COUNT.get(place, 0)
+        meant = others if place == "other" else ends.get(place, everybody[number - 1 : number])
+        if len(meant) != 1:
+            lacking = "may be anybody; say for example 'the second person'" if meant else "is nobody"
+            raise F4xError(f"{there}, so 'the {place} {whom}' {lacking}.")
+        before.add(meant[0])
+        return f"{ORDINALS[everybody.index(meant[0])]} {_one(whom)}{part}"
 
     def so_many(found: re.Match[str]) -> str:
         count, whom = (found[1] or "two").lower(), found[2].lower()
@@ -109,18 +108,11 @@ def in_ordinals(
             return found[0]
         if ONES.get(count, count) not in (many, str(many)):
             raise F4xError(f"{there}, not {count}.")
-        pair = f"first {singular(whom)} and the second {singular(whom)}"
-        return found[0] if kind == "sentence" else pair if kind == "question" and many == 2 else whom
+        pair = f"first {_one(whom)} and the second {_one(whom)}"
+        return {"sentence": found[0], "word": whom, "question": pair if many == 2 else whom}[kind]
 
-    rewritten = {**_REWRITTEN}
-    if kind == "question":
-        rewritten |= _ASKED
-    if kind == "word" or not re.fullmatch(
-        rf"(?:is|are) (?:there )?(?:the |an? )?{_SOMEBODY} {_ASIDE}\W*", text, re.IGNORECASE
-    ):
-        rewritten |= {rf"\b({_SOMEBODY}) {_ASIDE}": r"\2 \1"} if kind != "sentence" else {}
-    for pattern, into in rewritten.items():
-        text = re.sub(pattern, into, text, flags=re.IGNORECASE)
+    for where, pattern, into in _REWRITTEN:
+        text = re.sub(pattern, into, text, flags=re.IGNORECASE) if where in ("any", kind) else text
     text = re.sub(rf"\b({_PLACE}) ({_SOMEBODY})\b('s? {_PARTS}\b)?", placed, text, flags=re.IGNORECASE)
     text = re.sub(_OF_MANY, so_many, text, flags=re.IGNORECASE)
     return text, [label.lower() for label in re.findall(_LABEL, text, re.IGNORECASE)]
@@ -138,8 +130,7 @@ def each_person(scene: Scene, label: str) -> list[str]:
         return []
     whom, part = found["whom"] or found["whose"] or "person", found["single"] or found["limb"]
     own = f"'s {found['side'] + ' ' if found['side'] else ''}{part}" if part else ""
-    whom = "person" if _PLAIN.fullmatch(whom) else singular(whom)
-    return [f"{nth} {whom}{own}" for nth in ORDINALS[: len(from_left(scene)[0])]]
+    return [f"{nth} {_one(whom)}{own}" for nth in ORDINALS[: len(from_left(scene)[0])]]
 
 
 def rows_of_people(scene: Scene, label: str) -> np.ndarray:
@@ -171,17 +162,12 @@ def remarks_on(scene: Scene, labels: Iterable[str]) -> list[str]:
     """The sentences, each once, about what words for people say that the scene cannot tell, and about how people are counted."""
     remarks: list[str] = []
     for label in labels:
-        if not is_of_people(scene, label):
-            continue
-        found = _meaning(scene, label)
-        assert found is not None
-        word = found["whom"] or found["whose"] or "person"
-        unknown = "men from women" if _SEX.fullmatch(word) else "children from adults" if _AGE.fullmatch(word) else ""
-        if not _PLAIN.fullmatch(word):
-            unknown = unknown or "what people are or do"
-            remarks.append(f"'{word}' is taken for a person; the scene cannot tell {unknown}.")
-        if found["nth"] or found["whose_nth"]:
-            remarks.append(f"People are counted from left to right at frame {from_left(scene)[1]}.")
+        if (found := _meaning(scene, label)) and people_of(scene):
+            word = found["whom"] or found["whose"] or "person"
+            unknown = next(text for pattern, text in _UNKNOWN.items() if re.fullmatch(pattern, word))
+            remarks += [f"'{word}' is taken for a person; the scene cannot tell {unknown}."] if unknown else []
+            counted = found["nth"] or found["whose_nth"]
+            remarks += [f"People are counted from left to right at frame {from_left(scene)[1]}."] if counted else []
     return list(dict.fromkeys(remarks))
 
 
@@ -193,6 +179,11 @@ def person_at(scene: Scene, pixels: np.ndarray, frame: int) -> np.ndarray | None
     light = blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, pixels[..., None].astype(np.float32))
     person = int(np.bincount(people.person, light[:, 0]).argmax())
     return people.person == person if person else None
+
+
+def _one(whom: str) -> str:
+    """A word for people as that for one of them."""
+    return "person" if whom == "crowd" or whom.endswith(("body", "one")) else singular(whom)
 
 
 def _meaning(scene: Scene, label: str) -> re.Match[str] | None:
