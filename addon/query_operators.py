@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 from bpy_extras import view3d_utils
 
 from ..f4x_core.edit.display import Display
@@ -166,6 +166,7 @@ class _Prompt(SearchOperator):
 
     cursor = "CROSSHAIR"
     hint = ""
+    part = False
 
     def prompt(self) -> dict:
         """The prompt as keyword arguments of the core."""
@@ -173,7 +174,7 @@ class _Prompt(SearchOperator):
 
     def work(self, scene_object):
         """Search by the prompt; what moves is followed through the clip."""
-        prompts, threshold = {self.frame: self.prompt()}, scene_object.state.threshold
+        prompts, threshold, part = {self.frame: self.prompt()}, scene_object.state.threshold, self.part
         scene, base = scene_object.shown.scene, scene_object.base
 
         def search(progress: Progress) -> Selection:
@@ -182,7 +183,7 @@ class _Prompt(SearchOperator):
             def following(stage: str, done: int, total: int, message: str = "") -> None:
                 progress(stage, done, total, "Following it through the clip")
 
-            return select_by_prompts(scene, prompts, threshold=threshold, progress=following)
+            return select_by_prompts(scene, prompts, threshold=threshold, part=part, progress=following)
 
         return search
 
@@ -262,15 +263,18 @@ class _Prompt(SearchOperator):
 
 
 class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
-    """Click on an object to select it, in any view."""
+    """Click on an object or a person to select it, in any view. Ctrl-click selects a part of the body: a head, an arm."""
 
     bl_idname, bl_label = "f4x.query_point", "Pick"
-    cursor, hint = "EYEDROPPER", "Click on an object. Press Esc to cancel."
+    cursor, hint = "EYEDROPPER", "Click on an object or a person; Ctrl: on a part of the body. Press Esc to cancel."
 
     frame: IntProperty(name="Frame", description="Clip frame", min=0)  # type: ignore[valid-type]
     at: FloatVectorProperty(
         name="Pixel", description="Position in the clip's frame in pixels, from the upper left corner", size=2
     )  # type: ignore[valid-type]
+    part: BoolProperty(  # type: ignore[valid-type]
+        name="Part of the Body", description="Of a person select the part that is clicked on", options={"SKIP_SAVE"}
+    )
 
     def prompt(self):
         """One point."""
@@ -280,7 +284,7 @@ class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
         """A click."""
         if event.type != "LEFTMOUSE" or event.value != "PRESS":
             return False
-        self.at = self._pixel(context, *self._mouse(event))
+        self.at, self.part = self._pixel(context, *self._mouse(event)), event.ctrl
         return True
 
 

@@ -221,6 +221,7 @@ def _selection(
         "progress": progress,
     }
     if kind == "point":
+        options["part"] = getattr(args, "part", False)
         return select_by_points(scene, [_numbers(args.point, 2, "--point", "X,Y")], args.frame, **options)
     if kind == "box":
         return select_by_box(scene, _numbers(args.box, 4, "--box", "X0,Y0,X1,Y1"), args.frame, **options)

@@ -171,14 +171,18 @@ def remarks_on(scene: Scene, labels: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(remarks))
 
 
-def person_at(scene: Scene, pixels: np.ndarray, frame: int) -> np.ndarray | None:
-    """(N,) bool: the Gaussians of the person at `pixels (H,W)` bool of a clip frame, by their light; None for no one's."""
+def person_at(scene: Scene, pixels: np.ndarray, frame: int, part: bool = False) -> np.ndarray | None:
+    """(N,) bool: the Gaussians of the person at `pixels (H,W)` bool of a clip frame, by their light; None for no one's.
+
+    With `part` those of the part of the body alone, where it is known.
+    """
     people = people_of(scene)
     if people is None:
         return None
     light = blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, pixels[..., None].astype(np.float32))
-    person = int(np.bincount(people.person, light[:, 0]).argmax())
-    return people.person == person if person else None
+    group = people.person.astype(int) * 2**8 + people.part * part
+    best = int(np.bincount(group, light[:, 0]).argmax())
+    return (group == best if best % 2**8 else people.person == best // 2**8) if best else None
 
 
 def _one(whom: str) -> str:

@@ -19,10 +19,11 @@ PLACES = (
 """Where each of `PARTS` is beside the middle of the body; people face the camera, so their left is at the right."""
 
 
-def people_scene(count, features=True, order=(0, 1, 2), since=0, first_id=0):
+def people_scene(count, features=True, order=(0, 1, 2), since=0, first_id=0, pace=0.04):
     """The scene with `count` people, person `order[i] + 1` in the i-th column; `features=False` leaves the words out.
 
-    `since`, `first_id`: the frame of a longer clip with which it begins, and the id of its first moving Gaussian.
+    `since`, `first_id`: the frame of a longer clip with which it begins, and the id of its first moving Gaussian; `pace`: world
+    units a frame that the first person walks.
     """
     wall = sheet(np.linspace(-1, 1, 40), np.linspace(-0.7, 0.7, 28), 1.2, 0.03, (0.2, 0.3, 0.8))
     car = sheet(np.linspace(0.2, 0.5, 8), np.linspace(0.2, 0.3, 5), 0.8, 0.02, (0.1, 0.7, 0.2))
@@ -45,7 +46,7 @@ def people_scene(count, features=True, order=(0, 1, 2), since=0, first_id=0):
         return Scene(**scene)
     time = since + times
     way = np.zeros((FRAMES, 3, 3))
-    way[:, 0, 0], way[:, 1, 1] = 0.04 * time, -0.1 * np.sin(np.pi * time / (FRAMES - 1))
+    way[:, 0, 0], way[:, 1, 1] = pace * time, -0.1 * np.sin(np.pi * time / (FRAMES - 1))
     scene["scaffold"] = Scaffold(
         times=times, xyz=(np.array([[x, 0, DEPTH] for x in COLUMNS]) + way)[:, :count].astype(np.float32),
         quat=np.tile(np.float32([1, 0, 0, 0]), (FRAMES, count, 1)), radius=np.full(count, 0.1, np.float32),
