@@ -302,11 +302,9 @@ class Resolver:
             return (
                 f"In the scene '{scene.name}' the selection is empty at this place in the edits; select something else."
             )
-        if isinstance(select, And) and any(isinstance(part, Instance) for part in parts_of(select)):
-            return (
-                f"In the scene '{scene.name}' there is only one of {whom(words)}, so nobody is left of {whom(select)}."
-            )
         best = float(self.selection(scene, words).scores.max(initial=0))
+        if isinstance(select, And) and best >= words.threshold:
+            return f"In the scene '{scene.name}' nobody is left of {whom(select)}."
         return nothing_called(scene, words.labels, words.threshold, best, self.encode)
 
 

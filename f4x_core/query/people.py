@@ -37,10 +37,11 @@ _WORD = re.compile(
 )
 _PARTS = r"(?:(?:left |right )?(?:arms?|hands?|legs?|foot|feet)|heads?|faces?|torsos?)"
 _PLACE = rf"(?:{'|'.join(_COUNT)}|last|other|left(?:most)?|right(?:most)?|middle)"
-_NO_AMOUNT = r"(?!\.?\d|%| ?(?:times|x\b|percent|sec|fr|met|c?m\b|deg|units?))"
+_NO_AMOUNT = r"(?!\.?\d|%| ?(?:times|x\b|percent|sec(?:ond)?s?\b|frames?\b|c?m\b|met(?:er|re)|degrees?|units?\b))"
 _ASIDE = r"(?:(?:who|that) is |standing )?(?:on|at|in) the (?:far )?(left|right|middle)\b(?! (?:side )?of\b)(?: side)?"
 _REWRITTEN = (
     ("any", rf"\b(?:any|some)(?:one|body)(?= {_ASIDE})", "the person"),
+    ("any", r"\b(?:any|some|every)(?:one|body)'s\b", "people's"),
     ("any", rf"\b(?:the )?({_SOMEBODY}) (?:number |# ?){_NUMBER}\b", r"the \2th \1"),
     ("any", rf"(?<!the )\b({_SOMEBODY}) ([1-8])\b{_NO_AMOUNT}", r"the \2th \1"),
     ("any", rf"\b({_PARTS}) of (?:the )?({_SOMEBODY}) {_ASIDE}", r"\3 \2's \1"),
@@ -93,8 +94,9 @@ def in_ordinals(
         place, whom, part = found[1].lower().removesuffix("most"), found[2].lower(), found[3] or ""
         if singular(whom) != whom or (place in ("left", "right", "middle") and kind == "sentence" and not part):
             return found[0]
-        others = [person for person in everybody if person not in before]
+        others = [person for person in everybody if person not in before] if before or many > 1 else []
         number = _COUNT.get(place, 0)
+        place = ORDINALS[number - 1] if number else place
         meant = others if place == "other" else ends.get(place, everybody[number - 1 : number])
         if len(meant) != 1:
             lacking = "may be anybody; say for example 'the second person'" if meant else "is nobody"

@@ -41,7 +41,7 @@ def people_scene(count, features=True, order=(0, 1, 2), since=0, first_id=0, pac
         eye, zero = np.eye(8, dtype=np.float16), np.zeros(8, np.float16)
         head = FieldHead(FeatureSpec("text", 8, (10, 16), text_encoder="words", temperature=0.1), (eye,), (zero,))
         words = Vocabulary(("thing", "wall", "car", LABELS[3]), VECTORS.astype(np.float16))
-        scene["features"] = FeatureField(*quantise(latents, np.tile(VECTORS[0], (count, 1))), (head,), {"words": words})
+        scene["features"] = FeatureField(*quantise(latents, np.tile(VECTORS[3], (count, 1))), (head,), {"words": words})
     if not count:
         return Scene(**scene)
     time = since + times
