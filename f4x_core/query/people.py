@@ -81,7 +81,7 @@ def in_ordinals(
     """
     people = people_of(scene)
     if people is None or not re.search(
-        rf"\b(?:who|both|any\w+|some\w+|{_NUMBER}|{_PLACE}|.*'s)\b", text, re.IGNORECASE
+        rf"\b(?:who|s?he|both|any\w+|some\w+|{_NUMBER}|{_PLACE}|.*'s)\b", text, re.IGNORECASE
     ):
         return text, []
     everybody = from_left(scene)[0].tolist()
@@ -115,6 +115,8 @@ def in_ordinals(
 
     for where, pattern, into in _REWRITTEN:
         text = re.sub(pattern, into, text, flags=re.IGNORECASE) if where in ("any", kind) else text
+    if kind == "question" and selected is None:
+        text = re.sub(r"^((?:(?!\b(?:the|an?)\b|,).)*)\b(?:she|he)\b", r"\1the person", text, flags=re.IGNORECASE)
     text = re.sub(rf"\b({_PLACE}) ({_SOMEBODY})\b('s? {_PARTS}\b)?", placed, text, flags=re.IGNORECASE)
     text = re.sub(_OF_MANY, so_many, text, flags=re.IGNORECASE)
     return text, [label.lower() for label in re.findall(_LABEL, text, re.IGNORECASE)]

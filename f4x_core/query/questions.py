@@ -135,7 +135,7 @@ def answer(
         known[it].require_scene(scene)
         known[it] = known[it].for_ids(scene.ids)
     evidence: list[dict[str, Any]] = []
-    question, people = in_ordinals(scene, question, "question")
+    question, people = in_ordinals(scene, question, "question", selected=known[it].chosen if it else None)
     labels = [*labels_of(scene), *people, *known]
     understood, mended = read_as_meant(
         lambda text: read_question(text, scene.fps, len(scene.cameras), it, labels), question, agreed
@@ -551,7 +551,7 @@ def _of_path(s: Sighting, asked: Asked, fps: float, when: str) -> str:
 
 
 def _of_place(s: Sighting, asked: Asked, fps: float, when: str) -> str:
-    if s.share < PRESENT:
+    if not s.share:
         return _sentence(asked.yes(False), s, f"is hardly seen{when}.")
     at = when or f" at frame {s.time:g}"
     return _sentence(
