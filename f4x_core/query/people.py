@@ -13,19 +13,17 @@ from typing import Literal
 import numpy as np
 
 from ..errors import F4xError
-from ..language.lexicon import ONES, PEOPLE, singular, spellings
+from ..language.lexicon import ONES, ORDINALS, PEOPLE, singular, spellings
 from ..scene import Scene
-from ..scene.people import PARTS, from_left, people_of
+from ..scene.people import PARTS, from_left, parts_called, people_of
 from .blend_weights import blend_weight_sums
 
-ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
-_NUMBERS = [*ONES][1:9]
-_COUNT = {
-    form: n
-    for n, nth in enumerate(ORDINALS, 1)
-    for form in (nth, f"{_NUMBERS[n - 1]}th", *(f"{n}{th}" for th in ("st", "nd", "rd", "th")))
+_NUMBERS = [*ONES][1 : len(ORDINALS) + 1]
+_COUNT = {f"{n}{th}": n for n in range(1, len(ORDINALS) + 1) for th in ("st", "nd", "rd", "th")}
+_COUNT |= {
+    form: n for n, (nth, word) in enumerate(zip(ORDINALS, _NUMBERS, strict=True), 1) for form in (nth, f"{word}th")
 }
-_NTH, _NUMBER = "|".join(ORDINALS), rf"([1-8]|{'|'.join(_NUMBERS)})"
+_NTH, _NUMBER = "|".join(ORDINALS), rf"(1[0-2]|[1-9]|{'|'.join(_NUMBERS)})"
 _SOMEBODY = (
     r"(?!(?:faces?|hands?|snow\w+|[a-z]*(?:ottoman|caiman|talisman))\b)"
     rf"(?:{PEOPLE}|dancers?|(?:some|any|every)(?:body|one))"
@@ -43,7 +41,7 @@ _REWRITTEN = (
     ("any", rf"\b(?:any|some)(?:one|body)(?= {_ASIDE})", "the person"),
     ("any", r"\b(?:any|some|every)(?:one|body)'s\b", "people's"),
     ("any", rf"\b(?:the )?({_SOMEBODY}) (?:number |# ?){_NUMBER}\b", r"the \2th \1"),
-    ("any", rf"(?<!the )\b({_SOMEBODY}) ([1-8])\b{_NO_AMOUNT}", r"the \2th \1"),
+    ("any", rf"(?<!the )\b({_SOMEBODY}) (\d\d?)\b{_NO_AMOUNT}", r"the \2th \1"),
     ("any", rf"\b({_PARTS}) of (?:the )?({_SOMEBODY}) {_ASIDE}", r"\3 \2's \1"),
     ("any", rf"\b({_PARTS}) of (?:the )?({_PLACE} {_SOMEBODY})\b", r"\2's \1"),
     ("any", rf"\b({_PLACE})(?=(?:,|,? and|,? or) (?:the )?{_PLACE} ({_SOMEBODY})\b)", r"\1 \2"),
@@ -80,14 +78,13 @@ def in_ordinals(
     of those with Gaussians `selected (N,)` bool. Raises F4xError where the text says more, or another number of people.
     """
     people = people_of(scene)
-    if people is None or not re.search(
-        rf"\b(?:who|s?he|both|any\w+|some\w+|{_NUMBER}|{_PLACE}|.*'s)\b", text, re.IGNORECASE
-    ):
+    single = rf"\b(?:who|s?he|both|any\w+|some\w+|{_NUMBER}|\d+|{_PLACE}|.*'s)\b"
+    if people is None or not re.search(single, text, re.IGNORECASE):
         return text, []
-    everybody = from_left(scene)[0].tolist()
+    everybody = from_left(scene)[0].tolist()[: len(ORDINALS)]
     many, before = len(everybody), set() if selected is None else {*people.person[selected].tolist()}
     there = f"There {'is 1 person' if many == 1 else f'are {many} people'} in the scene"
-    here = everybody if frame is None else from_left(scene, frame)[0].tolist()
+    here = everybody if frame is None else [one for one in from_left(scene, frame)[0].tolist() if one in everybody]
     ends = {"left": here[:1], "right": here[-1:], "middle": here[many // 2 :][: many % 2], "last": everybody[-1:]}
 
     def placed(found: re.Match[str]) -> str:
@@ -146,10 +143,8 @@ def rows_of_people(scene: Scene, label: str) -> np.ndarray:
         rows = people.person == from_left(scene)[0][ORDINALS.index(nth)]
     if found["whom"]:
         return rows
-    ending = {"face": "head"}.get(found["single"] or "", found["single"]) or found["limb"]
-    wanted = f"{found['side']} {ending}" if found["side"] else ending
-    parts = [value for value, part in enumerate(PARTS, 1) if part == wanted or part.endswith(f" {wanted}")]
-    return rows & np.isin(people.part, parts)
+    ending = "head" if found["single"] == "face" else found["single"] or found["limb"]
+    return rows & np.isin(people.part, parts_called(f"{found['side'] or ''} {ending}"))
 
 
 def labels_of_people(scene: Scene) -> list[str]:

@@ -141,9 +141,8 @@ def answer(
         lambda text: read_question(text, scene.fps, len(scene.cameras), it, labels), question, agreed
     )
     sentences = [*mended]
-    understood = [one for asked in understood for one in _for_each_person(scene, asked, known)]
-    for asked in understood:
-        if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)):
+    for asked in (one for asked in understood for one in _for_each_person(scene, asked, known)):
+        if _compares(asked):
             sentence, things = _compared(scene, asked, encode, known)
             sentences.append(sentence)
             evidence.append({"asked": asked.kind, "span": asked.span, "things": things})
@@ -153,11 +152,8 @@ def answer(
         )
         sentences.append(compose(scene, asked, found, encode))
         evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]
-    things = [
-        *(thing for asked in understood for thing in asked.things),
-        *(one["label"] for one in evidence if "label" in one),
-    ]
-    sentences += remarks_on(scene, [thing for thing in things if thing not in known])
+    told = [name for one in evidence for name in one.get("things") or [one.get("label", "")] if name not in known]
+    sentences += remarks_on(scene, told)
     limits = (
         "words, places and motion in the scene" if labels_of(scene) else "motion in the scene, which knows no words"
     )
@@ -173,15 +169,17 @@ def _for_each_person(scene: Scene, asked: Asked, names: Collection[str]) -> list
     if everybody is None:
         return [asked]
 
-    def by(*singles: str) -> Asked:
-        things, other = (
-            tuple(one for thing in part for one in (singles if thing == everybody else (thing,)))
-            for part in (asked.things, asked.other)
-        )
-        return replace(asked, things=things, other=other)
+    def swapped(part: Sequence[str], singles: list[str]) -> tuple[str, ...]:
+        return tuple(one for thing in part for one in (singles if thing == everybody else [thing]))
 
-    together = asked.kind not in COMPARED or (asked.kind in OF_MANY and not asked.polar)
-    return [by(*people[everybody])] if together else [by(one) for one in people[everybody]]
+    together = not _compares(asked) or (asked.kind in OF_MANY and not asked.polar)
+    groups = [people[everybody]] if together else [[one] for one in people[everybody]]
+    return [replace(asked, things=swapped(asked.things, group), other=swapped(asked.other, group)) for group in groups]
+
+
+def _compares(asked: Asked) -> bool:
+    """True for a question that `_compared` answers."""
+    return asked.kind in COMPARED or bool(asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)))
 
 
 def ask_server(

@@ -36,9 +36,10 @@ class JoinedPeople:
         people, numbers = people_of(scene), np.zeros(1, int)
         if people is not None:
             numbers = np.zeros(int(people.person.max()) + 1, int)
-            overlap = np.zeros((len(numbers), len(self.numbers)))
+            size = len(numbers), len(self.numbers)
+            overlap = np.zeros(size)
             if before is not None and len(self.numbers) > 1:
-                overlap = _overlap(scene, before, shared, overlap.shape)
+                overlap = _overlap(scene, before, shared, size)
             for own, earlier in zip(*np.unravel_index(np.argsort(-overlap, axis=None), overlap.shape), strict=True):
                 free = not numbers[own] and self.numbers[earlier] not in numbers[1:]
                 if own and earlier and free and overlap[own, earlier] >= SAME:

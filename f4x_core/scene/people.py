@@ -91,7 +91,8 @@ def from_left(scene: Scene, frame: int | None = None) -> tuple[np.ndarray, int]:
     rows = np.flatnonzero(people.person)
     everybody, who = np.unique(people.person[rows], return_inverse=True)
     shown, best, order = -1, 0, np.arange(len(everybody))
-    for t in evenly_spaced(len(base.cameras), FRAMES_LOOKED_AT) if frame is None else [frame]:
+    given = None if frame is None else [min(max(frame, 0), len(base.cameras) - 1)]
+    for t in evenly_spaced(len(base.cameras), FRAMES_LOOKED_AT) if given is None else given:
         camera, posed = base.cameras[int(t)], base.posed(float(base.cameras.times[t]))
         pixels, depth = camera.project(posed.means[rows].astype(np.float64))
         opacity = posed.opacities[rows] * (depth > 0) + 1e-9
@@ -103,6 +104,11 @@ def from_left(scene: Scene, frame: int | None = None) -> tuple[np.ndarray, int]:
         if shown == len(everybody):
             break
     return everybody[order].astype(int), best
+
+
+def parts_called(name: str) -> list[int]:
+    """The values of `People.part` that a name means: that of "left hand", those of both hands for "hand"."""
+    return [value for value, part in enumerate(PARTS, 1) if f" {part}".endswith(f" {name.strip()}")]
 
 
 def with_people(scene: Scene, people: People) -> Scene:
