@@ -41,13 +41,16 @@ _REWRITTEN = (
     ("any", rf"\b(?:any|some)(?:one|body)(?= {_ASIDE})", "the person"),
     ("any", r"\b(?:any|some|every)(?:one|body)'s\b", "people's"),
     ("any", rf"\b(?:the )?({_SOMEBODY}) (?:number |# ?){_NUMBER}\b", r"the \2th \1"),
-    ("any", rf"(?<!the )\b({_SOMEBODY}) (\d\d?)\b{_NO_AMOUNT}", r"the \2th \1"),
+    ("any", rf"(?<!the )\b({_SOMEBODY}) {_NUMBER}\b{_NO_AMOUNT}", r"the \2th \1"),
     ("any", rf"\b({_PARTS}) of (?:the )?({_SOMEBODY}) {_ASIDE}", r"\3 \2's \1"),
     ("any", rf"\b({_PARTS}) of (?:the )?({_PLACE} {_SOMEBODY})\b", r"\2's \1"),
+    ("any", rf"\b({_PLACE} {_SOMEBODY}'s) ({_PARTS}) and ({_PARTS})\b", r"\1 \2 and the \1 \3"),
+    ("any", r"\b(every(?:one|body)) else(?= (?:but|except|than))", r"\1"),
     ("any", rf"\b({_PLACE})(?=(?:,|,? and|,? or) (?:the )?{_PLACE} ({_SOMEBODY})\b)", r"\1 \2"),
     ("question", r"\b(?:any|some)(?:one|body)\b(?! else)", "a person"),
     ("question", r"^(?:who|(?:which|what) person) is (?=(?:on|at|in) the )", "where is the person "),
-    ("question", r"^who (?!is (?:the|that|this|he|she|it)\b)", "which person "),
+    ("question", r"^who (?!is (?:the (?!\w+est\b)|(?:that|this|he|she|it)\b))", "which person "),
+    ("question", r"\bevery(?:one|body)\b(?! else)", "the people"),
     ("question", rf"\b({_SOMEBODY}) {_ASIDE}(?= (?!at |in |now)\w)", r"\2 \1"),
     ("question", rf"^((?!is |are ).*)\b({_SOMEBODY}) {_ASIDE}", r"\1\3 \2"),
     ("word", rf"\b({_SOMEBODY}) {_ASIDE}", r"\2 \1"),
@@ -78,7 +81,7 @@ def in_ordinals(
     of those with Gaussians `selected (N,)` bool. Raises F4xError where the text says more, or another number of people.
     """
     people = people_of(scene)
-    single = rf"\b(?:who|s?he|both|any\w+|some\w+|{_NUMBER}|\d+|{_PLACE}|.*'s)\b"
+    single = rf"\b(?:who|s?he|both|any\w+|some\w+|every\w+|{_NUMBER}|\d+|{_PLACE}|.*'s)\b"
     if people is None or not re.search(single, text, re.IGNORECASE):
         return text, []
     everybody = from_left(scene)[0].tolist()[: len(ORDINALS)]
@@ -89,9 +92,11 @@ def in_ordinals(
 
     def placed(found: re.Match[str]) -> str:
         place, whom, part = found[1].lower().removesuffix("most"), found[2].lower(), found[3] or ""
+        others = [person for person in everybody if person not in before] if before or many > 1 else []
+        if singular(whom) != whom and place == "other" and before:
+            return " and the ".join(f"{ORDINALS[everybody.index(one)]} {_one(whom)}{part}" for one in others)
         if singular(whom) != whom or (place in ("left", "right", "middle") and kind == "sentence" and not part):
             return found[0]
-        others = [person for person in everybody if person not in before] if before or many > 1 else []
         number = _COUNT.get(place, 0)
         place = ORDINALS[number - 1] if number else place
         meant = others if place == "other" else ends.get(place, everybody[number - 1 : number])
@@ -116,7 +121,7 @@ def in_ordinals(
         text = re.sub(r"^((?:(?!\b(?:the|an?)\b|,).)*)\b(?:she|he)\b", r"\1the person", text, flags=re.IGNORECASE)
     text = re.sub(rf"\b({_PLACE}) ({_SOMEBODY})\b('s? {_PARTS}\b)?", placed, text, flags=re.IGNORECASE)
     text = re.sub(_OF_MANY, so_many, text, flags=re.IGNORECASE)
-    return text, [label.lower() for label in re.findall(_LABEL, text, re.IGNORECASE)]
+    return text, [spellings(label)[-1] for label in re.findall(_LABEL, text, re.IGNORECASE)]
 
 
 def is_of_people(scene: Scene, label: str) -> bool:

@@ -21,7 +21,7 @@ from ..scene import Scene
 from ..scene.view import render
 from .cast import caster, is_cast, moving_things
 from .chat import ChatServer, image_part
-from .inventory import PERSON, find, instead, is_doubtful, labels_of, things_there
+from .inventory import find, instead, is_doubtful, labels_of, things_there
 from .knowledge import refuse_unknown
 from .labels import Encode
 from .measures import Comparison, Measured, measure, single_ones, times_of
@@ -141,7 +141,7 @@ def answer(
         lambda text: read_question(text, scene.fps, len(scene.cameras), it, labels), question, agreed
     )
     sentences = [*mended]
-    for asked in (one for asked in understood for one in _for_each_person(scene, asked, known)):
+    for asked in (one for read in understood for one in _for_each_person(scene, read, known)):
         if _compares(asked):
             sentence, things = _compared(scene, asked, encode, known)
             sentences.append(sentence)
@@ -359,8 +359,6 @@ def _found(
         notes = {word: _note(name, word) for name, word in words.items() if word not in names}
     else:
         there = things_there(scene)
-        if singles := each_person(scene, PERSON):
-            there = {one: find(scene, one) for one in singles} | {word: there[word] for word in there if word != PERSON}
         found = {_perhaps(word) if is_doubtful(scene, one) else word: one for word, one in there.items()}
         rest = moving_things(scene) & not_deleted(scene)
         for selection in found.values():
