@@ -304,7 +304,9 @@ class Resolver:
             )
         best = float(self.selection(scene, words).scores.max(initial=0))
         if isinstance(select, And) and best >= words.threshold:
-            return f"In the scene '{scene.name}' nobody is left of {whom(select)}."
+            one = any(isinstance(part, Instance) for part in parts_of(select))
+            reason = f"there is only one of {whom(words)}, so " if one else ""
+            return f"In the scene '{scene.name}' {reason}nothing is left of {whom(select)}."
         return nothing_called(scene, words.labels, words.threshold, best, self.encode)
 
 
