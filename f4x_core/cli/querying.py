@@ -158,6 +158,8 @@ def chosen_by(
     if not given:
         kinds = ", ".join(f"--{name}" for name in MARKS)
         raise F4xError(f"give at least one of {kinds}, alone or together; got none.")
+    if getattr(args, "part", False) and given != ["point"]:
+        raise F4xError("--part goes with --point alone: it selects the part of the person's body there.")
     if given == ["text"]:
         by_word = _by_words(scene, args, span, encoder(progress))
         return together(by_word), by_word
