@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .model import Scene
-from .people import People, people_of, with_people
+from .people import People, people_of, with_people_by_id
 from .view import render
 
 FRAMES, COLUMNS = 5, 240
@@ -57,9 +57,8 @@ class JoinedPeople:
             return scene
         table = np.concatenate(self.parts)
         ids, first = np.unique(table[:, 0], return_index=True)
-        place = np.minimum(np.searchsorted(ids, scene.ids), len(ids) - 1)
-        found = np.where((ids[place] == scene.ids)[:, None], table[first[place], 1:], 0).astype(np.uint8)
-        return with_people(scene, People(found[:, 0], found[:, 1]))
+        person, part = table[first, 1:].T.astype(np.uint8)
+        return with_people_by_id(scene, ids, People(person, part))
 
 
 def _overlap(scene: Scene, before: Scene, shared: Sequence[tuple[float, float]], size: tuple[int, int]) -> np.ndarray:

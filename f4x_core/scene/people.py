@@ -117,3 +117,18 @@ def with_people(scene: Scene, people: People) -> Scene:
     for name, values in zip(NAMES, (people.person, people.part), strict=True):
         extra |= {f"static/{name}": values[:count], f"dynamic/{name}": values[count:]}
     return replace(scene, extra=extra)
+
+
+def with_people_by_id(scene: Scene, ids: np.ndarray, people: People) -> Scene:
+    """The unedited scene with the `people` of the Gaussians `ids (n,)` stored in it; all others are nobody's."""
+    order = np.argsort(ids)
+    place = order[np.minimum(np.searchsorted(ids[order], scene.ids), len(ids) - 1)]
+    known = ids[place] == scene.ids
+    return with_people(scene, People(people.person[place] * known, people.part[place] * known))
+
+
+def without_people(scene: Scene) -> Scene:
+    """The scene without what it knows of people, for who changes its number of Gaussians."""
+    return replace(
+        scene, extra={name: value for name, value in scene.extra.items() if name.split("/")[-1] not in NAMES}
+    )
