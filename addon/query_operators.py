@@ -84,7 +84,7 @@ class F4X_OT_query_text(SearchOperator, bpy.types.Operator):  # noqa: N801 - Ble
         scene_object.state.found = ""
         base, shown, asker = scene_object.base, scene_object.shown, scene_object.context
         frame = base.cameras.frame_at(asker.frame)  # at which somebody is on the left
-        text = self.text
+        text, names = self.text, tuple(scene_object.names)
         negatives = words_of(self.negatives) if self.negatives.strip() else None
         threshold, has_worker = scene_object.state.threshold, bool(find_interpreter())
 
@@ -97,7 +97,7 @@ class F4X_OT_query_text(SearchOperator, bpy.types.Operator):  # noqa: N801 - Ble
                 assert selecting is not None  # as for every phrase
                 return Answer(chosen=selecting.chosen, called=selecting.words)
             scene_cache.wait_until_prepared(base, progress)
-            words = words_of(in_ordinals(base, text, frame=frame)[0])
+            words = words_of(in_ordinals(base, text, frame=frame, names=names)[0])
             return _query(base, shown, words, negatives, threshold, has_worker)
 
         return search

@@ -145,7 +145,7 @@ def read_sentence(
     """(operations in the words of the sentence, not yet resolved; who understood it; notes). Raises F4xError."""
     names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
     chosen = None if context.selection is None else context.selection.for_ids(scene.ids).chosen
-    sentence, people = in_ordinals(scene, sentence, "sentence", scene.cameras.frame_at(context.frame), chosen)
+    sentence, people = in_ordinals(scene, sentence, "sentence", scene.cameras.frame_at(context.frame), chosen, names)
     labels = [*labels_of(scene), *people]
     request = Request(sentence, labels, names, scene.fps, len(scene.cameras), chosen is not None, context.frame)
     notes: tuple[str, ...] = ()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -56,6 +56,7 @@ _REWRITTEN = (
     ("word", rf"\b({_SOMEBODY}) {_ASIDE}", r"\2 \1"),
 )
 """(kind of text, or any; a way to say one person; the same with a place before the noun)."""
+_KEPT = r"\"[^\"]*\"|\b(?:call|name|label) (?:it|this|that|him|her|them|the selection)\b.*"
 _OF_MANY = rf"(?<!there )(?<!many )(?<!first )(?<!last )\b(?:both|(?:all |the |these )*{_NUMBER}) (?:of the |the )?({_SOMEBODY})\b"
 _LABEL = rf"\b(?:(?:{_NTH}) {_SOMEBODY}(?:'s? {_PARTS})?|{_SOMEBODY}'s? {_PARTS})\b"
 _UNKNOWN = {
@@ -73,12 +74,14 @@ def in_ordinals(
     kind: Literal["word", "question", "sentence"] = "word",
     frame: int | None = None,
     selected: np.ndarray | None = None,
+    names: Iterable[str] = (),
 ) -> tuple[str, list[str]]:
     """(`text` in which each way to say one person is "second person", the labels of people in it that the scene then knows).
 
     People are counted by `from_left`; left and right are those of clip frame `frame`, by default the one in which they are
     counted. A sentence keeps "the left person", which it knows by itself. "The other person" is none of those named before, nor
-    of those with Gaussians `selected (N,)` bool. Raises F4xError where the text says more, or another number of people.
+    of those with Gaussians `selected (N,)` bool. What is quoted, one of the `names` that somebody gave, or about to be given as one
+    ("call it person 2") stays as it is. Raises F4xError where the text says more, or another number of people.
     """
     people = people_of(scene)
     single = rf"\b(?:who|s?he|both|any\w+|some\w+|every\w+|{_NUMBER}|\d+|{_PLACE}|.*'s)\b"
@@ -115,12 +118,15 @@ def in_ordinals(
         pair = f"first {_one(whom)} and the second {_one(whom)}"
         return {"sentence": found[0], "word": whom, "question": pair if many == 2 else whom}[kind]
 
-    for where, pattern, into in _REWRITTEN:
-        text = re.sub(pattern, into, text, flags=re.IGNORECASE) if where in ("any", kind) else text
+    rules: list[tuple[str, Any]] = [(pattern, into) for where, pattern, into in _REWRITTEN if where in ("any", kind)]
     if kind == "question" and selected is None:
-        text = re.sub(r"^((?:(?!\b(?:the|an?)\b|,).)*)\b(?:she|he)\b", r"\1the person", text, flags=re.IGNORECASE)
-    text = re.sub(rf"\b({_PLACE}) ({_SOMEBODY})\b('s? {_PARTS}\b)?", placed, text, flags=re.IGNORECASE)
-    text = re.sub(_OF_MANY, so_many, text, flags=re.IGNORECASE)
+        rules.append((r"^((?:(?!\b(?:the|an?)\b|,).)*)\b(?:she|he)\b", r"\1the person"))
+    rules += [(rf"\b({_PLACE}) ({_SOMEBODY})\b('s? {_PARTS}\b)?", placed), (_OF_MANY, so_many)]
+    kept = "|".join([_KEPT, *(rf"\b{re.escape(name)}\b" for name in names)])
+    pieces = re.split(f"({kept})", text, flags=re.IGNORECASE)
+    for pattern, into in rules:
+        pieces[::2] = [re.sub(pattern, into, piece, flags=re.IGNORECASE) for piece in pieces[::2]]
+    text = "".join(pieces)
     return text, [spellings(label)[-1] for label in re.findall(_LABEL, text, re.IGNORECASE)]
 
 

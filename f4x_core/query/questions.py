@@ -135,7 +135,7 @@ def answer(
         known[it].require_scene(scene)
         known[it] = known[it].for_ids(scene.ids)
     evidence: list[dict[str, Any]] = []
-    question, people = in_ordinals(scene, question, "question", selected=known[it].chosen if it else None)
+    question, people = in_ordinals(scene, question, "question", selected=known[it].chosen if it else None, names=known)
     labels = [*labels_of(scene), *people, *known]
     understood, mended = read_as_meant(
         lambda text: read_question(text, scene.fps, len(scene.cameras), it, labels), question, agreed

@@ -7,10 +7,11 @@ import pytest
 from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
 from people_scene import people_scene
 
+from f4x_core.edit.apply import with_operations
 from f4x_core.edit.bake import bake
 from f4x_core.edit.naming import by_words
 from f4x_core.edit.plan import propose
-from f4x_core.edit.resolve import EditorState, rows_of
+from f4x_core.edit.resolve import EditorState, named, rows_of
 from f4x_core.edit.selecting import read_selecting
 from f4x_core.errors import F4xError
 from f4x_core.fit.people import nearest_part, with_people_of
@@ -303,3 +304,18 @@ def test_people_are_counted_at_the_first_frame_that_shows_all_of_them():
         1,
         3,
     ]
+
+
+@pytest.mark.parametrize(("name", "called"), [("person 1", "person 1"), ("second person", "the second person")])
+def test_a_name_that_somebody_gave_is_no_number(name, called):
+    scene = with_operations(THREE, *propose(THREE, f'call the last person "{name}"').chosen.operations)
+    assert those_of(THREE, np.flatnonzero(by_words(scene, [name])[name].chosen)) == {(3, "")}
+    found = propose(scene, f"make {called} red").chosen.operations[0]
+    assert those_of(THREE, rows_of(scene, found.select)) == {(3, "")}
+    selected = EditorState(by_words(THREE, ["person 2"])["person 2"])
+    assert propose(THREE, f"call it {name}", selected).chosen.operations[0].name == name
+
+
+def test_a_question_means_who_was_called_so():
+    scene = with_operations(THREE, *propose(THREE, 'call the last person "second person"').chosen.operations)
+    assert "second person stands still" in answer(scene, "does the second person move?", names=named(scene)).text
