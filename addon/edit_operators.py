@@ -433,7 +433,8 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
         if selecting := found.selecting:
             marking.combine(scene_object, selecting.chosen, selecting.mode)
             state.called = selecting.words if selecting.mode == "SET" else ""
-            state.answer = f"{state.selected:,} of {state.total:,} Gaussians selected."
+            line = f"{state.selected:,} of {state.total:,} Gaussians selected."
+            state.answer = panel_words(" ".join([line, *selecting.remarks]))
             return
         proposal = found.proposal
         assert proposal is not None  # it is one or the other

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 from bpy_extras import view3d_utils
 
 from ..f4x_core.edit.display import Display
@@ -21,6 +21,7 @@ from ..f4x_core.query.inventory import instead
 from ..f4x_core.query.knowledge import refuse_unknown
 from ..f4x_core.query.labels import words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
+from ..f4x_core.query.people import in_ordinals
 from ..f4x_core.query.prompts import select_by_prompts
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene
@@ -81,7 +82,9 @@ class F4X_OT_query_text(SearchOperator, bpy.types.Operator):  # noqa: N801 - Ble
         if not self.text.strip():
             raise F4xError("Type what to select, such as dog; separate several words by commas.")
         scene_object.state.found = ""
-        text, base, shown, asker = self.text, scene_object.base, scene_object.shown, scene_object.context
+        base, shown, asker = scene_object.base, scene_object.shown, scene_object.context
+        frame = base.cameras.frame_at(asker.frame)  # at which somebody is on the left
+        text, names = self.text, tuple(scene_object.names)
         negatives = words_of(self.negatives) if self.negatives.strip() else None
         threshold, has_worker = scene_object.state.threshold, bool(find_interpreter())
 
@@ -94,7 +97,8 @@ class F4X_OT_query_text(SearchOperator, bpy.types.Operator):  # noqa: N801 - Ble
                 assert selecting is not None  # as for every phrase
                 return Answer(chosen=selecting.chosen, called=selecting.words)
             scene_cache.wait_until_prepared(base, progress)
-            return _query(base, shown, words_of(text), negatives, threshold, has_worker)
+            words = words_of(in_ordinals(base, text, frame=frame, names=names)[0])
+            return _query(base, shown, words, negatives, threshold, has_worker)
 
         return search
 
@@ -153,7 +157,8 @@ def _query(
     best = max((float(asked[label].scores.max(initial=0)) for label in absent), default=0.0)
     found |= {label: shown.of_base(each) for label, each in asked.items()}
     explained = nothing_called(scene, absent, threshold, best) if absent else ""
-    return Answer(together({word: found[word] for word in words}), called=called, hint=explained)
+    asked_for = together({word: found[word] for word in words})
+    return Answer(asked_for, called=called, hint=" ".join([*filter(None, [explained]), *asked_for.remarks]))
 
 
 class _Prompt(SearchOperator):
@@ -161,6 +166,7 @@ class _Prompt(SearchOperator):
 
     cursor = "CROSSHAIR"
     hint = ""
+    part = False
 
     def prompt(self) -> dict:
         """The prompt as keyword arguments of the core."""
@@ -168,7 +174,7 @@ class _Prompt(SearchOperator):
 
     def work(self, scene_object):
         """Search by the prompt; what moves is followed through the clip."""
-        prompts, threshold = {self.frame: self.prompt()}, scene_object.state.threshold
+        prompts, threshold, part = {self.frame: self.prompt()}, scene_object.state.threshold, self.part
         scene, base = scene_object.shown.scene, scene_object.base
 
         def search(progress: Progress) -> Selection:
@@ -177,7 +183,7 @@ class _Prompt(SearchOperator):
             def following(stage: str, done: int, total: int, message: str = "") -> None:
                 progress(stage, done, total, "Following it through the clip")
 
-            return select_by_prompts(scene, prompts, threshold=threshold, progress=following)
+            return select_by_prompts(scene, prompts, threshold=threshold, part=part, progress=following)
 
         return search
 
@@ -257,15 +263,18 @@ class _Prompt(SearchOperator):
 
 
 class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
-    """Click on an object to select it, in any view."""
+    """Click on an object or a person to select it, in any view. Ctrl-click selects a part of the body: a head, an arm."""
 
     bl_idname, bl_label = "f4x.query_point", "Pick"
-    cursor, hint = "EYEDROPPER", "Click on an object. Press Esc to cancel."
+    cursor, hint = "EYEDROPPER", "Click on an object or a person; Ctrl: on a part of the body. Press Esc to cancel."
 
     frame: IntProperty(name="Frame", description="Clip frame", min=0)  # type: ignore[valid-type]
     at: FloatVectorProperty(
         name="Pixel", description="Position in the clip's frame in pixels, from the upper left corner", size=2
     )  # type: ignore[valid-type]
+    part: BoolProperty(  # type: ignore[valid-type]
+        name="Part of the Body", description="Of a person select the part that is clicked on", options={"SKIP_SAVE"}
+    )
 
     def prompt(self):
         """One point."""
@@ -275,7 +284,7 @@ class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
         """A click."""
         if event.type != "LEFTMOUSE" or event.value != "PRESS":
             return False
-        self.at = self._pixel(context, *self._mouse(event))
+        self.at, self.part = self._pixel(context, *self._mouse(event)), event.ctrl
         return True
 
 

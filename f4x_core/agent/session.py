@@ -35,7 +35,9 @@ from ..geometry.camera import CameraPath
 from ..geometry.trajectory import View
 from ..language.grammar import Doubt
 from ..progress import Progress, silent
+from ..query.inventory import PERSON
 from ..query.labels import encode_labels
+from ..query.people import each_person
 from ..query.pixels import coverage_image, heat_map
 from ..query.prompts import select_by_box, select_by_points
 from ..query.questions import answer
@@ -140,7 +142,12 @@ class Session:
         named = [name for edit in of(opened).edits if (name := getattr(edit.operation, "name", ""))]
         return ToolResult(
             {"scenes": listed, "scene": self.folder.name(path)} | {name: info[name] for name in counts if name in info},
-            {"name": opened.name, "labels": labels_of(opened), "heads": [*info["heads"]], "named": named},
+            {
+                "name": opened.name,
+                "labels": [*labels_of(opened), *each_person(opened, PERSON)],
+                "heads": [*info["heads"]],
+                "named": named,
+            },
         )
 
     def render_view(
@@ -195,6 +202,7 @@ class Session:
             tuple[Number, Number, Number, Number] | None, Field(description="left, top, right, bottom in such pixels")
         ] = None,
         select: Annotated[dict[str, Any] | None, Field(description=SELECTS)] = None,
+        part: Annotated[bool, Field(description="of the person at point the part of the body alone")] = False,
         frame: Annotated[int, Field(description="clip frame of point or box, and of `seen`")] = 0,
         threshold: Annotated[Number, Field(ge=0, le=1, description="least probability")] = THRESHOLD,
         name: Annotated[str, Field(max_length=40, description="what to call the selection")] = "",
@@ -210,7 +218,7 @@ class Session:
         if text:
             found = together(by_words(opened, text, negatives, threshold, encode=encode_labels))
         elif point:
-            found = select_by_points(opened, [point], opened.cameras.frame_at(frame), **options)
+            found = select_by_points(opened, [point], opened.cameras.frame_at(frame), part=part, **options)
         elif box:
             found = select_by_box(opened, box, opened.cameras.frame_at(frame), **options)
         else:
@@ -230,6 +238,7 @@ class Session:
                 "moving": int(opened.moving[rows].sum()),
                 "seen": {"frame": frame, "share_of_picture": float(inside.mean()), "box": _box_of(inside, opened)},
             }
+            | ({"remarks": [*found.remarks]} if found.remarks else {})
         )
 
     def ask(

@@ -10,7 +10,8 @@ from ..edit.apply import open_scene
 from ..edit.uncovered import summary_of, uncovered
 from ..printing import one_line
 from ..progress import Progress
-from ..query.inventory import labels_of
+from ..query.inventory import PERSON, labels_of
+from ..query.people import each_person
 from ..scene.runs import run_lengths
 
 MARGIN = 11
@@ -26,7 +27,7 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if scene.scaffold is not None:
         runs = run_lengths([scene.scaffold.xyz, scene.scaffold.quat, scene.scaffold.certain])
         info["poses"] = {"all": scene.scaffold.certain.size, "kept": len(runs)}
-    info["words"] = labels_of(scene)
+    info["words"] = [*labels_of(scene), *each_person(scene, PERSON)]
     lines = [f"{name + ':':<{MARGIN}}{one_line(value)}" for name, value in summary(info).items()]
     shows = uncovered(scene)
     if shows is not None:

@@ -119,6 +119,7 @@ def prompt_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
     sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
     mark_options(sub, "--point")
+    sub.add_argument("--part", action="store_true", help="of the person at --point the part of the body alone")
     sub.add_argument("--threshold", type=float, default=0.5, metavar="P", help="least score, 0 to 1 (default: 0.5)")
 
 

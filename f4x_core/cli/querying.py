@@ -24,7 +24,6 @@ from ..progress import Progress
 from ..query.inventory import instead, labels_of
 from ..query.labels import Encode, words_of
 from ..query.marks import Box, Brush, Lasso, Mark, Mask, Point
-from ..query.people import remark_on
 from ..query.pixels import coverage_image, heat_map, mask_video
 from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
 from ..query.score import THRESHOLD
@@ -62,9 +61,9 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         f"{selection.label}: {result['chosen']} of {result['gaussians']} Gaussians, {result['static']} of them static"
     ]
     absent: list[str] = []
-    if remarks := [remark for word in by_word if (remark := remark_on(scene, word))]:
-        lines += remarks
-        result["remarks"] = remarks
+    if selection.remarks:
+        lines += selection.remarks
+        result["remarks"] = [*selection.remarks]
     if by_word:
         result["missing"] = [word for word, each in by_word.items() if not each.chosen.any()]
         absent = [_empty_line(by_word[word]) for word in result["missing"]]
@@ -159,6 +158,8 @@ def chosen_by(
     if not given:
         kinds = ", ".join(f"--{name}" for name in MARKS)
         raise F4xError(f"give at least one of {kinds}, alone or together; got none.")
+    if getattr(args, "part", False) and given != ["point"]:
+        raise F4xError("--part goes with --point alone: it selects the part of the person's body there.")
     if given == ["text"]:
         by_word = _by_words(scene, args, span, encoder(progress))
         return together(by_word), by_word
@@ -222,6 +223,7 @@ def _selection(
         "progress": progress,
     }
     if kind == "point":
+        options["part"] = getattr(args, "part", False)
         return select_by_points(scene, [_numbers(args.point, 2, "--point", "X,Y")], args.frame, **options)
     if kind == "box":
         return select_by_box(scene, _numbers(args.box, 4, "--box", "X0,Y0,X1,Y1"), args.frame, **options)

@@ -13,6 +13,7 @@ from ..query.cast import needs_no_teacher
 from ..query.inventory import is_calibrated, labels_of, select_word
 from ..query.knowledge import refuse_evidence_of_another, refuse_unknown
 from ..query.labels import BACKGROUND, Encode
+from ..query.people import remarks_on
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene
@@ -76,7 +77,8 @@ def by_labels(
     found = {}
     for label in labels:
         against = [*(negatives or ()), *(other for other in taught if other != label)] if rivals else negatives
-        found[label] = select_word(scene, label, against, threshold, encode=encode, span=span)
+        selection = select_word(scene, label, against, threshold, encode=encode, span=span)
+        found[label] = replace(selection, remarks=tuple(remarks_on(scene, [label])))
         refuse_evidence_of_another(scene, label, found[label], encode)
     return found
 
@@ -86,4 +88,5 @@ def together(found: Mapping[str, Selection]) -> Selection:
     first, *others = found.values()
     for other in others:
         first = replace(first, scores=np.maximum(first.scores, other.scores), wins=first.wins | other.wins)
-    return replace(first, label=", ".join(each.label for each in found.values()))
+    remarks = dict.fromkeys(remark for each in found.values() for remark in each.remarks)
+    return replace(first, label=", ".join(each.label for each in found.values()), remarks=tuple(remarks))

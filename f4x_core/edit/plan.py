@@ -15,7 +15,7 @@ from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.inventory import words_there
 from ..query.labels import Encode
-from ..query.people import remark_on
+from ..query.people import in_ordinals, remarks_on
 from ..scene import Scene, read_scene, updating
 from . import endpoint, language
 from .apply import edited, stack_of, with_operations
@@ -26,7 +26,7 @@ from .records import Record
 from .request import Request
 from .resolve import Absent, EditorState, Resolver, labels_of, rows_of
 from .retiming import time_map_of
-from .selects import All, Ids, SelectKind, Text, parts_of
+from .selects import All, Ids, SelectKind, Text
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
 from .stack import undo as undo
@@ -127,7 +127,7 @@ def propose(
             found.append(Candidate(settled, why, sentence))
         if len(found) == candidates:
             break
-    notes += (*_remarks(scene, asked), *_idle(scene, found[0].operations))
+    notes += (*remarks_on(scene, words_in(asked)), *_idle(scene, found[0].operations))
     proposal = Proposal(sentence, tuple(found), 0, understood_by, notes=notes)
     if len(found) == 1:
         return proposal
@@ -144,8 +144,10 @@ def read_sentence(
 ) -> tuple[tuple[Operation, ...], str, tuple[str, ...]]:
     """(operations in the words of the sentence, not yet resolved; who understood it; notes). Raises F4xError."""
     names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
-    selected = context.selection is not None
-    request = Request(sentence, labels_of(scene), names, scene.fps, len(scene.cameras), selected, context.frame)
+    chosen = None if context.selection is None else context.selection.for_ids(scene.ids).chosen
+    sentence, people = in_ordinals(scene, sentence, "sentence", scene.cameras.frame_at(context.frame), chosen, names)
+    labels = [*labels_of(scene), *people]
+    request = Request(sentence, labels, names, scene.fps, len(scene.cameras), chosen is not None, context.frame)
     notes: tuple[str, ...] = ()
     if server is not None:
         try:
@@ -187,11 +189,14 @@ def _there(scene: Scene) -> tuple[str, ...]:
     return tuple(words_there(scene)[0]) if labels_of(scene) else ()
 
 
-def _remarks(scene: Scene, operations: tuple[Operation, ...]) -> list[str]:
-    """The remarks on words for people that ask more than the scene knows, each once."""
-    selects = [getattr(operation, "select", None) for operation in operations]
-    parts = [part for select in selects if select is not None for part in parts_of(select) if isinstance(part, Text)]
-    return list(dict.fromkeys(filter(None, (remark_on(scene, label) for part in parts for label in part.labels))))
+def words_in(value: Any) -> Iterator[str]:
+    """The words for things in operations and selections."""
+    if isinstance(value, Text):
+        yield from value.labels
+    elif isinstance(value, Record):
+        value = tuple(getattr(value, entry.name) for entry in fields(value))  # type: ignore[arg-type]
+    for part in value if isinstance(value, tuple) else ():
+        yield from words_in(part)
 
 
 def _idle(scene: Scene, operations: tuple[Operation, ...]) -> Iterator[str]:

@@ -209,7 +209,8 @@ class Resolver:
             rows, others = (rows_of(scene, self._cached(scene, part, tidy)) for part in (select.of, select.other))
             time = float(select.frame)
             camera = scene.cameras.at(time)
-            found = stand_to(scene.posed(time), rows, others, select.where, camera, select.each)
+            known = single_people(scene, rows)
+            found = stand_to(scene.posed(time), rows, others, select.where, camera, select.each, known)
             if not len(found):
                 raise Absent(f"In the scene '{scene.name}' there is no {whom(select).removeprefix('the ')}.")
             return Ids.of(scene.ids[found])
@@ -301,11 +302,11 @@ class Resolver:
             return (
                 f"In the scene '{scene.name}' the selection is empty at this place in the edits; select something else."
             )
-        if isinstance(select, And) and any(isinstance(part, Instance) for part in parts_of(select)):
-            return (
-                f"In the scene '{scene.name}' there is only one of {whom(words)}, so nobody is left of {whom(select)}."
-            )
         best = float(self.selection(scene, words).scores.max(initial=0))
+        if isinstance(select, And) and best >= words.threshold:
+            one = any(isinstance(part, Instance) for part in parts_of(select))
+            reason = f"there is only one of {whom(words)}, so " if one else ""
+            return f"In the scene '{scene.name}' {reason}nothing is left of {whom(select)}."
         return nothing_called(scene, words.labels, words.threshold, best, self.encode)
 
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from ..language.grammar import Refusal
 from ..query.labels import Encode
+from ..query.people import remarks_on
 from ..scene import Scene
 from .apply import edited
 from .operations import Name
-from .plan import read_sentence
+from .plan import read_sentence, words_in
 from .resolve import EditorState, Resolver, chosen
 
 Mode = Literal["SET", "ADD", "SUBTRACT"]
@@ -50,6 +51,8 @@ class SelectingSentence:
     """Its combination with what is selected."""
     words: str
     """The thing in the words of the sentence."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about what these words say that the scene cannot tell."""
 
 
 def read_selecting(
@@ -75,5 +78,6 @@ def read_selecting(
             return None  # "select the dog and make it red" is an edit
         (resolved,) = Resolver(context, encode).resolve_sentence(scene, operations, False)
         assert isinstance(resolved, Name)
-        return SelectingSentence(chosen(scene, resolved.select), mode, words)
+        remarks = tuple(remarks_on(scene, words_in(operations)))
+        return SelectingSentence(chosen(scene, resolved.select), mode, words, remarks)
     return None

@@ -25,6 +25,7 @@ from ..geometry.trajectory import View
 from ..raster.blend_weights import blend_weight_sums
 from ..scene import MADE_UP, Scene, StaticSet
 from ..scene.join import followed_by
+from ..scene.people import people_of, with_people_by_id, without_people
 from ..scene.view import render
 from .needs import Need
 
@@ -65,6 +66,8 @@ def completed(scene: Scene) -> Scene:
     """
     if not len(scene.dynamic) or not len(scene.static):
         return scene
+    if people := people_of(scene):  # what is made up is nobody's
+        return with_people_by_id(completed(without_people(scene)), scene.ids, people)
     making = _Making.of(scene)
     for which in coarse_to_fine(len(making.views)):
         making.look(making.views[which])

@@ -85,8 +85,7 @@ class ClipFit:
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time of the stages that are done."""
     whole: bool = True
-    """It is no window of a longer clip: what no frame of it shows is made up (`completed`), and its people are known by
-    their numbers, which other windows count anew (`with_people_of`)."""
+    """It is no window of a longer clip: what no frame of it shows is made up (`completed`)."""
 
     def run(self) -> FitResult:
         """All stages, one after the other."""
@@ -114,7 +113,7 @@ class ClipFit:
         trainer.run(checkpoint, settings_hash, self.progress)
         self._record("photometric", clock)
         result = self.finish(trainer)
-        scene = with_people_of(completed(result.scene), priors) if self.whole else result.scene
+        scene = with_people_of(completed(result.scene) if self.whole else result.scene, priors)
         known = {**scene.provenance, "believed_degrees": _believed(priors)}
         return replace(result, priors=priors, scene=replace(scene, provenance=known))
 

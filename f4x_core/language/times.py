@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from .amounts import fraction, number, percent
 from .grammar import either, here, keyword, literal, optional, table, unless
-from .lexicon import FRACTIONS, PICTURE, PLACES
+from .lexicon import FRACTIONS, ORDINALS, PICTURE, PLACES
 
 
 @dataclass
@@ -138,14 +138,7 @@ _measured = _at_t | (
 _fraction_moment = table({"half a": 0.5, "one|a": 1.0}) + _unit >> _times | _of_one
 _nth = either(
     number + keyword("th|st|nd|rd|the"),  # "the" is what "th" is spelt as
-    table(
-        {
-            word: float(n)
-            for n, word in enumerate(
-                ["first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth"], 1
-            )
-        }
-    ),
+    table({word: float(n) for n, word in enumerate(ORDINALS, 1)}),
 )
 _numbered = ~keyword("the") + number + either(keyword("th|st|nd|rd"), keyword("[th|st|nd|rd|the] frame")) >> (
     lambda x: TimeExpression(frames=x)

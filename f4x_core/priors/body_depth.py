@@ -122,7 +122,7 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
         if len(frames) == 0:
             continue
         measured = np.array([bodies[frame].pixels_per_metre for frame in frames])
-        smooth = np.array(list(smooth_scales(dict(zip(frames.tolist(), measured, strict=True))).values()))
+        smooth = smooth_scales(frames, measured)
         if np.std(np.log(measured / smooth)) > UNSTEADY:
             continue
         size = smooth / priors.cameras.intrinsics[frames, 0, 0]
@@ -234,10 +234,10 @@ def add_relief(inverse: np.ndarray, guessed: np.ndarray, priors: Priors) -> int:
         shown = shows_person(priors, person + 1) & guessed
         bodies = bodies_of(priors.people_joints[:, person], priors.people_metres[:, person])
         frames = [frame for frame in bodies if shown[frame].sum() >= MIN_PIXELS]
-        scales = smooth_scales({frame: bodies[frame].pixels_per_metre for frame in frames})
-        for frame in frames:
+        scales = smooth_scales(np.array(frames), np.array([bodies[frame].pixels_per_metre for frame in frames]))
+        for frame, scale in zip(frames, scales, strict=True):
             beside = guessed[frame] & (priors.people[frame] == 0)
-            per_metre = scales[frame] / float(priors.cameras.intrinsics[frame, 0, 0])
+            per_metre = scale / float(priors.cameras.intrinsics[frame, 0, 0])
             _write(inverse[frame], shown[frame], beside, bodies[frame], per_metre)
         found += bool(frames)
     return found
@@ -267,10 +267,8 @@ def bodies_of(joints: np.ndarray, metres: np.ndarray) -> dict[int, Body]:
     return {frame: body for frame, body in bodies.items() if body.pixels_per_metre > 0}
 
 
-def smooth_scales(scales: dict[int, float]) -> dict[int, float]:
-    """Median over neighbouring frames: one pose may be seen along the view, where its scale is a guess."""
-    frames = np.array(list(scales))
-    values = np.array([scales[frame] for frame in scales])
-    steady = np.array([np.median(values[abs(frames - frame) <= 4]) for frame in frames])
+def smooth_scales(frames: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """(f,) median of `scales (f,)` over near `frames (f,)`: a pose may be seen along the view, where its scale is a guess."""
+    steady = np.array([np.median(scales[abs(frames - frame) <= 4]) for frame in frames])
     smooth = [np.average(steady, weights=np.exp(-0.5 * ((frames - frame) / SIZE_FRAMES) ** 2)) for frame in frames]
-    return dict(zip(frames.tolist(), map(float, smooth), strict=True))
+    return np.array(smooth)

@@ -223,13 +223,13 @@ def _feet(priors: Priors) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(0), np.zeros(0)
     for person in range(joints.shape[1]):
         bodies = bodies_of(joints[:, person], metres[:, person])
-        scales = smooth_scales({frame: body.pixels_per_metre for frame, body in bodies.items()})
-        for frame, body in bodies.items():
+        scales = smooth_scales(np.array([*bodies]), np.array([body.pixels_per_metre for body in bodies.values()]))
+        for body, scale in zip(bodies.values(), scales, strict=True):
             feet = [joint for joint in FEET if body.weight[joint] >= FOOT_SEEN]
             row = max((float(body.pixels[joint, 1]) for joint in feet), default=np.inf)
-            if row < priors.height - EDGE and scales[frame] > 0:
+            if row < priors.height - EDGE and scale > 0:
                 rows.append(row)
-                sizes.append(scales[frame])
+                sizes.append(scale)
     return np.array(rows), np.array(sizes)
 
 

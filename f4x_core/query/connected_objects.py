@@ -109,16 +109,24 @@ def pick_object(
 
 
 def stand_to(
-    posed: PosedSplats, rows: np.ndarray, others: np.ndarray, where: str, camera: Camera, each: bool
+    posed: PosedSplats,
+    rows: np.ndarray,
+    others: np.ndarray,
+    where: str,
+    camera: Camera,
+    each: bool,
+    known: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return those of the Gaussians `rows` whose objects stand so (see `selects.Beside`) to the Gaussians `others`.
 
     Objects that share a Gaussian with the others do not count. With `each` all of them, else the one whose centre is nearest.
+    `known`: see `split_objects`.
     """
-    rows = rows[~np.isin(rows, others)]
+    apart = ~np.isin(rows, others)
+    rows, known = rows[apart], None if known is None else np.unique(known[apart], return_inverse=True)[1]
     if not len(rows) or not len(others):
         return rows[:0]
-    owner, _ = split_objects(posed, rows)
+    owner, _ = split_objects(posed, rows, known)
     surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
     centres = centres_of(posed.means[rows], owner, surface)
     target = centres_of(posed.means[others], np.zeros(len(others), int), posed.opacities[others] + 1e-12)

@@ -18,7 +18,7 @@ from .calibration import evidence
 from .cast import needs_no_teacher
 from .labels import Encode, ask_for, text_head, unknown_label
 from .not_deleted import not_deleted
-from .people import labels_of_people
+from .people import each_person, labels_of_people
 from .pixels import label_scores
 from .prompts import select_by_text
 from .score import THRESHOLD, cosines
@@ -100,7 +100,8 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     Words that few Gaussians answer to more than to any other are not asked.
     """
     labels, there = vocabulary_of(scene), np.flatnonzero(not_deleted(scene))
-    everybody = {} if people_of(scene) is None else {PERSON: select_by_text(scene, [PERSON])}
+    people = [] if people_of(scene) is None else each_person(scene, PERSON) or [PERSON]
+    everybody = {label: select_by_text(scene, [label]) for label in people}
     everybody = {label: selection for label, selection in everybody.items() if selection.chosen.any()}
     if not labels or not len(there):
         return everybody

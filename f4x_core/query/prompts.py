@@ -132,6 +132,7 @@ def select_by_prompts(
     *,
     threshold: float = THRESHOLD,
     span: tuple[float, float] | None = None,
+    part: bool = False,
     decoder: MaskDecoder | None = None,
     config: FollowConfig | None = None,
     backend: str = "auto",
@@ -142,7 +143,8 @@ def select_by_prompts(
     Points and boxes on moving Gaussians select a moving object in all frames at once (`objects.point_out`). Otherwise, and with
     a `decoder` always, the decoder (features of the scene when None, see `decoder_of`) carries the prompts to the other frames
     as masks. A Gaussian's score is then the fraction of its blend weights inside the masks, or its neighbours' mean score where it
-    has none. If the prompt is clearly on moving or on static Gaussians, only those are selected.
+    has none. If the prompt is clearly on moving or on static Gaussians, only those are selected. A point on a person, where the
+    scene knows its people, selects that person, with `part` that part of the body.
 
     Raises F4xError: no prompt, an empty or contradictory one, a point outside the picture, a frame outside the clip.
     """
@@ -156,7 +158,7 @@ def select_by_prompts(
     if decoder is None and all(prompt.mask is None for prompt in checked.values()):
         marks = [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)]
         if len(marks) == 1 and marks[0].on and not marks[0].around:  # a click on a person means the person
-            person = person_at(scene, marks[0].pixels(size) > 0, marks[0].frame)
+            person = person_at(scene, marks[0].pixels(size) > 0, marks[0].frame, part)
             if person is not None:
                 return _selection(scene, person.astype(float), np.zeros(len(person), bool), threshold, span, label)
         chosen = point_out(scene, marks)

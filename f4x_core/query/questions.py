@@ -26,7 +26,7 @@ from .knowledge import refuse_unknown
 from .labels import Encode
 from .measures import Comparison, Measured, measure, single_ones, times_of
 from .not_deleted import not_deleted
-from .people import is_of_people, remark_on
+from .people import each_person, in_ordinals, is_of_people, remarks_on
 from .pixels import head_map
 from .selection import SELECTED, Selection
 from .wording import CLIP_FACTS, INSTEAD, ONE_BY_ONE, Asked, Unanswerable, read_question
@@ -135,13 +135,14 @@ def answer(
         known[it].require_scene(scene)
         known[it] = known[it].for_ids(scene.ids)
     evidence: list[dict[str, Any]] = []
-    labels = [*labels_of(scene), *known]
+    question, people = in_ordinals(scene, question, "question", selected=known[it].chosen if it else None, names=known)
+    labels = [*labels_of(scene), *people, *known]
     understood, mended = read_as_meant(
         lambda text: read_question(text, scene.fps, len(scene.cameras), it, labels), question, agreed
     )
     sentences = [*mended]
-    for asked in understood:
-        if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)):
+    for asked in (one for read in understood for one in _for_each_person(scene, read, known)):
+        if _compares(asked):
             sentence, things = _compared(scene, asked, encode, known)
             sentences.append(sentence)
             evidence.append({"asked": asked.kind, "span": asked.span, "things": things})
@@ -151,12 +152,34 @@ def answer(
         )
         sentences.append(compose(scene, asked, found, encode))
         evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]
+    told = [name for one in evidence for name in one.get("things") or [one.get("label", "")] if name not in known]
+    sentences += remarks_on(scene, told)
     limits = (
         "words, places and motion in the scene" if labels_of(scene) else "motion in the scene, which knows no words"
     )
     different = " ".join(dict.fromkeys(sentences))  # what is not there is missing from every part of the question
     text = f"{different} (Computed from {limits}; no language model was asked.)"
     return Answer(text, COMPUTED, {"views": len(views), "sightings": evidence})
+
+
+def _for_each_person(scene: Scene, asked: Asked, names: Collection[str]) -> list[Asked]:
+    """`asked`, and in place of all people the single ones: together in one question where it takes any number of things."""
+    people = {thing: each_person(scene, thing) for thing in asked.things if thing not in names}
+    everybody = next((thing for thing in people if people[thing] and asked.kind != "count"), None)
+    if everybody is None:
+        return [asked]
+
+    def swapped(part: Sequence[str], singles: list[str]) -> tuple[str, ...]:
+        return tuple(one for thing in part for one in (singles if thing == everybody else [thing]))
+
+    together = not _compares(asked) or (asked.kind in OF_MANY and not asked.polar)
+    groups = [people[everybody]] if together else [[one] for one in people[everybody]]
+    return [replace(asked, things=swapped(asked.things, group), other=swapped(asked.other, group)) for group in groups]
+
+
+def _compares(asked: Asked) -> bool:
+    """True for a question that `_compared` answers."""
+    return asked.kind in COMPARED or bool(asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)))
 
 
 def ask_server(
@@ -333,7 +356,7 @@ def _found(
             if word not in names:
                 refuse_unknown(scene, name, encode)
         found = {word: names[word] if word in names else find(scene, word, encode) for word in words.values()}
-        notes = {word: _note(name, word) or remark_on(scene, word) for name, word in words.items() if word not in names}
+        notes = {word: _note(name, word) for name, word in words.items() if word not in names}
     else:
         there = things_there(scene)
         found = {_perhaps(word) if is_doubtful(scene, one) else word: one for word, one in there.items()}
@@ -439,6 +462,8 @@ COMPARED = {*OF_ONE} | word_set(
     " in_front left_of right_of above below neighbours between still"
 )
 """… and all that compare things or moments."""
+OF_MANY = word_set("colour nearest farthest biggest brightest most_moving compare_speed order count_moving still")
+"""Those of them that take any number of things."""
 SEEING = ("seen", "seeing")
 """Kinds that many views are looked at for …"""
 COMPLETE = ("always", "enter", "leave")
@@ -522,7 +547,7 @@ def _of_path(s: Sighting, asked: Asked, fps: float, when: str) -> str:
 
 
 def _of_place(s: Sighting, asked: Asked, fps: float, when: str) -> str:
-    if s.share < PRESENT:
+    if not s.share:
         return _sentence(asked.yes(False), s, f"is hardly seen{when}.")
     at = when or f" at frame {s.time:g}"
     return _sentence(

@@ -39,6 +39,8 @@ class Selection:
     """What was asked for, for people."""
     scene: str = ""
     """`fingerprint` of the scene that was asked; empty = not known."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about what its words say that the scene cannot tell."""
 
     def __post_init__(self) -> None:
         """Validate."""

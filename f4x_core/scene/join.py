@@ -22,6 +22,7 @@ from ..geometry.interpolation import presence
 from ..progress import Progress, silent
 from ..scaffold import Scaffold
 from ..scaffold.joining import join_scaffolds
+from .joined_people import JoinedPeople
 from .model import EARLIER, DynamicSet, Scene, StaticSet
 
 Gaussians = TypeVar("Gaussians", bound=StaticSet)
@@ -64,11 +65,13 @@ def join_scenes(
     `times (T,)` are those of all frames, which are evenly spaced when None.
 
     `scenes` are taken one after the other, so that only one need be in memory. Edits, features and metrics are left behind:
-    they belong to the whole, not to parts. Raises F4xError where scenes and windows do not belong together.
+    they belong to the whole, not to parts. A person seen in the shared frames of two windows has one number (`joined_people`).
+    Raises F4xError where scenes and windows do not belong together.
     """
     times = np.arange(windows[-1][1], dtype=np.float64) if times is None else times
     spans = spans_of(windows, times)
     static, moving, path, held_out = _Background(), _Moving(windows, spans, times), _Path(windows, times), set[int]()
+    people, since = JoinedPeople(), 0
     last: Scene | None = None
     for number, (scene, (start, end)) in enumerate(zip(scenes, windows, strict=True)):
         progress("join", number, len(windows))
@@ -80,7 +83,9 @@ def join_scenes(
         moving.add(scene, number, start)
         path.add(scene.cameras, spans[number], start)
         held_out.update(frame + start for frame in scene.held_out)
-        last = scene
+        end_before = start if last is None else since + len(last.cameras)
+        people.add(scene, last, [(times[t] - times[since], times[t] - times[start]) for t in range(start, end_before)])
+        last, since = scene, start
     assert last is not None
     dynamic, scaffold = moving.finish()
     joined = replace(
@@ -97,7 +102,7 @@ def join_scenes(
     )
     compared = [times[frame] for frame in _compared_frames(windows)]
     goes_on = np.isin(joined.static.ids, np.concatenate(static.earlier))
-    return _with_new_ground(joined, goes_on, compared, backend, progress)
+    return people.stored_in(_with_new_ground(joined, goes_on, compared, backend, progress))
 
 
 @dataclass
@@ -147,7 +152,7 @@ class _Moving:
             self.numbers.append(number)
             own = scene.dynamic.span
             moved = replace(scene.dynamic, span=None if own is None else own + np.float32(self.times[start]))
-            self.last = replace(scene, static=StaticSet.empty(), dynamic=moved)
+            self.last = replace(scene, static=StaticSet.empty(), dynamic=moved, extra={})
 
     def _rest(self, following: Scene | None) -> None:
         """Take over the set of the last window with nodes, now that the one after it is known."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..geometry.arrays import evenly_spaced
 from .model import Scene
 
 PARTS = (
@@ -30,6 +31,10 @@ PARTS = (
 LIMB = PARTS.index("left arm") + 1
 """Value from which on a part of the body is one of a pair."""
 NAMES = ("person", "body_part")
+FRAMES_LOOKED_AT = 24
+"""Frames, evenly over the clip, among which the first is looked for that shows all people."""
+SHOWN = 0.5
+"""Fraction of a person's opacity that lies within the picture from which a frame shows the person."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +79,56 @@ def single_people(scene: Scene, rows: np.ndarray) -> np.ndarray | None:
     return None if people is None else people.single_ones(rows)
 
 
+def from_left(scene: Scene, frame: int | None = None) -> tuple[np.ndarray, int]:
+    """(People of the scene without its edits, (n,) int as in `People.person`, from left to right; the frame in which).
+
+    By default that is the first frame that shows all of them, or where none does, most of them. Those who are outside of the
+    picture stand beside it. Needs a scene that knows its people.
+    """
+    base = scene.base
+    people = people_of(base)
+    assert people is not None
+    rows = np.flatnonzero(people.person)
+    everybody, who = np.unique(people.person[rows], return_inverse=True)
+    shown, best, order = -1, 0, np.arange(len(everybody))
+    given = None if frame is None else [min(max(frame, 0), len(base.cameras) - 1)]
+    for t in evenly_spaced(len(base.cameras), FRAMES_LOOKED_AT) if given is None else given:
+        camera, posed = base.cameras[int(t)], base.posed(float(base.cameras.times[t]))
+        pixels, depth = camera.project(posed.means[rows].astype(np.float64))
+        opacity = posed.opacities[rows] * (depth > 0) + 1e-9
+        inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(1)
+        seen = np.bincount(who, opacity * inside) > SHOWN * np.bincount(who, posed.opacities[rows])
+        if seen.sum() > shown:
+            column = np.bincount(who, opacity * pixels[:, 0]) / np.bincount(who, opacity)
+            shown, best, order = int(seen.sum()), int(t), np.argsort(column, kind="stable")
+        if shown == len(everybody):
+            break
+    return everybody[order].astype(int), best
+
+
+def parts_called(name: str) -> list[int]:
+    """The values of `People.part` that a name means: that of "left hand", those of both hands for "hand"."""
+    return [value for value, part in enumerate(PARTS, 1) if f" {part}".endswith(f" {name.strip()}")]
+
+
 def with_people(scene: Scene, people: People) -> Scene:
     """The unedited scene with `people` stored in it."""
     count, extra = len(scene.static), dict(scene.extra)
     for name, values in zip(NAMES, (people.person, people.part), strict=True):
         extra |= {f"static/{name}": values[:count], f"dynamic/{name}": values[count:]}
     return replace(scene, extra=extra)
+
+
+def with_people_by_id(scene: Scene, ids: np.ndarray, people: People) -> Scene:
+    """The unedited scene with the `people` of the Gaussians `ids (n,)` stored in it; all others are nobody's."""
+    order = np.argsort(ids)
+    place = order[np.minimum(np.searchsorted(ids[order], scene.ids), len(ids) - 1)]
+    known = ids[place] == scene.ids
+    return with_people(scene, People(people.person[place] * known, people.part[place] * known))
+
+
+def without_people(scene: Scene) -> Scene:
+    """The scene without what it knows of people, for who changes its number of Gaussians."""
+    return replace(
+        scene, extra={name: value for name, value in scene.extra.items() if name.split("/")[-1] not in NAMES}
+    )

@@ -19,6 +19,7 @@ import anyio
 import numpy as np
 import pytest
 from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
+from people_scene import people_scene
 from PIL import Image
 from random_scene import random_scene
 
@@ -626,3 +627,15 @@ def test_the_command_line_says_what_is_missing(place, monkeypatch, capsys):
         monkeypatch.setitem(sys.modules, name, None)
     assert main(["serve", str(place), "--mcp"]) == 2
     assert "pip install 'mcp" in capsys.readouterr().err
+
+
+def test_people_are_listed_found_one_by_one_and_by_their_parts(tmp_path):
+    scene = people_scene(2)
+    write_scene(scene, tmp_path / "people.f4x")
+    session = Session(SceneFolder(tmp_path))
+    assert {"person", "first person", "second person"} <= {*call(session, "info")[0]["from_scene"]["labels"]}
+    found = call(session, "query", text=["second man"])[0]
+    assert found["gaussians"] == 120 and "cannot tell men from women" in " ".join(found["remarks"])
+    pixel = scene.cameras[0].project(scene.posed(0).means[scene.moving][:12].mean(0)[None].astype(float))[0][0].tolist()
+    assert [call(session, "query", point=pixel, part=part)[0]["gaussians"] for part in (False, True)] == [120, 12]
+    assert "There are 2 people" in refusal(session, "query", text=["person 3"])

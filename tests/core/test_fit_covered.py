@@ -13,6 +13,7 @@ from f4x_core.geometry.trajectory import View
 from f4x_core.query.unseen import unseen_gaussians
 from f4x_core.scene import MADE_UP, DynamicSet, StaticSet
 from f4x_core.scene.join import followed_by
+from f4x_core.scene.people import People, people_of, with_people
 from f4x_core.scene.view import render
 
 BLUE, RED, GREEN = (0.2, 0.3, 0.8), (0.8, 0.2, 0.1), (0.1, 0.7, 0.2)
@@ -175,3 +176,13 @@ def test_where_only_one_side_is_known_that_goes_on():
     known = np.zeros((3, 5), bool)
     known[:, 0] = True
     np.testing.assert_allclose(harmonic(np.full((3, 5, 1), 7.0), known), 7)
+
+
+def test_people_keep_their_labels_and_what_is_made_up_is_nobodys():
+    before = hollow(3)
+    people = People(before.moving.astype(np.uint8), 5 * before.moving.astype(np.uint8))
+    after = completed(with_people(before, people))
+    assert len(made(before, after)) > 0 and MADE_UP in after.extra
+    assert np.array_equal(people_of(after).person, after.moving) and np.array_equal(
+        people_of(after).part, 5 * after.moving
+    )

@@ -333,6 +333,7 @@ def test_questions_that_cannot_be_answered_are_one_sentence(folder, capsys):
         (["--lasso", "1,2 3,4", "--frame", "0"], "at least 3 points"),
         (["--brush", "1,2 3", "--frame", "0"], "write 'X,Y X,Y …'"),
         (["--text", "square", "--beside", "1,2", "--frame", "0"], "--frame goes with"),
+        (["--text", "square", "--part"], "--part goes with --point"),
         (["--mask", "nowhere.png", "--text", "square"], "need --frame T"),
         ([], "alone or together"),
         (["--point", "1,2"], "needs --frame"),

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from labelled_scene import labelled_scene
+from people_scene import people_scene
 
 from f4x_core.edit.apply import with_operations
 from f4x_core.edit.bake import bake
@@ -21,6 +22,7 @@ from f4x_core.scaffold.joining import continue_nodes, join_scaffolds
 from f4x_core.scene import DynamicSet, Scene, StaticSet, read_scene, write_scene
 from f4x_core.scene.join import ALWAYS, _weights, _with_new_ground, join_scenes, spans_of
 from f4x_core.scene.model import faded
+from f4x_core.scene.people import people_of
 
 WIDTH, HEIGHT = 32, 20
 WINDOWS = ((0, 10), (6, 16))
@@ -317,3 +319,22 @@ def test_baking_keeps_when_gaussians_are_there(joined):
         there, here = with_operations(joined, Opacity(All(), 0.5)).posed(time), baked.posed(time)
         assert np.array_equal(there.ids, here.ids)
         assert np.allclose(there.opacities, here.opacities, atol=1e-6)
+
+
+def test_people_keep_one_number_and_their_limbs_through_windows():
+    """The second window counts the two people the other way round, and sees a third one whom the first did not know."""
+    one, two = people_scene(2, False), people_scene(3, False, order=(1, 0, 2), since=3, first_id=2000)
+    whole = join_scenes([one, two], ((0, 6), (3, 9)))
+    people = people_of(whole)
+    node = np.concatenate([np.full(len(whole.static), -1), whole.dynamic.node[:, 0]])
+    columns = [np.flatnonzero(whole.scaffold.ids[node] * (node >= 0) - (node < 0) == n) for n in range(3)]
+    assert [np.unique(people.person[rows]).tolist() for rows in columns] == [[1], [2], [3]]
+    assert all(
+        np.bincount(people.part[rows])[1:].tolist() == [12 * (1 + (n < 2))] * 10 for n, rows in enumerate(columns)
+    )
+
+
+def test_windows_without_people_join_to_a_scene_without_and_those_who_come_later_are_counted_on():
+    none, one = people_scene(0, False), people_scene(1, False, since=3, first_id=2000)
+    assert people_of(join_scenes([none, people_scene(0, False)], ((0, 6), (3, 9)))) is None
+    assert np.unique(people_of(join_scenes([none, one], ((0, 6), (3, 9)))).person).tolist() == [0, 1]
