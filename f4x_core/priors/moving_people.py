@@ -21,8 +21,7 @@ NEAR = 3
 """Pixels around a person that belong to them: hair, clothes, what they hold."""
 AS_SURE = 0.88
 """Regions that touch people or the border stay in the mask where their motion, mean over all frames, is as sure as this fraction of
-the people's: a horse is as sure as its rider (.91), walls that a walking camera passes (.82) and an audience (.86) are not. J of
-parkour .79 -> .83, breakdance .61 -> .79, three rendered walkers +.03, horsejump-high .70, dance-twirl and scooter-black -.01."""
+the people's: a horse is as sure as its rider (.91), walls that a walking camera passes (.82) and an audience (.86) are not."""
 HIDDEN_SURE = 0.95
 """The same for single pixels in frames without a moving person: a rendered walker is lost behind a box for 13 of 36
 frames (J .54 -> .82)."""
