@@ -15,7 +15,7 @@ from f4x_core.people.finding import Seed, same_body
 from f4x_core.people.following import Person, Pictures
 from f4x_core.people.networks import POSE_SIZE, Crop, Pose
 from f4x_core.priors import Priors, PriorsConfig, build_priors
-from f4x_core.priors.body_depth import THICKNESS, add_relief, place_people, smooth_scales
+from f4x_core.priors.body_depth import add_relief, place_people, smooth_scales
 from f4x_core.priors.contact import MOVING_CONFIDENCE, DepthMaps
 from f4x_core.priors.flow import provide as provide_flow
 from f4x_core.priors.joints import ANKLES, FEET, HIPS, JOINTS, LIMBS, NAMES, SHOULDERS, turn_to_ray
@@ -358,7 +358,9 @@ def test_who_stands_is_where_their_feet_are_and_who_hops_stays_at_that_distance(
     placed = place_people(maps, priors)
     assert len(placed.frames) == 1 and (placed.pixels == maps.moving).all()
     for frame, mask in enumerate(maps.moving):
-        assert np.median(1 / maps.inverse[frame][mask]) == pytest.approx(WALKER - THICKNESS, rel=0.03)
+        assert np.median(1 / maps.inverse[frame][mask]) == pytest.approx(
+            WALKER - 0.07, rel=0.03
+        )  # skin is before bones
     assert (maps.confidence[maps.moving] <= MOVING_CONFIDENCE).all()
 
 
