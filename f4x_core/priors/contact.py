@@ -69,14 +69,14 @@ def inverse_around(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> 
     return float(np.median(inverse[rim] if rim.any() else inverse))
 
 
-def one_scale(ratio: np.ndarray, trust: np.ndarray) -> float:
+def one_scale(ratio: np.ndarray, trust: np.ndarray, quantile: float = CONTACT_QUANTILE) -> float:
     """The factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
 
-    The weighted quantile `CONTACT_QUANTILE` of what frames ask for: ground behind a body that is in the air asks for less.
+    The weighted `quantile` of what frames ask for: ground behind a body that is in the air asks for less.
     """
     order = np.argsort(ratio)
     weight = np.cumsum((trust + 1e-3)[order])
-    return float(ratio[order][np.searchsorted(weight, CONTACT_QUANTILE * weight[-1])])
+    return float(ratio[order][np.searchsorted(weight, quantile * weight[-1])])
 
 
 def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, grown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
