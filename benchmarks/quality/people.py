@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from f4x_core.priors import Priors
-from f4x_core.priors.joints import LIMBS, NAMES
+from f4x_core.priors.joints import LIMBS, NAMES, turn_to_ray
 from f4x_core.priors.synthetic import Truth
 
 NEAR = 0.05
@@ -115,6 +115,7 @@ class _Pose:
         _, depth = camera.project(truth.people.joints[frame, person])
         scale = pixel_height(truth, person, frame)
         joints, metres = found.people_joints[row, who], found.people_metres[row, who]
+        metres = metres @ turn_to_ray(joints[None], camera.intrinsics)[0].T
         return cls(true[:, :2] / scale, depth / height, true[:, 2] > 0, joints[:, :2] / scale, metres[:, 2])
 
     def distances(self, joints: list[int]) -> np.ndarray:

@@ -69,14 +69,14 @@ def inverse_around(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> 
     return float(np.median(inverse[rim] if rim.any() else inverse))
 
 
-def one_scale(ratio: np.ndarray, trust: np.ndarray) -> float:
+def one_scale(ratio: np.ndarray, trust: np.ndarray, quantile: float = CONTACT_QUANTILE) -> float:
     """The factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
 
-    The weighted quantile `CONTACT_QUANTILE` of what frames ask for: ground behind a body that is in the air asks for less.
+    The weighted `quantile` of what frames ask for: ground behind a body that is in the air asks for less.
     """
     order = np.argsort(ratio)
     weight = np.cumsum((trust + 1e-3)[order])
-    return float(ratio[order][np.searchsorted(weight, CONTACT_QUANTILE * weight[-1])])
+    return float(ratio[order][np.searchsorted(weight, quantile * weight[-1])])
 
 
 def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, grown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -114,8 +114,15 @@ class GroundEdge:
     """(n,) columns from the region's mean one."""
     ground: np.ndarray
     """(n,) inverse depth of the ground at the region's lowest pixel."""
+    plane: np.ndarray
+    """(3,) its inverse depth at a pixel's (1, x, y)."""
     trust: float
     """0..1."""
+
+    def normal(self, intrinsics: np.ndarray) -> np.ndarray:
+        """(3,) direction up from the ground in the axes of the camera with `intrinsics (3, 3)`, of any length."""
+        (fx, _, cx), (_, fy, cy) = intrinsics[:2]
+        return -np.array([self.plane[1] * fx, self.plane[2] * fy, self.plane @ (1, cx, cy)])
 
 
 def ground_edge(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray) -> GroundEdge | None:
@@ -146,7 +153,9 @@ def ground_edge(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray,
     edge = plane[0] + plane[1] * run + plane[2] * (bottom - bottom.max())
     hidden = float((bottom >= height - 2).mean())  # it leaves the picture below: the true contact is nearer
     trust = float(np.clip(1 - 2 * hidden, 0.1, 1.0) * np.sqrt(given.mean()).clip(0.1, 1))
-    return GroundEdge(columns, run, edge, trust)
+    left, above = float(np.nonzero(own)[1].mean()), bottom.max() + 1.0
+    everywhere = np.array([plane[0] - plane[1] * left - plane[2] * above, plane[1], plane[2]])
+    return GroundEdge(columns, run, edge, everywhere, trust)
 
 
 def growth(priors: Priors, frame: int, own: np.ndarray) -> float:

@@ -14,7 +14,7 @@ F counts supervised frames only, H x W are picture pixels, N tracks, M people. A
 | `tracks_motion.npy` | (N,) float32 | 0..1 how surely the track moves by itself |
 | `people.npy`, `people_probability.npy` | (F,H,W) uint8, float16 | who of M people is seen, + 1 (0 = nobody), and how surely |
 | `people_joints.npy` | (F,M,33,3) float32 | x, y in pixels and visibility 0..1 (`joints.NAMES`); NaN = not in the frame |
-| `people_metres.npy` | (F,M,33,3) float32 | the same joints in metres from between the hips, camera axes |
+| `people_metres.npy` | (F,M,33,3) float32 | the same joints in metres from between the hips, z along the ray to there |
 """
 
 from __future__ import annotations

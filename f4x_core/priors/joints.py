@@ -47,6 +47,7 @@ SHOULDERS, HIPS = (11, 12), (23, 24)
 TORSO = (*SHOULDERS, *HIPS)
 FEET = (29, 30, 31, 32)
 """Heels and toes."""
+ANKLES = (27, 28)
 BODY = (*range(11, 17), *range(23, 29))
 """Shoulders, elbows, wrists, hips, knees and ankles."""
 OTHER_SIDE = tuple(
@@ -73,3 +74,17 @@ def to_segments(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> tuple
     along, away = end - start, points[:, None] - start
     part = np.clip((away * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-9), 0, 1)
     return np.linalg.norm(away - part[..., None] * along, axis=-1), part
+
+
+def turn_to_ray(joints: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) shortest rotation of the camera's z axis to the ray through between the hips of `joints (n, 33, 3)`.
+
+    It turns metres along that ray, as networks know them, into the axes of the camera. intrinsics: (3, 3), or (n, 3, 3).
+    """
+    hips = joints[:, list(HIPS), :2].mean(1)
+    ray = np.ones((len(hips), 3))
+    ray[:, :2] = (hips - intrinsics[..., :2, 2]) / np.stack([intrinsics[..., 0, 0], intrinsics[..., 1, 1]], -1)
+    x, y, z = (ray / np.linalg.norm(ray, axis=1, keepdims=True)).T
+    cross = np.zeros((len(ray), 3, 3))
+    cross[:, 0, 2], cross[:, 2, 0], cross[:, 1, 2], cross[:, 2, 1] = x, -x, y, -y
+    return np.eye(3) + cross + cross @ cross / (1 + z)[:, None, None]

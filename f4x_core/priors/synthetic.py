@@ -28,7 +28,7 @@ from .config import PriorsConfig
 from .depth import MAX_DEPTH
 from .files import camera_kind
 from .flow import sample
-from .joints import HIPS, JOINTS
+from .joints import HIPS, JOINTS, turn_to_ray
 from .tracks import longest_first
 
 if TYPE_CHECKING:
@@ -290,6 +290,8 @@ def provide_people(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
     joints = [people.pixels(int(frame), camera) for frame, camera in zip(frames, cameras, strict=True)]
     priors.people_joints = np.stack(joints).astype(np.float32)
     metres = np.einsum("fij,fmkj->fmki", turns, (people.joints - hips)[frames])
+    seen_along = [turn_to_ray(each, camera.intrinsics) for each, camera in zip(joints, cameras, strict=True)]
+    metres = np.einsum("fmji,fmkj->fmki", np.stack(seen_along), metres)
     priors.people_metres = np.where(np.isfinite(priors.people_joints), metres, np.nan).astype(np.float32)
 
 

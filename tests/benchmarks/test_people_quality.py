@@ -10,7 +10,7 @@ from f4x_core.clip import Clip
 from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors, PriorsConfig
-from f4x_core.priors.joints import HIPS, JOINTS, NAMES
+from f4x_core.priors.joints import HIPS, JOINTS, NAMES, turn_to_ray
 from f4x_core.priors.synthetic import TruePeople, Truth, provide_people
 from f4x_core.progress import silent
 
@@ -72,7 +72,9 @@ def test_true_people_become_priors(truth, found):
     assert hidden[NAMES.index("left ankle")] and not hidden[NAMES.index("nose")]
     np.testing.assert_allclose(found.people_metres[:, :, list(HIPS)].mean(2), 0, atol=1e-6)
     lower = found.people_metres[0, 0, NAMES.index("left ankle")] - found.people_metres[0, 0, NAMES.index("left hip")]
-    np.testing.assert_allclose(lower[1], 0.8, atol=1e-6)
+    along_camera = turn_to_ray(found.people_joints[0, :1], truth.cameras[0].intrinsics)[0] @ lower
+    np.testing.assert_allclose(along_camera[1], 0.8, atol=1e-6)
+    assert lower[1] != pytest.approx(0.8, abs=1e-4)  # from where they are seen, upright people lean
 
 
 def test_somebody_who_is_not_seen_has_no_joints(truth):

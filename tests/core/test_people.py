@@ -15,10 +15,10 @@ from f4x_core.people.finding import Seed, same_body
 from f4x_core.people.following import Person, Pictures
 from f4x_core.people.networks import POSE_SIZE, Crop, Pose
 from f4x_core.priors import Priors, PriorsConfig, build_priors
-from f4x_core.priors.body_depth import THICKNESS, add_relief, place_people
+from f4x_core.priors.body_depth import add_relief, place_people, smooth_scales
 from f4x_core.priors.contact import MOVING_CONFIDENCE, DepthMaps
 from f4x_core.priors.flow import provide as provide_flow
-from f4x_core.priors.joints import FEET, JOINTS, LIMBS, NAMES
+from f4x_core.priors.joints import ANKLES, FEET, HIPS, JOINTS, LIMBS, NAMES, SHOULDERS, turn_to_ray
 from f4x_core.priors.moving_people import with_people
 from f4x_core.progress import silent
 
@@ -333,10 +333,11 @@ WALKER = 6.0
 """Meters to the person of `on_a_plain`, and units of the scene."""
 
 
-def on_a_plain(frames=12, hop=(), unsteady=0.0):
+def on_a_plain(frames=12, hop=(), unsteady=0.0, lean=0.0):
     """Priors of somebody who walks across a plain 1.5 m below the camera, and their maps: depth is known but for the person.
 
-    hop: frames in which they are .3 m above the ground; unsteady: scatter of the logarithm of the joints' size.
+    hop: frames in which they are .3 m above the ground; unsteady: scatter of the logarithm of the joints' size; lean: radians
+    by which their metres lean toward the camera, as networks say.
     """
     rng, focal, height, width = np.random.default_rng(2), 180.0, 180, 240
     intrinsics = np.tile(np.array([[focal, 0, 120], [0, focal, 60], [0, 0, 1]]), (frames, 1, 1))
@@ -344,7 +345,10 @@ def on_a_plain(frames=12, hop=(), unsteady=0.0):
     y, x = np.mgrid[:height, :width] + 0.5
     plain = np.broadcast_to(np.maximum((y - 60) / focal / 1.5, 0.02), (frames, height, width)).copy()
     metres = np.column_stack([rng.uniform(-0.2, 0.2, JOINTS), rng.uniform(-0.8, 0.6, JOINTS), np.zeros(JOINTS)])
+    for pair, down in ((SHOULDERS, -0.5), (HIPS, 0.0), (ANKLES, 0.8)):
+        metres[list(pair)] = [(-0.1, down, 0), (0.1, down, 0)]
     metres[list(FEET)] = [(-0.1, 0.9, -0.1), (0.1, 0.9, 0.1), (-0.1, 0.9, -0.2), (0.1, 0.9, 0.2)]
+    turn = np.array([[1, 0, 0], [0, np.cos(lean), -np.sin(lean)], [0, np.sin(lean), np.cos(lean)]])
     masks, joints = np.zeros((frames, height, width), bool), np.zeros((frames, JOINTS, 3))
     for frame in range(frames):
         middle = np.array([0.05 * frame - 0.3, 0.6 - 0.3 * (frame in hop), WALKER])
@@ -354,7 +358,7 @@ def on_a_plain(frames=12, hop=(), unsteady=0.0):
         feet = joints[frame, list(FEET)]
         left, right = feet[:, 0].min() - 3, feet[:, 0].max() + 3
         masks[frame] = (x > left) & (x < right) & (y > feet[:, 1].max() - 50) & (y < feet[:, 1].max())
-    priors = priors_with([(masks[0], joints[0], metres)], width, height, frames)
+    priors = priors_with([(masks[0], joints[0], metres @ turn.T)], width, height, frames)
     priors.cameras, priors.mask, priors.camera_kind = cameras, masks, "moving"
     priors.people[:] = masks
     priors.people_probability[:] = masks
@@ -368,8 +372,38 @@ def test_who_stands_is_where_their_feet_are_and_who_hops_stays_at_that_distance(
     placed = place_people(maps, priors)
     assert len(placed.frames) == 1 and (placed.pixels == maps.moving).all()
     for frame, mask in enumerate(maps.moving):
-        assert np.median(1 / maps.inverse[frame][mask]) == pytest.approx(WALKER - THICKNESS, rel=0.03)
+        assert np.median(1 / maps.inverse[frame][mask]) == pytest.approx(
+            WALKER - 0.07, rel=0.03
+        )  # skin is before bones
     assert (maps.confidence[maps.moving] <= MOVING_CONFIDENCE).all()
+
+
+def test_who_leans_along_the_view_by_the_networks_stands_upright():
+    upright, leaning = (on_a_plain(lean=lean) for lean in (0.0, 0.3))
+    for priors, maps in (upright, leaning):
+        assert len(place_people(maps, priors).frames) == 1
+    mask = upright[1].moving
+    np.testing.assert_allclose(leaning[1].inverse[mask], upright[1].inverse[mask], rtol=0.01)
+
+
+@pytest.mark.parametrize("hips", [(40.0, 30.0), (70.0, 50.0)])
+def test_metres_along_the_ray_to_a_person_turn_into_the_axes_of_the_camera(hips):
+    joints = np.zeros((1, JOINTS, 3))
+    joints[:, list(HIPS), :2] = hips
+    intrinsics = np.array([[80.0, 0, 40], [0, 80, 30], [0, 0, 1]])
+    turn = turn_to_ray(joints, intrinsics)[0]
+    ray = np.array([(hips[0] - 40) / 80, (hips[1] - 30) / 80, 1])
+    np.testing.assert_allclose(turn @ [0, 0, 1], ray / np.linalg.norm(ray), atol=1e-12)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+
+
+def test_a_size_that_sways_with_every_stride_is_smoothed_and_one_that_grows_is_not():
+    frames = np.arange(48)
+    grows = 0.01 * frames
+    sways = 0.05 * np.sin(2 * np.pi * frames / 12) + 0.5 * (frames == 20)  # and a pose that is seen along the view
+    smooth = smooth_scales(frames, np.exp(grows + sways))
+    assert np.std(np.log(smooth) - grows) < 0.015
+    assert len(smooth_scales(frames[:0], grows[:0])) == 0
 
 
 def test_fragments_that_touch_people_are_no_objects_of_their_own():
