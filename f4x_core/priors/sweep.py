@@ -17,7 +17,7 @@ from ..native.sweep import F4X_BEST_PLANES, PLANES
 from ..parallel import in_threads
 from .flow import length, pixel_grid
 
-PLANES_SWEPT = 64
+PLANES_SWEPT = 48
 """Inverse depths that are tried, evenly spaced from 0 to the nearest."""
 NEAREST = 99.5
 """Percentile of the measured inverse depth that the nearest plane lies beyond by a factor of `BEYOND`."""
@@ -80,7 +80,7 @@ class Swept:
     spacing: float
     """Distance of two planes."""
     gain: np.ndarray
-    """(h, w) pixels by which one shifts per inverse depth, in the compared frame in which it shifts most."""
+    """(h, w) pixels by which one shifts per inverse depth, in the farther one of the farthest frames on both sides."""
     better: np.ndarray
     """(h, w) grey levels by which it explains the pictures better than the samples."""
     known: np.ndarray
@@ -113,7 +113,7 @@ def sweep(
         place = best_planes(costs, prepared[frame, stride // 2 :: stride, stride // 2 :: stride])
         inverse[frame] = np.maximum(place, LEAST) * spacing[frame]
         missed = [_cost_at(costs, at) for at in (samples[frame].inverse / spacing[frame], place)]
-        shifts = [_shift(cameras, frame, other, (height, width), stride) for side in sides for other in side]
+        shifts = [_shift(cameras, frame, side[-1], (height, width), stride) for side in sides]
         gain[frame] = np.max(shifts, axis=0) if shifts else 0
         better[frame] = (missed[0] - missed[1]) / (WINDOW**2 * VIEWS)
 
