@@ -29,6 +29,8 @@ from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import place_objects
 from .points import TRACK_OUTLIER_PX, fit_points
 from .standing_world import guess_world, slope
+from .surfaces import join, pyramid_mean, surface_guide
+from .sweep import Samples, sweep
 from .uprights import feet_of_uprights
 
 if TYPE_CHECKING:
@@ -171,9 +173,11 @@ def epipolar_direction(cameras: CameraPath, frame: int, pixels: np.ndarray, othe
 def fill_inverse_depth(
     inverse: np.ndarray, precision: np.ndarray, guide: np.ndarray, iterations: int = 60, curvature: float = CURVATURE
 ) -> np.ndarray:
-    """Inverse depth everywhere `(h, w)` from samples of different precision; `guide (h, w)` are grey levels 0..255.
+    """Inverse depth everywhere `(h, w)` from samples of different precision.
 
-    `argmin sum precision (rho - sample)^2 + sum e^{-|dI|} ((rho_p - rho_q)^2 / s^2 + (rho_p - 2 rho_q + rho_r)^2 / c^2)`
+    `guide (h, w)` are grey levels 0..255, whose steps `dI` count as `d = |dI| / EDGE_GREY`, or `(h, w, 3)`: levels whose steps
+    `dS` are those of surfaces, how far these are trusted, `t` in 0..1, and grey levels: `d = t |dS| + (1 - t) |dI| / EDGE_GREY`.
+    `argmin sum precision (rho - sample)^2 + sum e^{-d} ((rho_p - rho_q)^2 / s^2 + (rho_p - 2 rho_q + rho_r)^2 / c^2)`
     over neighbours along rows and columns, `s` and `c` from `SLOPE` and `curvature` (the inverse depth of a plane is linear
     in the picture), by conjugate gradients started at the solution for half the size; three rounds reweigh outliers.
     Unknown samples have precision 0.
@@ -195,7 +199,7 @@ def fill_inverse_depth(
         )
         start = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
     else:
-        start = _pyramid_mean(inverse, precision)
+        start = pyramid_mean(inverse, precision)
     usual = max(float(np.median(start)), 1e-6)
     bands = _roughness(guide, 1 / (SLOPE * usual) ** 2, 1 / (curvature * usual) ** 2)
     solve = _plain_smooth_map if open_library()[0] is None else _smooth_map
@@ -212,7 +216,7 @@ def _roughness(guide: np.ndarray, smooth: float, flat: float) -> dict[str, np.nd
     """Normal matrix of the smoothness terms, differences of neighbours and of those differences along lines: its entries
     `(h, w)` of a pixel with itself and with the one or two to the right of it or below; 0 where there is none."""
     levels = guide.astype(np.float64)
-    along, down = (_line_roughness(lines, smooth, flat) for lines in (levels, levels.T))
+    along, down = (_line_roughness(lines, smooth, flat) for lines in (levels, levels.swapaxes(0, 1)))
     down = down.transpose(0, 2, 1)
     entries = (along[0] + down[0], *along[1:], *down[1:])
     return dict(zip(BANDS, map(np.ascontiguousarray, entries), strict=True))
@@ -244,11 +248,15 @@ def _plain_smooth_map(
 
 
 def _line_roughness(levels: np.ndarray, smooth: float, flat: float) -> np.ndarray:
-    """(3,h,w) entries of the normal matrix along rows of grey `levels (h,w)`: of a pixel with itself, the next, the one after."""
-    same = np.exp(-abs(np.diff(levels, axis=1)) / EDGE_GREY)  # (h, w-1)
+    """(3,h,w) entries of the normal matrix along rows of `levels` (h,w[,3]): of a pixel with itself, the next, the one after."""
+    steps = abs(np.diff(levels, axis=1))
+    if levels.ndim == 3:
+        trust = np.minimum(levels[:, 1:, 1], levels[:, :-1, 1])
+        steps = EDGE_GREY * trust * steps[..., 0] + (1 - trust) * steps[..., 2]
+    same = np.exp(-steps / EDGE_GREY)  # (h, w-1)
     bend = flat * np.minimum(same[:, :-1], same[:, 1:])  # (h, w-2), weight of (1, -2, 1)
     link = smooth * (EDGE_SLACK + (1 - EDGE_SLACK) * same)  # weight of (-1, 1)
-    entries = np.zeros((3, *levels.shape))
+    entries = np.zeros((3, *levels.shape[:2]))
     itself, following, second = entries
     itself[:, :-1] += link
     itself[:, 1:] += link
@@ -321,47 +329,35 @@ def _static_depth(
     import cv2
 
     assert priors.cameras is not None
-    flows = long_flows(clip, priors, config, progress)
-    pictures = grey(clip.frames[clip.supervised])
-    tracks = track_samples(priors)
+    cameras, pictures = priors.cameras, grey(clip.frames[clip.supervised])
     frames, height, width = moving.shape
     blocked = dilate_masks(moving, MOVING_MARGIN)
-    rows, columns = np.arange(STRIDE // 2, height, STRIDE), np.arange(STRIDE // 2, width, STRIDE)
-    grid = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1)  # (h, w, 2)
-    inverse, confidence = np.empty((2, frames, height, width), np.float32)
-    down = mean_down(priors.cameras)
+    samples = _measure(clip, priors, config, pictures, blocked, progress)
+    usual = [one.usual for one in samples]
+    hidden = None if clip.hidden is None else clip.hidden[priors.frames]
+    swept = sweep(cameras, pictures, hidden, samples, STRIDE, lambda done: progress("depth", frames + done, 3 * frames))
+    down, grid = mean_down(cameras), sample_grid(height, width)
+    inverse, confidence = np.empty((2, *moving.shape), np.float32)
 
     def solve(i: int) -> float:
         """Write inverse depth and confidence of a frame; returns the fraction of it that is known to better than 10 %."""
-        assert priors.cameras is not None
-        targets = _targets(i, flows, blocked, grid)
-        rho, precision = np.zeros(grid.shape[:2]), np.zeros(grid.shape[:2])
-        if targets:
-            rho, precision = (
-                part.reshape(grid.shape[:2])
-                for part in inverse_depth_from_flow(priors.cameras, i, grid.reshape(-1, 2), targets)
-            )
-        held = texture_along(
-            pictures[i], epipolar_direction(priors.cameras, i, grid, [other for other, _, _ in targets])
-        )
-        precision *= held * ~blocked[i][rows[:, None], columns]
-        _add_tracks(rho, precision, tracks[i], blocked[i], held)
-        usual = (
-            1 / max(float(np.median(1 / np.maximum(rho[precision > 0], 1e-6))), 1e-6) if (precision > 0).any() else 1.0
-        )
-        min_rho = usual / MAX_DEPTH
-        rho = np.clip(rho, min_rho, 1e3 * usual)
-        plain = np.maximum(plain_world(rho, precision, below_horizon(priors.cameras[i], grid, down), usual), min_rho)
-        known, belief = precision, 1 / (PLAIN_NOISE * usual) ** 2
-        rho, precision = (precision * rho + belief * plain) / (precision + belief), precision + belief
-        guide = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
+        free, min_rho = ~moving[i][SAMPLED], usual[i] / MAX_DEPTH
+        joined = join(samples[i], swept[i], free)
+        rho, known = np.clip(joined.inverse, min_rho, 1e3 * usual[i]), joined.precision
+        plain = np.maximum(plain_world(rho, known, below_horizon(cameras[i], grid, down), usual[i]), min_rho)
+        belief = 1 / (PLAIN_NOISE * usual[i]) ** 2
+        rho, precision = (known * rho + belief * plain) / (known + belief), known + belief
+        looks = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
+        guide = surface_guide(swept[i], joined.trust, ~blocked[i][SAMPLED], looks)
         filled = np.maximum(fill_inverse_depth(rho, precision, guide), min_rho)
         trust = _confidence(filled, rho, known)
         inverse[i] = resize_linear(filled, width, height)
         confidence[i] = resize_linear(trust, width, height)
         return float((known * filled**2 > 100).mean())
 
-    measured = float(np.mean(in_threads(solve, range(frames), lambda done: progress("depth", done, frames + 1))))
+    measured = float(
+        np.mean(in_threads(solve, range(frames), lambda done: progress("depth", 2 * frames + done, 3 * frames)))
+    )
     statistics["measured_fraction"] = round(measured, 3)
     if measured < 0.2:
         priors.warn(
@@ -369,6 +365,41 @@ def _static_depth(
             " the rest is interpolated."
         )
     return inverse, confidence
+
+
+SAMPLED = np.s_[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE]
+"""The pixels of a picture on which depth is measured."""
+
+
+def sample_grid(height: int, width: int) -> np.ndarray:
+    """(h, w, 2) pixels (x, y) on which depth is measured."""
+    return pixel_grid(height, width)[SAMPLED].astype(np.float64)
+
+
+def _measure(
+    clip: Clip, priors: Priors, config: PriorsConfig, pictures: np.ndarray, blocked: np.ndarray, progress: Progress
+) -> list[Samples]:
+    """Samples of every frame from flow and tracks; none where `blocked (F, H, W)`."""
+    assert priors.cameras is not None
+    cameras, flows, tracks = priors.cameras, long_flows(clip, priors, config, progress), track_samples(priors)
+    grid = sample_grid(*blocked.shape[1:])
+
+    def measure(i: int) -> Samples:
+        targets = _targets(i, flows, blocked, grid)
+        rho, precision = np.zeros((2, *grid.shape[:2]))
+        if targets:
+            rho, precision = (
+                part.reshape(grid.shape[:2])
+                for part in inverse_depth_from_flow(cameras, i, grid.reshape(-1, 2), targets)
+            )
+        along = epipolar_direction(cameras, i, grid, [other for other, _, _ in targets])
+        held = texture_along(pictures[i], along)
+        precision *= held * ~blocked[i][SAMPLED]
+        _add_tracks(rho, precision, tracks[i], blocked[i], held)
+        return Samples(rho, precision, held)
+
+    frames = len(blocked)
+    return in_threads(measure, range(frames), lambda done: progress("depth", done, 3 * frames))
 
 
 def _targets(
@@ -452,20 +483,3 @@ def _confidence(filled: np.ndarray, rho: np.ndarray, precision: np.ndarray) -> n
     known = ndimage.gaussian_filter(np.minimum(relative, 400.0), 3)
     miss = ndimage.gaussian_filter(np.where(precision > 0, np.minimum(abs(rho / filled - 1), 1), 0), 1.5)
     return known / (known + 50.0) / (1 + (miss / 0.2) ** 2)
-
-
-def _pyramid_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Normalised convolution from coarse to fine: known values stay, holes take the mean of a growing neighbourhood."""
-    import cv2
-
-    floor = 1e-3 * float(weight[weight > 0].mean()) if (weight > 0).any() else 1.0
-    total, norm = (values * weight).astype(np.float64), weight.astype(np.float64)
-    pyramid = [(total, norm)]
-    while min(pyramid[-1][0].shape) > 2:
-        pyramid.append((cv2.pyrDown(pyramid[-1][0]), cv2.pyrDown(pyramid[-1][1])))
-    total, norm = pyramid[-1]
-    mean = np.full_like(total, total.sum() / norm.sum()) if norm.sum() > 0 else np.ones_like(total)
-    for total, norm in reversed(pyramid):
-        mean = cv2.resize(mean, total.shape[::-1], interpolation=cv2.INTER_LINEAR)
-        mean = (total + floor * mean) / (norm + floor)
-    return mean

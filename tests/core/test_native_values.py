@@ -21,6 +21,7 @@ from f4x_core.native.maps import F4X_SAMPLE_MAP, F4X_SMOOTH_MAP, SAMPLES, SMOOTH
 from f4x_core.native.motion import F4X_NODE_AXES, F4X_NODE_MOTION, MOTION
 from f4x_core.native.picture import F4X_PICTURE_LOSS, PICTURE
 from f4x_core.native.rays import F4X_RAYS, F4X_RAYS_BACKWARD, RAYS
+from f4x_core.native.sweep import F4X_BEST_PLANES, PLANES
 from f4x_core.raster.native import library as raster
 from f4x_core.scaffold.deformation.native import library as deformation
 from f4x_core.scene.depth_order import DEPTH_ORDER, F4X_DEPTH_ORDER
@@ -187,6 +188,14 @@ def looked_up(given):
     return got | {"solution": solution}
 
 
+def swept(given):
+    """The planes of a cost volume."""
+    height, width, planes = given["costs"].shape
+    got = {"place": np.empty((height, width), np.float32)}
+    F4X_BEST_PLANES(PLANES(width=width, height=height, planes=planes, step=40, **given, **got))
+    return got
+
+
 def composited(given):
     """A picture along rays, and the gradients of what it is made of."""
     (height, width, _), count = given["d_image"].shape, len(given["means"])
@@ -222,6 +231,7 @@ KINDS = {
     "bundle": adjusted,
     "maps": looked_up,
     "rays": composited,
+    "sweep": swept,
 }
 """Group of stored values -> function that computes it with the library."""
 
@@ -241,7 +251,7 @@ def test_every_exported_function_gives_the_stored_values(native_library, monkeyp
     assert instruction_set(watched) in ("avx512-wide", "avx512", "avx2", "plain")
     assert 1e6 < measure_peak(watched, 0.01) < 1e13
     exported = {name for source in SOURCES for name in EXPORT.findall(source.read_text(encoding="utf-8"))}
-    assert watched.asked == exported and len(exported) == 25
+    assert watched.asked == exported and len(exported) == 26
 
 
 SQUARE_PAIRS = 9
@@ -272,7 +282,7 @@ def make_values():
     groups = {"colours": values_of_colours(), "picture": values_of_pictures(), "moved": values_of_motion()}
     groups |= {"frame": values_of_frames(), "adam": values_of_adam(), "nodes": values_of_nodes()}
     groups |= {"arap": values_of_arap(), "bundle": values_of_bundle(), "maps": values_of_maps()}
-    groups |= {"rays": values_of_rays()}
+    groups |= {"rays": values_of_rays(), "sweep": values_of_sweep()}
     return {
         f"{kind}_{way}_{name}": value
         for kind, ways in groups.items()
@@ -487,6 +497,17 @@ def values_of_maps():
     dense += np.diag(given["weight"].ravel())
     found["solution"] = np.linalg.solve(dense, (given["weight"] * given["sample"]).ravel()).reshape(5, 6)
     return given, found
+
+
+def values_of_sweep():
+    """A cost volume of 7 x 9 pixels and 12 planes."""
+    from f4x_core.priors import sweep
+
+    rng = np.random.default_rng(9)
+    given = {"costs": rng.integers(0, 288, (7, 9, 12)).astype(np.int16)}
+    given |= {name: rng.integers(60, 800, (7, 9)).astype(np.int16) for name in ("right", "below")}
+    place = sweep._plain_best_planes(given["costs"], 40, given["right"], given["below"])
+    return given, {"place": place.astype(np.float64)}
 
 
 def values_of_rays():

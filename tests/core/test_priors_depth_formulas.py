@@ -122,6 +122,15 @@ def test_maps_are_smooth_as_the_sum_of_their_differences_asks(shape, either):
     np.testing.assert_array_equal(either(bands, weight, sample, start, 0), start)
 
 
+def test_steps_of_surfaces_count_where_they_are_trusted():
+    rng = np.random.default_rng(3)
+    surface, grey = rng.uniform(0, 3, (5, 7)), rng.uniform(0, 60, (5, 7))
+    for trust, alone in ((1.0, module.EDGE_GREY * surface), (0.0, grey)):
+        mixed = module._roughness(np.stack([surface, np.full((5, 7), trust), grey], -1), 2.0, 5.0)
+        for name, entries in module._roughness(alone, 2.0, 5.0).items():
+            np.testing.assert_allclose(mixed[name], entries, rtol=1e-12, err_msg=name)
+
+
 @pytest.fixture(params=["compiled", "plain"])
 def either(request):
     """Both forms of the smooth map through samples."""
@@ -157,7 +166,7 @@ def samples_to_fill(height, width, seed=0):
 
 def test_filling_is_the_minimum_of_its_energy():
     inverse, precision, guide = samples_to_fill(14, 20)
-    start = module._pyramid_mean(inverse, precision)
+    start = module.pyramid_mean(inverse, precision)
     found = module.fill_inverse_depth(inverse, precision, guide, 900, 0.02)
     np.testing.assert_allclose(found, filled_by_hand(inverse, precision, guide, start, 0.02), rtol=2e-4)
     defaults = module.fill_inverse_depth(inverse, precision, guide, 900)
@@ -205,11 +214,11 @@ def test_holes_take_the_mean_of_a_growing_neighbourhood():
     mean = np.full((2, 2), pyramid[-1][0].sum() / pyramid[-1][1].sum())
     for total, norm in pyramid[::-1]:
         mean = (total + floor * cv2.resize(mean, norm.shape[::-1])) / (norm + floor)
-    found = module._pyramid_mean(values, weight)
+    found = module.pyramid_mean(values, weight)
     np.testing.assert_allclose(found, mean, rtol=1e-9)
     np.testing.assert_allclose(found[weight > 0], values[weight > 0], rtol=5e-3)
-    np.testing.assert_array_equal(module._pyramid_mean(values, np.zeros((9, 12))), np.ones((9, 12)))
-    np.testing.assert_allclose(module._pyramid_mean(values, 1e-4 * weight), found, rtol=1e-9)
+    np.testing.assert_array_equal(module.pyramid_mean(values, np.zeros((9, 12))), np.ones((9, 12)))
+    np.testing.assert_allclose(module.pyramid_mean(values, 1e-4 * weight), found, rtol=1e-9)
 
 
 def test_down_is_the_mean_of_the_cameras_downs():
@@ -402,6 +411,7 @@ def test_static_depth_merges_flow_tracks_and_the_plain_world():
     cameras, pictures, shares = priors.cameras, module.grey(clip.frames), []
     blocked = np.stack([ndimage.binary_dilation(one, np.ones((13, 13))) for one in priors.mask])
     rows, columns = np.arange(1, height, 2), np.arange(1, width, 2)
+    measured = []
     grid = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1)
     for i in range(8):
         targets = module._targets(i, priors.scratch["long_flows"], blocked, grid)
@@ -413,14 +423,21 @@ def test_static_depth_merges_flow_tracks_and_the_plain_world():
         held = module.texture_along(pictures[i], direction)
         precision = precision * held * ~blocked[i, 1::2, 1::2]
         module._add_tracks(rho, precision, module.track_samples(priors)[i], blocked[i], held)
-        usual = 1 / np.median(1 / np.maximum(rho[precision > 0], 1e-6))
+        measured.append(module.Samples(rho, precision, held))
+    swept = module.sweep(cameras, pictures, None, measured, 2)
+    for i, samples in enumerate(measured):
+        precision = samples.precision
+        usual = 1 / np.median(1 / np.maximum(samples.inverse[precision > 0], 1e-6))
+        joined = module.join(samples, swept[i], ~priors.mask[i, 1::2, 1::2])
+        rho, precision = joined.inverse, joined.precision
         least = usual / module.MAX_DEPTH
         rho = np.clip(rho, least, 1e3 * usual)
         below = module.below_horizon(cameras[i], grid, module.mean_down(cameras))
         plain = np.maximum(module.plain_world(rho, precision, below, usual), least)
         belief = 1 / (module.PLAIN_NOISE * usual) ** 2
         known, rho = precision, (precision * rho + belief * plain) / (precision + belief)
-        guide = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
+        looks = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
+        guide = module.surface_guide(swept[i], joined.trust, ~blocked[i, 1::2, 1::2], looks)
         filled = np.maximum(module.fill_inverse_depth(rho, known + belief, guide), least)
         np.testing.assert_allclose(found[i], module.resize_linear(filled, width, height), rtol=1e-5)
         trust = module._confidence(filled, rho, known)
