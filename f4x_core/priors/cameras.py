@@ -51,6 +51,7 @@ from .sfm import (
     subset,
 )
 from .standing import StillnessTest
+from .trusted import frame_errors, grow_trusted
 from .zoom import MIN_COST_LEFT_BY_MOVING, Zoom, find_zoom, mean_cost, zoomed
 
 if TYPE_CHECKING:
@@ -352,8 +353,7 @@ def _settled(
 
 def _worst_frame(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> float:
     """Pixels by which the frame that fits worst misses its sightings (median), the points of the `tracks` triangulated anew."""
-    errors = np.nan_to_num(_triangulated_anew(bundle, seen, tracks).errors(seen), nan=np.inf, posinf=np.inf)
-    return max((float(np.median(errors[seen.frame == frame])) for frame in np.unique(seen.frame)), default=0.0)
+    return float(np.nanmax(frame_errors(bundle, seen, len(tracks)), initial=0.0))
 
 
 def _triangulated_anew(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> Bundle:
@@ -419,8 +419,19 @@ def _solve(job: _CameraProblem) -> tuple[Solution, str]:
     solution, kind = _first_solution(job)
     job.progress("cameras", 3, 4, "refine the path")
     if kind == "moving":
-        solution = _completed(job, solution)
+        solution = _trusted(job, _completed(job, solution))
     return solution, kind
+
+
+def _trusted(job: _CameraProblem, solution: Solution) -> Solution:
+    """The solution, its cameras grown from those frames that it meets where it misses some; fills `registered` of the statistics."""
+    longest = TRACK_FRAMES if len(job.tracks) > USUAL_FRAMES else None
+    seen, order = sightings(job.tracks, job.visible, job.static, job.tracks.shape[1], longest)
+    found = grow_trusted(solution, seen, len(order), job.lens)
+    job.statistics["registered"] = int(found.solution.registered.sum())
+    if found.grown:
+        job.statistics["grown"] = True
+    return found.solution
 
 
 def _completed(job: _CameraProblem, solution: Solution) -> Solution:
@@ -502,7 +513,7 @@ def _first_solution(job: _CameraProblem) -> tuple[Solution, str]:
     if job.lens.refine_focal and solver != "depth":
         job.progress("cameras", 2, 4, "focal length")
         _, job.statistics["focal_search"] = _search(job, moved)
-    job.statistics.update({"solver": solver, "registered": int(moved.registered.sum())})
+    job.statistics["solver"] = solver
     return moved, "moving"
 
 

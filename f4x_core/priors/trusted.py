@@ -1,0 +1,156 @@
+"""Cameras of frames that the joint adjustment misses, found from points that the frames which it meets have seen.
+
+Near things that somebody holds and a body that breathes fill most of a picture and rest for a while. Their tracks count as standing
+then, outnumber those of the ground, and draw the cameras of these frames with them. Frames before and after, in which they move,
+know better: the points of the ground seen there are seen here, too, and those of the thing are not among them. So cameras grow from
+the frames that meet their tracks, one neighbour after the other, as in incremental structure from motion (Schoenberger and Frahm,
+"Structure-from-Motion Revisited", 2016), and tracks that miss their point in the end do not stand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
+from .points import TRACK_OUTLIER_PX
+from .sfm import Solution
+
+MISSED_PX = 1.5
+"""Median error of a frame's sightings from which cameras do not meet that frame: the worst of the twelve real clips have 1.4."""
+MET_PX = 1.0
+"""Median error up to which a frame's camera is trusted from the start."""
+MIN_MET = 0.5
+"""Fraction of a frame's sightings of trusted points that its camera must meet within `MISSED_PX`."""
+MIN_TRUSTED = 8
+"""Fewest frames that cameras can grow from; over fewer whatever moves evenly is explained by some point."""
+MIN_SIGHTINGS, MIN_SEEN = 12, 3
+"""Fewest trusted points that a camera is found from, and sightings of one of them in trusted frames."""
+FIRST_PX = 8.0
+"""Scale of the robust error with which a camera is looked for from its neighbour's place, before the usual one."""
+ROUNDS = 2
+"""Times that what stands is chosen and all trusted cameras are adjusted by it."""
+OUTLIER_PX = 4.0
+"""Error from which a single sighting of a point that stands is left out: there its track slips."""
+WORST_PX = 10.0
+"""Errors count up to this much: the few sightings of a frame that is lost do not decide about a point."""
+
+
+@dataclass(frozen=True)
+class Trusted:
+    """Cameras and the frames that they meet."""
+
+    solution: Solution
+    """All frames; `registered`: those whose camera meets what it sees."""
+    grown: bool
+    """Whether cameras had to grow from the frames that were met."""
+
+
+def frame_errors(bundle: Bundle, seen: Observations, count: int) -> np.ndarray:
+    """Median reprojection error in pixels of every frame, `(F,)`, of `count` points triangulated anew; NaN where it sees none."""
+    points, _ = triangulate(bundle, seen, count)
+    error = np.nan_to_num(replace(bundle, points=points).errors(seen), nan=np.inf, posinf=np.inf)
+    frames = (error[seen.frame == frame] for frame in range(len(bundle.center)))
+    return np.array([np.median(one) if len(one) else np.nan for one in frames])
+
+
+def grow_trusted(solution: Solution, seen: Observations, count: int, lens: BundleConfig) -> Trusted:
+    """Return the solution, its cameras grown from the frames that it meets where it misses some.
+
+    seen: every sighting of `count` tracks that may stand. lens: how the focal length is adjusted.
+    """
+    error = np.nan_to_num(frame_errors(solution.bundle, seen, count), nan=np.inf)
+    enough = np.bincount(seen.frame, minlength=len(error)) >= MIN_SIGHTINGS
+    met = (error <= MISSED_PX) & enough
+    trusted = (error <= MET_PX) & enough
+    if met.all() or trusted.sum() < MIN_TRUSTED:
+        return Trusted(replace(solution, registered=met), False)
+    bundle, kept = _grow(solution.bundle, seen, trusted), seen
+    for _ in range(ROUNDS):
+        points, kept = _what_stands(bundle, seen, count, trusted)
+        used, kept = kept.of_points()
+        bundle = adjust(replace(bundle, points=points[used]), kept, replace(lens, iterations=10))
+    return Trusted(Solution(_follow(solution.bundle, bundle, seen, trusted), kept, trusted), True)
+
+
+def _grow(bundle: Bundle, seen: Observations, trusted: np.ndarray) -> Bundle:
+    """Return the cameras with those beside `trusted (F,)` frames found anew, outwards; what is found is marked in `trusted`."""
+    failed = np.zeros_like(trusted)
+    while True:
+        ring = np.flatnonzero(_beside(trusted) & ~trusted & ~failed)
+        if not len(ring):
+            return bundle
+        for frame in ring:
+            beside = frame + 1 if frame + 1 < len(trusted) and trusted[frame + 1] else frame - 1
+            bundle, met = _register(bundle, seen, trusted, int(frame), int(beside))
+            trusted[frame], failed[frame] = met >= MIN_MET, met < MIN_MET
+
+
+def _beside(chosen: np.ndarray) -> np.ndarray:
+    """(F,) bool: frames one before or behind a chosen one."""
+    beside = np.zeros_like(chosen)
+    beside[1:] |= chosen[:-1]
+    beside[:-1] |= chosen[1:]
+    return beside
+
+
+def _register(
+    bundle: Bundle, seen: Observations, trusted: np.ndarray, frame: int, beside: int
+) -> tuple[Bundle, float]:
+    """Return the cameras with that of `frame` found from points of the `trusted (F,)` ones, from its own place or that of the frame
+    `beside` it, and the fraction of these points that it meets; 0 where there are too few."""
+    here = seen.keep(seen.frame == frame)
+    known = seen.keep(trusted[seen.frame] & np.isin(seen.point, here.point))
+    used, known = known.of_points()
+    points, _ = triangulate(bundle, known, len(used))
+    bundle = replace(bundle, points=points)
+    here = here.keep(np.isin(here.point, used[_steady(bundle, known)]))
+    here = replace(here, point=np.searchsorted(used, here.point))
+    if len(here.frame) < MIN_SIGHTINGS:
+        return bundle, 0.0
+    found = []
+    for start in (frame, beside):
+        moved = bundle.with_frames([frame], bundle.of_frames([start]))
+        for robust_px in (FIRST_PX, TRACK_OUTLIER_PX):
+            moved = resect(moved, here, np.array([frame]), robust_px=robust_px)
+        found.append((float((moved.errors(here) <= MISSED_PX).mean()), moved))
+    met, best = max(found, key=lambda one: one[0])
+    return best, met
+
+
+def _steady(bundle: Bundle, seen: Observations) -> np.ndarray:
+    """(P,) bool: which points of the bundle are met by most of what is `seen` of them."""
+    error = np.nan_to_num(bundle.errors(seen), nan=WORST_PX, posinf=WORST_PX)
+    count = np.bincount(seen.point, minlength=len(bundle.points))
+    square = np.bincount(seen.point, np.minimum(error, WORST_PX) ** 2, len(bundle.points))
+    return (count >= MIN_SEEN) & (square <= TRACK_OUTLIER_PX**2 * count)
+
+
+def _what_stands(
+    bundle: Bundle, seen: Observations, count: int, trusted: np.ndarray
+) -> tuple[np.ndarray, Observations]:
+    """Return `count` points by the `trusted (F,)` frames and what these have `seen` of those that stand."""
+    known = seen.keep(trusted[seen.frame])
+    bundle = replace(bundle, points=triangulate(bundle, known, count)[0])
+    close = np.nan_to_num(bundle.errors(known), nan=np.inf) < OUTLIER_PX
+    return bundle.points, known.keep(_steady(bundle, known)[known.point] & close)
+
+
+def _follow(before: Bundle, bundle: Bundle, seen: Observations, trusted: np.ndarray) -> Bundle:
+    """Return the cameras with all that are not `trusted (F,)` beside those that are: found from the trusted ones' points as far as
+    these are seen, else moved on as `before`. The points stay."""
+    placed, points = trusted.copy(), bundle.points
+    while not placed.all():
+        frame = int(np.flatnonzero(_beside(placed) & ~placed)[0])
+        beside = frame + 1 if frame + 1 < len(placed) and placed[frame + 1] else frame - 1
+        turn = before.rotation[frame] @ before.rotation[beside].T
+        step = before.rotation[beside] @ (before.center[frame] - before.center[beside])
+        carried = replace(
+            bundle.of_frames([beside]),
+            rotation=turn @ bundle.rotation[[beside]],
+            center=bundle.center[[beside]] + step @ bundle.rotation[beside],
+        )
+        bundle, _ = _register(bundle.with_frames([frame], carried), seen, trusted, frame, beside)
+        placed[frame] = True
+    return replace(bundle, points=points)
