@@ -34,7 +34,7 @@ from .lens import measure
 from .mirror import DepthCues, choose_orientation, decide, guess_inverse_distance
 from .motion import REFERENCE_WIDTH
 from .rigid import explained_fraction
-from .second_look import mask_in_doubt, release_static
+from .second_look import join_resting, mask_in_doubt, release_static
 from .sfm import (
     DEFAULT_FOCAL,
     FOCALS,
@@ -151,7 +151,9 @@ def provide(
     depth = _median_depth(solution)
     priors.cameras = path.scaled_world(1 / depth)
     priors.camera_kind = kind
-    if kind == "moving":
+    if statistics.get("grown"):
+        statistics["joined"] = _json(join_resting(clip, priors, config, progress))
+    elif kind == "moving":
         statistics["released"] = _json(release_static(clip, priors, config, progress))
     step = np.linalg.norm(np.diff(priors.cameras.centers, axis=0), axis=1)
     statistics |= {
@@ -424,10 +426,13 @@ def _solve(job: _CameraProblem) -> tuple[Solution, str]:
 
 
 def _trusted(job: _CameraProblem, solution: Solution) -> Solution:
-    """The solution, its cameras grown from those frames that it meets where it misses some; fills `registered` of the statistics."""
+    """Return the solution, its cameras grown from the frames that it meets where it misses some; fill `registered`, the number
+    of frames that their cameras meet, and `grown` of the statistics."""
     longest = TRACK_FRAMES if len(job.tracks) > USUAL_FRAMES else None
-    seen, order = sightings(job.tracks, job.visible, job.static, job.tracks.shape[1], longest)
-    found = grow_trusted(solution, seen, len(order), job.lens)
+    pieces, whole = (
+        sightings(job.tracks, job.visible, job.static, job.tracks.shape[1], most) for most in (longest, None)
+    )
+    found = grow_trusted(solution, pieces, whole, job.lens)
     job.statistics["registered"] = int(found.solution.registered.sum())
     if found.grown:
         job.statistics["grown"] = True

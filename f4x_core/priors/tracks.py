@@ -22,9 +22,9 @@ RETURN_PIXELS, RETURN_FRACTION = 1.0, 0.05
 OBJECT_SIGMA = 1.5
 """Gaussian (pixels) that carries an object's flow over its silhouette, where the raw flow mixes with the background."""
 MAX_SLIP = 4.0
-"""Pixels by which a point slips off its object; where the mask ends farther away, it has a hole, and the point stays where flow put
-it. Points pulled over a hole are lost: of hand-set points on a pillow in a person's hands, whose mask flickers, tracks alone carry .13
-to within a twentieth of the picture without a limit, .36 with 2, 4 or 8 pixels."""
+"""Pixels by which a point slips off its object; where the mask ends farther away, it has a hole, and the point stays where flow
+put it. Points pulled over a hole are lost: of hand-set points on a pillow in a person's hands, whose mask flickers, tracks alone
+carry .13 to within a twentieth of the picture without a limit, .36 with 2, 4 or 8 pixels."""
 LOST_ERROR = 1e3
 """Added to the accumulated error of a point for which every step failed, so that any valid path is preferred later."""
 MIN_SAMPLES = 4

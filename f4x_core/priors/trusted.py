@@ -12,9 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
-from .points import TRACK_OUTLIER_PX
+from .points import SLIP_PX, TRACK_OUTLIER_PX
 from .sfm import Solution
 
 MISSED_PX = 1.5
@@ -24,11 +25,13 @@ MET_PX = 1.0
 MIN_MET = 0.5
 """Fraction of a frame's sightings of trusted points that its camera must meet within `MISSED_PX`."""
 MIN_TRUSTED = 8
-"""Fewest frames that cameras can grow from; over fewer whatever moves evenly is explained by some point."""
+"""Fewest frames in a row that cameras can grow from; over fewer whatever moves evenly is explained by some point."""
 MIN_SIGHTINGS, MIN_SEEN = 12, 3
 """Fewest trusted points that a camera is found from, and sightings of one of them in trusted frames."""
 FIRST_PX = 8.0
 """Scale of the robust error with which a camera is looked for from its neighbour's place, before the usual one."""
+FITTING_ROUNDS = 8
+"""Rounds in which the points come to know the frames that miss them."""
 ROUNDS = 2
 """Times that what stands is chosen and all trusted cameras are adjusted by it."""
 OUTLIER_PX = 4.0
@@ -47,24 +50,41 @@ class Trusted:
     """Whether cameras had to grow from the frames that were met."""
 
 
-def frame_errors(bundle: Bundle, seen: Observations, count: int) -> np.ndarray:
-    """Median reprojection error in pixels of every frame, `(F,)`, of `count` points triangulated anew; NaN where it sees none."""
-    points, _ = triangulate(bundle, seen, count)
-    error = np.nan_to_num(replace(bundle, points=points).errors(seen), nan=np.inf, posinf=np.inf)
+def frame_errors(bundle: Bundle, seen: Observations, count: int, rounds: int = 0) -> np.ndarray:
+    """Median reprojection error in pixels of every frame, `(F,)`, of `count` points triangulated anew; NaN where it sees none.
+
+    In so many further `rounds` sightings that miss their point count less: frames whose cameras are wrong do not move points.
+    """
+    weighed = seen
+    for left in range(rounds, -1, -1):
+        points, _ = triangulate(bundle, weighed, count)
+        error = np.nan_to_num(replace(bundle, points=points).errors(seen), nan=np.inf, posinf=np.inf)
+        if left:
+            weighed = replace(seen, weight=seen.weight / (1 + np.minimum(error, WORST_PX) ** 2 / SLIP_PX**2))
     frames = (error[seen.frame == frame] for frame in range(len(bundle.center)))
     return np.array([np.median(one) if len(one) else np.nan for one in frames])
 
 
-def grow_trusted(solution: Solution, seen: Observations, count: int, lens: BundleConfig) -> Trusted:
+def grow_trusted(
+    solution: Solution,
+    pieces: tuple[Observations, np.ndarray],
+    whole: tuple[Observations, np.ndarray],
+    lens: BundleConfig,
+) -> Trusted:
     """Return the solution, its cameras grown from the frames that it meets where it misses some.
 
-    seen: every sighting of `count` tracks that may stand. lens: how the focal length is adjusted.
+    pieces, whole: every sighting of the tracks that may stand, and each point's track: cut into pieces where tracks are long, by
+    which cameras are asked whether they meet a frame, and as they are, by which frames are trusted. lens: how the focal length is
+    adjusted.
     """
-    error = np.nan_to_num(frame_errors(solution.bundle, seen, count), nan=np.inf)
-    enough = np.bincount(seen.frame, minlength=len(error)) >= MIN_SIGHTINGS
-    met = (error <= MISSED_PX) & enough
-    trusted = (error <= MET_PX) & enough
-    if met.all() or trusted.sum() < MIN_TRUSTED:
+    met = _within(solution.bundle, *pieces, MISSED_PX)
+    if met.all():
+        return Trusted(replace(solution, registered=met), False)
+    seen, count = whole[0], len(whole[1])
+    trusted = _long_runs(_within(solution.bundle, *whole, MET_PX))
+    if not trusted.any():  # wrong cameras of some frames move all points
+        trusted = _long_runs(_within(solution.bundle, *whole, MET_PX, FITTING_ROUNDS))
+    if not trusted.any():
         return Trusted(replace(solution, registered=met), False)
     bundle, kept = _grow(solution.bundle, seen, trusted), seen
     for _ in range(ROUNDS):
@@ -76,15 +96,33 @@ def grow_trusted(solution: Solution, seen: Observations, count: int, lens: Bundl
 
 def _grow(bundle: Bundle, seen: Observations, trusted: np.ndarray) -> Bundle:
     """Return the cameras with those beside `trusted (F,)` frames found anew, outwards; what is found is marked in `trusted`."""
-    failed = np.zeros_like(trusted)
+    tried: set[tuple[int, int]] = set()
     while True:
-        ring = np.flatnonzero(_beside(trusted) & ~trusted & ~failed)
-        if not len(ring):
+        known = np.flatnonzero(trusted)
+        pairs = [
+            (int(frame + side), int(frame)) for side in (1, -1) for frame in known if 0 <= frame + side < len(trusted)
+        ]
+        ring = [pair for pair in pairs if not trusted[pair[0]] and pair not in tried]
+        if not ring:
             return bundle
-        for frame in ring:
-            beside = frame + 1 if frame + 1 < len(trusted) and trusted[frame + 1] else frame - 1
-            bundle, met = _register(bundle, seen, trusted, int(frame), int(beside))
-            trusted[frame], failed[frame] = met >= MIN_MET, met < MIN_MET
+        for frame, beside in ring:
+            if not trusted[frame]:
+                bundle, met = _register(bundle, seen, trusted, frame, beside)
+                trusted[frame] = met >= MIN_MET
+        tried.update(ring)
+
+
+def _within(bundle: Bundle, seen: Observations, tracks: np.ndarray, limit: float, rounds: int = 0) -> np.ndarray:
+    """(F,) bool: frames that see enough of the `tracks` and miss them by at most `limit` pixels (`frame_errors`)."""
+    enough = np.bincount(seen.frame, minlength=len(bundle.center)) >= MIN_SIGHTINGS
+    return enough & (frame_errors(bundle, seen, len(tracks), rounds) <= limit)  # NaN compares false
+
+
+def _long_runs(chosen: np.ndarray) -> np.ndarray:
+    """(F,) bool: the chosen frames of which at least `MIN_TRUSTED` follow each other."""
+    runs, _ = ndimage.label(chosen)
+    long = np.bincount(runs) >= MIN_TRUSTED
+    return chosen & long[runs]
 
 
 def _beside(chosen: np.ndarray) -> np.ndarray:
@@ -95,9 +133,7 @@ def _beside(chosen: np.ndarray) -> np.ndarray:
     return beside
 
 
-def _register(
-    bundle: Bundle, seen: Observations, trusted: np.ndarray, frame: int, beside: int
-) -> tuple[Bundle, float]:
+def _register(bundle: Bundle, seen: Observations, trusted: np.ndarray, frame: int, beside: int) -> tuple[Bundle, float]:
     """Return the cameras with that of `frame` found from points of the `trusted (F,)` ones, from its own place or that of the frame
     `beside` it, and the fraction of these points that it meets; 0 where there are too few."""
     here = seen.keep(seen.frame == frame)
@@ -111,7 +147,7 @@ def _register(
         return bundle, 0.0
     found = []
     for start in (frame, beside):
-        moved = bundle.with_frames([frame], bundle.of_frames([start]))
+        moved = bundle.with_frames(np.array([frame]), bundle.of_frames(np.array([start])))
         for robust_px in (FIRST_PX, TRACK_OUTLIER_PX):
             moved = resect(moved, here, np.array([frame]), robust_px=robust_px)
         found.append((float((moved.errors(here) <= MISSED_PX).mean()), moved))
@@ -147,10 +183,10 @@ def _follow(before: Bundle, bundle: Bundle, seen: Observations, trusted: np.ndar
         turn = before.rotation[frame] @ before.rotation[beside].T
         step = before.rotation[beside] @ (before.center[frame] - before.center[beside])
         carried = replace(
-            bundle.of_frames([beside]),
+            bundle.of_frames(np.array([beside])),
             rotation=turn @ bundle.rotation[[beside]],
             center=bundle.center[[beside]] + step @ bundle.rotation[beside],
         )
-        bundle, _ = _register(bundle.with_frames([frame], carried), seen, trusted, frame, beside)
+        bundle, _ = _register(bundle.with_frames(np.array([frame]), carried), seen, trusted, frame, beside)
         placed[frame] = True
     return replace(bundle, points=points)
