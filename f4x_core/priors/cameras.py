@@ -151,7 +151,7 @@ def provide(
     depth = _median_depth(solution)
     priors.cameras = path.scaled_world(1 / depth)
     priors.camera_kind = kind
-    if statistics.get("grown"):
+    if statistics.get("grown") and mask_in_doubt(priors):
         statistics["joined"] = _json(join_resting(clip, priors, config, progress))
     elif kind == "moving":
         statistics["released"] = _json(release_static(clip, priors, config, progress))
