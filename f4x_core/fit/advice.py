@@ -18,9 +18,9 @@ from .finding import CAMERAS, MOVES, MOVING_DEPTH, PATH, ROOM, SCORE, UNSEEN, Fi
 from .geometry_findings import ClipGeometry, about_geometry, origins_of_moving_depth
 from .needs import MUCH_MOTION, Shortage, lack_in_words, moving_fraction
 
-# Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
-# reprojection error in pixels above which cameras are wrong and not only rough.
-MIN_REGISTERED, MISSED_PX = 0.3, 1.5
+# Share of frames whose camera meets what stands in them, and the median reprojection error in pixels above which cameras are
+# wrong and not only rough.
+MIN_REGISTERED, MISSED_PX = 0.8, 1.5
 # Trial focal lengths whose reprojection error is within this fraction of the least fit the tracks equally well; where the longest
 # is so many times the shortest, the pictures hardly tell it (10 % is also what `priors.sfm` asks of them to leave its default).
 EQUAL_FOCAL_ERROR, WIDE_FOCAL_RANGE = 0.1, 1.5

@@ -210,6 +210,9 @@ class LossConfig:
 
 SETTINGS = "settings"
 """`FitConfig.counts_from` where nobody granted memory or minutes."""
+LARGE_MOTION, MAX_MOVING = 0.25, 0.5
+"""Fraction of the pictures from which what moves is large, as a thing that somebody holds before the camera, and the most that the
+moving Gaussians get of the room for all. Of the twelve real clips the masks cover at most .2, the moving part of the room."""
 FIRST_FRACTION = 0.8
 """Fraction of a set's largest number of Gaussians that it may begin with: the rest is for what turns out to be wrong."""
 
@@ -394,6 +397,32 @@ def for_frames(config: FitConfig, frames: int) -> FitConfig:
         own = getattr(config, name)
         if own.max_count == getattr(usual, name).max_count:
             changes[name] = replace(own, max_count=round(factor * own.max_count))
+    return replace(config, **changes)
+
+
+def for_motion(config: FitConfig, fraction: float, frames: int) -> FitConfig:
+    """The configuration for so many used `frames` of which what moves covers the `fraction`: where it is large, room for static
+    Gaussians becomes room for moving ones, as many together as before.
+
+    Numbers that were set by hand stay.
+    """
+    if config.name not in PROFILES or fraction <= LARGE_MOTION or config.own_counts:
+        return config
+    usual = for_frames(profile(config.name), frames)
+    changes: dict[str, Any] = {}
+    for stage in ("spawn", "density"):
+        names = (f"{stage}_static", f"{stage}_dynamic")
+        static, dynamic = (getattr(config, name) for name in names)
+        if config.counts_from == SETTINGS and any(
+            getattr(config, name).max_count != getattr(usual, name).max_count for name in names
+        ):
+            return config
+        both = static.max_count + dynamic.max_count
+        moving = max(dynamic.max_count, round(min(fraction, MAX_MOVING) * both))
+        changes |= {
+            names[0]: replace(static, max_count=both - moving),
+            names[1]: replace(dynamic, max_count=moving),
+        }
     return replace(config, **changes)
 
 

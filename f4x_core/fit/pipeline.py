@@ -29,7 +29,7 @@ from ..scaffold import Scaffold
 from ..scene import DynamicSet, Scene, StaticSet
 from .believed import believed_degrees, depth_evidence
 from .checkpoint import load_checkpoint
-from .config import SETTINGS, FitConfig, resolved
+from .config import SETTINGS, FitConfig, for_motion, resolved
 from .covered import completed
 from .harmonics import GAIN_DB
 from .model import CameraRig, NodeSet, SceneModel
@@ -174,6 +174,7 @@ def start_fit(
 ) -> Trainer:
     """Everything before the first step: cameras, scaffold, first Gaussians. `ground`: what is known of what stands still."""
     assert priors.cameras is not None
+    config = for_motion(config, moving_fraction(priors), len(priors.frames))
     rig = CameraRig(priors.cameras)
     degree = 0 if ground is None else degree_of(ground.frozen.sh.shape[1])
     scaffold, needs, priors = _start_motion(priors, config, progress)

@@ -85,6 +85,8 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Sta
         wanted += (
             f", which none reaches: the fewest within {selected.slack:.0%} of the best, or at the tracks' own noise"
         )
+    if selection.by_median:
+        wanted += f" by the median, for some tracks are lost: half of them follow within {selection.median:.2f}"
     need = Need(
         "motion nodes",
         str(len(scaffold)),

@@ -7,7 +7,8 @@
    Clip", 2016); else pycolmap on keyframes, or own incremental structure from motion. 3. It is compared with its mirror image
    in depth (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the
    clip is a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the
-   focal length with them. 6. Where what moves fills the picture's border, cameras of all tracks are tried, too (`rigid`).
+   focal length with them; frames that are missed are found from the points of the others (`trusted`). 6. Where what moves
+   fills the picture's border, cameras of all tracks are tried, too (`rigid`).
 7. What moving cameras explain as static is taken out of what moves (`second_look`).
 
 Held-out frames are never looked at; how much real shake their interpolated cameras will miss is measured
@@ -34,7 +35,7 @@ from .lens import measure
 from .mirror import DepthCues, choose_orientation, decide, guess_inverse_distance
 from .motion import REFERENCE_WIDTH
 from .rigid import explained_fraction
-from .second_look import mask_in_doubt, release_static
+from .second_look import join_resting, mask_in_doubt, release_static
 from .sfm import (
     DEFAULT_FOCAL,
     FOCALS,
@@ -51,6 +52,7 @@ from .sfm import (
     subset,
 )
 from .standing import StillnessTest
+from .trusted import frame_errors, grow_trusted
 from .zoom import MIN_COST_LEFT_BY_MOVING, Zoom, find_zoom, mean_cost, zoomed
 
 if TYPE_CHECKING:
@@ -150,7 +152,9 @@ def provide(
     depth = _median_depth(solution)
     priors.cameras = path.scaled_world(1 / depth)
     priors.camera_kind = kind
-    if kind == "moving":
+    if statistics.get("grown") and mask_in_doubt(priors):
+        statistics["joined"] = _json(join_resting(clip, priors, config, progress))
+    elif kind == "moving":
         statistics["released"] = _json(release_static(clip, priors, config, progress))
     step = np.linalg.norm(np.diff(priors.cameras.centers, axis=0), axis=1)
     statistics |= {
@@ -352,8 +356,7 @@ def _settled(
 
 def _worst_frame(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> float:
     """Pixels by which the frame that fits worst misses its sightings (median), the points of the `tracks` triangulated anew."""
-    errors = np.nan_to_num(_triangulated_anew(bundle, seen, tracks).errors(seen), nan=np.inf, posinf=np.inf)
-    return max((float(np.median(errors[seen.frame == frame])) for frame in np.unique(seen.frame)), default=0.0)
+    return float(np.nanmax(frame_errors(bundle, seen, len(tracks)), initial=0.0))
 
 
 def _triangulated_anew(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> Bundle:
@@ -419,8 +422,22 @@ def _solve(job: _CameraProblem) -> tuple[Solution, str]:
     solution, kind = _first_solution(job)
     job.progress("cameras", 3, 4, "refine the path")
     if kind == "moving":
-        solution = _completed(job, solution)
+        solution = _trusted(job, _completed(job, solution))
     return solution, kind
+
+
+def _trusted(job: _CameraProblem, solution: Solution) -> Solution:
+    """Return the solution, its cameras grown from the frames that it meets where it misses some; fill `registered`, the number
+    of frames that their cameras meet, and `grown` of the statistics."""
+    longest = TRACK_FRAMES if len(job.tracks) > USUAL_FRAMES else None
+    pieces, whole = (
+        sightings(job.tracks, job.visible, job.static, job.tracks.shape[1], most) for most in (longest, None)
+    )
+    found = grow_trusted(solution, pieces, whole, job.lens)
+    job.statistics["registered"] = int(found.solution.registered.sum())
+    if found.grown:
+        job.statistics["grown"] = True
+    return found.solution
 
 
 def _completed(job: _CameraProblem, solution: Solution) -> Solution:
@@ -502,7 +519,7 @@ def _first_solution(job: _CameraProblem) -> tuple[Solution, str]:
     if job.lens.refine_focal and solver != "depth":
         job.progress("cameras", 2, 4, "focal length")
         _, job.statistics["focal_search"] = _search(job, moved)
-    job.statistics.update({"solver": solver, "registered": int(moved.registered.sum())})
+    job.statistics["solver"] = solver
     return moved, "moving"
 
 

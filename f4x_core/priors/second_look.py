@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import ndimage
 
 from ..parallel import in_threads
 from .config import PriorsConfig
@@ -44,6 +45,13 @@ MIN_RELEASED, MIN_RELEASED_MASK = 0.05, 0.02
 """Smallest fraction of the tracks on what moves that must stand still before they count, and of the mask before it is changed."""
 FAR_SIGMA = 16.0
 """Gaussian (pixels) by which tracks vote, with `FAR_WEIGHT`, where none is near."""
+STANDING_VOTE = 2.0
+"""Votes of a track that stands against one that moves: there are four times as many of these in a place, seeded at half the
+distance."""
+MIN_VOTE = 0.1 / (2 * np.pi * VOTE_SIGMA**2)
+"""Fewest votes that join a pixel to what moves: a tenth of one track at its own place."""
+RESTING_MOTION = 0.75
+"""Motion score of what rests for a while and moves later."""
 
 
 def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> float:
@@ -77,6 +85,44 @@ def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
     return fraction
 
 
+def join_resting(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> float:
+    """Add to `mask` and `motion` what rests for a while and moves later, by its tracks, and make the tracks on what moves anew.
+
+    Returns by what fraction the mask grew. A mask that was given stays.
+    """
+    mask, tracks, visible = priors.mask, priors.tracks, priors.tracks_visible
+    if mask is None or tracks is None or visible is None or _mask_is_given(priors):
+        return 0.0
+    assert priors.tracks_motion is not None and priors.motion is not None and priors.cameras is not None
+    static = np.flatnonzero((priors.tracks_motion <= STATIC_TRACK) & (visible.sum(0) >= min(MIN_FRAMES, len(mask))))
+    points = fit_points(priors.cameras, tracks[:, static], visible[:, static], ROUNDS)
+    vote = np.where(priors.tracks_motion > STATIC_TRACK, 1.0, 0.0)
+    vote[static[points.rms_of_nearest(MOST) < TRACK_OUTLIER_PX]] = -STANDING_VOTE
+    voted = vote != 0
+    votes = _votes(tracks[:, voted], visible[:, voted], vote[voted], mask.shape[1:])
+    joined = np.stack(in_threads(lambda frame: _with_resting(mask[frame], votes[frame]), range(len(mask))))
+    added = joined & ~mask
+    if not added.any():
+        return 0.0
+    fraction = float(added.sum() / mask.sum())
+    priors.motion = np.where(added, np.maximum(priors.motion, RESTING_MOTION), priors.motion).astype(np.float16)
+    priors.mask = joined
+    priors.statistics.setdefault("motion", {}).update(share=float(joined.mean()), moving=True)
+    densify(clip, priors, config, long_flows(clip, priors, config, progress), progress)
+    return fraction
+
+
+def _with_resting(mask: np.ndarray, votes: np.ndarray) -> np.ndarray:
+    """(H,W) bool: the `mask (H,W)` with the pixels where `votes (H,W)` are for motion, and holes in which none are against it."""
+    joined = without_specks(mask | (votes > MIN_VOTE))
+    holes, count = ndimage.label(ndimage.binary_fill_holes(joined) & ~joined)
+    if not count:
+        return joined
+    against = np.bincount(holes.ravel(), np.minimum(votes, 0).ravel(), count + 1) < 0
+    against[0] = True  # everything else
+    return joined | ~against[holes]
+
+
 def mask_in_doubt(priors: Priors) -> bool:
     """Whether what is taken to move fills the pictures' border, and not because the user says so."""
     return priors.mask is not None and not _mask_is_given(priors) and fills_border(priors.mask)
@@ -106,15 +152,20 @@ def _stands_still(priors: Priors, asked: np.ndarray) -> np.ndarray:
 
 def _released(mask: np.ndarray, tracks: np.ndarray, visible: np.ndarray, stands: np.ndarray) -> np.ndarray:
     """(F,H,W) bool: pixels of `mask (F,H,W)` around which most tracks (F,n,2) stand still (n,)."""
+    return (_votes(tracks, visible, np.where(stands, 1.0, -1.0), mask.shape[1:]) > 0) & mask
+
+
+def _votes(tracks: np.ndarray, visible: np.ndarray, vote: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    """(F,H,W) float32: what the tracks (F,n,2) around each pixel of pictures of `size (H, W)` vote, each its `vote (n,)`."""
     import cv2
 
-    height, width = mask.shape[1:]
+    height, width = size
 
     def around(t: int) -> np.ndarray:
         column, row = np.clip(np.floor(tracks[t, visible[t]]), 0, (width - 1, height - 1)).astype(int).T
         votes = np.zeros((height, width), np.float32)
-        np.add.at(votes, (row, column), np.where(stands[visible[t]], 1.0, -1.0))
+        np.add.at(votes, (row, column), vote[visible[t]])
         near, far = (cv2.GaussianBlur(votes, (0, 0), sigma) for sigma in (VOTE_SIGMA, FAR_SIGMA))
-        return (near + FAR_WEIGHT * far > 0) & mask[t]
+        return near + FAR_WEIGHT * far
 
-    return np.stack(in_threads(around, range(len(mask))))
+    return np.stack(in_threads(around, range(len(tracks))))

@@ -14,7 +14,7 @@ from toy import clip_and_priors
 from f4x_core.cli import fitting, main
 from f4x_core.clip import write_images
 from f4x_core.errors import F4xError
-from f4x_core.fit.config import PROFILES, FitConfig, for_frames, profile
+from f4x_core.fit.config import PROFILES, FitConfig, for_frames, for_motion, profile
 from f4x_core.fit.settings import LIMITS, as_lines, field_docs, list_settings, set_fields
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -125,6 +125,31 @@ def test_clips_of_many_frames_take_as_many_steps_for_each_and_numbers_set_by_han
     long = for_frames(replace(quick, spawn_dynamic=replace(quick.spawn_dynamic, max_count=7)), 300)
     assert (long.spawn_dynamic.max_count, long.density_dynamic.max_count) == (7, 3 * quick.density_dynamic.max_count)
     assert (long.spawn_static, long.density_static) == (quick.spawn_static, quick.density_static)
+
+
+@pytest.mark.parametrize(("fraction", "moving"), [(0.2, None), (0.25, None), (0.4, 0.4), (0.7, 0.5)])
+def test_what_is_large_and_moves_gets_room_of_what_stands(fraction, moving):
+    long = for_frames(profile("wild"), 150)
+    found = for_motion(long, fraction, 150)
+    for stage in ("spawn", "density"):
+        before, after = (
+            [getattr(config, f"{stage}_{kind}").max_count for kind in ("static", "dynamic")] for config in (long, found)
+        )
+        assert sum(before) == sum(after)
+        assert after[1] == (before[1] if moving is None else round(moving * sum(before)))
+    room = replace(found, **{name: getattr(long, name) for name in ("spawn_static", "spawn_dynamic")})
+    assert replace(room, density_static=long.density_static, density_dynamic=long.density_dynamic) == long
+
+
+def test_room_that_was_set_by_hand_stays_where_it_is():
+    quick = profile("quick")
+    own = replace(quick, density_dynamic=replace(quick.density_dynamic, max_count=7))
+    assert for_motion(own, 0.6, 50) == own
+    granted = replace(own, counts_from="--memory 2")
+    assert for_motion(granted, 0.6, 50).density_dynamic.max_count > 7
+    assert (
+        for_motion(replace(granted, own_counts=("density_dynamic.max_count",)), 0.6, 50).density_dynamic.max_count == 7
+    )
 
 
 def test_docstrings_of_fields_are_read_from_the_source():

@@ -200,3 +200,39 @@ def test_a_wall_that_a_walking_camera_passes_stands_still():
     assert priors.mask[wall].mean() < 0.35 and priors.mask[man].mean() > 0.95
     assert priors.statistics["cameras"]["released"] > 0.2
     priors.validate()
+
+
+def test_what_rests_at_first_and_moves_later_is_joined_to_the_mask(passing, monkeypatch):
+    """The walker was not seen to move in the first frames; its tracks are those that move later. The wall stands."""
+    whole, made_anew = passing.mask.copy(), []
+    monkeypatch.setattr(second_look, "densify", lambda *given: made_anew.append(given))
+    passing.tracks_motion = np.repeat(np.float32([0.0, 1.0]), 60)
+    wall = np.zeros_like(whole)
+    for t in range(FRAMES):
+        for column, row in np.floor(passing.tracks[t, :60][passing.tracks_visible[t, :60]]).astype(int):
+            wall[t, max(row - 4, 0) : row + 5, max(column - 4, 0) : column + 5] = True
+    passing.mask = whole & ~wall
+    passing.mask[:6] = False
+    passing.motion = passing.mask.astype(np.float16)
+    fraction = second_look.join_resting(None, passing, PriorsConfig(), silent)
+    assert 0.3 < fraction < 2 and len(made_anew) == 1
+    walker = whole & ~wall
+    assert passing.mask[:6][walker[:6]].mean() > 0.8 and passing.mask[wall & ~walker].mean() < 0.1
+    assert (passing.motion[passing.mask] >= second_look.RESTING_MOTION).all()
+
+
+def test_holes_are_filled_where_nothing_in_them_stands():
+    mask = np.zeros((60, 80), bool)
+    mask[10:50, 10:70] = True
+    mask[20:30, 20:30] = mask[20:30, 50:60] = False
+    votes = np.zeros(mask.shape, np.float32)
+    votes[24, 54] = -1
+    found = second_look._with_resting(mask, votes)
+    assert found[20:30, 20:30].all() and not found[22:28, 52:58].any() and not found[:8].any()
+
+
+def test_a_mask_that_was_given_is_not_joined(passing):
+    passing.provenance["mask"] = {"provider": "user"}
+    before = passing.mask.copy()
+    assert second_look.join_resting(None, passing, PriorsConfig(), silent) == 0
+    assert (passing.mask == before).all()

@@ -142,6 +142,22 @@ def test_twice_the_noise_of_the_tracks_is_good_enough(tracks):
     assert min(outcomes) < 1.9 and max(outcomes) > 2.1
 
 
+@pytest.mark.parametrize("lost", [0.0, 1.0])
+def test_where_tracks_are_lost_the_median_chooses(tracks, lost):
+    """Some tracks jump away and back, which more nodes follow: their residual rises, the median falls."""
+    jumping, xyz = np.arange(0, TRACKS, 5), tracks.xyz.copy()
+    xyz[::2, jumping] += np.random.default_rng(2).normal(0, 0.5, (len(jumping), 3)).astype(np.float32)
+    lens = np.array([[80.0, 0, 40], [0, 90, 30], [0, 0, 1]])
+    path = CameraPath(np.tile(lens, (FRAMES, 1, 1)), np.tile(np.eye(4), (FRAMES, 1, 1)), TIMES, 80, 60)
+    config = replace(CONFIG, quantile=0.9, slack=0.0, counts=(2, 4, 8, 12), lost=lost, candidates=36)
+    found = choose_nodes(LiftedTracks(xyz, tracks.certain, tracks.index), TIMES, 0.0, config, path)
+    residuals, medians = ([getattr(row, name) for row in found.table] for name in ("residual", "median"))
+    assert np.argmin(residuals) != np.argmin(medians), "or there is nothing to choose"
+    best = int(np.argmin(medians if lost == 0 else residuals))
+    assert found.by_median == (lost == 0)
+    assert len(found.index) == found.table[best].nodes and found.median == medians[best]
+
+
 def test_without_tracks_to_measure_it_the_residual_is_nothing(tracks):
     """Where nearly every track is a node, the unit is the distance of neighbouring tracks."""
     found = choose_nodes(
