@@ -21,10 +21,11 @@ RETURN_PIXELS, RETURN_FRACTION = 1.0, 0.05
 """A step of flow is accepted when going there and back ends within max(1 px, 5 % of the step) of the start."""
 OBJECT_SIGMA = 1.5
 """Gaussian (pixels) that carries an object's flow over its silhouette, where the raw flow mixes with the background."""
-MAX_SLIP = 4.0
+MAX_SLIP = 12.0
 """Pixels by which a point slips off its object; where the mask ends farther away, it has a hole, and the point stays where flow
 put it. Points pulled over a hole are lost: of hand-set points on a pillow in a person's hands, whose mask flickers, tracks alone
-carry .13 to within a twentieth of the picture without a limit, .36 with 2, 4 or 8 pixels."""
+carry .09 to within a twentieth of the picture without a limit, .30 with 4 or 12 pixels, .28 with 16. With 8 and less the wall
+takes points on the outline of what moves by 3 pixels a frame along."""
 LOST_ERROR = 1e3
 """Added to the accumulated error of a point for which every step failed, so that any valid path is preferred later."""
 MIN_SAMPLES = 4
