@@ -7,7 +7,7 @@ that there is parallax, and only as far as one inverse depth per pixel explains 
 Irani & Anandan 1996).
 
 Flow is a guess where nothing has texture: beside a mover, asphalt, sky and walls are dragged along. So a pixel moves only
-as far as the background's motion misses its colours by more than the flow does.
+as far as the background's motion misses its colours by more than the flow does, where nothing that moves is in the way.
 """
 
 from __future__ import annotations
