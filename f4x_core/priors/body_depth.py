@@ -28,7 +28,7 @@ from .contact import (
     one_scale,
 )
 from .joints import ANKLES, FEET, HIPS, LIMBS, SHOULDERS, to_segments, turn_to_ray
-from .moving_people import shows_person
+from .moving_people import dilate_masks, shows_person
 
 if TYPE_CHECKING:
     from .folder import Priors
@@ -275,10 +275,7 @@ def _standing_feet(body: Body, own: np.ndarray, moving: np.ndarray) -> list[tupl
 
 def _with_clothes(shown: np.ndarray, free: np.ndarray) -> np.ndarray:
     """(H, W) bool: the person `shown` and what is `free` close beside them: clothes and what they hold."""
-    import cv2
-
-    square = np.ones((2 * BESIDE + 1, 2 * BESIDE + 1), np.uint8)
-    return shown | (free & (cv2.dilate(shown.astype(np.uint8), square) > 0))
+    return shown | (free & dilate_masks(shown[None], BESIDE)[0])
 
 
 def _limited(relief: np.ndarray) -> np.ndarray:

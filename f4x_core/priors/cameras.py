@@ -34,6 +34,7 @@ from .folder import SEEN_DEPTH
 from .lens import measure
 from .mirror import DepthCues, choose_orientation, decide, guess_inverse_distance
 from .motion import REFERENCE_WIDTH
+from .moving_people import dilate_masks
 from .rigid import explained_fraction
 from .second_look import join_resting, mask_in_doubt, release_static
 from .sfm import (
@@ -726,14 +727,6 @@ def _covered(registered: np.ndarray) -> float:
     """Fraction of the clip between the first and the last registered frame."""
     known = np.flatnonzero(registered)
     return (known[-1] - known[0] + 1) / len(registered) if len(known) else 0.0
-
-
-def dilate_masks(masks: np.ndarray, margin: int) -> np.ndarray:
-    """Masks (F,H,W) bool grown by a square of `margin` pixels to each side."""
-    import cv2
-
-    square = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
-    return np.stack(in_threads(lambda mask: cv2.dilate(mask.astype(np.uint8), square) > 0, masks))
 
 
 def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:

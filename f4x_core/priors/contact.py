@@ -21,7 +21,7 @@ size gives its distance."""
 CONTACT_QUANTILE = 0.7
 """Quantile over the frames of a body's contacts that gives its distance: above the middle, as it may hop, never sink in."""
 GROUND_FRACTION, GROUND_NOISE = 0.2, 0.03
-"""How far below a moving region the ground is fitted (fraction of the image height), and how uneven ground may be (relative
+"""Distance below a moving region in which the ground is fitted (fraction of the image height), and unevenness of ground (relative
 inverse depth)."""
 BEHIND_WEIGHT = 0.03
 """Weight of a ground contact behind the object's depth: an object in the air is seen in front of farther ground, never behind

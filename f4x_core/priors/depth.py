@@ -22,11 +22,12 @@ from ..native.library import open_library
 from ..native.maps import F4X_SMOOTH_MAP, SMOOTHING
 from ..parallel import in_threads
 from ..progress import Progress
-from .cameras import dilate_masks, static_tracks
+from .cameras import static_tracks
 from .config import PriorsConfig
 from .contact import GUESS_CONFIDENCE, MOVING_MARGIN
 from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import place_objects
+from .moving_people import dilate_masks
 from .points import TRACK_OUTLIER_PX, fit_points
 from .standing_world import guess_world, slope
 from .surfaces import join, pyramid_mean, surface_guide

@@ -22,7 +22,7 @@ from ..progress import Progress
 from .alignment import align_tracks
 from .config import PriorsConfig
 from .flow import consistent_at, grey, inside, length, long_flows, look_up, pixel_grid, sample, warp
-from .moving_people import shows_people, widened, with_people
+from .moving_people import dilate_masks, shows_people, with_people
 from .tracks import continue_lost, relink, seed_and_track, thinned
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def motion_score(
     soft = np.stack(in_threads(lambda picture: cv2.GaussianBlur(picture, (0, 0), EVIDENCE_BLUR), pictures))
     inliers = np.full((frames, len(gaps)), np.nan)
     if people is not None:
-        around = widened(people, round(PEOPLE_COVER * unit)).astype(np.float32)
+        around = dilate_masks(people, round(PEOPLE_COVER * unit)).astype(np.float32)
         shown = people[:, STEP // 2 :: STEP, STEP // 2 :: STEP].reshape(frames, -1)
 
     def compare(t: int) -> None:

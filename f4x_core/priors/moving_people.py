@@ -62,7 +62,7 @@ def with_people(mask: np.ndarray, motion: np.ndarray, priors: Priors) -> np.ndar
     people = moving_people(mask, priors)
     if not people.any():
         return mask
-    near, touching = widened(people, NEAR), widened(people, NEAR + 1)
+    near, touching = dilate_masks(people, NEAR), dilate_masks(people, NEAR + 1)
     touching[:, [0, -1]] = touching[:, :, [0, -1]] = True  # the border of the picture
     labels, count = ndimage.label(mask & ~near)
     size = np.maximum(np.bincount(labels.ravel(), minlength=count + 1), 1)
@@ -77,9 +77,9 @@ def with_people(mask: np.ndarray, motion: np.ndarray, priors: Priors) -> np.ndar
     return people | (mask & near) | kept[labels] | lost
 
 
-def widened(masks: np.ndarray, pixels: int) -> np.ndarray:
-    """(F,H,W) bool: each of the `masks (F,H,W)`, wider by so many pixels on every side."""
+def dilate_masks(masks: np.ndarray, margin: int) -> np.ndarray:
+    """Masks (F,H,W) bool grown by a square of `margin` pixels to each side."""
     import cv2
 
-    square = np.ones((2 * pixels + 1, 2 * pixels + 1), np.uint8)
-    return np.stack(in_threads(lambda one: cv2.dilate(one.astype(np.uint8), square) > 0, masks))
+    square = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+    return np.stack(in_threads(lambda mask: cv2.dilate(mask.astype(np.uint8), square) > 0, masks))

@@ -98,7 +98,7 @@ class StillnessTest:
         found = in_threads(lambda pair: self._compare(*pair), pairs, report)
         for reference in self.references:
             votes = [one for one, (start, _) in zip(found, pairs, strict=True) if start == reference]
-            stood, seen = np.sum([(one.stands, one.found & one.told) for one in votes], axis=0)
+            stood, seen = np.sum([(one.stands, one.found & one.counts) for one in votes], axis=0)
             self.points[reference] = self.points[reference][2 * stood > np.maximum(seen, 1)]
         rows = np.array([(one.fraction, one.covered, one.shift) for one in found])
         standing, covered = np.percentile(rows[:, :2], 10, axis=0)
@@ -188,11 +188,11 @@ class _Comparison:
     """Pixels by which they shift, median."""
 
     @property
-    def told(self) -> bool:
+    def counts(self) -> bool:
         """True where enough points are found to tell anything."""
         return self.found.sum() >= MIN_FOUND
 
     @property
     def fraction(self) -> float:
         """Of the points found again, the fraction that stands; 0 where it tells nothing."""
-        return float(self.stands.sum() / self.found.sum()) if self.told else 0.0
+        return float(self.stands.sum() / self.found.sum()) if self.counts else 0.0

@@ -33,16 +33,16 @@ be."""
 HORIZON_RANGE, HORIZON_STEP = 1.0, 0.005
 """Rows above the picture up to which the horizon is looked for, and the distance of those that are tried, in picture heights."""
 HEIGHTS = (0.02, 50.0)
-"""Heights of things, in heights of the camera above the ground, that can be told."""
+"""Heights of things, in heights of the camera above the ground, that can be measured."""
 MIN_PIXELS, MIN_FRAMES, EDGE = 60, 6, 2
 """Pixels and frames that an object needs to tell anything, and rows and columns at the border: who reaches them is cut off."""
 MIN_PERSON_OVERLAP = 0.5
-"""A moving region that lies on people by this fraction is told by their joints."""
+"""A moving region that lies on people by this fraction is placed by their joints."""
 FARTHEST, BEHIND, USUAL_BASE = 0.05, 0.7, 0.25
 """The background stands upright behind the ground. Its foot lies at the second fraction of the way from the horizon to the
 row of the farthest contacts (their quantile is the first), and at the third of the way to the lower edge without any."""
 LEAN, LEAN_SPAN = 0.5, 0.5
-"""What is above the horizon is farther: its inverse depth falls by the first fraction over the second, a tangent."""
+"""Things above the horizon are farther: their inverse depth falls by the first fraction over the second, a tangent."""
 MIN_ERROR, PRECISION_OF_HALF = 0.15, 50.0
 """Least relative error of guessed depth of the ground, and 1 / variance of the relative error that is worth a confidence of
 one half, as in depth that is measured."""
@@ -81,7 +81,7 @@ class GuessedWorld:
     base: float
     """Row at which the background stands on the ground, pixels."""
     contacts: int
-    """Sightings that told it."""
+    """Sightings that it comes from."""
     people: bool
     """True where people are among them."""
     height: int

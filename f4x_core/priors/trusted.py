@@ -49,7 +49,7 @@ class Trusted:
     solution: Solution
     """All frames; `registered`: those whose camera meets what it sees."""
     grown: bool
-    """Whether cameras had to grow from the frames that were met."""
+    """True where cameras had to grow from the frames that were met."""
 
 
 def frame_errors(bundle: Bundle, seen: Observations, count: int, rounds: int = 0) -> np.ndarray:

@@ -11,12 +11,12 @@ from f4x_core.scene.field import FeatureField, FieldHead, Vocabulary, quantise
 from f4x_core.scene.people import PARTS, People, with_people
 
 COLUMNS, DEPTH = (-0.3, 0.1, 0.45), 0.9
-"""Where the people stand at the first frame: the first walks to the right, the second jumps, the third stands still."""
+"""Places of the people at the first frame: the first walks to the right, the second jumps, the third stands still."""
 PLACES = (
     *((0, -0.13), (0, -0.04), (0.05, -0.06), (-0.05, -0.06), (0.08, -0.02), (-0.08, -0.02)),
     *((0.025, 0.06), (-0.025, 0.06), (0.025, 0.13), (-0.025, 0.13)),
 )
-"""Where each of `PARTS` is beside the middle of the body; people face the camera, so their left is at the right."""
+"""Offset of each of `PARTS` from the middle of the body; people face the camera, so their left is at the right."""
 
 
 def people_scene(count, features=True, order=(0, 1, 2), since=0, first_id=0, pace=0.04):

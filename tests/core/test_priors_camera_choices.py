@@ -34,7 +34,7 @@ def job_of(bundle=None, noise=0.1, first=None, **settings):
 
 
 def test_frames_count_as_registered_when_their_cameras_meet_what_stands():
-    """Whatever number of them a first solution was made from."""
+    """Any number of them, from which a first solution was made."""
     bundle = truth(frames=30, points=120)
     job = job_of(bundle, noise=0.1)
     found = module._trusted(job, solution_of(bundle))

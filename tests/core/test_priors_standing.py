@@ -1,4 +1,4 @@
-"""A camera that stands: told from one that moves by the pictures, and the ground before it from what walks over it."""
+"""A camera that stands is known from one that moves by the pictures, and the ground before it from what walks over it."""
 
 from types import SimpleNamespace
 
