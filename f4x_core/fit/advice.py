@@ -14,6 +14,7 @@ from ..language.lexicon import plural
 from ..priors import Priors
 from ..priors.depth import GUESSED_MOVERS
 from ..scaffold import Scaffold
+from .config import FitConfig
 from .finding import CAMERAS, MOVES, MOVING_DEPTH, PATH, ROOM, SCORE, UNSEEN, Finding, Weight, by_weight, caused_by
 from .geometry_findings import ClipGeometry, about_geometry, origins_of_moving_depth
 from .needs import MUCH_MOTION, Shortage, lack_in_words, moving_fraction
@@ -457,6 +458,15 @@ def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:
                 "problem",
                 f"{fraction:.0%} of the picture counts as moving; the background is hardly seen{held}.",
                 "If that is wrong, give masks of what really moves with --masks DIR; otherwise film from further away.",
+            )
+        )
+    elif scaffold is None and fraction >= FitConfig.min_moving_fraction:
+        found.append(
+            Finding(
+                "problem",
+                f"{fraction:.2%} of the pixels count as moving, but too little of them can be followed, so the scene stands still.",
+                "Mark what moves with --masks DIR, or give tracks with --prior tracks=FILE.",
+                cause=MOVES,
             )
         )
     elif scaffold is None:

@@ -109,6 +109,9 @@ frames of ten other clips are within .8 px, and breakdance would lose by another
 MIN_EXPLAINED_MORE, ENOUGH_EXPLAINED = 0.05, 0.85
 """Fraction of the picture that cameras of all tracks must explain beyond what those of the static ones do, to be preferred;
 they are not looked for where so much is explained already."""
+MIN_STANDING = 0.6
+"""Fraction of the picture that cameras of all tracks must explain at least: by them hardly anything moves. Where cards that all move
+fill it they explain .53."""
 INFINITY = 1e4
 """Distance, in radii of the camera's path, from which the path shifts nothing by as much as a tenth of a pixel."""
 MIN_TRACKS = 12
@@ -483,7 +486,7 @@ def _solve_everything(job: _CameraProblem, found: Solution, kind: str) -> tuple[
         solution, other_kind = _solve(other)
         explained = explained_fraction(solution.bundle, job.tracks, job.visible)
         more = MIN_EXPLAINED_MORE if chosen is job else 0.0
-        if other_kind == "moving" and explained > most + more and _translates(other, solution):
+        if other_kind == "moving" and explained > max(most + more, MIN_STANDING) and _translates(other, solution):
             best, chosen, most = (solution, other_kind), other, explained
     if chosen is not job:
         job.warnings[:] = chosen.warnings

@@ -362,3 +362,8 @@ def test_cameras_are_explained():
 def test_a_clip_without_motion_says_so():
     _, result, metrics = made_up(moving=False)
     assert "Nothing was taken to move" in said(findings(result.priors, None, metrics), "note")
+
+
+def test_what_moves_but_is_not_followed_says_so():
+    _, result, metrics = made_up()
+    assert "too little of them can be followed" in said(findings(result.priors, None, metrics), "problem")

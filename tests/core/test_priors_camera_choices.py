@@ -655,6 +655,7 @@ def test_cameras_are_adjusted_until_no_frame_is_left_behind(monkeypatch):
         (0.6, 0.66, 0.67, "tracks"),
         (0.6, 0.86, 1.0, "direct"),
         (0.6, None, 0.7, "tracks"),
+        (0.2, 0.59, 0.3, ""),  # not even these stand
     ],
 )
 def test_cameras_of_everything_explain_more_of_the_picture(monkeypatch, found, direct, tracks, chosen):

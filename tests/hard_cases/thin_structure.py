@@ -4,7 +4,7 @@ Hard: a bright wire, 0.9 pixels wide, moves by a pixel a frame.
 
 Why: masks of so little are taken for specks, and flow does not see it.
 
-Must hold: unseen frames are right, the wire too, or it is said that nothing was taken to move.
+Must hold: unseen frames are right, the wire too, or it is said that the scene stands still.
 """
 
 from benchmarks.studies.hard_cases import limited, reported, that, within
@@ -39,7 +39,7 @@ def check():
     if shown <= WIRE_ERROR * missed:
         yield within("squared error where the wire is, in that of a picture without it", shown / missed, WIRE_ERROR)
     elif fitted.scene.scaffold is None:
-        yield reported("the wire is not shown", "Nothing was taken to move", fitted.messages)
+        yield reported("the wire is not shown", "so the scene stands still", fitted.messages)
     else:
         yield limited(
             "the wire is not shown", True, "other places are taken to move, and it is not said that the wire is lost"
