@@ -110,8 +110,8 @@ MIN_EXPLAINED_MORE, ENOUGH_EXPLAINED = 0.05, 0.85
 """Fraction of the picture that cameras of all tracks must explain beyond what those of the static ones do, to be preferred;
 they are not looked for where so much is explained already."""
 MIN_STANDING = 0.6
-"""Fraction of the picture that cameras of all tracks must explain at least: by them hardly anything moves. Where cards that all move
-fill it they explain .53."""
+"""Fraction of the picture that cameras of all tracks must explain at least: by them hardly anything moves. Where cards that all
+move fill it they explain .53."""
 INFINITY = 1e4
 """Distance, in radii of the camera's path, from which the path shifts nothing by as much as a tenth of a pixel."""
 MIN_TRACKS = 12
