@@ -2,8 +2,10 @@
 
 `u = f * x / z + principal` with `x = R (X - c)`: R world-to-camera, c the camera centre. Levenberg-Marquardt on the
 robust squared error, the points eliminated by the Schur complement (Triggs et al. 2000, section 6.1). The camera system is
-small and dense (6 F + 1 unknowns), so plain BLAS is fastest and nothing but numpy and scipy is needed. A lens that zooms
-has a focal length in every frame, one unknown more per frame.
+small and dense (6 F + 1 unknowns), so plain BLAS is fastest and nothing but numpy and scipy is needed. Points couple only the
+cameras that see them, so they are eliminated in groups that are seen in the same run of frames: memory and time of a long clip
+grow with the length of its tracks and not with that of the clip. A lens that zooms has a focal length in every frame, one
+unknown more per frame.
 
 While they are adjusted, points are homogeneous unit 4-vectors `(X, w)`, `x = R (X - w c)`, and steps are taken in their
 tangent space (Triggs et al. 2000, section 2.2): a point at infinity is nothing special, so a camera that hardly moves is
@@ -44,6 +46,8 @@ UPPER = np.triu_indices(3)
 """Rows and columns of the six different entries of a symmetric matrix."""
 BEHIND_PX = 1000.0
 """A point behind a camera that saw it costs as much as a miss by this many pixels."""
+RUN_STEP = 16
+"""Points are grouped by the first and the last frame that see them, in steps of so many frames."""
 
 
 @dataclass(frozen=True)
@@ -232,12 +236,12 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
         return bundle
     config = config or BundleConfig()
     origin, unit = bundle.center[len(bundle.center) // 2], _unit(bundle)
-    problem = _Problem.of(bundle, origin, unit)
+    problem, groups = _Problem.of(bundle, origin, unit), _grouped(observations, len(bundle.points))
     damping, cost = 1e-4, _costs(problem, observations, config).sum()
     for _ in range(config.iterations):
         belief = cost  # priors weigh as much as a fraction of the present error
         total = cost + _prior_cost(problem, config, belief)
-        equations = _normal_equations(problem, observations, config, belief)
+        equations = _normal_equations(problem, groups, config, belief)
         for _ in range(8):
             moved = problem.moved(*_solve(equations, damping, len(problem.center)), config)
             moved_cost = _costs(moved, observations, config).sum()
@@ -365,6 +369,17 @@ class _Problem:
         normal[:, 3] += 1.0
         reflection = np.eye(4) - 2 * normal[:, :, None] * normal[:, None, :] / (normal**2).sum(1)[:, None, None]
         return reflection[:, :, :3]
+
+    def part(self, group: _Group) -> _Problem:
+        """The cameras and points of a group."""
+        run = group.run
+        return replace(
+            self,
+            zoom=self.zoom[run],
+            rotation=self.rotation[run],
+            center=self.center[run],
+            points=self.points[group.points],
+        )
 
     def local(self, frame: int, points: np.ndarray) -> np.ndarray:
         """Homogeneous `points (n, 4)` in the axes of a camera, `(3, n)`, scaled by the length of the homogeneous vector."""
@@ -580,6 +595,42 @@ def _plain_sums(problem: _Problem, observations: Observations, config: BundleCon
     return sums
 
 
+class _Group(NamedTuple):
+    """Points that are seen in one run of frames."""
+
+    points: np.ndarray
+    """(n,) int, which of all points."""
+    run: slice
+    """The frames."""
+    seen: Observations
+    """Their sightings; frames and points are counted within the group."""
+
+    def unknowns(self, each: int) -> np.ndarray:
+        """(each * frames + 1,) int, places of its cameras' unknowns, `each` per camera, and of the focal length of all, which is
+        counted from the end."""
+        return np.append(np.arange(each * self.run.start, each * self.run.stop), -1)
+
+
+def _grouped(observations: Observations, count: int) -> list[_Group]:
+    """The `count` points in groups by the first and the last frame that see them, in steps of `RUN_STEP`."""
+    first, last = np.full(count, np.iinfo(np.int64).max), np.zeros(count, np.int64)
+    np.minimum.at(first, observations.point, observations.frame)
+    np.maximum.at(last, observations.point, observations.frame)
+    first = np.minimum(first, last)  # of points that nothing sees
+    _, group = np.unique(np.stack([first, last]) // RUN_STEP, axis=1, return_inverse=True)
+    place = np.empty(count, np.int64)
+    sightings = np.argsort(group[observations.point], kind="stable")
+    ends = np.searchsorted(group[observations.point][sightings], np.arange(group.max(initial=-1) + 2))
+    groups = []
+    for index, (start, end) in enumerate(pairwise(ends)):
+        points = np.flatnonzero(group == index)
+        run = slice(int(first[points].min()), int(last[points].max()) + 1)
+        place[points] = np.arange(len(points))
+        seen = observations.keep(sightings[start:end])
+        groups.append(_Group(points, run, replace(seen, frame=seen.frame - run.start, point=place[seen.point])))
+    return groups
+
+
 class _NormalEquations(NamedTuple):
     """Normal equations of F cameras and P points.
 
@@ -590,29 +641,35 @@ class _NormalEquations(NamedTuple):
     """(6F+1, 6F+1)."""
     gradient: np.ndarray
     """(6F+1,) of the cameras."""
-    coupling: np.ndarray
-    """(3, 6F+1, P) between cameras and points."""
     points: np.ndarray
     """(P, 3, 3) blocks."""
     point_gradient: np.ndarray
     """(P, 3)."""
+    coupling: list[tuple[_Group, np.ndarray]]
+    """Of every group `(3, 6f+1, n)` between its f cameras, with the focal length of all, and its n points."""
 
 
-def _normal_equations(
-    problem: _Problem, observations: Observations, config: BundleConfig, belief: float
-) -> _NormalEquations:
+def _normal_equations(problem: _Problem, groups: list[_Group], config: BundleConfig, belief: float) -> _NormalEquations:
     """The normal equations of half the cost at `problem`, its priors included."""
     frames, each = len(problem.center), config.unknowns
-    sums, size = _sums(problem, observations, config), each * frames
+    size, count = each * frames, len(problem.points)
+    blocks, slopes = np.zeros((frames, 7, 7)), np.zeros((frames, 7))
+    points, point_gradient, coupling = np.zeros((count, 3, 3)), np.zeros((count, 3)), []
+    for group in groups:
+        sums = _sums(problem.part(group), group.seen, config)
+        blocks[group.run] += sums.blocks
+        slopes[group.run] += sums.slopes
+        points[group.points], point_gradient[group.points] = sums.points, sums.point_slopes
+        coupling.append((group, sums.coupling))
     camera, gradient = np.zeros((size + 1, size + 1)), np.zeros(size + 1)
     for f in range(frames):
         own = slice(each * f, each * (f + 1))
-        camera[own, own] = sums.blocks[f, :each, :each]
-    gradient[:size] = sums.slopes[:, :each].ravel()
+        camera[own, own] = blocks[f, :each, :each]
+    gradient[:size] = slopes[:, :each].ravel()
     if config.refine_focal:
-        camera[:size, size] = camera[size, :size] = sums.blocks[:, :each, 6].ravel()
-        camera[size, size], gradient[size] = sums.blocks[:, 6, 6].sum(), sums.slopes[:, 6].sum()
-    equations = _NormalEquations(camera, gradient, sums.coupling, sums.points, sums.point_slopes)
+        camera[:size, size] = camera[size, :size] = blocks[:, :each, 6].ravel()
+        camera[size, size], gradient[size] = blocks[:, 6, 6].sum(), slopes[:, 6].sum()
+    equations = _NormalEquations(camera, gradient, points, point_gradient, coupling)
     _add_priors(problem, config, belief, equations)
     return equations
 
@@ -648,28 +705,37 @@ def _add_priors(problem: _Problem, config: BundleConfig, belief: float, equation
 
 def _solve(equations: _NormalEquations, damping: float, cameras: int) -> tuple[np.ndarray, float, np.ndarray]:
     """Steps of the cameras `(F, 6)` or `(F, 7)`, the log focal length and the points `(P, 3)`; `cameras` is F."""
-    camera, gradient, coupling, points, point_gradient = equations
+    camera, gradient, points, point_gradient, couplings = equations
     floor = 1e-9 * max(float(np.einsum("pii->pi", points).mean()), 1e-12)
     diagonal = np.einsum("pii->pi", points)
     lower = np.linalg.cholesky(points + (damping * diagonal + floor)[:, :, None] * np.eye(3))
     # inverse = root root^T, so C inverse C^T takes half the products
     root = _inverse_of_lower(lower).transpose(0, 2, 1)
-    inverse = root @ root.transpose(0, 2, 1)
-    eliminated = np.empty_like(coupling)  # (3, 6F+1, P)
-    for j in range(3):
-        np.multiply(coupling[0], root[:, 0, j], out=eliminated[j])
-    for i, j in ((1, 1), (1, 2), (2, 2)):
-        eliminated[j] += coupling[i] * root[:, i, j]
-    own = np.diag(camera)
+    along = np.einsum("pij,pi->jp", root, point_gradient)
+    own, each = np.diag(camera), (len(camera) - 1) // cameras
     # Unknowns that are held fixed have empty rows: a unit pivot keeps them at zero.
     system = camera + np.diag(damping * own + np.where(own > 0, 1e-9 * own.mean(), 1.0))
-    system -= sum(part @ part.T for part in eliminated)
-    reduced = gradient - sum(
-        part @ along for part, along in zip(eliminated, np.einsum("pij,pi->jp", root, point_gradient), strict=True)
-    )
+    reduced = gradient.copy()
+    for group, coupling in couplings:
+        rows, parts = group.unknowns(each), _eliminated(coupling, root[group.points])
+        system[np.ix_(rows, rows)] -= sum(part @ part.T for part in parts)
+        reduced[rows] -= sum(part @ one for part, one in zip(parts, along[:, group.points], strict=True))
     step = -np.linalg.solve(system, reduced)
-    moved = -np.einsum("pij,pj->pi", inverse, point_gradient + (step @ coupling).T)
+    pulled = point_gradient.copy()
+    for group, coupling in couplings:
+        pulled[group.points] += (step[group.unknowns(each)] @ coupling).T
+    moved = -np.einsum("pij,pj->pi", root @ root.transpose(0, 2, 1), pulled)
     return step[:-1].reshape(cameras, -1), float(step[-1]), moved
+
+
+def _eliminated(coupling: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """`(3, m, n)`: the coupling of m unknowns and n points, times the upper triangles `root (n, 3, 3)`."""
+    parts = np.empty_like(coupling)
+    for j in range(3):
+        np.multiply(coupling[0], root[:, 0, j], out=parts[j])
+    for i, j in ((1, 1), (1, 2), (2, 2)):
+        parts[j] += coupling[i] * root[:, i, j]
+    return parts
 
 
 def _inverse_of_lower(lower: np.ndarray) -> np.ndarray:

@@ -257,6 +257,19 @@ def residuals_of(problem, seen):
     return (problem.focals[seen.frame] * local[:2] / local[2] + problem.principal[:, None] - seen.uv.T).T.ravel()
 
 
+def equations_of(problem, seen, config, belief):
+    return module._normal_equations(problem, module._grouped(seen, len(problem.points)), config, belief)
+
+
+def whole_coupling(equations):
+    """(3, 6F+1, P) of the groups of normal equations."""
+    size, count = len(equations.gradient), len(equations.points)
+    whole = np.zeros((3, size, count))
+    for group, coupling in equations.coupling:
+        whole[np.ix_(range(3), group.unknowns((size - 1) // FRAMES) % size, group.points)] += coupling
+    return whole
+
+
 def dense_normal_equations(problem, seen, config):
     """Jacobian of all residuals by finite differences, and the weights of Cauchy's cost."""
     own = 7 if config.refine_zoom else 6
@@ -285,14 +298,15 @@ def test_normal_equations_are_those_of_the_dense_jacobian(changes, sums):
     bundle, seen = disturbed()
     config = replace(BundleConfig(robust_px=1.5), **changes)
     problem = problem_of(bundle)
-    camera, gradient, coupling, points, point_gradient = module._normal_equations(problem, seen, config, 0.0)
+    equations = equations_of(problem, seen, config, 0.0)
+    camera, gradient, points, point_gradient, _ = equations
     normal, right = dense_normal_equations(problem, seen, config)
     size = len(gradient)
     scale = abs(normal).max()
     np.testing.assert_allclose(camera, normal[:size, :size], atol=1e-7 * scale)
     np.testing.assert_allclose(gradient, right[:size], atol=1e-6 * abs(right).max())
     np.testing.assert_allclose(point_gradient.ravel(), right[size:], atol=1e-6 * abs(right).max())
-    found = coupling.transpose(1, 2, 0).reshape(size, -1)
+    found = whole_coupling(equations).transpose(1, 2, 0).reshape(size, -1)
     np.testing.assert_allclose(found, normal[:size, size:], atol=1e-7 * scale)
     for point in range(POINTS):
         own = slice(size + 3 * point, size + 3 * point + 3)
@@ -305,9 +319,9 @@ def test_beliefs_pull_as_their_derivatives_do(zooms):
     bundle, seen = disturbed()
     config = BundleConfig(expected_focal=1.3 * FOCAL, refine_zoom=zooms, relief=0.7)
     problem, belief = problem_of(bundle), 40.0
-    plain = module._normal_equations(problem, seen, replace(config, expected_focal=None), 0.0)
-    found = module._normal_equations(problem, seen, config, belief)
-    camera, gradient, coupling, points, point_gradient = (b - a for a, b in zip(plain, found, strict=True))
+    plain = equations_of(problem, seen, replace(config, expected_focal=None), 0.0)
+    found = equations_of(problem, seen, config, belief)
+    camera, gradient, points, point_gradient = (b - a for a, b in zip(plain[:4], found[:4], strict=True))
     own = 7 if zooms else 6
     expected, right = np.zeros_like(camera), np.zeros_like(gradient)
     for frame in range(FRAMES):
@@ -326,7 +340,7 @@ def test_beliefs_pull_as_their_derivatives_do(zooms):
         right[places] += weight * rows.T @ rows @ np.log(problem.zoom)
     np.testing.assert_allclose(camera, expected, atol=1e-6)
     np.testing.assert_allclose(gradient, right, atol=1e-6)
-    assert not coupling.any()
+    np.testing.assert_array_equal(whole_coupling(plain), whole_coupling(found))
     weight = belief * module.DEPTH_PRIOR / 0.49 / POINTS
     for point in range(POINTS):
         slope = np.zeros(3)
@@ -341,11 +355,7 @@ def test_beliefs_pull_as_their_derivatives_do(zooms):
         miss = problem.inverse_distance[point] - 1
         np.testing.assert_allclose(point_gradient[point], weight * slope * miss, atol=1e-8)
     still = replace(config, refine_centers=False, refine_focal=False, refine_zoom=False)
-    for a, b in zip(
-        module._normal_equations(problem, seen, still, 0.0),
-        module._normal_equations(problem, seen, still, 9.0),
-        strict=True,
-    ):
+    for a, b in zip(*(equations_of(problem, seen, still, belief)[:4] for belief in (0.0, 9.0)), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -353,13 +363,13 @@ def test_beliefs_pull_as_their_derivatives_do(zooms):
 def test_the_step_solves_the_damped_dense_system(fixed):
     bundle, seen = disturbed()
     config = BundleConfig(refine_centers=not fixed, refine_focal=not fixed)
-    equations = module._normal_equations(problem_of(bundle), seen, config, 10.0)
-    camera, gradient, coupling, points, point_gradient = equations
+    equations = equations_of(problem_of(bundle), seen, config, 10.0)
+    camera, gradient, points, point_gradient, _ = equations
     damping, size = 0.05, len(gradient)
     dense = np.zeros((size + 3 * POINTS,) * 2)
     own = np.diag(camera)
     dense[:size, :size] = camera + np.diag(damping * own + np.where(own > 0, 1e-9 * own.mean(), 1.0))
-    dense[:size, size:] = coupling.transpose(1, 2, 0).reshape(size, -1)
+    dense[:size, size:] = whole_coupling(equations).transpose(1, 2, 0).reshape(size, -1)
     dense[size:, :size] = dense[:size, size:].T
     floor = 1e-9 * np.mean([np.diag(block) for block in points])
     for point in range(POINTS):
@@ -371,6 +381,23 @@ def test_the_step_solves_the_damped_dense_system(fixed):
     assert focal == pytest.approx(step[size - 1], rel=1e-5, abs=1e-9)
     np.testing.assert_allclose(moved.ravel(), step[size:], rtol=1e-5, atol=1e-9)
     assert cameras.shape == (FRAMES, 6) and not (fixed and cameras[:, 3:].any())
+
+
+def test_points_in_groups_give_the_step_of_all_at_once(monkeypatch):
+    """Points that some frames do not see, one that none sees, and two groups that end together."""
+    bundle, seen = disturbed()
+    hidden = (seen.point % 3 == 0) & (seen.frame < 2) | (seen.point % 3 == 1) & (seen.frame == 3) | (seen.point == 5)
+    seen = seen.keep(~hidden)
+    steps = []
+    for run, count in ((1, 4), (16, 1)):
+        monkeypatch.setattr(module, "RUN_STEP", run)
+        groups = module._grouped(seen, POINTS)
+        assert len(groups) == count and sum(len(group.seen.frame) for group in groups) == len(seen.frame)
+        equations = module._normal_equations(problem_of(bundle), groups, BundleConfig(), 10.0)
+        steps.append(module._solve(equations, 0.05, FRAMES))
+    for one, other in zip(*steps, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-12)
+    assert module._grouped(seen.keep(np.zeros(0, int)), 0) == []
 
 
 class Recorder:

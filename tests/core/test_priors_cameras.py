@@ -103,7 +103,8 @@ def test_normal_equations_are_the_derivative_of_the_cost(belief, zooms):
     observations = observe(true, noise=1.0)
     config = BundleConfig(expected_focal=1.3 * FOCAL, refine_zoom=zooms)
     problem = module._Problem.of(true, true.center[2], 2.0)
-    _, gradient, _, _, point_gradient = module._normal_equations(problem, observations, config, belief)
+    equations = module._normal_equations(problem, module._grouped(observations, 20), config, belief)
+    gradient, point_gradient = equations.gradient, equations.point_gradient
 
     def cost(cameras, focal, points):
         moved = problem.moved(cameras, focal, points, config)
