@@ -179,8 +179,8 @@ def _take_fragments(maps: DepthMaps, placed: PlacedPeople) -> None:
     """Give small pieces of the moving mask that touch people the depth of the nearest pixel of theirs: halos, shadows, hems."""
     labels, _ = ndimage.label(maps.moving & ~placed.pixels)
     near = np.unique(labels[ndimage.binary_dilation(placed.pixels)])
-    size = np.bincount(labels.ravel())
-    fragments = [piece for piece in near if piece > 0 and size[piece] < FRAGMENT * placed.pixels.sum()]
+    small = np.bincount(labels.ravel()) < FRAGMENT * placed.pixels.sum()
+    fragments = near[(near > 0) & small[near]]
     taken = np.isin(labels, fragments) & placed.pixels.any((1, 2))[:, None, None]
     for frame in np.flatnonzero(taken.any((1, 2))):
         nearest = ndimage.distance_transform_edt(~placed.pixels[frame], return_distances=False, return_indices=True)
