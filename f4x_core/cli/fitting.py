@@ -25,7 +25,7 @@ from ..clip.read import parse_span
 from ..clip.stream import Survey, reported_frame_count, survey
 from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, keep_measured
-from ..features.models.providers import offer_models, require_provider
+from ..features.models.providers import require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file, sole_writer, user_path
 from ..fit.advice import about_cuts, quality, verdict
@@ -75,7 +75,6 @@ def config_of(args: argparse.Namespace) -> FitConfig:
             raise F4xError(f"--prior {entry}: write NAME=PATH, for example depth=my_depth_folder.")
         files[name] = str(user_path(path))
     priors = config.priors.with_provider(args.provider)
-    offer_models()
     for stage, name in (("cameras", args.cameras), ("depth", args.depth)):
         if name:
             require_provider(stage, name)  # before the fit, not in the middle of it

@@ -49,6 +49,11 @@ PROVIDERS: dict[tuple[str, str], str | Provider] = {
     ("motion", "synthetic"): "synthetic:provide_motion",
     ("cameras", "synthetic"): "synthetic:provide_cameras",
     ("depth", "synthetic"): "synthetic:provide_depth",
+    ("depth", "depth-anything"): ".features.models.providers:provide_depth",
+    ("depth", "depth-anything-3"): ".features.models.providers:provide_depth",
+    ("depth", "depth-anything-3-base"): ".features.models.providers:provide_depth",
+    ("cameras", "depth-anything-3"): ".features.models.providers:provide_cameras",
+    ("cameras", "depth-anything-3-base"): ".features.models.providers:provide_cameras",
 }
 """(stage, name) -> callable, or `module:function` of this room (with a dot before it, of another) imported when first needed."""
 

@@ -124,7 +124,6 @@ def told(monkeypatch):
     def use(teller):
         monkeypatch.setattr(depth_anything3, "DepthAnything3", lambda model: teller)
         monkeypatch.setattr(providers, "require_provider", lambda stage, name: None)
-        providers.offer_models()
         return teller
 
     return use
@@ -240,8 +239,16 @@ def test_providers_run_inside_the_whole_build(told, tmp_path):
 # What is not there is one sentence.
 
 
+@pytest.mark.parametrize(("stage", "name"), providers.MODELS)
+def test_models_are_found_by_name_from_python(stage, name, monkeypatch, tmp_path):
+    monkeypatch.setenv("F4X_MODELS", str(tmp_path))
+    monkeypatch.setattr(providers, "find_spec", lambda name: name)
+    config = PriorsConfig(cameras=CamerasConfig(name), depth=DepthConfig(name))
+    with pytest.raises(F4xError, match=f"f4x models get {name}"):
+        find(stage, name)(None, None, config, silent)
+
+
 def test_missing_package_and_weights_are_told(monkeypatch, tmp_path):
-    providers.offer_models()
     monkeypatch.setattr(providers, "find_spec", lambda name: None)
     with pytest.raises(F4xError, match="pip install --no-deps depth-anything-3"):
         providers.require_provider("cameras", NAME)

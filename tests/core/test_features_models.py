@@ -16,7 +16,7 @@ from benchmarks.speed.sam2_bypass import compare_bypass  # noqa: E402
 from f4x_core.clip import Clip  # noqa: E402
 from f4x_core.errors import F4xError  # noqa: E402
 from f4x_core.features.memory import memory_guard  # noqa: E402
-from f4x_core.features.models import CHECKPOINTS, depth, loading, providers, sam2, smolvlm, textimage  # noqa: E402
+from f4x_core.features.models import CHECKPOINTS, depth, loading, sam2, smolvlm, textimage  # noqa: E402
 from f4x_core.features.models.prompt import check_prompt  # noqa: E402
 from f4x_core.features.precomputed import LAYOUTS  # noqa: E402
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor  # noqa: E402
@@ -604,7 +604,6 @@ def test_depth_anything_completes_the_measurement(kind, tiny, monkeypatch):
     named = tiny("depth_anything").parent / "by_name" / "depth-anything"
     if not named.exists():
         shutil.copytree(tiny("depth_anything"), named)
-    providers.offer_models()
     find("depth", "depth-anything")(clip, priors, PriorsConfig(depth=DepthConfig("depth-anything")), silent)
     priors.validate(["depth", "depth_confidence", "cameras"])
     assert np.median(priors.depth) == pytest.approx(1, abs=1e-3)

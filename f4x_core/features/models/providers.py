@@ -1,14 +1,12 @@
-"""Priors providers that need models, offered to `priors` by name; nothing of them is imported before one is used."""
+"""Priors providers that need models; nothing of these is imported before one is used."""
 
 from __future__ import annotations
 
-from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from ...errors import F4xError
-from ...priors import register
 from ...priors.providers import find
 from ...progress import Progress
 from ..weights import require_path
@@ -31,12 +29,6 @@ INSTALL = "pip install --no-deps depth-anything-3, then pip install einops omega
 """How to get them; with its dependencies the first would bring numpy 1, torchvision, xformers and moviepy 1.0.3."""
 
 
-def offer_models() -> None:
-    """From now on `DepthConfig(provider="depth-anything")` and the others of `MODELS` work."""
-    for stage, name in MODELS:
-        register(stage, name, partial(_provide, stage, name))
-
-
 def require_provider(stage: str, name: str) -> None:
     """F4xError unless `stage` has a provider `name`, and the packages and weights that it needs are on this machine."""
     find(stage, name)
@@ -46,6 +38,16 @@ def require_provider(stage: str, name: str) -> None:
     if absent:
         raise F4xError(f"'{name}' needs a package that is not here ({absent[0]}); install it: {INSTALL}")
     require_path(name)
+
+
+def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `depth` and `depth_confidence` by the model that `config.depth.provider` names."""
+    _provide("depth", config.depth.provider, clip, priors, config, progress)
+
+
+def provide_cameras(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `cameras` by the model that `config.cameras.provider` names."""
+    _provide("cameras", config.cameras.provider, clip, priors, config, progress)
 
 
 def _provide(stage: str, name: str, clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
