@@ -28,10 +28,10 @@ from mcp.server.transport_security import TransportSecuritySettings
 from mcp.types import CallToolResult, ImageContent, InputRequiredResult, TextContent, ToolAnnotations
 from pydantic import AnyHttpUrl, ValidationError
 
-from .. import __version__
 from ..errors import F4xError
 from ..progress import Progress, silent
 from ..troubles import with_code
+from ..versions import VERSION
 from .session import Session
 from .tool_result import TEXTS, ToolResult, plain
 
@@ -94,7 +94,7 @@ def build_server(session: Session, token: str = "", port: int = 0) -> AgentServe
         }
     server = AgentServer(
         "feature4x",
-        version=__version__,
+        version=VERSION,
         instructions=INSTRUCTIONS,
         log_level="WARNING",
         subscriptions=False,

@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
-from .. import __version__
 from ..clip.read import ALPHA, LAYOUT
 from ..clip.stream import reported_frame_count
 from ..errors import F4xError
 from ..files import user_path
 from ..scene.formats import FORMATS
+from ..versions import VERSION
 from .manifest import Row
 from .storage import URL
 
@@ -95,7 +95,7 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
 
     def add(stage: str, *commands: Sequence[str], inputs: Mapping[str, str], reads: Sequence[str] = ()) -> None:
         before = {name: tasks[name].key for name in inputs}
-        state = [__version__, commands, before, inputs, [digest(path) for path in reads]]
+        state = [VERSION, commands, before, inputs, [digest(path) for path in reads]]
         kind = stage.split(" ")[0]
         tasks[stage] = Task(
             row=row.name,

@@ -11,9 +11,9 @@ from importlib import import_module
 from itertools import pairwise
 from typing import Any
 
-from .. import __version__
 from ..errors import F4xError
 from ..raster import choose_backend
+from ..versions import VERSION
 from .graph import Task
 from .run import LOCK
 from .storage import open_store
@@ -175,7 +175,7 @@ def code_version() -> str:
     package = ROOT / __package__.split(".")[0]
     for file in sorted(file for suffix in ("py", "cpp", "hpp") for file in package.rglob(f"*.{suffix}")):
         state.update(f"{file.relative_to(package).as_posix()}\n".encode() + file.read_bytes())
-    return f"{__version__} ({state.hexdigest()[:8]})"
+    return f"{VERSION} ({state.hexdigest()[:8]})"
 
 
 def _work(task: Task, settings: Settings) -> Outcome:

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..files import json_text
 from ..progress import Progress
 from ..reading import DAMAGE, load_json
 from ..scene import read_scene
 from ..troubles import explain
+from ..versions import VERSION
 
 PACKAGES = (
     "numpy",
@@ -69,7 +69,7 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     backends["gsplat"] = "serves tensors on CUDA" if reason is None else reason
     native = _native()
     result: dict[str, Any] = {
-        "version": __version__,
+        "version": VERSION,
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "cores": os.cpu_count(),
@@ -84,7 +84,7 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     lines += [f"native {name}: {state}" for name, state in native.items()]
     lines += [f"{name}: {state}" for name, state in abilities.items()]
     if args.report:
-        lines = [f"Feature4X {__version__}", *lines, *(numbers_of(args.scene) if args.scene else [])]
+        lines = [f"Feature4X {VERSION}", *lines, *(numbers_of(args.scene) if args.scene else [])]
         result = json.loads(anonymous(json_text(result)))
         lines = ["```", *anonymous("\n".join(lines)).splitlines(), "```"]
     return {**result, "text": "\n".join(lines)}

@@ -9,12 +9,12 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from .. import __version__
 from ..errors import Cancelled, F4xError
 from ..files import json_text
 from ..printing import OUTPUT, one_line, open_streams, print_error, print_text
 from ..processes import EXIT_INTERRUPTED, START, LineProgress, stop_with_parent
 from ..troubles import EXPECTED, with_code
+from ..versions import VERSION
 from .checks import output_folder, require_backend, require_folder, require_given, why_slow
 from .terminal import TerminalProgress
 
@@ -57,7 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if lines is not None:
             stop_with_parent()
-            lines(START, 0, 0, f"f4x {__version__}")
+            lines(START, 0, 0, f"f4x {VERSION}")
         args = _parsed(arguments)
         if args.verb == "fit" and not args.show_config:
             require_given(args, clip="clip", output="-o/--output")

@@ -8,13 +8,13 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .. import __version__
 from ..errors import F4xError
 from ..fit.distil_config import DistilConfig
 from ..fit.linear_config import LinearConfig
 from ..printing import print_text
 from ..scene.formats import FORMATS
 from ..scene.mesh import MeshConfig
+from ..versions import VERSION
 from .checks import path_argument, scene_argument
 from .options import (
     CLIP,
@@ -604,7 +604,7 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=FIRST,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"f4x {__version__}")
+    parser.add_argument("--version", action="version", version=f"f4x {VERSION}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     for add in VERBS:
         add(verbs)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from .. import __version__
 from ..clip import Clip
 from ..errors import F4xError
 from ..gaussians import StaticGaussians, learnt_before
@@ -27,6 +26,7 @@ from ..raster import choose_backend
 from ..reading import undamaged
 from ..scaffold import Scaffold
 from ..scene import DynamicSet, Scene, StaticSet
+from ..versions import VERSION
 from .believed import believed_degrees, depth_evidence
 from .checkpoint import load_checkpoint
 from .config import SETTINGS, FitConfig, for_motion, resolved
@@ -250,7 +250,7 @@ def _provenance(trainer: Trainer) -> dict[str, Any]:
     left_out = ("key", "seconds", "previous")  # what depends on the machine, or on how often the fit was begun
     priors = trainer.priors.provenance
     return {
-        "feature4x": __version__,
+        "feature4x": VERSION,
         "source": clip.source,
         "frames": clip.picked,
         **({} if clip.picture is None else {"picture": asdict(clip.picture)}),

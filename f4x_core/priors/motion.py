@@ -487,8 +487,8 @@ def densify(
     joins = continued = 0
     if config.tracks.relink_gap > 0:
         pictures, gap = grey(clip.frames[clip.supervised]), config.tracks.relink_gap
-        dense, seen, joins = relink(dense, seen, pictures, gap)
-        dense, seen, continued = continue_lost(dense, seen, pictures, gap)
+        dense, seen, joins = relink(dense, seen, pictures, gap, progress)
+        dense, seen, continued = continue_lost(dense, seen, pictures, gap, progress)
     dense, seen = thinned(dense, seen, int(MAX_DYNAMIC_FRACTION * config.tracks.count))
     background = thinned(
         priors.tracks[:, static], priors.tracks_visible[:, static], config.tracks.count - dense.shape[1]

@@ -213,7 +213,7 @@ def seed_and_track(
 
 
 def relink(
-    tracks: np.ndarray, visible: np.ndarray, pictures: np.ndarray, longest_gap: int
+    tracks: np.ndarray, visible: np.ndarray, pictures: np.ndarray, longest_gap: int, progress: Progress = silent
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Join tracks that end inside the picture with ones that begin later, when place and look agree.
 
@@ -260,7 +260,8 @@ def relink(
                     found += [(look, track, other) for look, other in zip(similarities, others, strict=True)]
         return found
 
-    proposals = [link for found in in_threads(links, range(frames - 2)) for link in found]
+    pieces = in_threads(links, range(frames - 2), lambda done: progress("tracks", done, frames - 2, "join"))
+    proposals = [link for found in pieces for link in found]
     tracks, visible = tracks.copy(), visible.copy()
     ended, begun, owner, joins = set(), set(), np.arange(count), 0
     for look, track, other in sorted(proposals, key=lambda proposal: -proposal[0]):
@@ -282,6 +283,7 @@ def continue_lost(
     visible: np.ndarray,
     pictures: np.ndarray,
     longest_gap: int,
+    progress: Progress = silent,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Continue tracks that end inside the picture where their points are seen again, within `longest_gap` frames.
 
@@ -317,7 +319,8 @@ def continue_lost(
         return again
 
     ends = range(frames - 2, GAP_MARGIN - 1, -1)  # the latest first: what a track goes on with is then complete
-    for end, again in zip(ends, in_threads(search, ends), strict=True):
+    pieces = in_threads(search, ends, lambda done: progress("tracks", done, len(ends), "continue"))
+    for end, again in zip(ends, pieces, strict=True):
         before = slice(end - GAP_MARGIN + 1, end + 1)
         for t, point, place, other in again:
             same, source = length(place - tracks[t, other]) <= SAME_POINT_RADIUS, holder[other]
@@ -487,7 +490,8 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     tracks, visible = seed_and_track(flows, config.tracks.spacing, config.tracks, progress=progress)
     joins = 0
     if config.tracks.relink_gap > 0:
-        tracks, visible, joins = relink(tracks, visible, grey(clip.frames[clip.supervised]), config.tracks.relink_gap)
+        pictures, gap = grey(clip.frames[clip.supervised]), config.tracks.relink_gap
+        tracks, visible, joins = relink(tracks, visible, pictures, gap, progress)
     priors.tracks, priors.tracks_visible = thinned(tracks, visible, config.tracks.count)
     priors.statistics["tracks"] = {
         "uniform": int(priors.tracks.shape[1]),
