@@ -33,7 +33,8 @@ from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.geometry.camera import CameraPath
 from ..f4x_core.scaffold.deformation import Pairs, pairs_of
 from ..f4x_core.scene import DynamicSet, Scene, StaticSet
-from ..f4x_core.scene.foreign import SplatSequence, identify, notes_of, open_any
+from ..f4x_core.scene.foreign import SplatSequence, notes_of, open_any
+from ..f4x_core.scene.recognise import identify
 from ..f4x_core.scene.view import NEAR
 from . import clip_time, display, scene_cache
 from .animation import write_action

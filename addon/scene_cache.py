@@ -25,9 +25,10 @@ from ..f4x_core.progress import Progress, silent
 from ..f4x_core.query.calibration import prepare
 from ..f4x_core.query.following import draw_views
 from ..f4x_core.scene import Scene, read_header, read_scene
-from ..f4x_core.scene.foreign import identify, open_any
+from ..f4x_core.scene.foreign import open_any
 from ..f4x_core.scene.linear import NAMES as LINEAR_ARRAYS
 from ..f4x_core.scene.linear import linear_scene
+from ..f4x_core.scene.recognise import identify
 
 NO_EDITS = "[]"
 """JSON of the empty stack."""

@@ -109,6 +109,7 @@ TROUBLES = (
         "docs/formats.md lists them; export it as a 3DGS PLY from the program that made it.",
         (
             "f4x_core.scene.foreign",
+            "f4x_core.scene.recognise",
             "f4x_core.scene.ply",
             "f4x_core.scene.formats.gltf_splats",
             "f4x_core.scene.formats.splat",

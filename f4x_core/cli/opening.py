@@ -16,8 +16,9 @@ from ..errors import F4xError
 from ..progress import Progress
 from ..scene import Scene
 from ..scene.file import read_scene
-from ..scene.foreign import identify, notes_of, open_any
+from ..scene.foreign import notes_of, open_any
 from ..scene.formats.web import PageOptions, write_page
+from ..scene.recognise import identify
 from .encoding import encoder
 
 

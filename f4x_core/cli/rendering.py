@@ -27,9 +27,10 @@ from ..progress import Progress
 from ..query.pixels import coverage_image
 from ..query.unseen import unseen_image
 from ..scene import Scene
-from ..scene.foreign import identify, notes_of, open_any
+from ..scene.foreign import notes_of, open_any
 from ..scene.formats import choose_format, export
 from ..scene.posing import require_time
+from ..scene.recognise import identify
 from ..scene.view import COVERED, render
 from ..scene.visualise import colour_depth, colour_motion, depth_range
 from .encoding import encoder

@@ -40,10 +40,10 @@ from .model import (
     StaticSet,
     check_arrays,
 )
+from .recognise import HEADER, identify
 from .runs import HELD, fold, unfold
 
 FORMAT = "f4x"
-HEADER = "scene.json"
 GROUPS = {"static": GAUSSIAN_ARRAYS, "dynamic": DYNAMIC_ARRAYS, "scaffold": SCAFFOLD_ARRAYS, "cameras": CAMERA_ARRAYS}
 
 MAX_MEMBERS = 1024
@@ -212,8 +212,6 @@ def _readable(path: Path) -> Iterator[None]:
 
 def _refusal(path: Path) -> str:
     """What a file is that is no zip, and what reads it."""
-    from .foreign import identify  # which reads scenes by this module
-
     try:
         identify(path)
     except F4xError:  # its sentence would offer splats, too

@@ -29,13 +29,14 @@ from f4x_core.geometry.splats import Splats
 from f4x_core.raster import rasterize
 from f4x_core.scene import Scene, write_scene
 from f4x_core.scene.color import linear_from_srgb
-from f4x_core.scene.foreign import SplatSequence, identify, open_any
+from f4x_core.scene.foreign import SplatSequence, open_any
 from f4x_core.scene.formats import FORMATS, choose_format, export
 from f4x_core.scene.formats.splat import read_splat
 from f4x_core.scene.formats.usd import TURNS, _array, _characters, _shortest_turns, _turned, expected_bytes
 from f4x_core.scene.linear import footprint, narrowed
 from f4x_core.scene.ply import export_frame, read_ply, read_properties, write_ply, write_properties
 from f4x_core.scene.posing import Y_UP, plain_color, similarity_of, transformed, world_harmonics
+from f4x_core.scene.recognise import identify
 from f4x_core.scene.view import render
 
 TIME = 2.5

@@ -10,10 +10,11 @@ from random_scene import random_scene
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.splats import Splats
-from f4x_core.scene.foreign import identify, open_any
+from f4x_core.scene.foreign import open_any
 from f4x_core.scene.formats import export
 from f4x_core.scene.formats.spz import pack_spz, read_spz
 from f4x_core.scene.ply import read_ply
+from f4x_core.scene.recognise import identify
 
 
 def test_the_bytes_are_those_of_the_format():
