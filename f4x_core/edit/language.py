@@ -1126,7 +1126,9 @@ _DOUBTFUL = (
         "Nothing new can be made; say for example 'copy the hat and put the copy above the dog'.",
     ),
     (
-        keyword("hide|hides|hiding") + silent(known_thing) + literal("behind|under|underneath|beneath|inside|below"),
+        keyword("hide|hides|hiding")
+        + unless(keyword("everything|anything|all|whatever|what"))
+        + silent(known_thing) + literal("behind|under|underneath|beneath|inside|below"),
         "'Hide' may mean to place or to make invisible; say 'put the dog behind the bush' or 'make the dog invisible'.",
     ),
     (

@@ -157,6 +157,11 @@ def only_more(make: Callable[[Amount | None], Value]) -> Graded:
     return changed
 
 
+def gamma(to: float) -> Value:
+    """A gamma."""
+    return lambda who, when, _: Grade(who, gamma=round(to, PLACES), **when.coming)
+
+
 def contrasted(by: float) -> Value:
     """So many times the contrast."""
     return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.coming)

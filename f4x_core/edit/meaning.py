@@ -179,7 +179,7 @@ def nearest(sentence: str, reading: Reading, there: Sequence[str]) -> Iterator[s
     values |= dict(zip(("WHO", "OTHER"), things, strict=False))
     if len(things) == 1:
         values.pop("OTHER", "")
-    removes = any(_REMOVAL.at(reading, at) for at in range(len(reading.tokens)))
+    removes = bool(said) and any(_REMOVAL.at(reading, at) for at in range(len(reading.tokens)))
     for operation in ranked(PHRASINGS, sentence, phrasing):
         if operation in _REMOVING and not removes:
             continue

@@ -121,6 +121,8 @@ class Text(Select):
     """`one`: said in the singular, which leaves copies out where anybody else answers; `both`: there must be two or more."""
     count: int = 0
     """So many of them are said, of no certain ones, so that there must be just as many; 0: not said."""
+    single: tuple[str, ...] = field(default=(), compare=False)
+    """Those of the labels that were said in the singular: of several that are there one is meant, and nobody knows which."""
 
     def __post_init__(self) -> None:
         """Validate."""

@@ -89,7 +89,7 @@ ALSO = {"floor": ("ground",)}
 
 def _gaussians(thing, seed):
     """(means, colours) of a box, on a grid."""
-    counts = [max(2, round(size / thing.step) + 1) if size else 1 for size in thing.size]
+    counts = [1 + int(np.ceil(size / thing.step - 1e-9)) for size in thing.size]
     axes = [np.linspace(-size / 2, size / 2, count) for size, count in zip(thing.size, counts, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     points += (thing.centre[0], thing.base - thing.size[1] / 2, thing.centre[1])
@@ -106,7 +106,7 @@ def _arrays(things):
     arrays = {
         "means": np.concatenate([points for points, _ in made]) if made else np.zeros((0, 3), np.float32),
         "quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-        "scales": np.repeat(0.4 * steps[:, None], 3, 1).astype(np.float32),
+        "scales": np.repeat(0.5 * steps[:, None], 3, 1).astype(np.float32),
         "opacities": np.full(count, 0.9, np.float32),
         "sh": spherical_harmonics.dc_from_rgb(np.concatenate([c for _, c in made]))[:, None].astype(np.float32),
     }

@@ -23,7 +23,7 @@ LOOKED_AT = (0, 5, 11, 15, 18, 23, 26, 29, 36, 42, FRAMES - 1)
 """Clip frames that are compared."""
 CHANGES = {
     "gone": {"gone", "alpha"}, "alpha": {"alpha"}, "shift": {"shift"}, "swap": {"shift"}, "size": {"size"},
-    "bigger": {"size"}, "turn": {"turn"}, "blur": {"wide", "alpha"}, "glow": {"copies"}, "copies": {"copies"},
+    "bigger": {"size"}, "turn": {"turn"}, "blur": {"wide", "alpha"}, "glow": {"copies", "colour"}, "copies": {"copies"},
     "still": {"shift"}, "back": {"shift"}, "speed": {"shift"},
 }  # fmt: skip
 """Effect -> the changes that it may show as; all others are changes of color."""
@@ -112,7 +112,7 @@ def _differs(scene, edited, effects):
         for name, rows, asked in groups:
             live = [one for one in asked if one.start <= time <= one.end or (one.ramp and time > one.end)]
             if any(one.ramp and one.start <= time < one.end for one in live) or any(
-                time == one.end or time == one.start for one in asked
+                time == one.end or time == one.start > 0 for one in asked
             ):
                 continue
             seen = Seen(base, edited, before, after, rows)
@@ -237,7 +237,7 @@ class Seen:
             "sat": abs(spread[1] / max(spread[0], 1e-9) / max(number, 1e-9) - 1) < 0.08,
             "warm": warmth > 0.01,
             "cool": warmth < -0.01,
-            "contrast": self.rgb[1].std() > 1.05 * self.rgb[0].std(),
+            "contrast": self.rgb[1].mean(1).std() > 1.05 * self.rgb[0].mean(1).std(),
             "gamma": np.abs(self.rgb[1] - self.rgb[0] ** (1 / max(number, 1e-9))).max() < 0.02,
             "hue": spread[1] > 0.5 * spread[0] and after.argmax() != before.argmax(),
             "blur": self.widths > 1.02,
