@@ -1274,7 +1274,7 @@ def _not_understood(read: Read) -> tuple[str, bool]:
     if lacking:
         return f"The command is not complete: {lacking}.", True
     if reading.farthest >= end:
-        return "The words are known, but not what they ask for together; something may be missing.", True
+        return "No command fits that; name a thing and what is to become of it, for example 'make the dog red'.", True
     return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
 
 
@@ -1405,13 +1405,13 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     plain = _plainly(written(sentence), known)[0]
     tokens = tokenise(plain)[:MAX_WORDS]
     examples = meaning.nearest(sentence, Reading.of(plain, tokens, known), there) if tokens else ()
-    return tuple(islice((one for one in examples if _is_command(one, known)), MOST_EXAMPLES))
+    return tuple(islice((one for one in examples if is_command(one, there)), MOST_EXAMPLES))
 
 
-def _is_command(sentence: str, known: Mapping[tuple[str, ...], str]) -> bool:
-    """Whether the grammar understands a sentence as it stands."""
+def is_command(sentence: str, labels: Sequence[str]) -> bool:
+    """Whether the grammar understands a sentence as it stands, in a scene that knows `labels`."""
     with suppress(Refusal):
-        read = _read_somehow(sentence, known)
+        read = _read_somehow(sentence, _known(tuple(labels)))
         return bool(read.clauses) and not read.idle
     return False
 

@@ -118,6 +118,9 @@ def propose(
             if why:
                 continue
             reason = " ".join([*notes, str(error)])
+            if isinstance(error, Refusal):  # one of several is meant
+                offered = tuple(one for one in error.nearest if language.is_command(one, labels_of(scene)))
+                raise Refusal(error.reason, offered).behind(notes) from error
             if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
                 raise Refusal(reason, language.nearest(sentence, _there(scene))) from error
             if notes:

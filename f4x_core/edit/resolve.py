@@ -396,18 +396,18 @@ def nothing_called(
 
 def rows_of(scene: Scene, select: SelectKind) -> np.ndarray:
     """(n,) int rows of `scene.posed` in a resolved selection, without those that are deleted at all times."""
-    return np.flatnonzero(chosen(scene, select) & ~_rows(scene).gone)
+    return np.flatnonzero(chosen(scene, select) & ~splat_rows(scene).gone)
 
 
 def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
     """(N,) bool over `scene.posed`: the rows of a resolved selection."""
-    return _rows(scene).chosen(select)
+    return splat_rows(scene).chosen(select)
 
 
 def named(scene: Scene, selected: Selection | None = None) -> dict[str, Selection]:
     """Name that an edit gave -> its selection without deleted Gaussians, for queries and questions; `SELECTED` -> `selected`."""
     own = {} if selected is None else {SELECTED: selected}
-    found = {name: chosen(scene, Named(name)).astype(float) for name in _rows(scene).names}
+    found = {name: chosen(scene, Named(name)).astype(float) for name in splat_rows(scene).names}
     if not found:
         return own
     no_wins, present, mark = np.zeros(len(scene.ids), bool), not_deleted(scene), fingerprint(scene)
@@ -417,7 +417,8 @@ def named(scene: Scene, selected: Selection | None = None) -> dict[str, Selectio
     } | own
 
 
-def _rows(scene: Scene) -> SplatRows:
+def splat_rows(scene: Scene) -> SplatRows:
+    """The Gaussians of a scene as its edits leave them."""
     return scene.rows if isinstance(scene, EditedScene) else SplatRows.of(scene)
 
 

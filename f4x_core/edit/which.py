@@ -40,7 +40,9 @@ def _certain(select: SelectKind) -> Iterator[SelectKind]:
     """The parts of a selection that name one thing of a kind; not the kinds that something else tells one from."""
     if isinstance(select, Text):
         yield from (
-            Text((label,), single=(label,)) for label in select.single if label.split()[-1] not in UNCOUNTED
+            replace(select, labels=(label,), single=(label,))
+            for label in select.single
+            if label.split()[-1] not in UNCOUNTED
         )
     elif isinstance(select, And) and any(isinstance(part, Text) and part.single for part in select.of):
         if not any(isinstance(part, Not) for part in select.of):
