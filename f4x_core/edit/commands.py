@@ -288,6 +288,7 @@ _has_to_go = literal("go|goes|gone") + _over
 _becoming = either(
     unless(literal("tones|shades|looks|seems|feels") | qualities.cast | _has_to_go)
     + literal(any_form("match") + "|" + _LIGHT),
+    literal("push") + here(lambda reading, at: {"back", "backward"}.isdisjoint(reading.words)),
     _some_verb,
 )
 _COLOURING = {

@@ -65,7 +65,6 @@ from .corrections import corrected, remarked, without_remarks
 from .description import in_words
 from .graded import QUALITIES, SATURATION
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
-from .misgivings import misgiving
 from .operations import (
     SHOWN,
     Blur,
@@ -157,12 +156,9 @@ def parse(
             operations = read.operations or settled(read)
             _ask_about_purpose(sentence, known, read, operations)
             if _removes_loosely(replace(read, operations=operations)):
-                asked = _without_idle(replace(read, operations=operations), known)
+                asked = _without_idle(replace(read, operations=operations))
                 if (strange := _named_besides(read)) and not read.reading.word(read.idle[0] - 1) == "for":
                     raise Refusal(f"I do not know what '{strange}' is, so nothing is removed.")
-                raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
-            if why := _why_unsure(sentence, operations, known):
-                asked = Doubt(f"I would do: {in_words(operations)}. {why}", in_words(operations))
                 raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
             return operations
         except Doubt:
@@ -175,8 +171,6 @@ def parse(
         raise taken
     if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
-        if not (read.reason or _holds(_shade, read.reading)):  # what is understood and cannot be has its own reason
-            _ask_by_likeness(sentence, known, settled, request.selected)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
     raise Refusal(reason, nearest(sentence, request.labels) if answer else ())
 
@@ -446,22 +440,9 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
         return
     if "who" not in read.clauses[0].slots:
         return  # whom it is for may be what was left out
-    doubt = _without_idle(read, known)
+    doubt = _without_idle(read)
     if _means(doubt.instead, read.operations, known, settled):
         raise doubt
-
-
-def _ask_by_likeness(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle, selected: bool) -> None:
-    """Raise `Doubt` with what sentences like it mean, where that is certain enough to be asked about."""
-    asked = None
-    with suppress(Refusal):
-        for instead in meaning.meant(sentence, _words_of(_plainly(sentence, known)[0], known), selected):
-            read = _read_somehow(instead, known, settled)
-            if read.operations and not read.idle and not _unsure(read):
-                asked = Doubt(f"I understand only a part of that. I would do: {in_words(read.operations)}.", instead)
-                break
-    if asked:
-        raise asked
 
 
 def _is_a_verb(reading: Reading, at: int) -> bool:
@@ -471,11 +452,6 @@ def _is_a_verb(reading: Reading, at: int) -> bool:
     ):
         return False
     return reading.word(at + 1) in ("the", "my", "that", "it", "him", "her", "them")
-
-
-def _why_unsure(sentence: str, operations: tuple[Operation, ...], known: Mapping[tuple[str, ...], str]) -> str:
-    """Why operations may not be what a sentence means, for people; nothing where they may."""
-    return misgiving(sentence, operations, lambda text: _words_of(_plainly(text, known)[0], known))
 
 
 def _means(
@@ -488,7 +464,7 @@ def _means(
     return False
 
 
-def _without_idle(read: Read, known: Mapping[tuple[str, ...], str]) -> Doubt:
+def _without_idle(read: Read) -> Doubt:
     """What a sentence comes to without its idle words, to be asked."""
     tokens, typed = read.reading.tokens, read.reading.sentence
     joined: list[tuple[int, int]] = []
@@ -498,10 +474,8 @@ def _without_idle(read: Read, known: Mapping[tuple[str, ...], str]) -> Doubt:
         else:
             joined.append((tokens[at].start, tokens[at].end))
     left_out = "', '".join(typed[start:end] for start, end in joined)
-    plan, instead = in_words(read.operations), cut(typed, joined)
-    if _why_unsure(instead, read.operations, known):  # its answer would raise another question
-        instead = plan
-    return Doubt(f"I would do: {plan}. I do not know what '{left_out}' adds.", instead)
+    plan = in_words(read.operations)
+    return Doubt(f"I would do: {plan}. I do not know what '{left_out}' adds.", cut(typed, joined))
 
 
 def _removes(operation: Operation) -> bool:
@@ -1128,7 +1102,8 @@ _DOUBTFUL = (
     (
         keyword("hide|hides|hiding")
         + unless(keyword("everything|anything|all|whatever|what"))
-        + silent(known_thing) + literal("behind|under|underneath|beneath|inside|below"),
+        + silent(known_thing)
+        + literal("behind|under|underneath|beneath|inside|below"),
         "'Hide' may mean to place or to make invisible; say 'put the dog behind the bush' or 'make the dog invisible'.",
     ),
     (

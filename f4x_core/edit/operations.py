@@ -353,12 +353,12 @@ class Grade(Change):
     """Factor of the distance from gray."""
     warmth: float = 0.0
     """From -1, bluish, to 1, yellowish."""
-    gamma: float = 1.0
-    """Each channel is raised to 1 / gamma after the rest: above 1 the midtones get brighter, black and white stay."""
     frames: Span | None = None
     """In effect from … to; None = always."""
     ease: Ease | None = None
     """As of `Opacity`: None, or how it comes between the two, to stay."""
+    gamma: float = 1.0
+    """Each channel is raised to 1 / gamma after the rest: above 1 the midtones get brighter, black and white stay."""
 
     def __post_init__(self) -> None:
         """Validate."""

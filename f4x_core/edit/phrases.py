@@ -486,7 +486,9 @@ def _is_every(reading: Reading, at: int) -> bool:
     before = at - 1
     while reading.word(before) in ("single", "one", "of", "the", "my", "these", "those"):
         before -= 1
-    return not _EVERY.isdisjoint((reading.word(before), reading.word(at))) if before >= 0 else reading.word(at) in _EVERY
+    return (
+        not _EVERY.isdisjoint((reading.word(before), reading.word(at))) if before >= 0 else reading.word(at) in _EVERY
+    )
 
 
 def _thing(label: str, plural: bool, single: bool = False) -> Who:
@@ -860,7 +862,7 @@ _stood = _kind_and_number + _stands + (
     table(WHERE, reserve=False)
     | here(lambda reading, at: _CIRCLING.isdisjoint(reading.words[:at]))
     + table({"(all) around|round": "near"}, reserve=False)
-) + (familiar | _determined | _instance) >> (lambda kind, where, other: _standing(kind[0], kind[1], where, other))
+) + (familiar | _determined | _instance | _it) >> (lambda kind, where, other: _standing(kind[0], kind[1], where, other))
 """A thing told by how it stands to another."""
 _whole_thing: Rule = either(
     familiar, _determined, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
@@ -916,7 +918,11 @@ def together(parts: Sequence[SelectKind]) -> SelectKind:
 
 def _all_of(singles: tuple[tuple[Who], ...]) -> Who:
     def who(context: SentenceContext) -> SelectKind:
-        context.last = together([single(context) for (single,) in singles])
+        parts = []
+        for (single,) in singles:
+            parts.append(single(context))
+            context.last = parts[-1]  # "the table and everything on it"
+        context.last = together(parts)
         return context.last
 
     return who

@@ -30,8 +30,8 @@ def plan_lines(scene: Scene, operations: Sequence[Operation], frame: float = 0.0
 
 
 def _share(scene: Scene, operation: Operation) -> str:
-    """How much of the scene an operation is for: " (11 % of the scene's Gaussians)"; nothing for all of it."""
-    if isinstance(operation, Rekey | TakeBack | Name):
+    """How much of the scene an operation is for: " (11 % of the scene's Gaussians)"; nothing for all of it, and for two."""
+    if isinstance(operation, Rekey | TakeBack | Name | Swap):
         return ""
     share = len(rows_of(scene, operation.select)) / max(int((~splat_rows(scene).gone).sum()), 1)
     return "" if share == 1 else f" ({share:.{0 if share >= 0.1 else 1}%} of the scene's Gaussians)".replace("%", " %")

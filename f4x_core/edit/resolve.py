@@ -294,7 +294,9 @@ class Resolver:
                 owner[owner == thing] = NO_THING
         rows = np.flatnonzero(owner != NO_THING)
         if not len(rows):
-            raise Absent(f"In the scene '{scene.name}' no thing is known by a word, so none can be told; name it or click on it.")
+            raise Absent(
+                f"In the scene '{scene.name}' no thing is known by a word, so none can be told; name it or click on it."
+            )
         known = np.unique(owner[rows], return_inverse=True)[1]
         return Ids.of(scene.ids[pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time), known)])
 

@@ -14,7 +14,7 @@ from f4x_core.edit.resolve import EditorState
 from f4x_core.errors import F4xError
 from f4x_core.geometry import spherical_harmonics
 from f4x_core.language.colour_names import COLOURS
-from f4x_core.language.grammar import Doubt, Refusal
+from f4x_core.language.grammar import Doubt
 from f4x_core.query.selection import Selection, fingerprint
 
 DATA = Path(__file__).parents[1] / "data"
@@ -29,7 +29,8 @@ CHANGES = {
 """Effect -> the changes that it may show as; all others are changes of color."""
 WAYS = {"left": (0, -1), "right": (0, 1), "up": (1, -1), "down": (1, 1), "near": (2, -1), "far": (2, 1)}
 REMOVING = re.compile(
-    r"remov|delet|hid|eras|gone|get rid|gets? rid|keep only|isolate|fade|vanish|disappear|take out|want to see|\boff\b", re.I
+    r"remov|delet|hid|eras|gone|get rid|gets? rid|keep only|isolate|fade|vanish|disappear|take out|want to see|\boff\b",
+    re.I,
 )
 """Words of sentences, and of what is offered instead, with which something would be gone."""
 
@@ -120,7 +121,7 @@ def _differs(scene, edited, effects):
             if extra := {kind for kind in seen.changes if kind not in allowed}:
                 return f"{name} at {time}: {sorted(extra)}"
             for one in live:
-                if why := seen.lacks(one, float(time), things):
+                if why := seen.lacks(one, things):
                     return f"{name} at {time}: {one.kind} {one.value}: {why}"
     return ""
 
@@ -187,61 +188,83 @@ class Seen:
         found["colour"], found["copies"] = np.abs(self.rgb[1] - self.rgb[0]).max() > 0.004, self.copies > 0
         return {kind for kind, is_so in found.items() if is_so}
 
-    def lacks(self, one, time, things):
-        """What is not as it should be."""
-        kind, value = one.kind, one.value
+    def lacks(self, one, things):
+        """What is not as it should be, as numbers; nothing where all is."""
+        number = float(one.value) if re.fullmatch(r"[\d.]+", one.value) else 0.0
         before, after = (rgb.mean(0) for rgb in self.rgb)
-        light = after.mean() / before.mean()
-        spread = [np.ptp(rgb, 1).mean() for rgb in self.rgb]
-        number = float(value) if re.fullmatch(r"[\d.]+", value) else 0.0
+        light, spread = after.mean() / before.mean(), [np.ptp(rgb, 1).mean() for rgb in self.rgb]
         warmth = (after[0] - after[2]) - (before[0] - before[2])
-        if kind in ("colour", "tint"):
-            goal = np.array(COLOURS[value])
-            near = np.linalg.norm(after - goal) / np.linalg.norm(before - goal)
-            cosine = (after - before) @ (goal - 0.5) / max(np.linalg.norm(after - before) * np.linalg.norm(goal - 0.5), 1e-9)
-            return "" if (near < 0.75 if kind == "colour" else cosine > 0.6 and 0.01 < np.abs(after - before).max() < 0.2) else f"{near:.2f} {after}"
-        if kind == "part":
-            head = np.flatnonzero(self.base.extra["dynamic/body_part"][self.rows[len(self.base.static) :]] == 1)
-            changed = np.abs(self.rgb[1] - self.rgb[0]).max(1) > 0.004
-            return "" if set(np.flatnonzero(changed)) == set(head) else "another part"
-        if kind == "shift":
-            name, _, widths = value.partition("/")
-            axis, sign = WAYS[name]
-            far = sign * self.step[axis]
-            other = np.abs(np.delete(self.step, axis)).max()
-            goal = float(widths or 0) * self.size[0]
-            rest = np.abs(self.b - self.a - self.step).max()
-            return "" if far > 0.02 and other < max(0.2 * far, far if value == "right" else 0) and rest < 1e-3 and (not goal or abs(far / goal - 1) < 0.2) else f"{self.step}"
-        if kind == "swap":
-            other = next(name for name in one.things if not np.array_equal(things[name], self.rows))
-            goal = self._foot(self.base.posed(0.0).means[things[other]].astype(float)) - self._foot(self.base.posed(0.0).means[self.rows].astype(float))
-            return "" if np.abs(self.step - goal).max() < 0.1 else f"{self.step} for {goal}"
-        if kind in ("still", "back", "speed"):
-            last = FRAMES - 1
-            place = [self.edited.posed(float(t)).means[: len(self.rows)][self.rows] for t in (15, 36)]
-            then = {"back": (last - 15, last - 36), "speed": (number * 15, number * 36)}.get(kind)
-            if then is None:
-                return "" if np.abs(place[0] - place[1]).max() < 1e-3 else "moves"
-            goal = [self.base.posed(float(t)).means[self.rows] for t in then]
-            return "" if all(np.abs(a - b).max() < 1e-2 for a, b in zip(place, goal, strict=True)) else "another time"
-        checks = {
-            "gone": self.alpha < 0.02,
-            "alpha": abs(self.alpha / max(number, 1e-9) - 1) < 0.05,
-            "size": abs(self.scale / max(number, 1e-9) - 1) < 0.02,
-            "bigger": self.scale > 1.05,
-            "turn": abs(self.angle - number) < 1,
-            "light": abs(light / max(number, 1e-9) - 1) < 0.06,
-            "lighter": light > 1.05,
-            "darker": light < 0.95,
-            "gray": spread[1] < 0.02,
-            "sat": abs(spread[1] / max(spread[0], 1e-9) / max(number, 1e-9) - 1) < 0.08,
-            "warm": warmth > 0.01,
-            "cool": warmth < -0.01,
-            "contrast": self.rgb[1].mean(1).std() > 1.05 * self.rgb[0].mean(1).std(),
-            "gamma": np.abs(self.rgb[1] - self.rgb[0] ** (1 / max(number, 1e-9))).max() < 0.02,
-            "hue": spread[1] > 0.5 * spread[0] and after.argmax() != before.argmax(),
-            "blur": self.widths > 1.02,
-            "glow": self.copies > 0,
-            "copies": abs(self.copies - number) < 1e-6,
-        }
-        return "" if checks[kind] else f"scale {self.scale:.3f} alpha {self.alpha:.3f} light {light:.3f} angle {self.angle:.1f} rgb {after}"
+        right = {
+            "gone": lambda: self.alpha < 0.02,
+            "alpha": lambda: _is(self.alpha, number, 0.05),
+            "size": lambda: _is(self.scale, number, 0.02),
+            "bigger": lambda: self.scale > 1.05,
+            "turn": lambda: abs(self.angle - number) < 1,
+            "shift": lambda: self._goes(one.value),
+            "swap": lambda: self._swaps(one.things, things),
+            "colour": lambda: self._is_near(COLOURS[one.value], 0.75),
+            "tint": lambda: self._is_tinted(COLOURS[one.value]),
+            "part": self._head_alone,
+            "light": lambda: _is(light, number, 0.06),
+            "lighter": lambda: light > 1.05,
+            "darker": lambda: light < 0.95,
+            "gray": lambda: spread[1] < 0.02,
+            "sat": lambda: _is(spread[1] / max(spread[0], 1e-9), number, 0.08),
+            "warm": lambda: warmth > 0.01,
+            "cool": lambda: warmth < -0.01,
+            "contrast": lambda: self.rgb[1].mean(1).std() > 1.05 * self.rgb[0].mean(1).std(),
+            "gamma": lambda: np.abs(self.rgb[1] - self.rgb[0] ** (1 / number)).max() < 0.02,
+            "hue": lambda: spread[1] > 0.5 * spread[0] and after.argmax() != before.argmax(),
+            "blur": lambda: self.widths > 1.02,
+            "glow": lambda: self.copies > 0,
+            "copies": lambda: _is(self.copies, number, 1e-6),
+            "still": lambda: self._shows(lambda time: None),
+            "back": lambda: self._shows(lambda time: FRAMES - 1 - time),
+            "speed": lambda: self._shows(lambda time: number * time),
+        }[one.kind]()
+        told = f"size {self.scale:.3f} alpha {self.alpha:.3f} light {light:.3f} turn {self.angle:.1f} step {self.step} rgb {after}"
+        return "" if right else told
+
+    def _is_near(self, goal, share):
+        """Whether the mean color has come nearer to another, to this share of the way or less."""
+        before, after = (np.linalg.norm(rgb.mean(0) - goal) for rgb in self.rgb)
+        return after < share * before
+
+    def _is_tinted(self, goal):
+        """Whether the mean color has gone a little toward another."""
+        step, way = self.rgb[1].mean(0) - self.rgb[0].mean(0), np.array(goal) - 0.5
+        alike = step @ way / max(np.linalg.norm(step) * np.linalg.norm(way), 1e-9)
+        return alike > 0.6 and 0.01 < np.abs(step).max() < 0.2
+
+    def _head_alone(self):
+        """Whether the head of a person, and nothing else of it, has another color."""
+        head = self.base.extra["dynamic/body_part"][self.rows[len(self.base.static) :]] == 1
+        return np.array_equal(np.abs(self.rgb[1] - self.rgb[0]).max(1) > 0.004, head)
+
+    def _goes(self, value):
+        """Whether all of it went one way: "left", "left/1" for so many widths of it."""
+        way, _, widths = value.partition("/")
+        axis, sign = WAYS[way]
+        far, goal = sign * self.step[axis], float(widths or 0) * self.size[0]
+        as_one = np.abs(self.b - self.a - self.step).max() < 1e-3
+        straight = (
+            way == "right" or np.abs(np.delete(self.step, axis)).max() < 0.2 * far
+        )  # beside another is right, too
+        return far > 0.02 and as_one and straight and (not goal or _is(far, goal, 0.2))
+
+    def _swaps(self, pair, things):
+        """Whether it stands where the other of a pair stood."""
+        other = next(things[name] for name in pair if not np.array_equal(things[name], self.rows))
+        means = self.base.posed(0.0).means.astype(float)
+        return np.abs(self.step - self._foot(means[other]) + self._foot(means[self.rows])).max() < 0.1
+
+    def _shows(self, moment):
+        """Whether it stands at two times as it was filmed at `moment` of them; None: as at the other."""
+        times = (15.0, 36.0)
+        places = [self.edited.posed(time).means[: len(self.rows)][self.rows] for time in times]
+        goals = [places[0] if moment(t) is None else self.base.posed(float(moment(t))).means[self.rows] for t in times]
+        return all(np.abs(place - goal).max() < 1e-2 for place, goal in zip(places, goals, strict=True))
+
+
+def _is(value, goal, tolerance):
+    return abs(value / goal - 1) < tolerance

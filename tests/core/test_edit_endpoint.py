@@ -209,7 +209,7 @@ def test_a_request_that_tries_to_be_a_message_stays_one_string(server):
         ({"op": "speed", "percent": 50, "ease": "smooth", "first_frame": 5, "last_frame": 9},
          Retime(Text(("dog",)), 0.5, (5.0, 9.0), "smooth")),
         ({"op": "grade", "contrast_percent": 120, "saturation_percent": 50, "warmth_percent": -20, "gamma_percent": 140},
-         Grade(Text(("dog",)), 1.2, 0.5, -0.2, 1.4)),
+         Grade(Text(("dog",)), 1.2, 0.5, -0.2, gamma=1.4)),
         ({"op": "blur", "radius_percent": 200, "first_frame": 3}, Blur(Text(("dog",)), 0.04, (3.0, None))),
         ({"op": "glow", "strength_percent": 50, "radius_percent": 100, "color": [255, 0, 0]},
          Glow(Text(("dog",)), 0.5, (1.0, 0.0, 0.0))),

@@ -120,7 +120,8 @@ def test_words_mean_the_same_whatever_moments_are_shown(scene, retimes):
 def test_a_blur_is_told_in_pixels_too(scene):
     blur = resolve(scene, Blur(SQUARE, 0.02), HERE)
     (line,) = plan_lines(scene, [blur])
-    assert line == f"blur the square by 0.02 units ({0.02 * FOCAL / SQUARE_DEPTH:.1f} pixels where it is)"
+    pixels = f"{0.02 * FOCAL / SQUARE_DEPTH:.1f} pixels where it is"
+    assert line == f"blur the square by 0.02 units ({pixels}) (6.7 % of the scene's Gaussians)"
 
 
 def test_names_stay_and_current_becomes_ids(scene):
