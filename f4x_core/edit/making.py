@@ -331,11 +331,6 @@ def rest_grayed(who: SelectKind, when: When, context: SentenceContext) -> Operat
     return GRAYED(Not(who), when, context)
 
 
-def rest_frozen(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-    """All others stand still."""
-    return frozen(Not(who), when, context)
-
-
 def scaled(by: float) -> Value:
     """So many times as big."""
     return lambda who, when, _: Transform(who, scale=round(by, PLACES), pivot="base", **when.growth)

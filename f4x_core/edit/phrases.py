@@ -1099,14 +1099,6 @@ place = either(
     >> (lambda other, where: Place(where, other)),
 )
 """A `Place`."""
-brought_to = (
-    table({"(over|up|across|right) [to|toward]": "near"}, reserve=False)
-    + ~_article
-    + familiar
-    + unless(keyword("left|right|'s"))
-    >> Place
-)
-"""The `Place` to which something is brought."""
 beside_itself = table(WHERE, reserve=False) + THE_FIRST + unless(keyword("left|right")) >> (
     lambda where: Place(where, lambda context: context.it("'it'"))
 )

@@ -172,10 +172,6 @@ _PLAIN = {
     r"(?:\w+ )?(?:brief|client|script|storyboard|plan|notes?|request|boss|director|instructions?|guidelines?|guide|feedback|spec|"
     r"specs|email|order|rules?|book|wishes)\b(?: s \w+)?\s*,?",
     "other time": rf"(?:,\s*)?\b(?:rather than|instead of|as opposed to) (?:in|at|by|on|during) [a-z ]{{1,30}}?{_UNTIL}",
-    "contrast": r",\s*(?:and )?not (?:on|in|at|to|by|under|behind|near|onto|into) (?:the|my|a|that|its) (?!first|last|second|"
-    "start|end|"
-    r"beginning|middle)[a-z]+(?=\s*[.,;!]|\s*$)",
-    "role": r"^\s*as (?:an?|the|your) [\w ]{1,30}?,? (?=(?:i|we)\b)",
     "no": r"^\s*(?:no\b[ ,.!]*)+(?=(?:not|do not|i|leave)\b)",
     "hurry": r"^\s*(?:hurry(?: up)?|come on|go on|quick|now then|right then|chop chop|look lively)\b\s*(?:[,.!]|"
     r"and\b)\s*(?:and\b)?",
@@ -187,7 +183,6 @@ _PLAIN = {
     r"(?:a start|starters)|first off|first of all|quick one|(?:quick|small|little|tiny|minor) (?:thing|fix|job|"
     r"favou?r|tweak|request)|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
     # reasons
-    "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
     "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) [^.;!?]*",
     "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|nobody|no one|anyone|one|(?:my|our|your|the|every|no) "
     r"\w+|[a-z]+s(?= (?:can|could|will|feel|see|know|get|notice))) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
