@@ -56,7 +56,7 @@ from ..language.lexicon import PICTURE, every_form, singular, word_set
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form, asked_form
 from . import making, qualities
-from .graded import BRIGHTNESS, OPACITY, QUALITIES, SATURATION, SIZE, SPEED, Quality
+from .graded import BRIGHTNESS, LENGTH, OPACITY, QUALITIES, SATURATION, SIZE, SPEED, Quality
 from .making import Value
 from .operations import SHOWN
 from .phrases import (
@@ -165,6 +165,7 @@ ADDS_NOTHING = either(
         "its) [color space|mode|pivot] [=|:] [base|bottom]"
     ),
     literal("both") + unless(silent(two_of_them_behind)),
+    literal("[about|around] (the) [up|vertical] (axis)"),
     here(lambda reading, at: singular(reading.word(at - 1)) in {words[-1] for words in reading.known})
     + literal("itself|himself|herself|themselves"),
     literal(every_form("give|do|perform"))
@@ -1160,6 +1161,12 @@ _command("slow motion, please", as_given, "values", WHOLE)(
     verb=literal(any_form("run")),
     values=either(_pace_of, qualities.pace, qualities.backward) >> _alone,
 )
+_in_time = ~literal("last|take|be|run") + (as_long | LENGTH.value) >> _alone
+_command("make the first second 50 % longer", as_given, "values when", TIMED)(
+    who=_nobody,
+    verb=_set | literal(any_form("last")),
+    values=_in_time,
+)
 _command("make the dog take twice as long", as_given, "values", TIMED)(
     who=_whom + ~literal("('s) (motion|movement|action)"),
     verb=literal(any_form("last")),
@@ -1176,6 +1183,21 @@ def _in_the_same_unit(reading: Reading, at: int) -> Iterator[tuple[int, TimeExpr
             yield end, TimeExpression(frames=x) if frames else TimeExpression(seconds=x)
 
 
+_length = ~literal("the|a|its") + literal(LENGTH.noun) >> (lambda: (LENGTH, True))
+_command("halve the length of the clip", _changed, "quality who", NAMED)(
+    who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s") >> _the_clip,
+    quality=_length,
+    **_by_how_much,
+)
+_command("double the length of the first second", _changed, "quality when", TIMED)(
+    who=_nobody,
+    of=literal("of") + here(lambda reading, at: span.at(reading, at)),
+    quality=_length,
+    **_by_how_much,
+)
+_command("play the first second over two seconds", making.lasting, "verb to when", TIMED)(
+    who=_nobody, verb=literal(any_form("run")), to=literal("over|in|within|across|for") + duration
+)
 _command("the movement of the dog should take three seconds", making.lasting, "verb to", WHOLE)(
     who=_event | ~literal("the") + _whom + ~literal("('s) (motion|movement|action)"),
     verb=literal(any_form("last")),

@@ -183,6 +183,7 @@ _PLAIN = {
     r"(?:a start|starters)|first off|first of all|quick one|(?:quick|small|little|tiny|minor) (?:thing|fix|job|"
     r"favou?r|tweak|request)|after that|and then|plus|next(?: up| thing)?|finally|also)\b(?:\s*[,:])?",
     # reasons
+    "since": r"^\s*(?:since|because|seeing (?:that|as)|given that)\b [^,]*,",
     "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) [^.;!?]*",
     "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|nobody|no one|anyone|one|(?:my|our|your|the|every|no) "
     r"\w+|[a-z]+s(?= (?:can|could|will|feel|see|know|get|notice))) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
