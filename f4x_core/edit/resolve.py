@@ -228,65 +228,65 @@ class Resolver:
                 )
         if isinstance(select, Text):
             scene = self._before or scene
-            scene = scene.base if self._hidden_too else scene
-            rows = self._rows_of_words(scene, select)
-            if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
-                rows = first
-            if (select.number == "both" or select.count) and len(rows):
-                many = int(self._split(scene, rows)[0].max()) + 1
-                if many == 1 and select.number == "both":
-                    raise Absent(f"In the scene '{scene.name}' there is only one of {whom(select)}, not both.")
-                if select.count not in (0, many):
-                    raise Absent(
-                        f"In the scene '{scene.name}' there {'is' if many == 1 else 'are'} {many} of {whom(select)}, not"
-                        f" {select.count}; those that touch count as one. Say 'all' for all of them, or 'the left one'."
-                    )
-            if tidy and len(rows):
-                rows = rows[~self._split(scene, rows)[1]]
-            return Ids.of(scene.ids[rows])
+            return self._words(scene.base if self._hidden_too else scene, select, tidy)
         if isinstance(select, Point):
             return Ids.of(
                 select_by_points(scene, [(select.x, select.y)], scene.cameras.frame_at(select.frame)).chosen_ids
             )
         if isinstance(select, Box):
             return Ids.of(select_by_box(scene, select.box, scene.cameras.frame_at(select.frame)).chosen_ids)
-        if isinstance(select, Instance) and select.of == All():
-            return self._nearest_of_all(scene, select)
-        if isinstance(select, Beside) and select.of == All():
-            others = rows_of(scene, self._cached(scene, select.other, tidy))
-            found = everything_to(scene, others, select.where, float(select.frame))
-            if not len(found):
-                raise Absent(f"In the scene '{scene.name}' nothing is {whom(select).removeprefix('everything ')}.")
-            return Ids.of(scene.ids[found])
-        if isinstance(select, Instance):
-            rows = rows_of(scene, self._cached(scene, select.of, tidy))
-            if not len(rows):
-                raise Absent(self._nothing(scene, select.of))
-            time = float(select.frame)
-            known = single_people(scene, rows)
-            return Ids.of(scene.ids[pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time), known)])
-        if isinstance(select, Beside):
-            rows, others = (rows_of(scene, self._cached(scene, part, tidy)) for part in (select.of, select.other))
-            time = float(select.frame)
-            camera = scene.cameras.at(time)
-            known = single_people(scene, rows)
-            found = stand_to(scene.posed(time), rows, others, select.where, camera, select.each, known)
-            if not len(found):
-                raise Absent(f"In the scene '{scene.name}' there is no {whom(select).removeprefix('the ')}.")
-            return Ids.of(scene.ids[found])
-        if isinstance(select, Part):
-            rows = rows_of(scene, self._cached(scene, select.of, tidy))
-            if not len(rows):
-                raise Absent(self._nothing(scene, select.of))
-            time = float(select.frame)
-            inside = part_of(scene.posed(time).means[rows], select.side, select.share, scene.cameras.at(time))
-            return Ids.of(scene.ids[rows[inside]])
+        if isinstance(select, Instance | Part | Beside):
+            return Ids.of(scene.ids[self._told_by_place(scene, select, tidy)])
         if isinstance(select, Current):
             return Ids.of(self._current(scene).chosen_ids)
         return select
 
-    def _nearest_of_all(self, scene: Scene, select: Instance) -> Ids:
-        """The known thing of all that is `which`, backdrops left out."""
+    def _words(self, scene: Scene, select: Text, tidy: bool) -> Ids:
+        """The Gaussians that words mean; `Absent` where there are not as many things as the words say."""
+        rows = self._rows_of_words(scene, select)
+        if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
+            rows = first
+        if (select.number == "both" or select.count) and len(rows):
+            many = self._count(scene, rows)
+            if many == 1 and select.number == "both":
+                raise Absent(f"In the scene '{scene.name}' there is only one of {whom(select)}, not both.")
+            if select.count not in (0, many):
+                raise Absent(
+                    f"In the scene '{scene.name}' there {'is' if many == 1 else 'are'} {many} of {whom(select)}, not"
+                    f" {select.count}; those that touch count as one. Say 'all' for all of them, or 'the left one'."
+                )
+        if tidy and len(rows):
+            rows = rows[~self._split(scene, rows)[1]]
+        return Ids.of(scene.ids[rows])
+
+    def _told_by_place(self, scene: Scene, select: Instance | Part | Beside, tidy: bool) -> np.ndarray:
+        """(n,) rows of a thing, of things or of a part of one that are told by where they are, seen through the clip's camera."""
+        time = float(select.frame)
+        posed, camera = scene.posed(time), scene.cameras.at(time)
+        if isinstance(select, Instance) and select.of == All():
+            return self._nearest_of_all(scene, select)
+        if isinstance(select, Beside):
+            others = rows_of(scene, self._cached(scene, select.other, tidy))
+            if select.of == All():
+                found = everything_to(scene, others, select.where, time)
+            else:
+                rows = rows_of(scene, self._cached(scene, select.of, tidy))
+                found = stand_to(posed, rows, others, select.where, camera, select.each, single_people(scene, rows))
+            if not len(found):
+                words = whom(select)
+                nothing = f"nothing is {words.removeprefix('everything ')}" if select.of == All() else ""
+                reason = nothing or f"there is no {words.removeprefix('the ')}"
+                raise Absent(f"In the scene '{scene.name}' {reason}.")
+            return found
+        rows = rows_of(scene, self._cached(scene, select.of, tidy))
+        if not len(rows):
+            raise Absent(self._nothing(scene, select.of))
+        if isinstance(select, Instance):
+            return pick_object(posed, rows, select.which, camera, single_people(scene, rows))
+        return rows[part_of(posed.means[rows], select.side, select.share, camera)]
+
+    def _nearest_of_all(self, scene: Scene, select: Instance) -> np.ndarray:
+        """(n,) rows of the known thing of all that is `which`, backdrops left out."""
         time = float(select.frame)
         owner = known_things(scene, time)
         for thing in range(owner.max() + 1):
@@ -298,7 +298,7 @@ class Resolver:
                 f"In the scene '{scene.name}' no thing is known by a word, so none can be told; name it or click on it."
             )
         known = np.unique(owner[rows], return_inverse=True)[1]
-        return Ids.of(scene.ids[pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time), known)])
+        return pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time), known)
 
     def _rows_of_words(self, scene: Scene, text: Text) -> np.ndarray:
         """(n,) rows that words mean; of a compound those that are the kind of thing it says, too: the dog's hat is a hat."""

@@ -22,8 +22,8 @@ NO_THING = -1
 def known_things(scene: Scene, time: float) -> np.ndarray:
     """(N,) int: number of the thing that each Gaussian of `scene.posed(time)` is part of, or `NO_THING`.
 
-    Things are the people of the scene and the separate objects of every word that it surely answers to. Of two words for a
-    Gaussian the one that selects less counts: the cup and not the table.
+    Things are the people of the scene, the separate objects of every word that it answers to, and what else moves. Of two words
+    for a Gaussian the one that selects less counts: the cup and not the table.
     """
     posed, there = scene.posed(time), not_deleted(scene)
     owner = np.full(len(scene.ids), NO_THING)
@@ -31,6 +31,9 @@ def known_things(scene: Scene, time: float) -> np.ndarray:
         rows = np.flatnonzero(selection.chosen & there)
         if len(rows):
             owner[rows] = owner.max() + 1 + separate_objects(posed, rows)
+    movers = np.flatnonzero(scene.moving & there & (owner == NO_THING))
+    if len(movers):
+        owner[movers] = owner.max() + 1 + separate_objects(posed, movers)
     if people := people_of(scene):
         own = (people.person > 0) & there
         owner[own] = owner.max() + people.person[own]

@@ -1,13 +1,18 @@
 """Sentences by what they do to the Gaussians of made-up scenes whose true objects are known."""
 
+from dataclasses import replace
+
 import effects
+import numpy as np
 import pytest
 from effect_scenes import effect_scene
 
 from f4x_core.edit import plan
 from f4x_core.edit.plan_lines import plan_lines
+from f4x_core.edit.resolve import EditorState
 from f4x_core.language.grammar import Refusal
 from f4x_core.query.questions import answer
+from f4x_core.query.selection import Selection, fingerprint
 
 OPEN, SEALED = effects.read(effects.EFFECTS), effects.read(effects.SEALED)
 
@@ -53,3 +58,14 @@ def test_how_tall_tells_each_of_several_and_what_is_not_known():
     said = answer(effect_scene("street")[0], "how tall is the man").text
     assert "each of 2 from left to right, 0.70 and 0.80 tall" in said and "no metres" in said
     assert "0.24 tall" in answer(effect_scene("street")[0], "how tall is the car").text
+
+
+def test_without_words_what_moves_is_a_thing_and_all_else_goes_by_gaussian():
+    scene, things = effect_scene("street")
+    chosen = Selection(scene.ids, things["dog"].astype(float), np.zeros(len(scene.ids), bool), scene=fingerprint(scene))
+    after = plan.preview(
+        scene := replace(scene, features=None),
+        plan.propose(scene, "hide everything behind it", EditorState(chosen, 0.0)).chosen,
+    ).posed(0.0)
+    gone = {name: not after.opacities[rows].any() for name, rows in things.items()}
+    assert gone["car"] and gone["wall"] and not gone["floor"] and not gone["ball"]
