@@ -1370,6 +1370,8 @@ def _lacking(reading: Reading) -> str:
     return ""
 
 
+MOST_FRAMES = 10**6
+"""Frames of a clip in which every time of a command lies."""
 MOST_EXAMPLES = 3
 """Commands that a refusal offers."""
 
@@ -1384,10 +1386,11 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
 
 
 def is_command(sentence: str, labels: Sequence[str]) -> bool:
-    """Whether the grammar understands a sentence as it stands, in a scene that knows `labels`."""
-    with suppress(Refusal):
-        read = _read_somehow(sentence, _known(tuple(labels)))
-        return bool(read.clauses) and not read.idle
+    """Whether a sentence can be carried out as it stands, in a clip of any length whose scene knows `labels`."""
+    clip = SentenceContext(1.0, MOST_FRAMES, selected=True, labels=frozenset(labels))
+    with suppress(F4xError):
+        read = _read_somehow(sentence, _known(tuple(labels)), lambda read: _settled(read, clip, None))
+        return bool(read.operations) and not read.idle and not _unsure(read)
     return False
 
 

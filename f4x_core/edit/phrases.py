@@ -107,7 +107,7 @@ class SentenceContext(Clip):
         """The last thing named, else what is selected, else the one man or woman whom "him" or "her" can be; Refusal without."""
         if self.last is None and not self.selected and word in HIM_OR_HER:
             meant = next((label for label in HIM_OR_HER[word] if label in self.labels), None)
-            self.last = None if meant is None else Text((meant,))
+            self.last = None if meant is None else Text((meant,), single=(meant,))
         if self.last is None and not self.selected and self.overall and word in ("'it'", "'its'"):
             return All()
         if self.last is None and not self.selected:
