@@ -48,6 +48,8 @@ _REWRITINGS = r"""
     colou?rs?)? to (?:match|fit|be like) (?:that of |those of )?{REST}$ => match \g<x> to \g<rest>
 ^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{COLOUR}) (?:colou?r )?(?:of|on|in) {X}
     (?:for|with|by|to|into) (?:a |an |the |some )?{REST}$ => make \g<x> \g<rest>
+^(?:please )?(?:stop|keep|prevent|hinder) {X} from (?:moving|going anywhere|driving|walking|running)(?P<rest>.*)$ =>
+    freeze \g<x>\g<rest>
 ^{X} (?:is|are|was|were) (?!to\b)[^,;.]+?,? (?:and|so) (?:(?:it|they|he|she) )?(?P<modal>should|must|ought to|has to|have
     to|needs? to|can|could|may) {REST}$ => \g<x> \g<modal> \g<rest>
 ^(?:please )?keep (?P<x>what (?:moves|stands still)|(?:the )?(?:selection|moving (?:things?|objects?))|what is selected)$ =>

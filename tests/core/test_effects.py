@@ -23,6 +23,7 @@ def test_sentences_do_what_is_said(scene):
     assert {row[2]: why for row in rows if (why := effects.fault(row))} == {}
 
 
+@pytest.mark.slow
 def test_so_many_sealed_sentences_do_what_is_said():
     """They are counted and not listed, so that nobody mends the language for them."""
     assert len(SEALED) >= 100
