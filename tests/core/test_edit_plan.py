@@ -459,7 +459,7 @@ def test_a_clip_knows_no_metres(scene, sentence, amount):
 
 def test_what_is_not_understood_is_refused_with_the_nearest_commands(scene):
     with pytest.raises(Refusal) as caught:
-        plan.propose(scene, "whirlify the square around", HERE)
+        plan.propose(scene, "freeze-o the square at frame 2 chop chop", HERE)
     assert caught.value.nearest
     with pytest.raises(F4xError):
         plan.propose(scene, "make it red", HERE)
@@ -657,7 +657,7 @@ def test_what_stands_still_cannot_be_stopped_and_that_is_told(scene):
 
 
 def test_examples_of_a_refusal_are_about_the_scene(scene):
-    for sentence in ("make the cat pink", "whirlify the square around"):
+    for sentence in ("make the cat pink", "freeze-o the square at frame 2 chop chop"):
         with pytest.raises(Refusal) as refused:
             plan.propose(with_words(scene, "cat"), sentence, HERE)
         nouns = {word for one in refused.value.nearest for word in one.split()}
