@@ -158,7 +158,7 @@ class Resolver:
         return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)
 
     def _ask_which(self, scene: Scene, operations: Sequence[Operation]) -> None:
-        """Raise `Refusal` where one of several of a kind is meant and the sentence does not say which."""
+        """Raise `Several` where one of several of a kind is meant and the sentence does not say which."""
         for operation in operations:
             self._hidden_too = False
             for select in asked_about(operation):

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
-from ..language.grammar import Refusal
+from ..errors import F4xError
 from ..language.lexicon import UNCOUNTED, plural_of, singular
 from .description import in_words
 from .operations import Delete, Extract, Opacity, Operation
@@ -18,6 +18,15 @@ PLACES = {2: ("left", "right"), 3: ("left", "middle", "right")}
 """Number of things -> the places by which each is told."""
 MANY = ("left", "right", "nearest", "largest")
 """Places offered where there are more."""
+
+
+class Several(F4xError):  # noqa: N818  # nothing went wrong
+    """One of several things is meant, and a sentence does not say which."""
+
+    def __init__(self, reason: str, commands: tuple[str, ...]):
+        """`commands`: one for each that may be meant, and one for all."""
+        super().__init__(reason)
+        self.reason, self.commands = reason, commands
 
 
 def removes(operation: Operation) -> bool:
@@ -65,7 +74,7 @@ def _beside_in(select: SelectKind) -> Iterator[SelectKind]:
         yield from _beside_in(part)
 
 
-def which_of(operations: Sequence[Operation], select: SelectKind, many: int, frame: int) -> Refusal:
+def which_of(operations: Sequence[Operation], select: SelectKind, many: int, frame: int) -> Several:
     """The question which of `many` things of a kind is meant, with a command for each and one for all."""
     text = next(part for part in (select, *getattr(select, "of", ())) if isinstance(part, Text))
     noun = plural_of(singular(text.labels[0]))
@@ -75,7 +84,7 @@ def which_of(operations: Sequence[Operation], select: SelectKind, many: int, fra
     every = f"{'both' if many == 2 else 'all the'} {noun}"
     commands.append([re.sub(rf"\bthe {re.escape(text.labels[0])}\b", every, line) for line in _lines(operations)])
     offered = tuple(re.sub(r" of frame \d+", "", "; ".join(lines)) for lines in commands)
-    return Refusal(f"There are {many} {noun} in the scene, and it is not said which one is meant.", offered)
+    return Several(f"There are {many} {noun} in the scene, and it is not said which one is meant.", offered)
 
 
 def _lines(operations: Sequence[Operation]) -> list[str]:
