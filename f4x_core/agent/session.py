@@ -22,7 +22,7 @@ from ..edit.description import describe
 from ..edit.naming import by_words, together
 from ..edit.operations import Operation, read_operation
 from ..edit.plan import MAX_CANDIDATES
-from ..edit.plan_lines import sizes
+from ..edit.plan_lines import plan_lines, sizes
 from ..edit.records import read_record
 from ..edit.resolve import EditorState, Resolver, labels_of, named, resolve, rows_of
 from ..edit.selects import All, Ids, SelectKind
@@ -404,11 +404,11 @@ class Session:
         chosen, new = sizes(shown), of(shown).edits[len(of(scene)) :]
         does = [
             {
-                "does": describe(edit.operation),
+                "does": line,
                 "gaussians": sum(chosen.get(edit.id, ())),
                 **_with_id_counts(edit.operation.to_json()),
             }
-            for edit in new
+            for edit, line in zip(new, plan_lines(scene, [edit.operation for edit in new]), strict=True)
         ]
         shows = str(uncovered(shown) or "") if takes_away(candidate.operations) else ""
         return {

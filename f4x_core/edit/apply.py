@@ -559,9 +559,12 @@ def dyed_by(operation: Operation, whom: Appearance, tones: Any) -> Appearance:
     assert isinstance(operation, Recolour | Style | Match | Grade)
     rgb = colours.colours_of(whom.sh)
     if isinstance(operation, Grade):
-        if (operation.contrast, operation.saturation, operation.warmth) == (1, 1, 0):
+        plain = (operation.contrast, operation.saturation, operation.warmth) == (1, 1, 0)
+        if plain and operation.gamma == 1:
             return whom
-        goal = colours.graded(rgb, operation.contrast, operation.saturation, operation.warmth, tones)
+        goal = rgb if plain else colours.graded(rgb, operation.contrast, operation.saturation, operation.warmth, tones)
+        if operation.gamma != 1:
+            goal = np.maximum(goal, 0) ** (1 / operation.gamma)
         dc = spherical_harmonics.dc_from_rgb(goal).astype(np.float32)
         return Appearance(
             whom.opacities, np.concatenate([dc[:, None], whom.sh[:, 1:] * np.float32(operation.contrast)], axis=1)

@@ -166,7 +166,7 @@ class Search:
     def __init__(self, reading: Reading, known: Collection[str]):
         """`known`: last words of labels."""
         self.reading, self.end = reading, len(reading.tokens)
-        self.gaps = idle_gaps(reading, ADDS_NOTHING, known, COMMAND_VERBS, IMPERATIVES)
+        self.gaps = idle_gaps(reading, ADDS_NOTHING, known, COMMAND_VERBS)
         self.commands = [
             (order, command, needed, matches)
             for order, (command, slots, needed) in enumerate(_any_order)

@@ -60,7 +60,6 @@ from .graded import BRIGHTNESS, LENGTH, OPACITY, QUALITIES, SATURATION, SIZE, SP
 from .making import Value
 from .operations import SHOWN
 from .phrases import (
-    brought_to,
     colors,
     everything_but,
     everything_else,
@@ -166,6 +165,7 @@ ADDS_NOTHING = either(
         "its) [color space|mode|pivot] [=|:] [base|bottom]"
     ),
     literal("both") + unless(silent(two_of_them_behind)),
+    literal("[about|around] (the) [up|vertical] (axis)"),
     here(lambda reading, at: singular(reading.word(at - 1)) in {words[-1] for words in reading.known})
     + literal("itself|himself|herself|themselves"),
     literal(every_form("give|do|perform"))
@@ -288,6 +288,7 @@ _has_to_go = literal("go|goes|gone") + _over
 _becoming = either(
     unless(literal("tones|shades|looks|seems|feels") | qualities.cast | _has_to_go)
     + literal(any_form("match") + "|" + _LIGHT),
+    literal("push") + here(lambda reading, at: {"back", "backward"}.isdisjoint(reading.words)),
     _some_verb,
 )
 _COLOURING = {
@@ -368,22 +369,8 @@ _command("match the dog to the cat", making.matched, "verb source")(
     + ~(literal("['s|'] (color|colors|coloring)")),
     wise=literal("(in) [color|colors]|color wise|in terms of color"),
 )
-_command("copy the color of the cat to the dog", as_given, "verb values")(
-    who=literal("to|onto|on|over to|for|into") + thing,
-    verb=literal(every_form("grab|pick|copy|transfer|carry|bring|take|carry over|copy over|lend|sample")),
-    values=qualities.same_colour + ~literal("over|across") >> _alone,
-)
 _command("shift the hue of the car to red", making.hued, "rgb", NAMED)(
     who=whose("hue|hues|tone"), verb=literal(any_form("set", "become")), rgb=~keyword("to|toward|into") + colour
-)
-_command("push the color of the car toward orange", making.faintly, "verb rgb", NAMED)(
-    who=whose("color|colors|hue|tone|palette|grade|tint|coloring"),
-    verb=literal(every_form("push|nudge|pull|shift|steer|move|lean|bias|skew|drive|tip|swing|drag|take")),
-    rgb=literal("to|toward|into|in the direction of")
-    + _a
-    + qualities.shade_of
-    + (colour | colourish)
-    + ~literal("side|end"),
 )
 _complaining: dict[str, Rule] = {
     "fix": ~literal("(,|.|;) (so)")
@@ -979,11 +966,6 @@ _command("put the dog behind the bush", making.placed, "place")(
     + ~literal("over|right|back|directly|straight|to|somewhere|down|up|just|a bit|a little|slightly")
     + place,
 )
-_command("bring the dog to the tree", making.placed, "verb place", NAMED)(
-    who=_for_it + there_already,
-    verb=literal(every_form("bring|take|carry|move|push|pull|drag|shift|slide|place|put|send|haul|relocate|transport")),
-    place=brought_to,
-)
 _command(
     "raise the dog by half its height",
     lambda lift, far=None: making.moved(making.UP if lift else making.DOWN, far),
@@ -1031,12 +1013,6 @@ _command("copy the dog to the left", making.copied, "copy")(
     times=_times,
     **_copy_place,
 )
-_command(
-    "multiply the dog by three", lambda verb, times: making.copied(times=max(times - 1, 1.0)), "verb times", NAMED
-)(
-    verb=table({every_form("multiply|duplicate|clone|copy|replicate"): True}, reserve=False),
-    times=literal("by") + number + unless(literal("unit|units")),
-)
 _command("one dog more", making.copied, "times extra", NAMED)(
     who=known_noun,
     verb=literal(any_form("add") + "|there is|there are|be there"),
@@ -1060,13 +1036,6 @@ _command("three dogs instead of one", lambda times, only: making.copied(times=ti
     times=number,
     only=literal("(,) [instead of (just|only) (a) (single) one|instead of one|rather than one|not one|out of one]")
     >> (lambda: True),
-)
-_command("I want the dog twice", lambda times, verb=None: making.copied(times=times - 1), "verb times", NAMED)(
-    who=known_thing,
-    verb=literal(every_form("have|see|want|need|appear|exist") + "|be there|there should be|like (to have)"),
-    times=table(
-        {"twice|two times|double": 2.0, "thrice|three times|triple": 3.0, "four times": 4.0, "five times": 5.0}
-    ),
 )
 _command("put the dog where the cat is and the cat where the dog is", making.swapped, "other", NAMED)(
     who=known_thing,
@@ -1158,14 +1127,6 @@ _command("start it again at second 2", always(making.retimed(1.0)), "verb again 
     verb=literal(every_form("start|resume|continue|let go|unfreeze|release") + f"|{_RESUMED}"),
     again=literal("again|on|on again|moving|moving again|as before|normally"),
 )
-_command("only the dog keeps moving", always(making.rest_frozen), "only moves", NAMED)(
-    only=_only,
-    verb=literal("let|should|may|can|could|must|shall|to|will"),
-    moves=literal(
-        "[keep|keeps|keeping|continue|continues|go|goes|carry|carries] (on) [moving|going|to move|running]|[moves|move|go] on|to "
-        "move|moves"
-    ),
-)
 _command("play the dog in reverse", always(making.reversed), "verb", WHOLE)(
     who=_playing,
     verb=either(
@@ -1192,10 +1153,6 @@ _command("play the dog at 2x", making.retimed, "verb by", TIMED)(
     by=~literal("at|with|in|to") + _x_times
     | literal("at|to") + percent + unless(literal("transparent|visible|opacity|opaque|of")),
 )
-_command("2x, first half", making.retimed, "by when", TIMED)(
-    who=_nobody,
-    by=~literal("at|play at|run at") + _x_times,
-)
 _command("slow motion at 40 %", making.retimed, "lead by", WHOLE)(
     who=_playing, verb=literal(any_form("run")), lead=qualities.slow_motion, by=_rate
 )
@@ -1205,15 +1162,6 @@ _command("slow motion, please", as_given, "values", WHOLE)(
     values=either(_pace_of, qualities.pace, qualities.backward) >> _alone,
 )
 _in_time = ~literal("last|take|be|run") + (as_long | LENGTH.value) >> _alone
-_command("the clip should be twice as long", as_given, "who values", NAMED)(
-    who=literal(
-        "[the (whole|entire)|this|my|our|a] [clip|video|scene|movie|film|shot|footage|sequence|animation|thing]"
-    )
-    >> _the_clip
-    | _motion,
-    verb=_set | literal(any_form("last")),
-    values=_in_time,
-)
 _command("make the first second 50 % longer", as_given, "values when", TIMED)(
     who=_nobody,
     verb=_set | literal(any_form("last")),
@@ -1225,6 +1173,16 @@ _command("make the dog take twice as long", as_given, "values", TIMED)(
     values=as_long >> _alone,
 )
 _LASTS = word_set("lasts last takes take into")
+
+
+def _in_the_same_unit(reading: Reading, at: int) -> Iterator[tuple[int, TimeExpression]]:
+    """A number of frames where those were spoken of, else of seconds: "make the first 20 frames last 40"."""
+    frames = {"frame", "frames"} & {*reading.words[:at]}
+    if frames or {"second", "seconds", "it", "they", "this"} & {*reading.words[:at]}:
+        for end, x in number_at(reading, at):
+            yield end, TimeExpression(frames=x) if frames else TimeExpression(seconds=x)
+
+
 _length = ~literal("the|a|its") + literal(LENGTH.noun) >> (lambda: (LENGTH, True))
 _command("halve the length of the clip", _changed, "quality who", NAMED)(
     who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s") >> _the_clip,
@@ -1237,16 +1195,6 @@ _command("double the length of the first second", _changed, "quality when", TIME
     quality=_length,
     **_by_how_much,
 )
-
-
-def _in_the_same_unit(reading: Reading, at: int) -> Iterator[tuple[int, TimeExpression]]:
-    """A number of frames where those were spoken of, else of seconds: "make the first 20 frames last 40"."""
-    frames = {"frame", "frames"} & {*reading.words[:at]}
-    if frames or {"second", "seconds", "it", "they", "this"} & {*reading.words[:at]}:
-        for end, x in number_at(reading, at):
-            yield end, TimeExpression(frames=x) if frames else TimeExpression(seconds=x)
-
-
 _command("play the first second over two seconds", making.lasting, "verb to when", TIMED)(
     who=_nobody, verb=literal(any_form("run")), to=literal("over|in|within|across|for") + duration
 )

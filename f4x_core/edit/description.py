@@ -227,6 +227,8 @@ def _(operation: Grade) -> str:
         parts.append(f"set the contrast of {who} to {_percent(operation.contrast)}")
     if operation.saturation != 1:
         parts.append(f"set the saturation of {who} to {_percent(operation.saturation)}")
+    if operation.gamma != 1:
+        parts.append(f"set the gamma of {who} to {operation.gamma:g}")
     if operation.warmth or not parts:
         parts.append(f"make {who} {_percent(abs(operation.warmth))} {'cooler' if operation.warmth < 0 else 'warmer'}")
     return _coming(operation, " and ".join(parts))
@@ -289,8 +291,9 @@ def whom(select: SelectKind) -> str:
         return " and ".join(f"the {label}" for label in select.labels)
     if isinstance(select, Instance):
         kind = whom(select.of).removeprefix("the ")
-        if isinstance(select.of, Moving | Or):
-            kind = "moving thing" if isinstance(select.of, Moving) else f"one of {whom(select.of)}"
+        if isinstance(select.of, All | Moving | Or):
+            kinds = {All: "thing", Moving: "moving thing"}
+            kind = kinds.get(type(select.of)) or f"one of {whom(select.of)}"
         return f"the {_WHICH.get(select.which, select.which)} {kind} of frame {select.frame}"
     if isinstance(select, Part):
         side = {"top": "upper", "bottom": "lower"}.get(select.side, select.side)

@@ -88,7 +88,7 @@ BRIGHTNESS = Quality(
     less="darker|dimmer|gloomier",
     much="bright|light",
     little="dark|dim",
-    noun="brightness|gamma|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain",
+    noun="brightness|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain",
     lack="darkness",
     up="brighten",
     down="darken",
@@ -97,6 +97,7 @@ BRIGHTNESS = Quality(
     too="shiny",
     too_little="black|shadowy",
 )
+GAMMA = Quality(making.graded(making.gamma, gone=False), more="", less="", much="", little="", noun="gamma")
 CONTRAST = Quality(
     making.graded(making.contrasted),
     more="punchier|crisper",
@@ -197,5 +198,5 @@ LENGTH = Quality(
     noun="length|duration|running time|runtime|run time",
 )
 """How long a stretch of time lasts; of a thing nobody speaks of so."""
-QUALITIES = (BRIGHTNESS, CONTRAST, SATURATION, WARMTH, BLUR, GLOW, SIZE, SPEED, OPACITY)
+QUALITIES = (BRIGHTNESS, GAMMA, CONTRAST, SATURATION, WARMTH, BLUR, GLOW, SIZE, SPEED, OPACITY)
 """What things are more or less of."""

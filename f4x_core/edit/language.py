@@ -65,7 +65,6 @@ from .corrections import corrected, remarked, without_remarks
 from .description import in_words
 from .graded import QUALITIES, SATURATION
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
-from .misgivings import misgiving
 from .operations import (
     SHOWN,
     Blur,
@@ -157,12 +156,9 @@ def parse(
             operations = read.operations or settled(read)
             _ask_about_purpose(sentence, known, read, operations)
             if _removes_loosely(replace(read, operations=operations)):
-                asked = _without_idle(replace(read, operations=operations), known)
+                asked = _without_idle(replace(read, operations=operations))
                 if (strange := _named_besides(read)) and not read.reading.word(read.idle[0] - 1) == "for":
                     raise Refusal(f"I do not know what '{strange}' is, so nothing is removed.")
-                raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
-            if why := _why_unsure(sentence, operations, known):
-                asked = Doubt(f"I would do: {in_words(operations)}. {why}", in_words(operations))
                 raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
             return operations
         except Doubt:
@@ -175,8 +171,6 @@ def parse(
         raise taken
     if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
-        if not (read.reason or _holds(_shade, read.reading)):  # what is understood and cannot be has its own reason
-            _ask_by_likeness(sentence, known, settled, request.selected)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
     raise Refusal(reason, nearest(sentence, request.labels) if answer else ())
 
@@ -446,22 +440,9 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
         return
     if "who" not in read.clauses[0].slots:
         return  # whom it is for may be what was left out
-    doubt = _without_idle(read, known)
+    doubt = _without_idle(read)
     if _means(doubt.instead, read.operations, known, settled):
         raise doubt
-
-
-def _ask_by_likeness(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle, selected: bool) -> None:
-    """Raise `Doubt` with what sentences like it mean, where that is certain enough to be asked about."""
-    asked = None
-    with suppress(Refusal):
-        for instead in meaning.meant(sentence, _words_of(_plainly(sentence, known)[0], known), selected):
-            read = _read_somehow(instead, known, settled)
-            if read.operations and not read.idle and not _unsure(read):
-                asked = Doubt(f"I understand only a part of that. I would do: {in_words(read.operations)}.", instead)
-                break
-    if asked:
-        raise asked
 
 
 def _is_a_verb(reading: Reading, at: int) -> bool:
@@ -471,11 +452,6 @@ def _is_a_verb(reading: Reading, at: int) -> bool:
     ):
         return False
     return reading.word(at + 1) in ("the", "my", "that", "it", "him", "her", "them")
-
-
-def _why_unsure(sentence: str, operations: tuple[Operation, ...], known: Mapping[tuple[str, ...], str]) -> str:
-    """Why operations may not be what a sentence means, for people; nothing where they may."""
-    return misgiving(sentence, operations, lambda text: _words_of(_plainly(text, known)[0], known))
 
 
 def _means(
@@ -488,7 +464,7 @@ def _means(
     return False
 
 
-def _without_idle(read: Read, known: Mapping[tuple[str, ...], str]) -> Doubt:
+def _without_idle(read: Read) -> Doubt:
     """What a sentence comes to without its idle words, to be asked."""
     tokens, typed = read.reading.tokens, read.reading.sentence
     joined: list[tuple[int, int]] = []
@@ -498,10 +474,8 @@ def _without_idle(read: Read, known: Mapping[tuple[str, ...], str]) -> Doubt:
         else:
             joined.append((tokens[at].start, tokens[at].end))
     left_out = "', '".join(typed[start:end] for start, end in joined)
-    plan, instead = in_words(read.operations), cut(typed, joined)
-    if _why_unsure(instead, read.operations, known):  # its answer would raise another question
-        instead = plan
-    return Doubt(f"I would do: {plan}. I do not know what '{left_out}' adds.", instead)
+    plan = in_words(read.operations)
+    return Doubt(f"I would do: {plan}. I do not know what '{left_out}' adds.", cut(typed, joined))
 
 
 def _removes(operation: Operation) -> bool:
@@ -1126,7 +1100,10 @@ _DOUBTFUL = (
         "Nothing new can be made; say for example 'copy the hat and put the copy above the dog'.",
     ),
     (
-        keyword("hide|hides|hiding") + silent(known_thing) + literal("behind|under|underneath|beneath|inside|below"),
+        keyword("hide|hides|hiding")
+        + unless(keyword("everything|anything|all|whatever|what"))
+        + silent(known_thing)
+        + literal("behind|under|underneath|beneath|inside|below"),
         "'Hide' may mean to place or to make invisible; say 'put the dog behind the bush' or 'make the dog invisible'.",
     ),
     (
@@ -1272,7 +1249,7 @@ def _not_understood(read: Read) -> tuple[str, bool]:
     if lacking:
         return f"The command is not complete: {lacking}.", True
     if reading.farthest >= end:
-        return "The words are known, but not what they ask for together; something may be missing.", True
+        return "No command fits that; name a thing and what is to become of it, for example 'make the dog red'.", True
     return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
 
 
@@ -1393,6 +1370,8 @@ def _lacking(reading: Reading) -> str:
     return ""
 
 
+MOST_FRAMES = 10**6
+"""Frames of a clip in which every time of a command lies."""
 MOST_EXAMPLES = 3
 """Commands that a refusal offers."""
 
@@ -1403,14 +1382,15 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     plain = _plainly(written(sentence), known)[0]
     tokens = tokenise(plain)[:MAX_WORDS]
     examples = meaning.nearest(sentence, Reading.of(plain, tokens, known), there) if tokens else ()
-    return tuple(islice((one for one in examples if _is_command(one, known)), MOST_EXAMPLES))
+    return tuple(islice((one for one in examples if is_command(one, there)), MOST_EXAMPLES))
 
 
-def _is_command(sentence: str, known: Mapping[tuple[str, ...], str]) -> bool:
-    """Whether the grammar understands a sentence as it stands."""
-    with suppress(Refusal):
-        read = _read_somehow(sentence, known)
-        return bool(read.clauses) and not read.idle
+def is_command(sentence: str, labels: Sequence[str]) -> bool:
+    """Whether a sentence can be carried out as it stands, in a clip of any length whose scene knows `labels`."""
+    clip = SentenceContext(1.0, MOST_FRAMES, selected=True, labels=frozenset(labels))
+    with suppress(F4xError):
+        read = _read_somehow(sentence, _known(tuple(labels)), lambda read: _settled(read, clip, None))
+        return bool(read.operations) and not read.idle and not _unsure(read)
     return False
 
 

@@ -157,6 +157,11 @@ def only_more(make: Callable[[Amount | None], Value]) -> Graded:
     return changed
 
 
+def gamma(to: float) -> Value:
+    """A gamma."""
+    return lambda who, when, _: Grade(who, gamma=round(to, PLACES), **when.coming)
+
+
 def contrasted(by: float) -> Value:
     """So many times the contrast."""
     return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.coming)
@@ -324,11 +329,6 @@ def extracted(who: SelectKind, when: When, _: SentenceContext) -> Operation:
 def rest_grayed(who: SelectKind, when: When, context: SentenceContext) -> Operation:
     """All others lose their colour."""
     return GRAYED(Not(who), when, context)
-
-
-def rest_frozen(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-    """All others stand still."""
-    return frozen(Not(who), when, context)
 
 
 def scaled(by: float) -> Value:

@@ -1,8 +1,7 @@
-"""What a refused sentence may mean: its slots are certain, its operation is that of sentences like it. Only ever a question.
+"""Commands that are nearest in meaning to a sentence that is refused, with the things, colors and amounts that it names.
 
-Things, colors, times and amounts are found by the grammar's own rules and give way to the name of their slot; what is left is
-compared with `phrasings.npz` (`features/phrasings.py`). The answer is a sentence of the grammar, so that no other plan builder
-exists.
+Those are found by the grammar's own rules and give way to the name of their slot; what is left is compared with `phrasings.npz`
+(`features/phrasings.py`).
 """
 
 from __future__ import annotations
@@ -12,11 +11,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..features import phrasings
-from ..features.phrasings import NOTHING, Slot, fill, likeliest, ranked
+from ..features.phrasings import Slot, fill, ranked
 from ..language.amounts import Amount, degree, fraction, multiple, number, percent
 from ..language.colours import colour
 from ..language.grammar import Mismatch, Reading, Rule, either, literal, table, unless
-from ..language.lexicon import inflected, singular, word_set
+from ..language.lexicon import inflected, word_set
 from ..language.times import duration, span
 from ..language.verbs import VERBS
 from .phrases import known_thing
@@ -24,13 +23,10 @@ from .qualities import any_look
 
 PHRASINGS = Path(__file__).with_name("phrasings.npz")
 """Sentences that are known, without what stands in their slots, by operation."""
-_NEVER = word_set("less not never no except but unless if when without why how undo instead while until or")
-"""Words with which a sentence means something else than what it names."""
 _PRONOUNS = word_set(
     "it that this them her him he she they you we i me us itself himself herself one ones these those there what which who "
     "my your our their its his"
 )
-_STANDING_FOR = ("it", "him", "her", "them")
 _WAY = table(
     {
         "(to|toward|on) (the|its|his|her) left (side)|leftward": "to the left",
@@ -75,7 +71,6 @@ _SLOTS = {
 """Slot -> its phrases; of two that are as long the first."""
 _ABSOLUTE = {"", "="} | word_set("to at opacity alpha brightness exposure contrast saturation speed scale rate")
 """Words before an amount that is reached."""
-_PARTICLES = ("up", "down", "closer", "away")
 
 
 def _quality(name: str, more: str) -> str:
@@ -124,8 +119,6 @@ MEANINGS = {
     "loop": "loop WHO",
 }
 """Meaning, by name, -> sentences for it, the first one whose slots are those that were said is taken; a time may always follow."""
-_NEEDED = word_set("delete extract hide show larger smaller move rotate swap duplicate follow recolour")
-"""Operations of which it has to be said whom they are for."""
 _REMOVING = ("delete", "extract", "hide")
 """Operations that are not asked about where two things are named, be one unknown: "get the darkness off the dog". Examples have
 them only where a verb of the sentence removes."""
@@ -150,18 +143,6 @@ def masked(reading: Reading) -> tuple[str, tuple[Slot, ...]]:
     return phrasings.masked(reading.words[: len(reading.tokens)], ends_at, slot)
 
 
-def meant(sentence: str, reading: Reading, selected: bool) -> Iterator[str]:
-    """Sentences for what a refused one may mean, best first, not all of them grammatical; none where that is not certain.
-
-    `sentence`: as it was said; `reading`: without what adds nothing.
-    """
-    phrasing, slots = masked(reading)
-    if not slots or is_barred(phrasing):
-        return
-    labels = {singular(words[-1]) for words in reading.known}
-    yield from sentences(likeliest(PHRASINGS, sentence, phrasing), slots, labels, selected)
-
-
 _FOR_EXAMPLE = {"COLOR": "red", "WAY": "to the left", "LOOK": "gold"}
 _SOME_TIME = dict.fromkeys(("loop", "fade in"), " from second 1 to 2")
 """Operations that are for no time at all where none is said."""
@@ -179,7 +160,7 @@ def nearest(sentence: str, reading: Reading, there: Sequence[str]) -> Iterator[s
     values |= dict(zip(("WHO", "OTHER"), things, strict=False))
     if len(things) == 1:
         values.pop("OTHER", "")
-    removes = any(_REMOVAL.at(reading, at) for at in range(len(reading.tokens)))
+    removes = bool(said) and any(_REMOVAL.at(reading, at) for at in range(len(reading.tokens)))
     for operation in ranked(PHRASINGS, sentence, phrasing):
         if operation in _REMOVING and not removes:
             continue
@@ -188,45 +169,3 @@ def nearest(sentence: str, reading: Reading, there: Sequence[str]) -> Iterator[s
         fullest = max(whole or templates[-1:], key=lambda one: len(re.findall("[A-Z]{2,}", one)))
         if example := fill(fullest, {**_FOR_EXAMPLE, **values}, (*_FOR_EXAMPLE, *values)):
             yield example + _SOME_TIME.get(operation, "")
-
-
-def is_barred(phrasing: str) -> bool:
-    """Whether a word says that something else is meant than what is named."""
-    return any(word in _NEVER or word.endswith("n't") for word in phrasing.split())
-
-
-def sentences(operation: str, slots: Sequence[Slot], labels: set[str], selected: bool) -> Iterator[str]:
-    """The sentences of the grammar for an operation with slots; none where a slot would be left out."""
-    moves = operation in ("move", "rotate", "duplicate")
-    kept = [slot for slot in slots if moves or slot.kind != "WAY" or slot.words not in _PARTICLES]
-    values = {slot.kind: slot.words for slot in reversed(kept) if slot.kind not in ("WHO", "GRAY")}
-    ways = [slot.words for slot in kept if slot.kind == "WAY"]
-    if ways:  # "over to the left", "up a bit to the left"
-        values["WAY"] = ways[-1]
-    valued = {(slot.kind, slot.words) for slot in kept if slot.kind not in ("WHO", "WAY", "SLIGHTLY", "MUCH")}
-    twice = len({kind for kind, _ in valued}) < len(valued)
-    who = _things([slot.words for slot in slots if slot.kind == "WHO"], labels)
-    gray = any(slot.kind == "GRAY" for slot in slots) and operation != "gray"
-    named = {slot.words for slot in slots if slot.kind == "WHO" and slot.words.lower() not in _PRONOUNS}
-    unsure = (operation in _REMOVING and len(named) > 1) or (
-        len(who) > 1 and any(slot.words.lower() in _STANDING_FOR for slot in slots)
-    )
-    if twice or gray or unsure or operation == NOTHING or (not who and not selected and operation in _NEEDED):
-        return
-    values["WHO"] = who[0] if who else "it" if selected else "everything"
-    if len(who) > 1:
-        values["OTHER"] = who[1]
-    for template in MEANINGS[operation].split("|"):
-        if sentence := fill(template, values, ("WHO", "OTHER", "MUCH", "TIME")):
-            if "TIME" in template or "TIME" not in values:
-                yield sentence
-            else:  # "freeze the dog 5 frames" is for so long
-                yield from (f"{sentence} {time}" for time in (values["TIME"], f"for {values['TIME']}"))
-
-
-def _things(phrases: Sequence[str], labels: set[str]) -> list[str]:
-    """Things by their words: those that the scene knows, else all, else a pronoun."""
-    nouns = list(dict.fromkeys(words for words in phrases if words.lower() not in _PRONOUNS))
-    there = labels | {"everything", "all", "background"}
-    sure = [words for words in nouns if {singular(word) for word in re.findall(r"\w+", words.lower())} & there]
-    return sure or nouns or [words for words in phrases if words.lower() in _STANDING_FOR][:1]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import base64
 import binascii
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Union
 
 import numpy as np
@@ -30,6 +30,8 @@ MAX_NUMBER = 1e6
 """World units, degrees or clip frames; nothing in a clip is farther, and float32 stays exact enough."""
 MAX_SCALE = 1e3
 """A size, speed or factor beyond it, or below its inverse, is a slip of the pen."""
+MIN_GAMMA = 0.1
+"""Minimum gamma, and the inverse of the maximum."""
 MAX_COPIES = 100
 """Copies one operation makes at most: memory grows with every one."""
 SHOWN = 10.0
@@ -179,6 +181,8 @@ class Transform(Change):
     beside: SelectKind | None = None
     """It goes beside this thing: `translate` is the way that it then stands from it, or nothing for the nearer side. Planning
     rewrites it."""
+    each: tuple[SelectKind, ...] = ()
+    """The separate things of the selection, each with a pivot of its own; none: one pivot for all. Planning finds them."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -339,7 +343,7 @@ class Match(Change):
 
 @dataclass(frozen=True)
 class Grade(Change):
-    """Contrast, saturation and warmth, in OKLab; 1, 1, 0 is as before."""
+    """Contrast, saturation and warmth, in OKLab, and gamma; 1, 1, 0, 1 is as before."""
 
     TAG = "grade"
     select: SelectKind
@@ -353,11 +357,15 @@ class Grade(Change):
     """In effect from … to; None = always."""
     ease: Ease | None = None
     """As of `Opacity`: None, or how it comes between the two, to stay."""
+    gamma: float = 1.0
+    """Each channel is raised to 1 / gamma after the rest: above 1 the midtones get brighter, black and white stay."""
 
     def __post_init__(self) -> None:
         """Validate."""
         _check_range("contrast", self.contrast, 10)
         _check_range("saturation", self.saturation, 10)
+        if not MIN_GAMMA <= self.gamma <= 1 / MIN_GAMMA:
+            raise F4xError(f"gamma is {self.gamma:g}; give a number from {MIN_GAMMA:g} to {1 / MIN_GAMMA:g}.")
         if not -1 <= self.warmth <= 1:
             raise F4xError(f"warmth is {self.warmth:g}; give a number from -1 to 1.")
         _check_span(self.frames)
@@ -536,6 +544,8 @@ HALO_LIGHT = 1.5
 
 def steps_of_operation(operation: Operation) -> tuple[Operation, ...]:
     """The simpler operations that an operation of a stack stands for, in order; most stand for themselves."""
+    if isinstance(operation, Transform) and operation.each:
+        return tuple(replace(operation, select=one, each=()) for one in operation.each)
     if isinstance(operation, Swap):
         if operation.shift is None:
             raise F4xError("it is not measured yet how far they go; plan the edit, which settles that.")

@@ -107,7 +107,7 @@ class SentenceContext(Clip):
         """The last thing named, else what is selected, else the one man or woman whom "him" or "her" can be; Refusal without."""
         if self.last is None and not self.selected and word in HIM_OR_HER:
             meant = next((label for label in HIM_OR_HER[word] if label in self.labels), None)
-            self.last = None if meant is None else Text((meant,))
+            self.last = None if meant is None else Text((meant,), single=(meant,))
         if self.last is None and not self.selected and self.overall and word in ("'it'", "'its'"):
             return All()
         if self.last is None and not self.selected:
@@ -469,19 +469,36 @@ def _things(match: Callable[[Reading, int], Iterator[tuple[int, str]]]) -> Rule:
     """The `Who` of a noun."""
 
     def thing_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
+        every = _is_every(reading, at)
         for end, label in match(reading, at):
-            yield end, _thing(label, _is_plural(reading, end - 1))
+            plural = _is_plural(reading, end - 1)
+            yield end, _thing(label, plural, single=not (every or plural))
 
     return generated(thing_at)
 
 
-def _thing(label: str, plural: bool) -> Who:
+_EVERY = word_set("every each any all both no everyone everybody whoever")
+"""Words that with a noun in the singular mean all of its kind."""
+
+
+def _is_every(reading: Reading, at: int) -> bool:
+    """Whether the words before a noun, or the noun itself, mean all of its kind: "each of the"."""
+    before = at - 1
+    while reading.word(before) in ("single", "one", "of", "the", "my", "these", "those"):
+        before -= 1
+    return (
+        not _EVERY.isdisjoint((reading.word(before), reading.word(at))) if before >= 0 else reading.word(at) in _EVERY
+    )
+
+
+def _thing(label: str, plural: bool, single: bool = False) -> Who:
     def who(context: SentenceContext) -> SelectKind:
         if label == COPY and (context.copies or context.earlier):
             return _the_copy(context)
         name = context.names.get(label.lower())
         alone = context.earlier and not plural  # what was copied in an earlier sentence
-        select = Text((label,), number="one" if alone else "any") if name is None else Named(name)
+        one = (label,) if single else ()
+        select = Text((label,), number="one" if alone else "any", single=one) if name is None else Named(name)
         return context.and_copies(select) if plural else select
 
     return who
@@ -659,6 +676,7 @@ _kind = either(
     keyword("[one|ones] of (the|these|those|my|all the)") + _noun,
     keyword("of (the|these|those|my|all the)") + ~_several + generated(_plural_at),
     keyword("one|ones") >> (lambda: SentenceContext.one),
+    keyword("thing|object|item|element") >> _always(All()),
 )
 
 
@@ -684,7 +702,7 @@ _of_size = keyword("the") + table(
 _sized_one = _of_size + _known + here(lambda reading, at: not _is_plural(reading, at - 1)) + _seen_in >> _one_of
 _instance: Rule = either(
     _sized_one,
-    ~_article + _which + _kind + _seen_in >> _one_of,
+    ~_article + _which + _kind + ~keyword(f"[to|from] [{VIEWER}]") + _seen_in >> _one_of,
     ~_article + _kind + _where + _seen_in >> (lambda kind, which, seen: _one_of(which, kind, seen)),
 )
 several_placed = generated(_plural_at) + _where
@@ -844,7 +862,7 @@ _stood = _kind_and_number + _stands + (
     table(WHERE, reserve=False)
     | here(lambda reading, at: _CIRCLING.isdisjoint(reading.words[:at]))
     + table({"(all) around|round": "near"}, reserve=False)
-) + (familiar | _determined | _instance) >> (lambda kind, where, other: _standing(kind[0], kind[1], where, other))
+) + (familiar | _determined | _instance | _it) >> (lambda kind, where, other: _standing(kind[0], kind[1], where, other))
 """A thing told by how it stands to another."""
 _whole_thing: Rule = either(
     familiar, _determined, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
@@ -891,7 +909,8 @@ def together(parts: Sequence[SelectKind]) -> SelectKind:
     for part in parts:
         before = merged[-1] if merged else None
         if isinstance(part, Text) and isinstance(before, Text) and part.number == before.number:
-            merged[-1] = replace(before, labels=tuple(dict.fromkeys((*before.labels, *part.labels))))
+            labels = tuple(dict.fromkeys((*before.labels, *part.labels)))
+            merged[-1] = replace(before, labels=labels, single=before.single + part.single)
         elif part != before:
             merged.append(part)
     return merged[0] if len(merged) == 1 else Or(tuple(merged))
@@ -899,7 +918,11 @@ def together(parts: Sequence[SelectKind]) -> SelectKind:
 
 def _all_of(singles: tuple[tuple[Who], ...]) -> Who:
     def who(context: SentenceContext) -> SelectKind:
-        context.last = together([single(context) for (single,) in singles])
+        parts = []
+        for (single,) in singles:
+            parts.append(single(context))
+            context.last = parts[-1]  # "the table and everything on it"
+        context.last = together(parts)
         return context.last
 
     return who
@@ -1076,14 +1099,6 @@ place = either(
     >> (lambda other, where: Place(where, other)),
 )
 """A `Place`."""
-brought_to = (
-    table({"(over|up|across|right) [to|toward]": "near"}, reserve=False)
-    + ~_article
-    + familiar
-    + unless(keyword("left|right|'s"))
-    >> Place
-)
-"""The `Place` to which something is brought."""
 beside_itself = table(WHERE, reserve=False) + THE_FIRST + unless(keyword("left|right")) >> (
     lambda where: Place(where, lambda context: context.it("'it'"))
 )

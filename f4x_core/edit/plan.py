@@ -31,6 +31,7 @@ from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
 from .stack import undo as undo
 from .taking_back import TakenBack
+from .which import Several
 
 GRAMMAR = "grammar"
 """`Proposal.understood_by` where no model was asked."""
@@ -118,6 +119,9 @@ def propose(
             if why:
                 continue
             reason = " ".join([*notes, str(error)])
+            if isinstance(error, Several):
+                offered = tuple(one for one in error.commands if language.is_command(one, labels_of(scene)))
+                raise Refusal(error.reason, offered).behind(notes) from error
             if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
                 raise Refusal(reason, language.nearest(sentence, _there(scene))) from error
             if notes:

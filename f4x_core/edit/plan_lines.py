@@ -12,8 +12,8 @@ from ..query.connected_objects import width_along
 from ..scene import Scene
 from .apply import edited, with_operations
 from .description import describe, steps_in_words, whom
-from .operations import Blur, Duplicate, Operation, Swap, Transform, Vector
-from .resolve import rows_of
+from .operations import Blur, Duplicate, Name, Operation, Rekey, Swap, TakeBack, Transform, Vector
+from .resolve import rows_of, splat_rows
 from .stack import of
 
 SLIGHT = 0.02
@@ -24,9 +24,17 @@ def plan_lines(scene: Scene, operations: Sequence[Operation], frame: float = 0.0
     """One line for each of the resolved `operations`, as the camera at its first frame, else at `frame`, sees it."""
     scene, fps = edited(scene), scene.fps
     for operation in operations:
-        line = _line(scene, operation, frame)
+        line = _line(scene, operation, frame) + _share(scene, operation)
         yield re.sub(r"\bframe ([\d.]*\d)", lambda found: f"frame {found[1]} ({float(found[1]) / fps:.1f} s)", line)
         scene = with_operations(scene, operation)
+
+
+def _share(scene: Scene, operation: Operation) -> str:
+    """How much of the scene an operation is for: " (11 % of the scene's Gaussians)"; nothing for all of it, and for two."""
+    if isinstance(operation, Rekey | TakeBack | Name | Swap):
+        return ""
+    share = len(rows_of(scene, operation.select)) / max(int((~splat_rows(scene).gone).sum()), 1)
+    return "" if share == 1 else f" ({share:.{0 if share >= 0.1 else 1}%} of the scene's Gaussians)".replace("%", " %")
 
 
 def sizes(scene: Scene) -> dict[int, tuple[int, ...]]:
@@ -35,7 +43,11 @@ def sizes(scene: Scene) -> dict[int, tuple[int, ...]]:
     for step in getattr(scene, "steps", ()):
         found.setdefault(step.edit.id, []).append(int(step.chosen.sum()))
     swaps = {edit.id for edit in of(scene).edits if isinstance(edit.operation, Swap)}
-    return {id: tuple(counts if id in swaps else counts[:1]) for id, counts in found.items()}
+    each = {edit.id for edit in of(scene).edits if getattr(edit.operation, "each", ())}
+    return {
+        id: tuple(counts if id in swaps else [sum(counts)] if id in each else counts[:1])
+        for id, counts in found.items()
+    }
 
 
 def _line(scene: Scene, operation: Operation, frame: float) -> str:

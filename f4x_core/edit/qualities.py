@@ -76,7 +76,7 @@ colored_noun = literal("color|paint|tint|tinge|touch|shade|hue|tone|glow|light|h
 _flat = keyword("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
 colour_value = either(
     _article + _flat + ~_flat + colour + colored >> making.recoloured,
-    (_partly | keyword("faintly|kind of") >> (lambda: making.A_BIT)) + ~keyword("more") + (colour | colourish)
+    (_partly | keyword("faintly|kind of") >> (lambda: making.A_BIT)) + (colour | colourish)
     >> (lambda share, rgb: making.assigned(rgb, share)),
     ~keyword("a|an|some") + colourish + colored >> making.faintly,
     _share + colour >> (lambda share, rgb: making.assigned(rgb, share)),

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..errors import F4xError
 from ..language.compounds import head_of, names_another
-from ..query.connected_objects import part_of, pick_object, split_objects, stand_to, width_along
+from ..language.lexicon import UNCOUNTED, plural_of, singular
+from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to, width_along
 from ..query.inventory import instead, labels_of
 from ..query.knowledge import refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label
@@ -18,6 +19,7 @@ from ..query.not_deleted import not_deleted
 from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
 from ..query.selection import SELECTED, Selection, fingerprint
+from ..query.surroundings import NO_THING, everything_to, is_backdrop, known_things
 from ..scene import Scene
 from ..scene.people import single_people
 from .apply import EditedScene, edited, next_id, pivot_of, with_operations
@@ -25,12 +27,14 @@ from .description import whom
 from .operations import Duplicate, Freeze, Glow, Opacity, Operation, Rekey, Swap, TakeBack, Transform
 from .selects import (
     MAX_WORDS_LENGTH,
+    All,
     And,
     Beside,
     Box,
     Current,
     Ids,
     Instance,
+    Moving,
     Named,
     Not,
     Or,
@@ -42,6 +46,7 @@ from .selects import (
     parts_of,
 )
 from .splat_rows import SplatRows
+from .which import asked_about, which_of
 
 __all__ = ["Absent", "EditorState", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
 
@@ -97,6 +102,7 @@ class Resolver:
         Every single one has to be answered; `Absent` names the one that is not.
         """
         self._before, self._resolved = scene, {}
+        self._ask_which(scene, operations)
         settled: list[Operation] = []
         for operation in operations:
             scene = with_operations(scene, settled[-1]) if settled else scene
@@ -122,6 +128,8 @@ class Resolver:
                 if beside is None
                 else self._beside(scene, operation, rows, rows_of(scene, beside))
             )
+        if isinstance(operation, Transform) and (any(operation.rotate) or operation.scale != 1):
+            changed["each"] = self._each(scene, operation.select, rows, tidy)
         if isinstance(operation, Swap) and operation.shift is None:
             changed["shift"] = self._apart(scene, operation, rows, rows_of(scene, changed["other"]))
         if isinstance(operation, Duplicate | Glow):
@@ -149,6 +157,46 @@ class Resolver:
         # Being the best label says no more than a majority would, so it is not enough where more is asked for.
         return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)
 
+    def _ask_which(self, scene: Scene, operations: Sequence[Operation]) -> None:
+        """Raise `Several` where one of several of a kind is meant and the sentence does not say which."""
+        for operation in operations:
+            self._hidden_too = False
+            for select in asked_about(operation):
+                rows = rows_of(scene, self._resolve_node(scene, select, False))
+                many = self._count(scene, rows)
+                if many > 1:
+                    raise which_of(operations, select, many, scene.cameras.frame_at(self.context.frame))
+
+    def _count(self, scene: Scene, rows: np.ndarray) -> int:
+        """Number of separate things that the Gaussians `rows` make up."""
+        return int(self._separate(scene, rows).max()) + 1 if len(rows) else 0
+
+    def _separate(self, scene: Scene, rows: np.ndarray) -> np.ndarray:
+        """`separate_objects` of the Gaussians `rows (n,)` at the context's frame; people are known, and a backdrop is one."""
+        owner = separate_objects(scene.posed(self.context.frame), rows, single_people(scene, rows))
+        backdrop = is_backdrop(scene, rows[owner == np.bincount(owner).argmax()], self.context.frame)
+        return np.zeros(len(rows), int) if backdrop else owner
+
+    def _each(self, scene: Scene, select: SelectKind, rows: np.ndarray, tidy: bool) -> tuple[SelectKind, ...]:
+        """The separate things of a selection, each of which turns and grows about itself; none where it is one, or all there is."""
+        if isinstance(select, Text) and len(select.labels) > 1:
+            kinds: tuple[SelectKind, ...] = tuple(replace(select, labels=(label,)) for label in select.labels)
+        elif isinstance(select, Or):
+            kinds = select.of
+        elif isinstance(select, Text | Moving | And | Named | Beside):
+            kinds = (select,)
+        else:
+            return ()
+        parts: list[np.ndarray] = []
+        free = rows
+        for kind in kinds:
+            own = np.intersect1d(free, rows_of(scene, self._cached(scene, kind, tidy)) if len(kinds) > 1 else free)
+            free = np.setdiff1d(free, own)
+            if len(own):
+                owner = self._separate(scene, own)
+                parts += [own[owner == number] for number in range(owner.max() + 1)]
+        return tuple(Ids.of(scene.ids[part]) for part in parts) if len(parts) > 1 else ()
+
     def _cached(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         if self._before is None:
             return self._with_description(scene, select, tidy)
@@ -159,7 +207,11 @@ class Resolver:
     def _with_description(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         found = self._resolve_node(scene, select, tidy)
         if isinstance(found, Ids) and found is not select:
-            return replace(found, words="".join(filter(str.isprintable, whom(select)))[:MAX_WORDS_LENGTH])
+            words = whom(select)
+            if isinstance(select, Text) and len(select.labels) == 1 and select.labels[0].split()[-1] not in UNCOUNTED:
+                many = self._count(scene, rows_of(scene, found))
+                words = f"the {many} {plural_of(singular(select.labels[0]))}" if many > 1 else words
+            return replace(found, words="".join(filter(str.isprintable, words))[:MAX_WORDS_LENGTH])
         return found
 
     def _resolve_node(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
@@ -176,54 +228,77 @@ class Resolver:
                 )
         if isinstance(select, Text):
             scene = self._before or scene
-            scene = scene.base if self._hidden_too else scene
-            rows = self._rows_of_words(scene, select)
-            if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
-                rows = first
-            if (select.number == "both" or select.count) and len(rows):
-                many = int(self._split(scene, rows)[0].max()) + 1
-                if many == 1 and select.number == "both":
-                    raise Absent(f"In the scene '{scene.name}' there is only one of {whom(select)}, not both.")
-                if select.count not in (0, many):
-                    raise Absent(
-                        f"In the scene '{scene.name}' there {'is' if many == 1 else 'are'} {many} of {whom(select)}, not"
-                        f" {select.count}; those that touch count as one. Say 'all' for all of them, or 'the left one'."
-                    )
-            if tidy and len(rows):
-                rows = rows[~self._split(scene, rows)[1]]
-            return Ids.of(scene.ids[rows])
+            return self._words(scene.base if self._hidden_too else scene, select, tidy)
         if isinstance(select, Point):
             return Ids.of(
                 select_by_points(scene, [(select.x, select.y)], scene.cameras.frame_at(select.frame)).chosen_ids
             )
         if isinstance(select, Box):
             return Ids.of(select_by_box(scene, select.box, scene.cameras.frame_at(select.frame)).chosen_ids)
-        if isinstance(select, Instance):
-            rows = rows_of(scene, self._cached(scene, select.of, tidy))
-            if not len(rows):
-                raise Absent(self._nothing(scene, select.of))
-            time = float(select.frame)
-            known = single_people(scene, rows)
-            return Ids.of(scene.ids[pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time), known)])
-        if isinstance(select, Beside):
-            rows, others = (rows_of(scene, self._cached(scene, part, tidy)) for part in (select.of, select.other))
-            time = float(select.frame)
-            camera = scene.cameras.at(time)
-            known = single_people(scene, rows)
-            found = stand_to(scene.posed(time), rows, others, select.where, camera, select.each, known)
-            if not len(found):
-                raise Absent(f"In the scene '{scene.name}' there is no {whom(select).removeprefix('the ')}.")
-            return Ids.of(scene.ids[found])
-        if isinstance(select, Part):
-            rows = rows_of(scene, self._cached(scene, select.of, tidy))
-            if not len(rows):
-                raise Absent(self._nothing(scene, select.of))
-            time = float(select.frame)
-            inside = part_of(scene.posed(time).means[rows], select.side, select.share, scene.cameras.at(time))
-            return Ids.of(scene.ids[rows[inside]])
+        if isinstance(select, Instance | Part | Beside):
+            return Ids.of(scene.ids[self._told_by_place(scene, select, tidy)])
         if isinstance(select, Current):
             return Ids.of(self._current(scene).chosen_ids)
         return select
+
+    def _words(self, scene: Scene, select: Text, tidy: bool) -> Ids:
+        """The Gaussians that words mean; `Absent` where there are not as many things as the words say."""
+        rows = self._rows_of_words(scene, select)
+        if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
+            rows = first
+        if (select.number == "both" or select.count) and len(rows):
+            many = self._count(scene, rows)
+            if many == 1 and select.number == "both":
+                raise Absent(f"In the scene '{scene.name}' there is only one of {whom(select)}, not both.")
+            if select.count not in (0, many):
+                raise Absent(
+                    f"In the scene '{scene.name}' there {'is' if many == 1 else 'are'} {many} of {whom(select)}, not"
+                    f" {select.count}; those that touch count as one. Say 'all' for all of them, or 'the left one'."
+                )
+        if tidy and len(rows):
+            rows = rows[~self._split(scene, rows)[1]]
+        return Ids.of(scene.ids[rows])
+
+    def _told_by_place(self, scene: Scene, select: Instance | Part | Beside, tidy: bool) -> np.ndarray:
+        """(n,) rows of a thing, of things or of a part of one that are told by where they are, seen through the clip's camera."""
+        time = float(select.frame)
+        posed, camera = scene.posed(time), scene.cameras.at(time)
+        if isinstance(select, Instance) and select.of == All():
+            return self._nearest_of_all(scene, select)
+        if isinstance(select, Beside):
+            others = rows_of(scene, self._cached(scene, select.other, tidy))
+            if select.of == All():
+                found = everything_to(scene, others, select.where, time)
+            else:
+                rows = rows_of(scene, self._cached(scene, select.of, tidy))
+                found = stand_to(posed, rows, others, select.where, camera, select.each, single_people(scene, rows))
+            if not len(found):
+                words = whom(select)
+                nothing = f"nothing is {words.removeprefix('everything ')}" if select.of == All() else ""
+                reason = nothing or f"there is no {words.removeprefix('the ')}"
+                raise Absent(f"In the scene '{scene.name}' {reason}.")
+            return found
+        rows = rows_of(scene, self._cached(scene, select.of, tidy))
+        if not len(rows):
+            raise Absent(self._nothing(scene, select.of))
+        if isinstance(select, Instance):
+            return pick_object(posed, rows, select.which, camera, single_people(scene, rows))
+        return rows[part_of(posed.means[rows], select.side, select.share, camera)]
+
+    def _nearest_of_all(self, scene: Scene, select: Instance) -> np.ndarray:
+        """(n,) rows of the known thing of all that is `which`, backdrops left out."""
+        time = float(select.frame)
+        owner = known_things(scene, time)
+        for thing in range(owner.max() + 1):
+            if is_backdrop(scene, np.flatnonzero(owner == thing), time):
+                owner[owner == thing] = NO_THING
+        rows = np.flatnonzero(owner != NO_THING)
+        if not len(rows):
+            raise Absent(
+                f"In the scene '{scene.name}' no thing is known by a word, so none can be told; name it or click on it."
+            )
+        known = np.unique(owner[rows], return_inverse=True)[1]
+        return pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time), known)
 
     def _rows_of_words(self, scene: Scene, text: Text) -> np.ndarray:
         """(n,) rows that words mean; of a compound those that are the kind of thing it says, too: the dog's hat is a hat."""
@@ -323,18 +398,18 @@ def nothing_called(
 
 def rows_of(scene: Scene, select: SelectKind) -> np.ndarray:
     """(n,) int rows of `scene.posed` in a resolved selection, without those that are deleted at all times."""
-    return np.flatnonzero(chosen(scene, select) & ~_rows(scene).gone)
+    return np.flatnonzero(chosen(scene, select) & ~splat_rows(scene).gone)
 
 
 def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
     """(N,) bool over `scene.posed`: the rows of a resolved selection."""
-    return _rows(scene).chosen(select)
+    return splat_rows(scene).chosen(select)
 
 
 def named(scene: Scene, selected: Selection | None = None) -> dict[str, Selection]:
     """Name that an edit gave -> its selection without deleted Gaussians, for queries and questions; `SELECTED` -> `selected`."""
     own = {} if selected is None else {SELECTED: selected}
-    found = {name: chosen(scene, Named(name)).astype(float) for name in _rows(scene).names}
+    found = {name: chosen(scene, Named(name)).astype(float) for name in splat_rows(scene).names}
     if not found:
         return own
     no_wins, present, mark = np.zeros(len(scene.ids), bool), not_deleted(scene), fingerprint(scene)
@@ -344,7 +419,8 @@ def named(scene: Scene, selected: Selection | None = None) -> dict[str, Selectio
     } | own
 
 
-def _rows(scene: Scene) -> SplatRows:
+def splat_rows(scene: Scene) -> SplatRows:
+    """The Gaussians of a scene as its edits leave them."""
     return scene.rows if isinstance(scene, EditedScene) else SplatRows.of(scene)
 
 

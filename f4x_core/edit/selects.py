@@ -10,7 +10,7 @@ import base64
 import binascii
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal, Union
+from typing import Any, Literal, Union
 
 import numpy as np
 
@@ -121,6 +121,8 @@ class Text(Select):
     """`one`: said in the singular, which leaves copies out where anybody else answers; `both`: there must be two or more."""
     count: int = 0
     """So many of them are said, of no certain ones, so that there must be just as many; 0: not said."""
+    single: tuple[str, ...] = field(default=(), compare=False)
+    """Those of the labels that were said in the singular: of several that are there one is meant, and nobody knows which."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -128,6 +130,10 @@ class Text(Select):
             raise F4xError("labels is empty; give at least one word.")
         if not 0 <= self.threshold <= 1:
             raise F4xError(f"threshold is {self.threshold:g}; give a fraction from 0 to 1.")
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values without `single`, which only matters while a sentence is planned."""
+        return {name: value for name, value in super().to_json().items() if name != "single"}
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 A table of phrasings is an .npz file: `names (meanings,)`, `parts (n,)` of phrasings with their `weights (n,)`, `words (n,
 meanings)` from the weighed parts of a phrasing, and `vectors (384, meanings)` from the unit vector of the whole sentence, to
-about 1 for what is meant; `known`, the phrasings as UTF-8 lines. `tests/core/sentence_phrasings.py` fits and writes it.
+about 1 for what is meant. `tests/core/sentence_phrasings.py` fits and writes it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,13 +22,8 @@ from .text import TEXT_ENCODERS, TextEncoder
 
 NOTHING = "nothing"
 """The meaning of what is none, or more than one."""
-CERTAIN, AHEAD = 0.3, 0.1
-"""Score from which a meaning is asked about, and by how much it has to lead; right ones are at 1."""
-AHEAD_BY_BOTH = 0.06
-"""The lead by words and vector together, which count the same: chosen on sentences that older grammars refused, the author's own
-left out (docs/language.md)."""
-LIKE_THE_FIRST = 0.25
-"""Of the highest score: below it a meaning is like a sentence by the words that it shares with most of them."""
+MIN_SCORE = 0.1
+"""Below it a sentence is not like a meaning: of those that mean one 99 % have more, by a table that never saw them."""
 
 
 @dataclass(frozen=True)
@@ -61,49 +56,21 @@ def masked(
     return " ".join(word for word in phrasing if word.replace("'", "").isalpha()), tuple(slots)
 
 
-def likeliest(table: Path, sentence: str, phrasing: str) -> str:
-    """The meaning in a table that a sentence is like, `NOTHING` where that is not certain; `phrasing`: the sentence with the
-    names of slots in place of what stands there."""
-    scores, ahead = _scores(table, sentence, phrasing)
-    return leading(scores, Meanings.of(table).names, ahead)
-
-
 def ranked(table: Path, sentence: str, phrasing: str) -> list[str]:
-    """The meanings in a table that a sentence is like at all, the likeliest first; the arguments are those of `likeliest`."""
-    scores, _ = _scores(table, sentence, phrasing)
+    """The meanings in a table that a sentence is like at all, the likeliest first.
+
+    `phrasing`: the sentence with the names of slots in place of what stands there.
+    """
+    scores = _scores(table, sentence, phrasing)
     found = sorted(zip(scores.tolist(), Meanings.of(table).names, strict=True), reverse=True)
-    found = [(score, name) for score, name in found if name != NOTHING]
-    return [name for score, name in found if score > found[0][0] * LIKE_THE_FIRST]
+    return [name for score, name in found if name != NOTHING and score >= MIN_SCORE]
 
 
-@lru_cache(8)  # a sentence that is refused is ranked for a question, then for the examples in the refusal
-def _scores(table: Path, sentence: str, phrasing: str) -> tuple[np.ndarray, float]:
-    """(meanings,) scores of a sentence, and by how much the first of them has to lead."""
-    by_both = _by_both(table, {sentence: phrasing})
-    return (Meanings.of(table).scores([phrasing])[0], AHEAD) if by_both is None else (by_both[0], AHEAD_BY_BOTH)
-
-
-def highest_scores(table: Path, phrasings: Mapping[str, str]) -> dict[str, float]:
-    """Meaning of a table -> the highest score that any of the sentences -> `phrasings` has for it, by words and vector together;
-    empty where MiniLM's weights are not installed: words alone miss too much."""
-    scores = _by_both(table, phrasings)
-    return {} if scores is None else dict(zip(Meanings.of(table).names, scores.max(axis=0).tolist(), strict=True))
-
-
-def _by_both(table: Path, phrasings: Mapping[str, str]) -> np.ndarray | None:
-    """(sentences, meanings) scores by words and vector together; None where MiniLM's weights are not installed."""
-    if (network := _network()) is None:
-        return None
-    return (
-        Meanings.of(table).scores([*phrasings.values()]) + network.encode([*phrasings]) @ Meanings.of(table).vectors
-    ) / 2
-
-
-def leading(scores: np.ndarray, names: Sequence[str], ahead: float) -> str:
-    """The name with the highest of `scores (meanings,)`, `NOTHING` where it is low or leads by less than `ahead`."""
-    first, second = np.argsort(-scores)[:2]
-    certain = scores[first] >= CERTAIN and scores[first] - scores[second] >= ahead
-    return names[first] if certain else NOTHING
+def _scores(table: Path, sentence: str, phrasing: str) -> np.ndarray:
+    """(meanings,) scores of a sentence by its words, and by its vector where MiniLM's weights are installed."""
+    meanings, network = Meanings.of(table), _network()
+    by_words = meanings.scores([phrasing])[0]
+    return by_words if network is None else (by_words + (network.encode([sentence]) @ meanings.vectors)[0]) / 2
 
 
 def fill(template: str, values: Mapping[str, str], spare: Collection[str]) -> str:
@@ -140,8 +107,6 @@ class Meanings:
     """(parts, meanings): the regression of the words."""
     vectors: np.ndarray
     """(384, meanings): the regression of the vectors."""
-    known: frozenset[str]
-    """The phrasings themselves."""
 
     @classmethod
     @cache
@@ -150,8 +115,7 @@ class Meanings:
         with np.load(table, allow_pickle=False) as file:
             column = {part: at for at, part in enumerate(file["parts"].tolist())}
             weights, words, vectors = (file[name].astype(np.float32) for name in ("weights", "words", "vectors"))
-            known = frozenset(file["known"].tobytes().decode().splitlines())
-            return cls(file["names"].tolist(), column, weights, words, vectors, known)
+            return cls(file["names"].tolist(), column, weights, words, vectors)
 
     def scores(self, phrasings: Sequence[str]) -> np.ndarray:
         """(phrasings, meanings) by their words: about 1 for what is meant."""

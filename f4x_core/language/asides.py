@@ -172,10 +172,6 @@ _PLAIN = {
     r"(?:\w+ )?(?:brief|client|script|storyboard|plan|notes?|request|boss|director|instructions?|guidelines?|guide|feedback|spec|"
     r"specs|email|order|rules?|book|wishes)\b(?: s \w+)?\s*,?",
     "other time": rf"(?:,\s*)?\b(?:rather than|instead of|as opposed to) (?:in|at|by|on|during) [a-z ]{{1,30}}?{_UNTIL}",
-    "contrast": r",\s*(?:and )?not (?:on|in|at|to|by|under|behind|near|onto|into) (?:the|my|a|that|its) (?!first|last|second|"
-    "start|end|"
-    r"beginning|middle)[a-z]+(?=\s*[.,;!]|\s*$)",
-    "role": r"^\s*as (?:an?|the|your) [\w ]{1,30}?,? (?=(?:i|we)\b)",
     "no": r"^\s*(?:no\b[ ,.!]*)+(?=(?:not|do not|i|leave)\b)",
     "hurry": r"^\s*(?:hurry(?: up)?|come on|go on|quick|now then|right then|chop chop|look lively)\b\s*(?:[,.!]|"
     r"and\b)\s*(?:and\b)?",

@@ -64,8 +64,8 @@ colour = generated(
 )
 more_colour = either(
     table({word: COLOURS[name] for word, name in _REDDER.items()}) >> (lambda rgb: (rgb, 1)),
-    keyword("more") + colour >> (lambda rgb: (rgb, 1)),
-    keyword("less") + colour >> (lambda rgb: (rgb, -1)),
+    keyword("more") + (colour | colourish) >> (lambda rgb: (rgb, 1)),
+    keyword("less") + (colour | colourish) >> (lambda rgb: (rgb, -1)),
 )
 PURE_COLOURS = word_set(
     "red green blue yellow black white gray brown purple pink cyan magenta turquoise beige crimson maroon navy teal violet "

@@ -39,7 +39,6 @@ _ALONE = EMPTY | word_set("that this the being been to do would will overall wee
 """Words that may stand alone without a meaning of their own."""
 _MEANT = (VOCABULARY, FUNCTION_WORDS, COLOURS, SHADES, ONES, TENS, FRACTIONS)
 """Words that mean something here: negations, limits, amounts, times, directions, colours."""
-_DETERMINERS = word_set("a an the my our his her their its that this all every")
 _STATING = word_set("is are was were does did has")
 """Words with which it is said or asked how something is."""
 _ARTICLES = word_set("a an some")
@@ -98,83 +97,19 @@ _CARRIED = COLOURS.keys() | word_set(
 """What is said of these tells how they are: "emissive" of "a blue emissive glow"."""
 
 
-_SIGNS = frozenset(",.;!?():-")
-_ASIDE = 30
-"""Cost of words between signs that wish nothing."""
-_REASONS = word_set("because since as though although considering seeing which so")
-"""Words with which is told why or how it is."""
-_LEADING = _REASONS | {"for"}
-"""Words with which a reason begins, also where no comma stands before it."""
-_WISHING = word_set(
-    "not no never only except but without unless if than before after until till from while and then or both other others "
-    "rest left right up down back away forward closer nearer first last second seconds frame frames half end start "
-    "beginning it them him her now again same more less everything everyone all too way much"
-)
-"""Words with which an aside could mean something for the command."""
-
-
-def _asides(reading: Reading, known: Collection[str], imperatives: Collection[str]) -> dict[int, tuple[int, int]]:
-    """Where what somebody says beside the command begins -> its end and cost: words between signs, or a reason, with no thing,
-    verb, amount, time, colour or negation in them, of which the grammar does not know at least one; any reason that tells no
-    time, amount or colour."""
-    words, end = [token.text for token in reading.tokens], len(reading.tokens)
-    found: dict[int, tuple[int, int]] = {}
-    strange = [is_strange(word, known) for word in words]
-    harmless = [strange[at] or not _could_mean(words[at], known, imperatives) for at in range(end)]
-    for at in range(end):
-        behind_sign = at == 0 or words[at - 1] in _SIGNS
-        if not (behind_sign or words[at] in _LEADING):
-            continue
-        stop = next((i for i in range(at, end) if words[i] in _SIGNS), end)
-        if stop > at and all(harmless[at:stop]) and any(strange[at:stop]) and (at or stop < end):
-            called = stop == at + 1 == end and at and not words[at].endswith(_ADJECTIVES)  # "…, Jarvis"
-            found[at] = stop, FILLED * (stop - at) if called or not at else _ASIDE
-        named = {*words[at + 1 : at + 2]} & (_DETERMINERS | {*imperatives})  # "as a copy", "as red as the cat"
-        likened = words[at] == "as" and named and _STATING.isdisjoint(words[at:stop])
-        if words[at] in _REASONS and not likened and (at or stop < end) and all(map(_tells, words[at:stop])):
-            found.setdefault(at, (stop, _ASIDE))
-    return found
-
-
-_ADJECTIVES = ("y", "ed", "ing", "ish", "ful", "ous", "er", "al", "ic")
-_DECISIVE = word_set(
-    "no only except but without unless if than before after until till from first last second seconds frame frames half end "
-    "start it them him her he she they that this and then or"
-)
-
-
-def _tells(word: str) -> bool:
-    """Whether a word of a reason says neither when, how much or how, nor what it should be like."""
-    return word.isalpha() and not any(word in words for words in (_DECISIVE, COLOURS, ONES, TENS, FRACTIONS))
-
-
 def is_strange(word: str, known: Collection[str]) -> bool:
     """Whether nothing in the grammar knows a word."""
     forms = {word, singular(word)}
     return word.isalpha() and forms.isdisjoint(known) and all(forms.isdisjoint(words) for words in (*_MEANT, EMPTY))
 
 
-def _could_mean(word: str, known: Collection[str], imperatives: Collection[str]) -> bool:
-    """Whether a word may be part of a command."""
-    forms = {word, singular(word)}
-    values = (COLOURS, SHADES, ONES, TENS, FRACTIONS, known, _WISHING)
-    meant = not all(forms.isdisjoint(words) for words in values)
-    meant = meant or (
-        (word in imperatives or not forms.isdisjoint(VOCABULARY)) and word not in BINDING | FUNCTION_WORDS
-    )
-    return meant or not word.isalpha()
-
-
 def idle_gaps(
-    reading: Reading, adds_nothing: Rule, known: Collection[str], verbs: Collection[str], imperatives: Collection[str]
+    reading: Reading, adds_nothing: Rule, known: Collection[str], verbs: Collection[str]
 ) -> list[dict[int, int]]:
     """Per word: where words that nothing explains end -> what they cost."""
     gaps: list[dict[int, int]] = []
-    asides = _asides(reading, known, imperatives)
     for at in range(len(reading.tokens)):
         ends = {end: FILLED * (end - at) for end in adds_nothing.at(reading, at) if end > at}
         cost = _cost(reading.tokens, at, known, verbs)
-        if at in asides:
-            ends.setdefault(*asides[at])
         gaps.append(ends if cost is None else {at + 1: cost} | ends)
     return gaps

@@ -200,6 +200,27 @@ def singular(word: str) -> str:
     return word[:-1]
 
 
+_PLURALS_OF = {one: many for many, one in reversed(PLURALS.items())}
+
+
+def plural_of(noun: str) -> str:
+    """The plural of a noun in the singular."""
+    if noun in SINGULARS:
+        return noun
+    if noun.endswith("y") and noun[-2:-1] not in "aeiou":
+        return noun[:-1] + "ies"
+    return _PLURALS_OF.get(noun) or noun + ("es" if noun.endswith(("s", "x", "ch", "sh", "z")) else "s")
+
+
+UNCOUNTED = word_set(
+    "grass sand water snow ice ground floor sky sea ocean river lake road street path wall fence hair fur smoke fire dirt mud "
+    "gravel pavement sidewalk field lawn foliage wood concrete background foreground furniture clothing traffic crowd audience "
+    "team group pair couple family herd flock rain fog light shadow reflection food luggage ceiling roof platform mountain "
+    "earth rock stone building plant leaf scenery skin text sunlight fog cloud water grassland beach"
+)
+"""Nouns in the singular that may be in several places at once: of "the grass" all of it is meant."""
+
+
 def label_of(word: str, labels: Collection[str]) -> str:
     """`word`, or the one of `labels` that it is another word for."""
     meant = SYNONYMS.get(word) or SYNONYMS.get(singular(word), "")

@@ -33,25 +33,17 @@ _REWRITINGS = r"""
 ^(?:let me see|i want to see|i'd like to see|imagine|picture|what if|what about|how about|suppose) {X} {BE} {REST}$ => make
     \g<x> \g<rest>
 ^(?:{WISHING})?(?:what|how) (?:would {X} look|{Y} (?:would look|looks?)) (?:like )?{REST}$ => make \g<x>\g<y> \g<rest>
-^(?:change|edit|alter|adjust|modify|fix|make|do|set) {X} so (?:that )?(?:it|he|she|they)(?:'s| is| are|'re| looks?| becomes?)
-    {REST}$ => make \g<x> \g<rest>
 ^(?P<verb>turn|rotate|flip|spin|swivel|face) {X},? (?:so |such )?(?:that )?(?:it|he|she|they)(?:'s| is| are)?
     (?:looks?|faces?|points?|looking|facing|pointing|turned) {REST}$ => turn \g<x> \g<rest>
 ^.*\bcolou?r (?:is|=|:) (?P<c>#[0-9a-f]{6}|(?:\w+ )?(?:{COLOUR}))\b[ ,.;:-]+(?:please |so |and |can you |now
     )*(?:put|use|apply|slap|get) (?:that|it|this)(?: colou?r)? (?:on|for|to|onto) {REST}$ => make \g<rest> \g<c>
 ^(?:instead of|rather than|not) (?:being )?(?:{COLOUR}),? {REST}$ => \g<rest>
-^{X} (?:should not|shouldn't|must not|mustn't|needn't) be (?:{COLOUR}),? but (?:rather |instead )?{REST}$ => make \g<x>
-    \g<rest>
-^(?:swap|replace|exchange|change|switch|trade|turn) {X}'s (?:{COLOUR}|colou?r) (?:for|with|by|to|into) (?:a |an |the |some )?{REST}$
-    => make \g<x> \g<rest>
 ^(?:i|we) (?:(?:do not|don'?t) (?:really )?(?:like|want)|hate|dislike|am not fond of) how (?P<a>[a-z]+) {X}
     (?:is|are|looks?|seems?)(?P<rest>.*)$ => \g<x> is too \g<a>\g<rest>
 ^(?P<noun>)(?P<x>(?:(?!\b(?:then|let|start|but|and (?:let|have|make|then))\b)[\w' -])+?),? (?:in|to) (?P<rest>[\w ]+?)[.!]*$
     => make \g<x> \g<rest>
-^(?:full |all )?colou?rs? only (?:on|for|in|at) {X}$ => only \g<x> keeps its color
 ^(?:only |just )?{X} in (?:full )?colou?r,? (?:and |with )?(?:everything else|(?:the )?(?:rest|world|others?)|all else)(?: in|
     is| stays| goes| should be)? (?:black and white|gr[ae]y|monochrome|b&w|bw|greyscale|grayscale)$ => only \g<x> keeps its color
-^(?:the )?(?:only|one) thing (?:in colou?r|coloured|colored) (?:should be|is|stays) {X}$ => only \g<x> keeps its color
 ^(?:change|set|make|adjust|grade|tweak|shift|correct|bring|get|alter|tune|modify|balance) (?:the colou?rs? of )?{X}(?:'s
     colou?rs?)? to (?:match|fit|be like) (?:that of |those of )?{REST}$ => match \g<x> to \g<rest>
 ^(?:swap|replace|exchange|change|switch|trade|turn) (?:out )?(?:the |its |all the )?(?:{COLOUR}) (?:colou?r )?(?:of|on|in) {X}
@@ -69,9 +61,6 @@ _ORDERS = r"""
     (?:is|are|looks?|becomes?|gets?) {REST}$ => make \g<x> \g<rest>
 ^(?:before|prior to) (?:you |we |i )?(?P<b>.+?), (?:please |first )?(?P<a>.+)$ => \g<a>. \g<b>
 ^(?P<b>.+?),? but (?:only |just )?(?:after|once) (?:you |we )?(?:have |'ve )?(?P<a>.+)$ => \g<a>. \g<b>
-^(?:after|once) (?:you have|you've|we have|you|we|that,?) (?P<a>[a-z]+ .+?), (?P<b>[a-z]+ .+)$ => \g<a>. \g<b>
-^(?P<b>.+?),? after (?:you |we )(?:have |'ve )?(?P<a>.+)$ => \g<a>. \g<b>
-^(?P<b>.+?),? but first,? (?P<a>.+)$ => \g<a>. \g<b>
 ^(?P<a>.+?),? before (?P<b>[a-z]+ing (?:the|it|my|that|all|every)[a-z]* .+)$ => \g<a>. \g<b>
 ^before (?P<b>[a-z]+ing (?:the|it|my|that|all|every)[a-z]* .+?),?
     (?P<a>(?:make|turn|paint|move|put|blur|remove|delete|hide|play|slow|speed|copy|let|set) .+)$

@@ -17,6 +17,10 @@ MIN_OBJECT_SIZE = 0.1
 """Minimum size of a component, relative to the largest, to be an object of its own."""
 MAX_STRAY_SIZE = 0.01
 """A smaller component is a stray; a leg or a tail that the reconstruction left apart is larger."""
+MIN_SEPARATE_SIZE = 0.2
+"""Minimum size of an object, relative to the largest, to be counted as another of its kind."""
+MIN_GAP = 0.15
+"""Objects of a kind are separate where their boxes lie apart, along some axis, by this fraction of the smaller one's extent."""
 MAX_CELLS = 1 << 20
 """Maximum cells along an axis: three indices fit into 64 bits, however far away a floater is."""
 INNER = (2, 98)
@@ -80,6 +84,27 @@ def split_objects(
         centres = centres_of(points[~small], owner[~small], surface[~small])
         owner[small] = np.linalg.norm(points[small][:, None] - centres, axis=-1).argmin(1)
     return owner, (total < MAX_STRAY_SIZE * total.max())[component]
+
+
+def separate_objects(posed: PosedSplats, rows: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
+    """(n,) int from 0: the object of its kind that each of the Gaussians `rows (n,)` belongs to, for counting and turning.
+
+    As `split_objects`, but pieces of one thing that a reconstruction left apart count as one: those that are small beside the
+    largest, and those whose boxes nearly touch.
+    """
+    owner, _ = split_objects(posed, rows, known)
+    if known is not None or not owner.any():
+        return owner
+    points, count = posed.means[rows], int(owner.max()) + 1
+    boxes = np.array([np.percentile(points[owner == one], INNER, axis=0) for one in range(count)])  # (k,2,3)
+    sizes = np.bincount(owner, np.prod(np.sort(posed.scales[rows], 1)[:, 1:], 1) * posed.opacities[rows] + 1e-12)
+    middles, large = boxes.mean(1), sizes >= MIN_SEPARATE_SIZE * sizes.max()
+    gap = np.maximum(boxes[:, None, 0] - boxes[None, :, 1], boxes[None, :, 0] - boxes[:, None, 1])  # (k,k,3)
+    extent = boxes[:, 1] - boxes[:, 0]
+    near = (gap <= MIN_GAP * np.minimum(extent[:, None], extent[None])).all(-1)
+    for small in np.flatnonzero(~large):
+        near[small, np.where(large, np.linalg.norm(middles - middles[small], axis=1), np.inf).argmin()] = True
+    return connect(np.array(np.nonzero(near)), count)[owner]
 
 
 def pick_object(

@@ -18,9 +18,11 @@ from ..language.grammar import read_as_meant
 from ..language.lexicon import FUNCTION_WORDS, is_adverb, spellings, word_set
 from ..progress import Progress, silent
 from ..scene import Scene
+from ..scene.people import single_people
 from ..scene.view import render
 from .cast import caster, is_cast, moving_things
 from .chat import ChatServer, image_part
+from .connected_objects import separate_objects, width_along
 from .inventory import find, instead, is_doubtful, labels_of, things_there
 from .knowledge import refuse_unknown
 from .labels import Encode
@@ -85,6 +87,8 @@ class Sighting:
     """Clip times of the views that do not."""
     note: str = ""
     """What the answer about it leaves open."""
+    sizes: list[tuple[float, float]] = field(default_factory=list)
+    """World units up and across the picture of each separate one, from left to right, at the first time."""
     given: bool = False
     """Whether the label takes no article: a name that somebody gave, a thing without a word or with a doubtful one."""
 
@@ -269,6 +273,7 @@ def look(
 def _sighting(scene, label, selection, seen, depths, places, times, views) -> Sighting:
     """The numbers of one thing: `seen (V,H,W)` and `depths (V,H,W)` of the views, `places (K,3)` at `times (K,)`."""
     sighting = Sighting(label, int(selection.chosen.sum()), float(selection.scores.max(initial=0)))
+    sighting = replace(sighting, sizes=_sizes(scene, np.flatnonzero(selection.chosen), float(times[0])))
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     moves = np.flatnonzero(np.nan_to_num(steps) > STILL * np.diff(times) / scene.fps)
     if len(moves):
@@ -302,6 +307,18 @@ def _sighting(scene, label, selection, seen, depths, places, times, views) -> Si
         place="on the left" if column < 0.38 else "on the right" if column > 0.62 else "in the middle",
         distance="near" if ratio < 0.8 else "far" if ratio > 1.25 else "at middle distance",
     )
+
+
+def _sizes(scene: Scene, rows: np.ndarray, time: float) -> list[tuple[float, float]]:
+    """`Sighting.sizes` of the Gaussians `rows`."""
+    if not len(rows):
+        return []
+    posed, camera = scene.posed(time), scene.cameras.at(time)
+    owner = separate_objects(posed, rows, single_people(scene, rows))
+    right, down = camera.camera_to_world[:3, 0], camera.camera_to_world[:3, 1]
+    ones = [posed.means[rows[owner == number]] for number in range(owner.max() + 1)]
+    ones.sort(key=lambda points: float(np.median(points @ right)))
+    return [(width_along(points, down), width_along(points, right)) for points in ones]
 
 
 def _compared(
@@ -555,6 +572,16 @@ def _of_place(s: Sighting, asked: Asked, fps: float, when: str) -> str:
     )
 
 
+def _of_size(s: Sighting, asked: Asked, fps: float, when: str) -> str:
+    """How tall and wide a thing is, in median depths, and how much of the picture it fills."""
+    tall, wide = (" and ".join(f"{size:.2f}" for size in sizes) for sizes in zip(*s.sizes, strict=True))
+    many = f", each of {len(s.sizes)} from left to right," if len(s.sizes) > 1 else ""
+    ratio = f" ({s.sizes[0][0] / max(s.sizes[0][1], 1e-9):.1f} times as tall as wide)" if not many else ""
+    share = f"; it is {s.share:.1%} of the picture{when or f' at frame {s.time:g}'}" if s.share else ""
+    rest = f"is{many} {tall} tall and {wide} wide{ratio}, in times the median depth, as a clip tells no metres{share}."
+    return _sentence("", s, rest)
+
+
 def _of_sight(s: Sighting, asked: Asked, fps: float, when: str) -> str:
     if not s.moments:
         return _sentence(asked.yes(False), s, f"is hardly seen{when}: never {PRESENT:.1%} of the picture.")
@@ -599,7 +626,8 @@ SENTENCES = {
     "always": _of_always,
     **dict.fromkeys(("enter", "leave"), _of_change),
     **dict.fromkeys(("far", "fast", "lasting", "order"), _of_path),
-    **dict.fromkeys(("where", "side", "size"), _of_place),
+    **dict.fromkeys(("where", "side"), _of_place),
+    "size": _of_size,
     **dict.fromkeys(SEEING, _of_sight),
     "things": _of_thing,
     "does": _of_thing,

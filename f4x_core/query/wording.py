@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -50,7 +49,6 @@ from ..language.lexicon import (
 )
 from ..language.times import END, START, Clip, Span, no_such_time, span
 from ..language.verbs import IMPERATIVES
-from . import meaning
 from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
 
 CAN = (
@@ -478,7 +476,7 @@ def read_question(
                 understood.append(replace(last, kind=moment, extreme="") if moment else last)
         else:
             try:
-                more_asked = _read(part, clip, it, labels)
+                more_asked = _read(part, clip, it)
             except Doubt as doubt:
                 raise type(doubt)(doubt.reason, text.replace(part, doubt.instead)) from doubt
             if understood and more_asked[0].kind == "fast" and "then" in part.split():
@@ -548,9 +546,9 @@ def _things_alone(text: str) -> tuple[str, ...]:
     return names
 
 
-def _read(text: str, clip: _Shown, it: tuple[str, ...], labels: Collection[str]) -> list[Asked]:
+def _read(text: str, clip: _Shown, it: tuple[str, ...]) -> list[Asked]:
     if re.search(_GAZE, text) and not re.search(_NO_GAZE, text):  # to look is not to move
-        raise _refusal(text, clip, it, labels)
+        raise _refusal(text, clip, it)
     asked = (
         _understood(text, clip, it)
         or _either_or(text, clip, it)
@@ -567,7 +565,7 @@ def _read(text: str, clip: _Shown, it: tuple[str, ...], labels: Collection[str])
                 one == other or is_slip(one, other) for one, other in zip(text.split(), instead.split(), strict=True)
             )
             raise (Slip if sure else Doubt)(f"I do not understand '{text}'; did you mean '{instead}'?", instead)
-        raise _refusal(text, clip, it, labels)
+        raise _refusal(text, clip, it)
     if asked.kind in ONE_BY_ONE and not asked.other:
         return [replace(asked, things=(thing,)) for thing in asked.things] or [asked]
     return [asked]
@@ -787,7 +785,7 @@ def _nearest_kinds(text: str, clip: _Shown, it: tuple[str, ...]) -> str:
     return f" Do you ask {', or '.join([*near.values()][:2])}?" if near else ""
 
 
-def _refusal(text: str, clip: _Shown, it: tuple[str, ...], labels: Collection[str]) -> F4xError:
+def _refusal(text: str, clip: _Shown, it: tuple[str, ...]) -> F4xError:
     """Why nothing is computed: the word that is not known, or what the question is about; and what may be meant."""
     words = re.findall(r"[^\W\d_]+", text)
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
@@ -804,17 +802,7 @@ def _refusal(text: str, clip: _Shown, it: tuple[str, ...], labels: Collection[st
     why, what_can = f"Computing from the scene cannot tell {subject}", f"it {CAN}"
     if subject == "that" and strange:
         why, what_can = f"I do not know what '{strange}' means here", INSTEAD
-    if not unnamed and (alike := _alike(text, clip, it, labels)):
-        return Doubt(f"{why}. Do you mean '{alike}?'", alike)
     return Unanswerable(f"{why}; {what_can}.{_nearest_kinds(text, clip, it)}")
-
-
-def _alike(text: str, clip: _Shown, it: tuple[str, ...], labels: Collection[str]) -> str:
-    """The question that those like it ask; nothing where that is not certain enough to be asked back."""
-    with suppress(F4xError):
-        if not any(re.search(pattern, text) for pattern, _ in _BEYOND):
-            return next((one for one in meaning.meant(text, labels) if _understood(one, clip, it)), "")
-    return ""
 
 
 def _frames(span: Span, clip: _Shown) -> tuple[float, float]:

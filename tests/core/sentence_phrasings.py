@@ -1,23 +1,19 @@
-"""`phrasings.npz` of `f4x_core/edit` and `query`, fitted to the sentences of `tests/data`; run, it writes them."""
+"""`f4x_core/edit/phrasings.npz`, fitted to the sentences of `tests/data`; run, it writes it."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sentence_cases
 
 from f4x_core.edit import language, meaning
-from f4x_core.edit.request import Request
 from f4x_core.errors import F4xError
 from f4x_core.features.minilm import MiniLm
 from f4x_core.features.phrasings import NOTHING, features, parts_of
 from f4x_core.fit.vocabulary import EVERYDAY
-from f4x_core.query import meaning as query_meaning
-from f4x_core.query.wording import plainly
 
 SMOOTHING = 0.3
 """Of the regression of vectors."""
@@ -29,14 +25,11 @@ UP = {"scale": ("smaller", "larger"), "speed": ("slower", "faster")}
 
 @dataclass(frozen=True)
 class Example:
-    """A sentence that asks for an edit, as the last resort sees it."""
+    """A sentence that asks for an edit."""
 
     row: dict[str, Any]
-    request: Request
     operation: str
     phrasing: str
-    slots: tuple[meaning.Slot, ...]
-    labels: set[str]
 
 
 def examples() -> list[Example]:
@@ -52,9 +45,7 @@ def _example(row: dict[str, Any]) -> Example | None:
         reading = language._words_of(language._plainly(row["text"], known)[0], known)
     except F4xError:
         return None
-    request = Request(row["text"], labels, fps=24.0, frames=72, selected="selected" in row)
-    nouns = {meaning.singular(words[-1]) for words in known}
-    return Example(row, request, operation_of(row), *meaning.masked(reading), nouns)
+    return Example(row, operation_of(row), meaning.masked(reading)[0])
 
 
 def operation_of(row: dict[str, Any]) -> str:
@@ -109,28 +100,6 @@ def kernel(features: np.ndarray) -> np.ndarray:
     return features @ features.T + SMOOTHING * np.eye(len(features))
 
 
-def questions() -> list[tuple[dict[str, Any], str, str, str]]:
-    """(row, kind, the question without courtesies, its phrasing) of the questions of both files."""
-    found = []
-    for row in (*sentence_cases.rows(), *sentence_cases.rows(sentence_cases.OPENED)):
-        if row["kind"] == "ask":
-            text = plainly(row["text"], "selected" in row)
-            phrasing, _ = query_meaning.masked(text, {*EVERYDAY, *sentence_cases._things(row)})
-            found.append((row, kind_of(row), text, phrasing))
-    return found
-
-
-def kind_of(row: dict[str, Any]) -> str:
-    """The kind of a question; nothing where there are several, or none that is answered."""
-    asked = row.get("questions", [])
-    if row["expect"] != "do" or len(asked) != 1:
-        return NOTHING
-    kind, whose = asked[0]["question"], bool(asked[0].get("target"))
-    of_whom = {("duration", True): "seen long", ("moving", True): "moves", ("count_moving", True): NOTHING}
-    kind = " ".join(filter(None, (of_whom.get((kind, whose), kind), asked[0].get("extreme"))))
-    return kind if kind in query_meaning._QUESTIONS else NOTHING
-
-
 def without_itself(kernel: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """(rows, meanings): the scores of each row by a regression that never saw it."""
     inverse = np.linalg.inv(kernel)
@@ -142,25 +111,15 @@ def fitted(known: list[tuple[str, str, str]]) -> dict[str, np.ndarray]:
     words = Words(sorted({(name, phrasing) for name, _, phrasing in known if phrasing}))
     wanted = np.array([[one == name for name in words.names] for one, _, _ in known], float)
     whole = vectors([sentence for _, sentence, _ in known])
-    lines = "\n".join(sorted({phrasing for *_, phrasing in known}))
     return {
         "names": np.array(words.names),
         "parts": np.array(words.parts),
         "weights": words.weights.astype(np.float16),
         "words": (words.features.T @ np.linalg.solve(words.kernel, words.wanted)).astype(np.float16),
         "vectors": (whole.T @ np.linalg.solve(kernel(whole), wanted)).astype(np.float16),
-        "known": np.frombuffer(lines.encode(), np.uint8),
-    }
-
-
-def tables() -> dict[Path, list[tuple[str, str, str]]]:
-    """File -> its (meaning, sentence, phrasing)."""
-    return {
-        meaning.PHRASINGS: [(one.operation, one.row["text"], one.phrasing) for one in examples()],
-        query_meaning.PHRASINGS: [question[1:] for question in questions()],
     }
 
 
 if __name__ == "__main__":
-    for table, known in tables().items():
-        np.savez_compressed(table, **fitted(known))
+    known = [(one.operation, one.row["text"], one.phrasing) for one in examples()]
+    np.savez_compressed(meaning.PHRASINGS, **fitted(known))

@@ -408,7 +408,7 @@ def test_nothing_there_is_written_over(place, session):
         ("ask", {"question": " "}, "question is empty"),
         ("ask", {}, "ask, question: field required"),
         ("propose_edit", {}, "either a sentence or operations"),
-        ("propose_edit", {"sentence": "make the dog bark"}, "Try:"),
+        ("propose_edit", {"sentence": "freeze-o the square at frame 2 chop chop"}, "Try:"),
         ("propose_edit", {"sentence": "remove it"}, "it"),
         ("propose_edit", {"sentence": "x" * 3000}, "2000"),
         ("propose_edit", {"operations": [{"op": "explode"}]}, "operation 1: 'explode'"),

@@ -97,7 +97,9 @@ def test_phrases_by_someone_who_has_not_seen_the_parser():
 def test_a_refusal_names_the_word_and_offers_commands():
     with pytest.raises(Refusal, match="'bark'") as message:
         say("make the dog bark")
-    assert len(message.value.nearest) == 3
+    with pytest.raises(Refusal) as message:
+        say("freeze-o the dog at frame 20 chop chop")
+    assert 1 <= len(message.value.nearest) <= 3
     assert all(say(example, labels=("dog", "car", "house")) for example in message.value.nearest)
     assert isinstance(message.value, F4xError)
     with pytest.raises(Refusal, match="did you mean 'delete'"):

@@ -120,7 +120,8 @@ def test_words_mean_the_same_whatever_moments_are_shown(scene, retimes):
 def test_a_blur_is_told_in_pixels_too(scene):
     blur = resolve(scene, Blur(SQUARE, 0.02), HERE)
     (line,) = plan_lines(scene, [blur])
-    assert line == f"blur the square by 0.02 units ({0.02 * FOCAL / SQUARE_DEPTH:.1f} pixels where it is)"
+    pixels = f"{0.02 * FOCAL / SQUARE_DEPTH:.1f} pixels where it is"
+    assert line == f"blur the square by 0.02 units ({pixels}) (6.7 % of the scene's Gaussians)"
 
 
 def test_names_stay_and_current_becomes_ids(scene):
@@ -404,7 +405,7 @@ def test_a_word_means_what_it_meant_before_the_sentence(scene):
 def test_what_nobody_answers_to_refuses_the_whole_sentence(scene, sentence, nobody):
     with pytest.raises(Refusal, match=nobody) as caught:
         plan.propose(with_words(scene, "cat", "person"), sentence, HERE, encode=as_square)
-    assert caught.value.nearest
+    assert "square" in sentence or not any("remove" in one for one in caught.value.nearest)
     assert plan.propose(scene, "delete the blue square", HERE, encode=as_square)  # a mere adjective is none of these
 
 
@@ -458,7 +459,7 @@ def test_a_clip_knows_no_metres(scene, sentence, amount):
 
 def test_what_is_not_understood_is_refused_with_the_nearest_commands(scene):
     with pytest.raises(Refusal) as caught:
-        plan.propose(scene, "make the square bark", HERE)
+        plan.propose(scene, "freeze-o the square at frame 2 chop chop", HERE)
     assert caught.value.nearest
     with pytest.raises(F4xError):
         plan.propose(scene, "make it red", HERE)
@@ -656,7 +657,7 @@ def test_what_stands_still_cannot_be_stopped_and_that_is_told(scene):
 
 
 def test_examples_of_a_refusal_are_about_the_scene(scene):
-    for sentence in ("make the cat pink", "make the square bark"):
+    for sentence in ("make the cat pink", "freeze-o the square at frame 2 chop chop"):
         with pytest.raises(Refusal) as refused:
             plan.propose(with_words(scene, "cat"), sentence, HERE)
         nouns = {word for one in refused.value.nearest for word in one.split()}

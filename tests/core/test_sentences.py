@@ -73,6 +73,14 @@ REFUSED = (
     "the swan fades from black to white during the clip",
     "all the leaves on the ground should be gone",
     "please make two more kids jumping next to her",
+    "Is it possible to have the bench twice?",
+    "Okie dokie, let's get that buoy in bright orange",
+    "2x, first half",
+    "Now the big tree should turn orange, as in fall",
+    "Now, class, let us paint the locomotive green and the wagon yellow.",
+    "Kindly isolate the scooter and its rider for the report.",
+    "For the file, show the vehicle in isolation, without any of the surroundings.",
+    "been at this for hours lol, i just want the leaves to look like autumn",
 )
 """Sentences that are not understood, and refused. None else may be, and none may be misunderstood."""
 PARTS, EVERY_DAY = 8, 2

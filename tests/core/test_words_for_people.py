@@ -248,7 +248,7 @@ def test_a_remark_goes_with_the_selection_the_plan_and_the_answer(word, remark):
     the = word if word == "person 2" or word.startswith("the ") else f"the {word}"
     sentences = [
         " ".join(by_words(THREE, [word])[word].remarks),
-        " ".join(propose(THREE, f"hide {the}").notes),
+        " ".join(propose(THREE, f"blur {the}").notes),
         " ".join(read_selecting(THREE, f"select {the}").remarks),
     ]
     assert all(remark in each and bool(each) == bool(remark) for each in sentences), sentences

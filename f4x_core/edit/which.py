@@ -1,0 +1,107 @@
+"""Which of several is meant: a thing that is named in the singular where a scene has more of its kind is asked about."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+from ..errors import F4xError
+from ..language.lexicon import UNCOUNTED, plural_of, singular
+from .description import in_words
+from .operations import Delete, Extract, Opacity, Operation
+from .records import Record
+from .selects import And, Beside, Instance, Not, Or, Part, SelectKind, Text
+
+PLACES = {2: ("left", "right"), 3: ("left", "middle", "right")}
+"""Number of things -> the places by which each is told."""
+MANY = ("left", "right", "nearest", "largest")
+"""Places offered where there are more."""
+
+
+class Several(F4xError):  # noqa: N818  # nothing went wrong
+    """One of several things is meant, and a sentence does not say which."""
+
+    def __init__(self, reason: str, commands: tuple[str, ...]):
+        """`commands`: one for each that may be meant, and one for all."""
+        super().__init__(reason)
+        self.reason, self.commands = reason, commands
+
+
+def removes(operation: Operation) -> bool:
+    """Whether something is no longer seen."""
+    return isinstance(operation, Delete | Extract) or (isinstance(operation, Opacity) and not operation.factor)
+
+
+def asked_about(operation: Operation) -> Iterator[SelectKind]:
+    """The selections of an operation of which it has to be certain whom they mean, in the words of a sentence."""
+    if removes(operation):
+        yield from _certain(operation.select)
+    else:
+        yield from (one for part in _beside_in(operation.select) for one in _certain(part))
+    for name in ("other", "beside"):
+        if (other := getattr(operation, name, None)) is not None:
+            yield from _certain(other)
+
+
+def _certain(select: SelectKind) -> Iterator[SelectKind]:
+    """The parts of a selection that name one thing of a kind; not the kinds that something else tells one from."""
+    if isinstance(select, Text):
+        yield from (
+            replace(select, labels=(label,), single=(label,))
+            for label in select.single
+            if label.split()[-1] not in UNCOUNTED
+        )
+    elif isinstance(select, And) and any(isinstance(part, Text) and part.single for part in select.of):
+        if not any(isinstance(part, Not) for part in select.of):
+            yield select
+    elif isinstance(select, Or | And):
+        for part in select.of:
+            yield from _certain(part)
+    elif isinstance(select, Not | Part):
+        yield from _certain(select.of)
+    elif isinstance(select, Beside):
+        yield from _certain(select.other)
+
+
+def _beside_in(select: SelectKind) -> Iterator[SelectKind]:
+    """The things beside which something stands, in a selection."""
+    if isinstance(select, Beside):
+        yield select.other
+    of = getattr(select, "of", ())
+    for part in of if isinstance(of, tuple) else (of,):
+        yield from _beside_in(part)
+
+
+def which_of(operations: Sequence[Operation], select: SelectKind, many: int, frame: int) -> Several:
+    """The question which of `many` things of a kind is meant, with a command for each and one for all."""
+    text = next(part for part in (select, *getattr(select, "of", ())) if isinstance(part, Text))
+    noun = plural_of(singular(text.labels[0]))
+    places = PLACES.get(many, MANY)
+    meant: list[SelectKind] = [Instance(Text(text.labels), place, frame) for place in places]  # type: ignore[arg-type]
+    commands = [_with(operations, text, one) for one in meant]
+    every = f"{'both' if many == 2 else 'all the'} {noun}"
+    commands.append([re.sub(rf"\bthe {re.escape(text.labels[0])}\b", every, line) for line in _lines(operations)])
+    offered = tuple(re.sub(r" of frame \d+", "", "; ".join(lines)) for lines in commands)
+    return Several(f"There are {many} {noun} in the scene, and it is not said which one is meant.", offered)
+
+
+def _lines(operations: Sequence[Operation]) -> list[str]:
+    return [in_words([one]) for one in operations]
+
+
+def _with(operations: Sequence[Operation], text: Text, one: SelectKind) -> list[str]:
+    """The operations in words, with another selection in place of a thing that is named."""
+
+    def changed(value: Any) -> Any:
+        if isinstance(value, Text) and text.labels[0] in value.single:
+            others = tuple(label for label in value.labels if label != text.labels[0])
+            return Or((one, replace(value, labels=others))) if others else one
+        if isinstance(value, tuple):
+            return tuple(map(changed, value))
+        if isinstance(value, Record):
+            return replace(value, **{entry.name: changed(getattr(value, entry.name)) for entry in fields(value)})  # type: ignore[arg-type,type-var]
+        return value
+
+    return _lines([changed(operation) for operation in operations])
