@@ -259,10 +259,13 @@ def _split(region: _MovingObject, bodies: list[_MovingObject], priors: Priors) -
 
 def _place_upright_plane(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> str:
     """Write an object without a structure of its own as one upright plane per frame; returns what decided its depth."""
+    assert priors.cameras is not None
+    intrinsics = priors.cameras.intrinsics
 
     def contact(i: int) -> tuple[float, float, float]:
         f = mover.frames[i]
-        return _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], largest_piece(mover.masks[i]))
+        own = largest_piece(mover.masks[i])
+        return _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], own, intrinsics[f])
 
     contacts = np.array(in_threads(contact, range(len(mover.frames))))
     size = np.array(in_threads(lambda i: growth(priors, mover.frames[i], mover.masks[i]), range(len(mover.frames) - 1)))
@@ -280,10 +283,12 @@ def _place_upright_plane(mover: _MovingObject, maps: DepthMaps, priors: Priors) 
 
 def _place_rigid_body(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> str:
     """Write a rigid body at one scale for all frames; returns what decided its depth."""
+    assert priors.cameras is not None
     shapes = _relative_inverse(mover, priors)
     ratio, trust = np.zeros((2, len(shapes)))
     for i, (f, mask, shape) in enumerate(zip(mover.frames, mover.masks, shapes, strict=True)):
-        edge = ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask)
+        lens = priors.cameras.intrinsics[f]
+        edge = ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask, lens)
         if edge is None:
             around = inverse_around(maps.inverse[f], maps.moving[f], mask)
             ratio[i], trust[i] = around / np.median(shape), NO_CONTACT
@@ -329,7 +334,7 @@ def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray
 
 
 def _contact(
-    inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray
+    inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray, intrinsics: np.ndarray
 ) -> tuple[float, float, float]:
     """Where a region stands: inverse depth at its mean column, relative change per column, and trust 0..1.
 
@@ -337,7 +342,7 @@ def _contact(
     `a (1 + b (column - mean))`, lies above the ground's values on its lower edge and touches them at its feet; of all turns
     `b` the one that touches most columns is taken (feet and wheels do, bellies and tails do not).
     """
-    found = ground_edge(inverse, confidence, moving, own)
+    found = ground_edge(inverse, confidence, moving, own, intrinsics)
     if found is None:
         return inverse_around(inverse, moving, own), 0.0, NO_CONTACT
     width, edge, run = own.shape[1], found.ground, found.run

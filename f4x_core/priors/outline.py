@@ -24,14 +24,16 @@ BESIDE = (20, 25)
 """Pixels to the sides and up or down of the mask in which parts of what moves are looked for."""
 COVERED = 3
 """Pixels around the mask that do not show what stands."""
-VIEWS, LEAST_GAP, LARGEST_GAP = 12, 4, 32
+VIEWS, LEAST_GAP, LARGEST_GAP = 9, 4, 32
 """Frames that show what is behind, and their least and largest distance: a foot stands still for a few frames."""
-ROUNDS, SETTLED = 4, 0.5
+ROUNDS, SETTLED = 3, 0.5
 """Steps towards the place in another frame at which its depth agrees, and pixels that the last one may go."""
 WINDOW = 5
 """Side in pixels of the window in which background and picture are compared."""
 SHADOW = (0.3, 1.15)
 """Factors by which light may change what stands."""
+PLAIN = (0.9, 1.1)
+"""The same where no texture tells: with the light of shadows, the humps of a camel are its fence."""
 ALIKE, ALIKE_LEVELS, QUIET = 3.0, 2.5, 2.5
 """What differs by fewer times the noise, plus so many grey levels, looks like what stands; noise counts up to `QUIET` levels.
 From twice as much on, as on grass, only texture tells (`CORRELATED`)."""
@@ -54,7 +56,7 @@ class Background:
     colors: np.ndarray
     """(H, W, 3) float32, the median of the other frames."""
     spread: np.ndarray
-    """(H, W) float32, their median distance from it, grey levels."""
+    """(H, W) float32, half of what their middle half spans, grey levels."""
     known: np.ndarray
     """(H, W) bool."""
 
@@ -128,12 +130,13 @@ def draw_background(
         size = np.array(asked.shape[::-1])
         settled &= ((place > 0.5) & (place < size - 0.5)).all(1) & (_at(covered[other].astype(np.float32), place) == 0)
         found.append(np.where(settled[:, None], _at(pictures[other], place), np.nan).astype(np.float32))
-    seen = np.stack(found)
-    some = np.isfinite(seen[..., 0]).any(0)
-    median = np.nanmedian(seen[:, some], axis=0)
-    there = (y[some], x[some])
-    drawn.colors[there], drawn.known[there] = median, True
-    drawn.spread[there] = np.nanmedian(abs(seen[:, some] - median).mean(-1), axis=0)
+    seen = np.sort(np.stack(found), axis=0)  # NaN, not seen, comes last
+    count = np.isfinite(seen[..., 0]).sum(0)
+    some = np.flatnonzero(count)
+    seen, count, there = seen[:, some], count[some], (y[some], x[some])
+    low, middle, high = (seen[part * (count - 1) // 4, np.arange(len(some))] for part in (1, 2, 3))
+    drawn.colors[there], drawn.known[there] = middle, True
+    drawn.spread[there] = (high - low).mean(-1) / 2
     return drawn
 
 
@@ -180,18 +183,18 @@ def _like_background(
     def mean(values: np.ndarray) -> np.ndarray:
         return cv2.blur(values, (WINDOW, WINDOW))
 
-    def explained(both: np.ndarray, own: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-        """Whether a factor within `SHADOW` explains the colors, from sums of their products."""
+    def explained(both: np.ndarray, own: np.ndarray, drawn: np.ndarray, light: tuple[float, float]) -> np.ndarray:
+        """Whether a factor within `light` explains the colors, from sums of their products."""
         factor = both / np.maximum(drawn, 1)
         left = np.sqrt(np.maximum(own - factor * both, 0) / 3)
-        return (left < ALIKE * level + ALIKE_LEVELS) & (factor > SHADOW[0]) & (factor < SHADOW[1])
+        return (left < ALIKE * level + ALIKE_LEVELS) & (factor > light[0]) & (factor < light[1])
 
     products = [
         (a * b).sum(-1) for a, b in ((picture, behind.colors), (picture, picture), (behind.colors, behind.colors))
     ]
-    tinted = explained(*products)
+    tinted = explained(*products, SHADOW)
     smooth = [mean(product) for product in products]
-    same = explained(*smooth) & (noise < 2 * QUIET)
+    same = explained(*smooth, PLAIN) & (noise < 2 * QUIET)
     own, drawn = picture.mean(-1), behind.colors.mean(-1)
     cover = mean(own * drawn) - mean(own) * mean(drawn)
     vary, texture = mean(own**2) - mean(own) ** 2, mean(drawn**2) - mean(drawn) ** 2
