@@ -270,15 +270,15 @@ def _place_upright_plane(mover: _MovingObject, maps: DepthMaps, priors: Priors) 
     contacts = np.array(in_threads(contact, range(len(mover.frames))))
     size = np.array(in_threads(lambda i: growth(priors, mover.frames[i], mover.masks[i]), range(len(mover.frames) - 1)))
     middle, tilt, trust = contacts.T
-    solved, certain = smooth_object_depth(middle, trust, size)
+    stands = trust > NO_CONTACT
+    solved, certain = smooth_object_depth(middle, trust * (stands | ~stands.any()), size)
     norm = ndimage.gaussian_filter1d(trust + 1e-3, TILT_FRAMES)
     tilt = ndimage.gaussian_filter1d(tilt * (trust + 1e-3), TILT_FRAMES) / norm
     for f, mask, value, slope, sure in zip(mover.frames, mover.masks, solved, tilt, certain, strict=True):
         y, x = np.nonzero(mask)
         maps.inverse[f][y, x] = value * np.clip(1 + slope * (x - x.mean()), *TILT_RANGE)
         maps.confidence[f][y, x] = guessed_confidence(priors, sure)
-    stands = (trust > NO_CONTACT).mean()
-    return "surroundings" if stands == 0 else "ground contact" if stands >= MIN_CONTACT_FRAMES else "size"
+    return "ground contact" if stands.mean() >= MIN_CONTACT_FRAMES else "size" if stands.any() else "surroundings"
 
 
 def _place_rigid_body(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> str:
