@@ -137,11 +137,13 @@ class PlacedPeople:
     """(F, H, W) bool: theirs, moving ones close beside them, and fragments of the mask that touch them."""
     frames: list[np.ndarray]
     """Rows of the priors in which each of them is seen."""
+    masks: list[np.ndarray]
+    """(f, H, W) bool, the pixels of each of them there."""
 
 
 def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
     """Write the depth of moving people who stand on the ground into `maps`, in place."""
-    placed = PlacedPeople(np.zeros_like(maps.moving), [])
+    placed = PlacedPeople(np.zeros_like(maps.moving), [], [])
     if priors.people is None or priors.people_joints is None or priors.people_metres is None or priors.cameras is None:
         return placed
     for person in range(priors.people_joints.shape[1]):
@@ -170,6 +172,7 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
             maps.confidence[frame][y, x] = guessed_confidence(priors, sure)
             placed.pixels[frame] |= own
         placed.frames.append(frames)
+        placed.masks.append(shown[frames])
     if placed.frames:
         _take_fragments(maps, placed)
     return placed

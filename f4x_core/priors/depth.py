@@ -81,7 +81,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     statistics: dict[str, Any] = {}
     if priors.camera_kind == "moving":
         inverse, confidence = _static_depth(clip, priors, config, moving | ~seen, progress, statistics)
-        if clip.hidden is None and moving.any() and not mask_is_given(priors):
+        if clip.hidden is None and priors.motion is not None and moving.any() and not mask_is_given(priors):
             moving = _with_outlines(clip, priors, inverse, moving)
     elif priors.camera_kind == "static":
         inverse, confidence = _before_standing_camera(clip, priors, cameras, statistics)
@@ -99,6 +99,10 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         priors.cameras = cameras.scaled_world(1 / unit)
     priors.depth = (depth / unit).astype(np.float32)
     priors.depth_confidence = np.clip(confidence, 0, 1).astype(np.float16)
+    for mover in objects:
+        for name in ("depth", "ground"):
+            over_time = mover["over_time"]
+            over_time[name] = [None if one is None else round(one / unit, 4) for one in over_time[name]]
     if any(mover["decided_by"] != "its own motion" for mover in objects):
         priors.warn(GUESSED_MOVERS)
     percentiles = np.percentile(priors.depth[:, ::4, ::4], (2, 50, 98))

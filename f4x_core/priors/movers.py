@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from ..parallel import in_threads
 from .body_depth import STANDS, add_relief, place_people
 from .contact import (
+    CONTACT_NOISE,
     GROUND_NOISE,
     GUESS_CONFIDENCE,
     MIN_CONTACT_FRAMES,
@@ -84,8 +85,9 @@ def place_objects(
     """Write the inverse depth of moving pixels into `inverse (F, H, W)` and its confidence into `confidence`, both in place.
 
     Returns one row per object: `group`, its first and last clip frame `frames`, what its depth was `decided_by` ("feet", "its own
-    motion", "ground contact", "size" or "surroundings"), and `emf_degrees`, the angle of the rays its points were seen from
-    in its own axes (0 where unknown).
+    motion", "ground contact", "size" or "surroundings"), `emf_degrees`, the angle of the rays its points were seen from
+    in its own axes (0 where unknown), and `over_time`, lists over the frames in which it is `seen`: the `depth` of its point
+    that is nearest to the ground, that of the `ground` seen below it (None where there is none), and if it `touches` it.
     """
     maps = DepthMaps(inverse, confidence, confidence.copy(), moving)
     confidence[moving] = np.minimum(confidence[moving], GUESS_CONFIDENCE)
@@ -104,13 +106,37 @@ def place_objects(
         return [body for one in _objects(whole, priors) for body in _rigid_bodies(one, priors)]
 
     found = ndimage.find_objects(labels)
+    placed = list(zip(people.frames, people.masks, strict=True))
     rows = [_row(number, frames, STANDS, 0.0, priors) for number, frames in enumerate(people.frames)]
     for mover in (body for number in range(1, len(found) + 1) for body in bodies(number)):
         place = _place_upright_plane if mover.motion is None else _place_rigid_body
         decided = place(mover, maps, priors)
         rows.append(_row(len(rows), mover.frames, decided, mover.motion.degrees if mover.motion else 0.0, priors))
+        placed.append((mover.frames, mover.masks))
     add_relief(inverse, moving & ~people.pixels & (confidence <= MOVING_CONFIDENCE), priors)
+    for row, (frames, masks) in zip(rows, placed, strict=True):
+        row["over_time"] = _over_time(frames, masks, maps, priors)
     return rows
+
+
+def _over_time(frames: np.ndarray, masks: np.ndarray, maps: DepthMaps, priors: Priors) -> dict[str, list[Any]]:
+    """`over_time` of `place_objects` for a placed object, `masks (f, H, W)` in the rows `frames (f,)` of the priors."""
+    assert priors.cameras is not None
+    intrinsics = priors.cameras.intrinsics
+
+    def compare(i: int) -> tuple[float, float | None, bool]:
+        f, own = frames[i], largest_piece(masks[i])
+        edge = ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], own, intrinsics[f])
+        if edge is None:
+            return 1 / float(np.median(maps.inverse[f][own])), None, False
+        bottom = len(own) - 1 - np.argmax(own[::-1], axis=0)[edge.columns]
+        lowest = maps.inverse[f][bottom, edge.columns]
+        nearest = int(np.argmin(abs(np.log(np.maximum(edge.ground, 1e-9) / lowest))))
+        depth, ground = 1 / float(lowest[nearest]), 1 / max(float(edge.ground[nearest]), 1e-9)
+        return depth, ground, bool(abs(depth / ground - 1) < CONTACT_NOISE)
+
+    depth, ground, touches = map(list, zip(*in_threads(compare, range(len(frames))), strict=True))
+    return {"seen": priors.frames[frames].tolist(), "depth": depth, "ground": ground, "touches": touches}
 
 
 def _row(number: int, frames: np.ndarray, decided_by: str, degrees: float, priors: Priors) -> dict[str, Any]:
