@@ -26,6 +26,7 @@ from .contact import (
     guessed_confidence,
     inverse_around,
     one_scale,
+    without_upright,
 )
 from .joints import ANKLES, FEET, HIPS, LIMBS, SHOULDERS, to_segments, turn_to_ray
 from .moving_people import dilate_masks, shows_person
@@ -157,7 +158,8 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
         if np.std(np.log(measured / smooth)) > UNSTEADY:
             continue
         size = smooth / priors.cameras.intrinsics[frames, 0, 0]
-        edges = in_threads(partial(_ground_below, maps, shown, priors.cameras.intrinsics), frames.tolist())
+        edges = in_threads(partial(_ground_below, maps, shown), frames.tolist())
+        edges = without_upright(edges, priors.cameras.intrinsics[frames])
         bodies = _upright(bodies, dict(zip(frames.tolist(), edges, strict=True)), priors.cameras.intrinsics)
         standing = [(int(frame), bodies[frame], edge) for frame, edge in zip(frames, edges, strict=True)]
         contact, trust = _feet_on_ground(maps, shown, standing, size)
@@ -193,10 +195,9 @@ def _take_fragments(maps: DepthMaps, placed: PlacedPeople) -> None:
     placed.pixels[:] |= taken
 
 
-def _ground_below(maps: DepthMaps, shown: np.ndarray, intrinsics: np.ndarray, frame: int) -> GroundEdge | None:
-    """The ground behind the lower edge of the person `shown (F, H, W)` in a frame; intrinsics: (F, 3, 3)."""
-    inverse, moving = maps.inverse[frame], maps.moving[frame]
-    return ground_edge(inverse, maps.static_confidence[frame], moving, shown[frame], intrinsics[frame])
+def _ground_below(maps: DepthMaps, shown: np.ndarray, frame: int) -> GroundEdge | None:
+    """The ground behind the lower edge of the person `shown (F, H, W)` in a frame."""
+    return ground_edge(maps.inverse[frame], maps.static_confidence[frame], maps.moving[frame], shown[frame])
 
 
 def _upright(bodies: dict[int, Body], edges: dict[int, GroundEdge | None], intrinsics: np.ndarray) -> dict[int, Body]:

@@ -7,6 +7,7 @@ upright plane per frame, placed by its contact with the ground and its change of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,7 @@ from .contact import (
     MOVING_CONFIDENCE,
     NO_CONTACT,
     DepthMaps,
+    GroundEdge,
     ground_edge,
     growth,
     guessed_confidence,
@@ -34,6 +36,7 @@ from .contact import (
     largest_piece,
     one_scale,
     smooth_object_depth,
+    without_upright,
 )
 from .own_motion import MIN_POINTS, OwnMotion, TracksOnObject, solve
 
@@ -121,12 +124,9 @@ def place_objects(
 
 def _over_time(frames: np.ndarray, masks: np.ndarray, maps: DepthMaps, priors: Priors) -> dict[str, list[Any]]:
     """`over_time` of `place_objects` for a placed object, `masks (f, H, W)` in the rows `frames (f,)` of the priors."""
-    assert priors.cameras is not None
-    intrinsics = priors.cameras.intrinsics
 
     def compare(i: int) -> tuple[float, float | None, bool]:
-        f, own = frames[i], largest_piece(masks[i])
-        edge = ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], own, intrinsics[f])
+        f, own, edge = frames[i], owns[i], edges[i]
         if edge is None:
             return 1 / float(np.median(maps.inverse[f][own])), None, False
         bottom = len(own) - 1 - np.argmax(own[::-1], axis=0)[edge.columns]
@@ -135,8 +135,23 @@ def _over_time(frames: np.ndarray, masks: np.ndarray, maps: DepthMaps, priors: P
         depth, ground = 1 / float(lowest[nearest]), 1 / max(float(edge.ground[nearest]), 1e-9)
         return depth, ground, bool(abs(depth / ground - 1) < CONTACT_NOISE)
 
+    owns = [largest_piece(mask) for mask in masks]
+    edges = _ground_edges(frames, owns, maps, priors)
     depth, ground, touches = map(list, zip(*in_threads(compare, range(len(frames))), strict=True))
     return {"seen": priors.frames[frames].tolist(), "depth": depth, "ground": ground, "touches": touches}
+
+
+def _ground_edges(
+    frames: np.ndarray, masks: Sequence[np.ndarray], maps: DepthMaps, priors: Priors
+) -> list[GroundEdge | None]:
+    """The ground below a mover's masks (f, H, W) in the rows `frames (f,)` of the priors."""
+    assert priors.cameras is not None
+
+    def find(i: int) -> GroundEdge | None:
+        f = frames[i]
+        return ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], masks[i])
+
+    return without_upright(in_threads(find, range(len(frames))), priors.cameras.intrinsics[frames])
 
 
 def _row(number: int, frames: np.ndarray, decided_by: str, degrees: float, priors: Priors) -> dict[str, Any]:
@@ -285,13 +300,12 @@ def _split(region: _MovingObject, bodies: list[_MovingObject], priors: Priors) -
 
 def _place_upright_plane(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> str:
     """Write an object without a structure of its own as one upright plane per frame; returns what decided its depth."""
-    assert priors.cameras is not None
-    intrinsics = priors.cameras.intrinsics
+    owns = [largest_piece(mask) for mask in mover.masks]
+    edges = _ground_edges(mover.frames, owns, maps, priors)
 
     def contact(i: int) -> tuple[float, float, float]:
         f = mover.frames[i]
-        own = largest_piece(mover.masks[i])
-        return _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], own, intrinsics[f])
+        return _contact(maps.inverse[f], maps.moving[f], owns[i], edges[i])
 
     contacts = np.array(in_threads(contact, range(len(mover.frames))))
     size = np.array(in_threads(lambda i: growth(priors, mover.frames[i], mover.masks[i]), range(len(mover.frames) - 1)))
@@ -309,12 +323,11 @@ def _place_upright_plane(mover: _MovingObject, maps: DepthMaps, priors: Priors) 
 
 def _place_rigid_body(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> str:
     """Write a rigid body at one scale for all frames; returns what decided its depth."""
-    assert priors.cameras is not None
     shapes = _relative_inverse(mover, priors)
     ratio, trust = np.zeros((2, len(shapes)))
+    edges = _ground_edges(mover.frames, mover.masks, maps, priors)
     for i, (f, mask, shape) in enumerate(zip(mover.frames, mover.masks, shapes, strict=True)):
-        lens = priors.cameras.intrinsics[f]
-        edge = ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask, lens)
+        edge = edges[i]
         if edge is None:
             around = inverse_around(maps.inverse[f], maps.moving[f], mask)
             ratio[i], trust[i] = around / np.median(shape), NO_CONTACT
@@ -360,7 +373,7 @@ def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray
 
 
 def _contact(
-    inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray, intrinsics: np.ndarray
+    inverse: np.ndarray, moving: np.ndarray, own: np.ndarray, found: GroundEdge | None
 ) -> tuple[float, float, float]:
     """Where a region stands: inverse depth at its mean column, relative change per column, and trust 0..1.
 
@@ -368,7 +381,6 @@ def _contact(
     `a (1 + b (column - mean))`, lies above the ground's values on its lower edge and touches them at its feet; of all turns
     `b` the one that touches most columns is taken (feet and wheels do, bellies and tails do not).
     """
-    found = ground_edge(inverse, confidence, moving, own, intrinsics)
     if found is None:
         return inverse_around(inverse, moving, own), 0.0, NO_CONTACT
     width, edge, run = own.shape[1], found.ground, found.run

@@ -67,7 +67,7 @@ def test_the_ground_below_a_region_is_carried_up_to_its_edge(low):
     moving = own.copy()
     moving[45:50, 20:24] = True
     inverse[1, 44:48, 26:30] += 2  # something stands there
-    found = touching.ground_edge(inverse[1], confidence[1], moving, own, LENS)
+    found = touching.ground_edge(inverse[1], confidence[1], moving, own)
     columns, run, edge, trust = edge_by_hand(inverse[1], confidence[1], moving, own)
     np.testing.assert_array_equal(found.columns, columns)
     np.testing.assert_allclose(found.run, run)
@@ -79,27 +79,33 @@ def test_too_little_ground_is_none():
     own = np.zeros((HEIGHT, WIDTH), bool)
     own[40 : HEIGHT - touching.MOVING_MARGIN - 1, 10:18] = True  # one row of eight pixels is left below
     maps = np.linspace(0.2, 1.4, HEIGHT)[:, None] * np.ones(WIDTH), np.ones((HEIGHT, WIDTH))
-    assert touching.ground_edge(*maps, own, own, LENS) is not None
+    assert touching.ground_edge(*maps, own, own) is not None
     own[40 : HEIGHT - touching.MOVING_MARGIN - 1, 17] = False
-    assert touching.ground_edge(*maps, own, own, LENS) is None
+    assert touching.ground_edge(*maps, own, own) is None
     inverse = np.arange(HEIGHT * WIDTH, dtype=float).reshape(HEIGHT, WIDTH)
     moving = own.copy()
     moving[:30] = True
     rim = ndimage.binary_dilation(own, iterations=12) & ~moving
-    assert module._contact(inverse, maps[1], moving, own, LENS) == (np.median(inverse[rim]), 0.0, touching.NO_CONTACT)
+    assert contact(inverse, maps[1], moving, own) == (np.median(inverse[rim]), 0.0, touching.NO_CONTACT)
     everything = np.ones((HEIGHT, WIDTH), bool)
-    assert module._contact(inverse, maps[1], everything, own, LENS)[0] == np.median(inverse)
+    assert contact(inverse, maps[1], everything, own)[0] == np.median(inverse)
 
 
-@pytest.mark.parametrize(("side", "columns"), [(slice(20, 36), []), (slice(20, 23), [*range(23, 36)])])
-def test_what_is_upright_before_a_region_is_no_ground(side, columns):
-    """The side of a box, as near above as below, hides the feet: all of them, or those of some columns."""
+@pytest.mark.parametrize(("side", "boxes", "columns"), [((20, 36), 1, 0), ((20, 23), 1, 13), ((20, 36), 4, 16)])
+def test_what_is_upright_before_a_region_is_no_ground(side, boxes, columns):
+    """The side of a box, as near above as below, hides the feet: all of them, or those of some columns. In all frames it tells
+    that depth is poor."""
     _, inverse, confidence = world(seed=2)
     own = np.zeros((HEIGHT, WIDTH), bool)
     own[10:30, 20:36] = True
-    inverse[0, 30:, side] = 2.0
-    found = touching.ground_edge(inverse[0], confidence[0], own, own, LENS)
-    assert ([] if found is None else found.columns.tolist()) == columns
+    inverse[:boxes, 30:, slice(*side)] = 2.0
+    edges = [touching.ground_edge(*maps, own, own) for maps in zip(inverse, confidence, strict=True)]
+    found = touching.without_upright(edges, np.tile(LENS, (FRAMES, 1, 1)))
+    assert (0 if found[0] is None else len(found[0].columns)) == columns and len(found[3].columns) == 16
+
+
+def contact(inverse, confidence, moving, own):
+    return module._contact(inverse, moving, own, touching.ground_edge(inverse, confidence, moving, own))
 
 
 def contact_by_hand(inverse, confidence, moving, own):
@@ -115,19 +121,17 @@ def contact_by_hand(inverse, confidence, moving, own):
     return max(best[1], 0.3 * edge.max()), best[2], trust
 
 
-def test_a_region_is_turned_until_most_of_it_touches_the_ground(monkeypatch):
+def test_a_region_is_turned_until_most_of_it_touches_the_ground():
     priors, inverse, confidence = world()
     tilted = inverse[0] * np.linspace(0.6, 1.5, WIDTH)
     for ground in (inverse[0], tilted):
-        found = module._contact(ground, confidence[0], priors.mask[0], priors.mask[0], LENS)
+        found = contact(ground, confidence[0], priors.mask[0], priors.mask[0])
         np.testing.assert_allclose(
             found, contact_by_hand(ground, confidence[0], priors.mask[0], priors.mask[0]), rtol=1e-6
         )
     assert found[1] > 0
-    monkeypatch.setattr(touching, "MAX_SLOPE", np.pi)
-    monkeypatch.setattr(touching, "AGREEING", 0)
     steep = 3 * np.maximum(inverse[0] * np.linspace(-8, 1.0, WIDTH) ** 3, 1e-3)  # hardly any ground but on one side
-    found = module._contact(steep, confidence[0], priors.mask[0], priors.mask[0], LENS)
+    found = contact(steep, confidence[0], priors.mask[0], priors.mask[0])
     np.testing.assert_allclose(found, contact_by_hand(steep, confidence[0], priors.mask[0], priors.mask[0]), rtol=1e-6)
 
 
@@ -408,9 +412,7 @@ def test_an_upright_plane_per_frame_stands_on_its_contacts(kind):
     priors.flow_forward_mask = np.ones((5, HEIGHT, WIDTH), bool)
     mover = module._MovingObject(np.arange(6), priors.mask, np.zeros(0, int))
     before = inverse.copy()
-    contacts = np.array(
-        [module._contact(before[f], confidence[f], priors.mask[f], priors.mask[f], LENS) for f in range(6)]
-    )
+    contacts = np.array([contact(before[f], confidence[f], priors.mask[f], priors.mask[f]) for f in range(6)])
     growth = np.array([touching.growth(priors, f, priors.mask[f]) for f in range(5)])
     solved, certain = touching.smooth_object_depth(contacts[:, 0], contacts[:, 2], growth)
     norm = ndimage.gaussian_filter1d(contacts[:, 2] + 1e-3, 3.0)
@@ -491,7 +493,7 @@ def test_a_rigid_body_has_one_scale_that_its_contacts_give(kind):
     ratio, trust = [], []
     for f in range(FRAMES):
         mask = priors.mask[f]
-        edge = touching.ground_edge(before[f], trusted[f], priors.mask[f], mask, LENS)
+        edge = touching.ground_edge(before[f], trusted[f], priors.mask[f], mask)
         if f == 2:
             assert edge is None
             rim = ndimage.binary_dilation(mask, iterations=12) & ~mask
