@@ -142,7 +142,7 @@ def _over_time(frames: np.ndarray, masks: np.ndarray, maps: DepthMaps, priors: P
 
 
 def _ground_edges(
-    frames: np.ndarray, masks: Sequence[np.ndarray], maps: DepthMaps, priors: Priors
+    frames: np.ndarray, masks: Sequence[np.ndarray] | np.ndarray, maps: DepthMaps, priors: Priors
 ) -> list[GroundEdge | None]:
     """The ground below a mover's masks (f, H, W) in the rows `frames (f,)` of the priors."""
     assert priors.cameras is not None

@@ -68,7 +68,8 @@ def refine_mask(
 
     frames: (F, H, W, 3) uint8; inverse: (F, H, W) float32 inverse depth of what stands; people: (F, H, W) bool, if known, pixels
     that show somebody, who stay in the mask where they do not look like the background. Constants were chosen on
-    people-walk, -turn and -cross, fox, orbit, demo, crossing and dog: mean J .813 -> .853.
+    people-walk, -turn and -cross, fox, orbit, demo, crossing, dog and camel (mean J .807 -> .842); on eleven other rendered clips
+    it rises from .801 to .857, on seven other real ones from .764 to .777.
     """
     import cv2
 
@@ -133,10 +134,10 @@ def draw_background(
     seen = np.sort(np.stack(found), axis=0)  # NaN, not seen, comes last
     count = np.isfinite(seen[..., 0]).sum(0)
     some = np.flatnonzero(count)
-    seen, count, there = seen[:, some], count[some], (y[some], x[some])
+    seen, count, asked_at = seen[:, some], count[some], (y[some], x[some])
     low, middle, high = (seen[part * (count - 1) // 4, np.arange(len(some))] for part in (1, 2, 3))
-    drawn.colors[there], drawn.known[there] = middle, True
-    drawn.spread[there] = (high - low).mean(-1) / 2
+    drawn.colors[asked_at], drawn.known[asked_at] = middle, True
+    drawn.spread[asked_at] = (high - low).mean(-1) / 2
     return drawn
 
 
@@ -183,8 +184,9 @@ def _like_background(
     def mean(values: np.ndarray) -> np.ndarray:
         return cv2.blur(values, (WINDOW, WINDOW))
 
-    def explained(both: np.ndarray, own: np.ndarray, drawn: np.ndarray, light: tuple[float, float]) -> np.ndarray:
-        """Whether a factor within `light` explains the colors, from sums of their products."""
+    def explained(sums: list[np.ndarray], light: tuple[float, float]) -> np.ndarray:
+        """Whether a factor within `light` explains the colors, from sums of products: of both, the picture's, the background's."""
+        both, own, drawn = sums
         factor = both / np.maximum(drawn, 1)
         left = np.sqrt(np.maximum(own - factor * both, 0) / 3)
         return (left < ALIKE * level + ALIKE_LEVELS) & (factor > light[0]) & (factor < light[1])
@@ -192,9 +194,9 @@ def _like_background(
     products = [
         (a * b).sum(-1) for a, b in ((picture, behind.colors), (picture, picture), (behind.colors, behind.colors))
     ]
-    tinted = explained(*products, SHADOW)
+    tinted = explained(products, SHADOW)
     smooth = [mean(product) for product in products]
-    same = explained(*smooth, PLAIN) & (noise < 2 * QUIET)
+    same = explained(smooth, PLAIN) & (noise < 2 * QUIET)
     own, drawn = picture.mean(-1), behind.colors.mean(-1)
     cover = mean(own * drawn) - mean(own) * mean(drawn)
     vary, texture = mean(own**2) - mean(own) ** 2, mean(drawn**2) - mean(drawn) ** 2
