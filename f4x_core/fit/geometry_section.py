@@ -135,7 +135,7 @@ def _over_ground(mover: Mapping[str, Any]) -> str:
     figure, (axis,) = page.plot(title, "clip frame", "median depths")
     ground = [np.nan if depth is None else depth for depth in path["ground"]]
     axis.plot(path["seen"], ground, color=page.TEAL, label="ground below it")
-    axis.plot(path["seen"], path["depth"], color=page.ORANGE, label="lowest part of it")
+    axis.plot(path["seen"], path["depth"], color=page.ORANGE, label="its depth, next to the ground if seen")
     touches = np.array(path["touches"], bool)
     if touches.any():
         places = np.array(path["seen"])[touches], np.array(path["depth"])[touches]
