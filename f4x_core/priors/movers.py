@@ -90,7 +90,8 @@ def place_objects(
     Returns one row per object: `group`, its first and last clip frame `frames`, what its depth was `decided_by` ("feet", "its own
     motion", "ground contact", "size" or "surroundings"), `emf_degrees`, the angle of the rays its points were seen from
     in its own axes (0 where unknown), and `over_time`, lists over the frames in which it is `seen`: the `depth` of its point
-    that is nearest to the ground (its median where none is seen), that of the `ground` seen below it (None where there is none), and if it `touches` it.
+    that is nearest to the ground (its median where none is seen), that of the `ground` seen below it (None where there is
+    none), and if it `touches` it.
     """
     maps = DepthMaps(inverse, confidence, confidence.copy(), moving)
     confidence[moving] = np.minimum(confidence[moving], GUESS_CONFIDENCE)
