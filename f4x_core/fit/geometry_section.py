@@ -18,6 +18,8 @@ from .way_round import WayRound
 
 # Groups of moving nodes in the table, the largest ones.
 NAMED_GROUPS = 8
+# Moving objects whose depth is plotted over time, those that are seen longest.
+PLOTTED_MOVERS = 4
 # Static Gaussians in the plot, and the opacity below which one is not part of a surface.
 PROFILE_POINTS, MIN_OPACITY = 12000, 0.3
 # What lies outside these quantiles of them, or further than so many median depths, does not widen the plot.
@@ -36,6 +38,7 @@ def geometry_section(result: FitResult, geometry: ClipGeometry, moments: Sequenc
         + page.plots([profile_plot(result)])
         + _groups(geometry)
         + _movers(movers)
+        + page.plots(map(_over_ground, sorted(movers, key=_frames_seen, reverse=True)[:PLOTTED_MOVERS]))
     )
 
 
@@ -117,6 +120,28 @@ def _movers(movers: Sequence[Mapping[str, Any]]) -> str:
             ]
         )
     return page.table(["moving object", "frames", "depth decided by", "turned by (degrees)"], rows, numbers=True)
+
+
+def _frames_seen(mover: Mapping[str, Any]) -> int:
+    return len(mover.get("over_time", {}).get("seen", ()))
+
+
+def _over_ground(mover: Mapping[str, Any]) -> str:
+    """Plot (SVG) of a mover's depth over the frames and of the ground below it, with dots where it touches the ground."""
+    if not _frames_seen(mover):
+        return ""
+    path = mover["over_time"]
+    title = f"moving object {mover['group']}: its depth, and that of the ground below it"
+    figure, (axis,) = page.plot(title, "clip frame", "median depths")
+    ground = [np.nan if depth is None else depth for depth in path["ground"]]
+    axis.plot(path["seen"], ground, color=page.TEAL, label="ground below it")
+    axis.plot(path["seen"], path["depth"], color=page.ORANGE, label="its depth, next to the ground if seen")
+    touches = np.array(path["touches"], bool)
+    if touches.any():
+        places = np.array(path["seen"])[touches], np.array(path["depth"])[touches]
+        axis.scatter(*places, s=14, color=page.ORANGE, label="touches the ground", zorder=3)
+    page.legend(axis)
+    return page.svg(figure)
 
 
 def _views(moments: Sequence[Moment]) -> str:

@@ -26,6 +26,7 @@ from .contact import (
     guessed_confidence,
     inverse_around,
     one_scale,
+    without_upright,
 )
 from .joints import ANKLES, FEET, HIPS, LIMBS, SHOULDERS, to_segments, turn_to_ray
 from .moving_people import dilate_masks, shows_person
@@ -137,11 +138,13 @@ class PlacedPeople:
     """(F, H, W) bool: theirs, moving ones close beside them, and fragments of the mask that touch them."""
     frames: list[np.ndarray]
     """Rows of the priors in which each of them is seen."""
+    masks: list[np.ndarray]
+    """(f, H, W) bool, the pixels of each of them there."""
 
 
 def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
     """Write the depth of moving people who stand on the ground into `maps`, in place."""
-    placed = PlacedPeople(np.zeros_like(maps.moving), [])
+    placed = PlacedPeople(np.zeros_like(maps.moving), [], [])
     if priors.people is None or priors.people_joints is None or priors.people_metres is None or priors.cameras is None:
         return placed
     for person in range(priors.people_joints.shape[1]):
@@ -156,6 +159,7 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
             continue
         size = smooth / priors.cameras.intrinsics[frames, 0, 0]
         edges = in_threads(partial(_ground_below, maps, shown), frames.tolist())
+        edges = without_upright(edges, priors.cameras.intrinsics[frames])
         bodies = _upright(bodies, dict(zip(frames.tolist(), edges, strict=True)), priors.cameras.intrinsics)
         standing = [(int(frame), bodies[frame], edge) for frame, edge in zip(frames, edges, strict=True)]
         contact, trust = _feet_on_ground(maps, shown, standing, size)
@@ -170,6 +174,7 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
             maps.confidence[frame][y, x] = guessed_confidence(priors, sure)
             placed.pixels[frame] |= own
         placed.frames.append(frames)
+        placed.masks.append(shown[frames])
     if placed.frames:
         _take_fragments(maps, placed)
     return placed

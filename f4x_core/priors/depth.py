@@ -27,8 +27,10 @@ from .config import PriorsConfig
 from .contact import GUESS_CONFIDENCE, MOVING_MARGIN
 from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import place_objects
-from .moving_people import dilate_masks
+from .moving_people import dilate_masks, shows_people
+from .outline import refine_mask
 from .points import TRACK_OUTLIER_PX, fit_points
+from .second_look import JOINED_MOTION, mask_is_given
 from .standing_world import guess_world, slope
 from .surfaces import join, pyramid_mean, surface_guide
 from .sweep import Samples, sweep
@@ -79,6 +81,8 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     statistics: dict[str, Any] = {}
     if priors.camera_kind == "moving":
         inverse, confidence = _static_depth(clip, priors, config, moving | ~seen, progress, statistics)
+        if clip.hidden is None and priors.motion is not None and moving.any() and not mask_is_given(priors):
+            moving = _with_outlines(clip, priors, inverse, moving)
     elif priors.camera_kind == "static":
         inverse, confidence = _before_standing_camera(clip, priors, cameras, statistics)
     else:
@@ -95,6 +99,10 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         priors.cameras = cameras.scaled_world(1 / unit)
     priors.depth = (depth / unit).astype(np.float32)
     priors.depth_confidence = np.clip(confidence, 0, 1).astype(np.float16)
+    for mover in objects:
+        for name in ("depth", "ground"):
+            over_time = mover["over_time"]
+            over_time[name] = [None if one is None else round(one / unit, 4) for one in over_time[name]]
     if any(mover["decided_by"] != "its own motion" for mover in objects):
         priors.warn(GUESSED_MOVERS)
     percentiles = np.percentile(priors.depth[:, ::4, ::4], (2, 50, 98))
@@ -104,6 +112,16 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         "percentiles_2_50_98": [round(float(value), 3) for value in percentiles],
         "mean_confidence": round(float(confidence.mean()), 3),
     }
+
+
+def _with_outlines(clip: Clip, priors: Priors, inverse: np.ndarray, moving: np.ndarray) -> np.ndarray:
+    """The mask `moving (F, H, W)` refined by what stands behind it, of `inverse (F, H, W)` depth; also `priors.mask`, `motion`."""
+    assert priors.cameras is not None and priors.motion is not None
+    mask = refine_mask(clip.frames[priors.frames], inverse, moving, shows_people(priors), priors.cameras)
+    motion = np.where(mask & ~moving, np.maximum(priors.motion, JOINED_MOTION), priors.motion)
+    priors.mask, priors.motion = mask, np.where(moving & ~mask, 0, motion).astype(np.float16)
+    priors.statistics.setdefault("motion", {}).update(share=float(mask.mean()), moving=bool(mask.any()))
+    return mask
 
 
 def _before_standing_camera(

@@ -7,6 +7,7 @@ upright plane per frame, placed by its contact with the ground and its change of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from scipy.spatial import cKDTree
 from ..parallel import in_threads
 from .body_depth import STANDS, add_relief, place_people
 from .contact import (
+    CONTACT_NOISE,
     GROUND_NOISE,
     GUESS_CONFIDENCE,
     MIN_CONTACT_FRAMES,
@@ -26,6 +28,7 @@ from .contact import (
     MOVING_CONFIDENCE,
     NO_CONTACT,
     DepthMaps,
+    GroundEdge,
     ground_edge,
     growth,
     guessed_confidence,
@@ -33,6 +36,7 @@ from .contact import (
     largest_piece,
     one_scale,
     smooth_object_depth,
+    without_upright,
 )
 from .own_motion import MIN_POINTS, OwnMotion, TracksOnObject, solve
 
@@ -84,8 +88,10 @@ def place_objects(
     """Write the inverse depth of moving pixels into `inverse (F, H, W)` and its confidence into `confidence`, both in place.
 
     Returns one row per object: `group`, its first and last clip frame `frames`, what its depth was `decided_by` ("feet", "its own
-    motion", "ground contact", "size" or "surroundings"), and `emf_degrees`, the angle of the rays its points were seen from
-    in its own axes (0 where unknown).
+    motion", "ground contact", "size" or "surroundings"), `emf_degrees`, the angle of the rays its points were seen from
+    in its own axes (0 where unknown), and `over_time`, lists over the frames in which it is `seen`: the `depth` of its point
+    that is nearest to the ground (its median where none is seen), that of the `ground` seen below it (None where there is
+    none), and if it `touches` it.
     """
     maps = DepthMaps(inverse, confidence, confidence.copy(), moving)
     confidence[moving] = np.minimum(confidence[moving], GUESS_CONFIDENCE)
@@ -104,13 +110,49 @@ def place_objects(
         return [body for one in _objects(whole, priors) for body in _rigid_bodies(one, priors)]
 
     found = ndimage.find_objects(labels)
+    placed = list(zip(people.frames, people.masks, strict=True))
     rows = [_row(number, frames, STANDS, 0.0, priors) for number, frames in enumerate(people.frames)]
     for mover in (body for number in range(1, len(found) + 1) for body in bodies(number)):
         place = _place_upright_plane if mover.motion is None else _place_rigid_body
         decided = place(mover, maps, priors)
         rows.append(_row(len(rows), mover.frames, decided, mover.motion.degrees if mover.motion else 0.0, priors))
+        placed.append((mover.frames, mover.masks))
     add_relief(inverse, moving & ~people.pixels & (confidence <= MOVING_CONFIDENCE), priors)
+    for row, (frames, masks) in zip(rows, placed, strict=True):
+        row["over_time"] = _over_time(frames, masks, maps, priors)
     return rows
+
+
+def _over_time(frames: np.ndarray, masks: np.ndarray, maps: DepthMaps, priors: Priors) -> dict[str, list[Any]]:
+    """`over_time` of `place_objects` for a placed object, `masks (f, H, W)` in the rows `frames (f,)` of the priors."""
+
+    def compare(i: int) -> tuple[float, float | None, bool]:
+        f, own, edge = frames[i], owns[i], edges[i]
+        if edge is None:
+            return 1 / float(np.median(maps.inverse[f][own])), None, False
+        bottom = len(own) - 1 - np.argmax(own[::-1], axis=0)[edge.columns]
+        lowest = maps.inverse[f][bottom, edge.columns]
+        nearest = int(np.argmin(abs(np.log(np.maximum(edge.ground, 1e-9) / lowest))))
+        depth, ground = 1 / float(lowest[nearest]), 1 / max(float(edge.ground[nearest]), 1e-9)
+        return depth, ground, bool(abs(depth / ground - 1) < CONTACT_NOISE)
+
+    owns = [largest_piece(mask) for mask in masks]
+    edges = _ground_edges(frames, owns, maps, priors)
+    depth, ground, touches = map(list, zip(*in_threads(compare, range(len(frames))), strict=True))
+    return {"seen": priors.frames[frames].tolist(), "depth": depth, "ground": ground, "touches": touches}
+
+
+def _ground_edges(
+    frames: np.ndarray, masks: Sequence[np.ndarray] | np.ndarray, maps: DepthMaps, priors: Priors
+) -> list[GroundEdge | None]:
+    """The ground below a mover's masks (f, H, W) in the rows `frames (f,)` of the priors."""
+    assert priors.cameras is not None
+
+    def find(i: int) -> GroundEdge | None:
+        f = frames[i]
+        return ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], masks[i])
+
+    return without_upright(in_threads(find, range(len(frames))), priors.cameras.intrinsics[frames])
 
 
 def _row(number: int, frames: np.ndarray, decided_by: str, degrees: float, priors: Priors) -> dict[str, Any]:
@@ -259,31 +301,34 @@ def _split(region: _MovingObject, bodies: list[_MovingObject], priors: Priors) -
 
 def _place_upright_plane(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> str:
     """Write an object without a structure of its own as one upright plane per frame; returns what decided its depth."""
+    owns = [largest_piece(mask) for mask in mover.masks]
+    edges = _ground_edges(mover.frames, owns, maps, priors)
 
     def contact(i: int) -> tuple[float, float, float]:
         f = mover.frames[i]
-        return _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], largest_piece(mover.masks[i]))
+        return _contact(maps.inverse[f], maps.moving[f], owns[i], edges[i])
 
     contacts = np.array(in_threads(contact, range(len(mover.frames))))
     size = np.array(in_threads(lambda i: growth(priors, mover.frames[i], mover.masks[i]), range(len(mover.frames) - 1)))
     middle, tilt, trust = contacts.T
-    solved, certain = smooth_object_depth(middle, trust, size)
+    stands = trust > NO_CONTACT
+    solved, certain = smooth_object_depth(middle, trust * (stands | ~stands.any()), size)
     norm = ndimage.gaussian_filter1d(trust + 1e-3, TILT_FRAMES)
     tilt = ndimage.gaussian_filter1d(tilt * (trust + 1e-3), TILT_FRAMES) / norm
     for f, mask, value, slope, sure in zip(mover.frames, mover.masks, solved, tilt, certain, strict=True):
         y, x = np.nonzero(mask)
         maps.inverse[f][y, x] = value * np.clip(1 + slope * (x - x.mean()), *TILT_RANGE)
         maps.confidence[f][y, x] = guessed_confidence(priors, sure)
-    stands = (trust > NO_CONTACT).mean()
-    return "surroundings" if stands == 0 else "ground contact" if stands >= MIN_CONTACT_FRAMES else "size"
+    return "ground contact" if stands.mean() >= MIN_CONTACT_FRAMES else "size" if stands.any() else "surroundings"
 
 
 def _place_rigid_body(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> str:
     """Write a rigid body at one scale for all frames; returns what decided its depth."""
     shapes = _relative_inverse(mover, priors)
     ratio, trust = np.zeros((2, len(shapes)))
+    edges = _ground_edges(mover.frames, mover.masks, maps, priors)
     for i, (f, mask, shape) in enumerate(zip(mover.frames, mover.masks, shapes, strict=True)):
-        edge = ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask)
+        edge = edges[i]
         if edge is None:
             around = inverse_around(maps.inverse[f], maps.moving[f], mask)
             ratio[i], trust[i] = around / np.median(shape), NO_CONTACT
@@ -329,7 +374,7 @@ def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray
 
 
 def _contact(
-    inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray
+    inverse: np.ndarray, moving: np.ndarray, own: np.ndarray, found: GroundEdge | None
 ) -> tuple[float, float, float]:
     """Where a region stands: inverse depth at its mean column, relative change per column, and trust 0..1.
 
@@ -337,7 +382,6 @@ def _contact(
     `a (1 + b (column - mean))`, lies above the ground's values on its lower edge and touches them at its feet; of all turns
     `b` the one that touches most columns is taken (feet and wheels do, bellies and tails do not).
     """
-    found = ground_edge(inverse, confidence, moving, own)
     if found is None:
         return inverse_around(inverse, moving, own), 0.0, NO_CONTACT
     width, edge, run = own.shape[1], found.ground, found.run

@@ -50,8 +50,8 @@ STANDING_VOTE = 2.0
 distance."""
 MIN_VOTE = 0.1 / (2 * np.pi * VOTE_SIGMA**2)
 """Fewest votes that join a pixel to what moves: a tenth of one track at its own place."""
-RESTING_MOTION = 0.75
-"""Motion score of what rests for a while and moves later."""
+JOINED_MOTION = 0.75
+"""Motion score of what joins the mask later: it rests for a while, or flow does not tell its outline."""
 
 
 def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> float:
@@ -60,7 +60,7 @@ def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
     Returns the fraction of the mask that was taken out. A mask that was given stays.
     """
     mask, tracks, visible = priors.mask, priors.tracks, priors.tracks_visible
-    if mask is None or tracks is None or visible is None or _mask_is_given(priors):
+    if mask is None or tracks is None or visible is None or mask_is_given(priors):
         return 0.0
     assert priors.tracks_motion is not None and priors.motion is not None and priors.cameras is not None
     asked = np.flatnonzero((priors.tracks_motion > STATIC_TRACK) & (visible.sum(0) >= min(MIN_FRAMES, len(mask))))
@@ -91,7 +91,7 @@ def join_resting(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pro
     Returns by what fraction the mask grew. A mask that was given stays.
     """
     mask, tracks, visible = priors.mask, priors.tracks, priors.tracks_visible
-    if mask is None or tracks is None or visible is None or _mask_is_given(priors):
+    if mask is None or tracks is None or visible is None or mask_is_given(priors):
         return 0.0
     assert priors.tracks_motion is not None and priors.motion is not None and priors.cameras is not None
     static = np.flatnonzero((priors.tracks_motion <= STATIC_TRACK) & (visible.sum(0) >= min(MIN_FRAMES, len(mask))))
@@ -105,7 +105,7 @@ def join_resting(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pro
     if not added.any():
         return 0.0
     fraction = float(added.sum() / mask.sum())
-    priors.motion = np.where(added, np.maximum(priors.motion, RESTING_MOTION), priors.motion).astype(np.float16)
+    priors.motion = np.where(added, np.maximum(priors.motion, JOINED_MOTION), priors.motion).astype(np.float16)
     priors.mask = joined
     priors.statistics.setdefault("motion", {}).update(share=float(joined.mean()), moving=True)
     densify(clip, priors, config, long_flows(clip, priors, config, progress), progress)
@@ -125,10 +125,11 @@ def _with_resting(mask: np.ndarray, votes: np.ndarray) -> np.ndarray:
 
 def mask_in_doubt(priors: Priors) -> bool:
     """Whether what is taken to move fills the pictures' border, and not because the user says so."""
-    return priors.mask is not None and not _mask_is_given(priors) and fills_border(priors.mask)
+    return priors.mask is not None and not mask_is_given(priors) and fills_border(priors.mask)
 
 
-def _mask_is_given(priors: Priors) -> bool:
+def mask_is_given(priors: Priors) -> bool:
+    """Whether the user gave the mask."""
     return priors.provenance.get("mask", {}).get("provider") in ("user", "files")
 
 

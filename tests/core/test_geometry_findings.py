@@ -12,6 +12,7 @@ from test_diagnostics import node_scaffold
 from f4x_core.fit.advice import findings
 from f4x_core.fit.believed import MAX_DEGREES, TOLERANCE, Believed, DepthEvidence, believed_degrees, depth_evidence
 from f4x_core.fit.geometry_findings import ClipGeometry, about_geometry, believed_sentence
+from f4x_core.fit.geometry_section import _over_ground
 from f4x_core.fit.viewing_angles import (
     angular_factor,
     group_views,
@@ -140,6 +141,16 @@ def test_believed_angle_displaces_by_the_tolerance():
 )
 def test_weaker_evidence_believes_less(worse):
     assert believed_degrees(replace(CERTAIN, **worse)).static < 0.8 * believed_degrees(CERTAIN).static
+
+
+@pytest.mark.parametrize("touches", [(True, False, True), (False, False, False)])
+def test_the_page_plots_movers_over_the_ground(touches):
+    """Of an older scene, whose priors do not know it, there is no plot."""
+    path = {"seen": [4, 5, 7], "depth": [1.0, 1.1, 1.2], "ground": [1.0, None, 1.2], "touches": list(touches)}
+    drawn = _over_ground({"group": 3, "over_time": path})
+    assert drawn.startswith("<svg") and "moving object 3" in drawn
+    assert ("touches the ground" in drawn) == any(touches)
+    assert _over_ground({"group": 3}) == ""
 
 
 def test_movers_are_believed_no_further_than_the_world_they_stand_in():

@@ -154,11 +154,11 @@ def test_ground_prior_is_one_world_for_a_turning_camera():
 
 
 def test_object_depth_follows_size_and_forgives_a_wrong_contact():
-    growth = np.full(9, np.log(1.1))
-    true = 0.5 * 1.1 ** np.arange(10)
+    growth = np.full(19, np.log(1.1))
+    true = 0.5 * 1.1 ** np.arange(20)
     contact = true.copy()
     contact[4] *= 3
-    found, certain = smooth_object_depth(contact, np.ones(10), growth)
+    found, certain = smooth_object_depth(contact, np.ones(20), growth)
     np.testing.assert_allclose(found, true, rtol=0.05)
     assert ((certain > 0) & (certain <= 1)).all()
     alone, _ = smooth_object_depth(np.array([0.7]), np.ones(1), np.zeros(0))

@@ -14,6 +14,7 @@ from f4x_core.priors import movers as module
 from f4x_core.priors.own_motion import OwnMotion
 
 HEIGHT, WIDTH, FRAMES = 60, 80, 4
+LENS = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])
 
 
 def world(frames=FRAMES, seed=0, kind="moving"):
@@ -23,7 +24,7 @@ def world(frames=FRAMES, seed=0, kind="moving"):
     for t in range(frames):
         mask[t, 10:30, 20 + 2 * t : 36 + 2 * t] = True
         mask[t, 30:34, 24 + 2 * t : 28 + 2 * t] = True  # a foot
-    lens = np.tile(np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]]), (frames, 1, 1))
+    lens = np.tile(LENS, (frames, 1, 1))
     cameras = CameraPath(lens, np.tile(np.eye(4), (frames, 1, 1)), np.arange(float(frames)), WIDTH, HEIGHT)
     priors = Priors(WIDTH, HEIGHT, np.arange(5, 5 + frames), mask=mask, cameras=cameras, camera_kind=kind)
     ground = np.linspace(0.2, 1.4, HEIGHT)[:, None] + np.linspace(0, 0.2, WIDTH)
@@ -77,7 +78,7 @@ def test_the_ground_below_a_region_is_carried_up_to_its_edge(low):
 def test_too_little_ground_is_none():
     own = np.zeros((HEIGHT, WIDTH), bool)
     own[40 : HEIGHT - touching.MOVING_MARGIN - 1, 10:18] = True  # one row of eight pixels is left below
-    maps = np.ones((HEIGHT, WIDTH)), np.ones((HEIGHT, WIDTH))
+    maps = np.linspace(0.2, 1.4, HEIGHT)[:, None] * np.ones(WIDTH), np.ones((HEIGHT, WIDTH))
     assert touching.ground_edge(*maps, own, own) is not None
     own[40 : HEIGHT - touching.MOVING_MARGIN - 1, 17] = False
     assert touching.ground_edge(*maps, own, own) is None
@@ -85,9 +86,26 @@ def test_too_little_ground_is_none():
     moving = own.copy()
     moving[:30] = True
     rim = ndimage.binary_dilation(own, iterations=12) & ~moving
-    assert module._contact(inverse, maps[1], moving, own) == (np.median(inverse[rim]), 0.0, touching.NO_CONTACT)
+    assert contact(inverse, maps[1], moving, own) == (np.median(inverse[rim]), 0.0, touching.NO_CONTACT)
     everything = np.ones((HEIGHT, WIDTH), bool)
-    assert module._contact(inverse, maps[1], everything, own)[0] == np.median(inverse)
+    assert contact(inverse, maps[1], everything, own)[0] == np.median(inverse)
+
+
+@pytest.mark.parametrize(("side", "boxes", "columns"), [((20, 36), 1, 0), ((20, 23), 1, 13), ((20, 36), 4, 16)])
+def test_what_is_upright_before_a_region_is_no_ground(side, boxes, columns):
+    """The side of a box, as near above as below, hides the feet: all of them, or those of some columns. In all frames it tells
+    that depth is poor."""
+    _, inverse, confidence = world(seed=2)
+    own = np.zeros((HEIGHT, WIDTH), bool)
+    own[10:30, 20:36] = True
+    inverse[:boxes, 30:, slice(*side)] = 2.0
+    edges = [touching.ground_edge(*maps, own, own) for maps in zip(inverse, confidence, strict=True)]
+    found = touching.without_upright(edges, np.tile(LENS, (FRAMES, 1, 1)))
+    assert (0 if found[0] is None else len(found[0].columns)) == columns and len(found[3].columns) == 16
+
+
+def contact(inverse, confidence, moving, own):
+    return module._contact(inverse, moving, own, touching.ground_edge(inverse, confidence, moving, own))
 
 
 def contact_by_hand(inverse, confidence, moving, own):
@@ -107,13 +125,13 @@ def test_a_region_is_turned_until_most_of_it_touches_the_ground():
     priors, inverse, confidence = world()
     tilted = inverse[0] * np.linspace(0.6, 1.5, WIDTH)
     for ground in (inverse[0], tilted):
-        found = module._contact(ground, confidence[0], priors.mask[0], priors.mask[0])
+        found = contact(ground, confidence[0], priors.mask[0], priors.mask[0])
         np.testing.assert_allclose(
             found, contact_by_hand(ground, confidence[0], priors.mask[0], priors.mask[0]), rtol=1e-6
         )
     assert found[1] > 0
     steep = 3 * np.maximum(inverse[0] * np.linspace(-8, 1.0, WIDTH) ** 3, 1e-3)  # hardly any ground but on one side
-    found = module._contact(steep, confidence[0], priors.mask[0], priors.mask[0])
+    found = contact(steep, confidence[0], priors.mask[0], priors.mask[0])
     np.testing.assert_allclose(found, contact_by_hand(steep, confidence[0], priors.mask[0], priors.mask[0]), rtol=1e-6)
 
 
@@ -197,6 +215,9 @@ def test_growth_is_that_of_a_robust_similarity():
         assert found == pytest.approx(np.log(factor), abs=0.02)
     assert touching.growth(grown(1.5, 0, 0), 0, priors.mask[0]) == pytest.approx(0.2)
     assert touching.growth(grown(0.6, 0, 0), 0, priors.mask[0]) == pytest.approx(-0.2)
+    rolling = grown(1.0, 0, 0)
+    rolling.flow_forward[..., 0] *= np.cos(np.arange(WIDTH))[:, None].T
+    assert np.isnan(touching.growth(rolling, 0, priors.mask[0]))
     few = np.zeros((HEIGHT, WIDTH), bool)
     few[10, 20:50] = True
     priors = grown(1.05, spoilt=0)
@@ -391,7 +412,7 @@ def test_an_upright_plane_per_frame_stands_on_its_contacts(kind):
     priors.flow_forward_mask = np.ones((5, HEIGHT, WIDTH), bool)
     mover = module._MovingObject(np.arange(6), priors.mask, np.zeros(0, int))
     before = inverse.copy()
-    contacts = np.array([module._contact(before[f], confidence[f], priors.mask[f], priors.mask[f]) for f in range(6)])
+    contacts = np.array([contact(before[f], confidence[f], priors.mask[f], priors.mask[f]) for f in range(6)])
     growth = np.array([touching.growth(priors, f, priors.mask[f]) for f in range(5)])
     solved, certain = touching.smooth_object_depth(contacts[:, 0], contacts[:, 2], growth)
     norm = ndimage.gaussian_filter1d(contacts[:, 2] + 1e-3, 3.0)
@@ -578,7 +599,10 @@ def test_rows_tell_what_was_placed():
     priors.mask[1:3, 50:56, 60:63] = True  # of 18 pixels: too small, and left alone
     before = inverse.copy()
     (row,) = module.place_objects(inverse, confidence, priors.mask, priors)
+    path = row.pop("over_time")
     assert row == {"group": 0, "frames": [5, 8], "decided_by": "ground contact", "emf_degrees": 0.0}
+    assert path["seen"] == [5, 6, 7, 8] and path["touches"] == [True] * 4
+    np.testing.assert_allclose(path["depth"], path["ground"], rtol=touching.CONTACT_NOISE)
     np.testing.assert_array_equal(inverse[1, 50:56, 60:63], before[1, 50:56, 60:63])
     assert confidence[1, 50:56, 60:63].max() <= touching.GUESS_CONFIDENCE + 1e-6
     priors.mask[1:3, 50:56, 60:65] = True  # of 30 pixels: large enough

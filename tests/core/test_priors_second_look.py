@@ -218,7 +218,7 @@ def test_what_rests_at_first_and_moves_later_is_joined_to_the_mask(passing, monk
     assert 0.3 < fraction < 2 and len(made_anew) == 1
     walker = whole & ~wall
     assert passing.mask[:6][walker[:6]].mean() > 0.8 and passing.mask[wall & ~walker].mean() < 0.1
-    assert (passing.motion[passing.mask] >= second_look.RESTING_MOTION).all()
+    assert (passing.motion[passing.mask] >= second_look.JOINED_MOTION).all()
 
 
 def test_holes_are_filled_where_nothing_in_them_stands():
