@@ -13,11 +13,13 @@ import numpy as np
 from scipy import ndimage
 
 from ..geometry.arrays import evenly_spaced
-from ..geometry.camera import CameraPath
+from ..geometry.camera import Camera, CameraPath
 from ..parallel import in_threads
 from .flow import look_up
 from .moving_people import dilate_masks
 
+LINE, UNSEEN = 1024, 999
+"""Pixels are looked up in lines of so many, as OpenCV allows no longer ones than 32,767; level of what is not seen."""
 BLUR = 0.7
 """Gaussian (pixels) over which pictures are compared."""
 BESIDE = (20, 25)
@@ -114,41 +116,51 @@ def draw_background(
     drawn = Background(np.zeros((*asked.shape, 3), np.float32), np.zeros(asked.shape, np.float32), np.zeros_like(asked))
     if not (len(x) and others):
         return drawn
-    here, pixels = cameras[frame], np.stack([x, y], 1) + 0.5
-    rays = np.ones((len(x), 3))
-    rays[:, :2] = (pixels - here.intrinsics[:2, 2]) / here.intrinsics[[0, 1], [0, 1]]
-    start, found = inverse[frame][y, x].astype(np.float64), []
-    for other in (others[i] for i in evenly_spaced(len(others), VIEWS)):
-        there = cameras[other]
-        relative = there.world_to_camera @ here.camera_to_world
-        ahead, shift, rho, place = rays @ relative[:3, :3].T, relative[:3, 3], start, pixels
-        for _ in range(ROUNDS):
-            before, point = place, ahead + rho[:, None] * shift
-            front = np.maximum(point[:, 2], 1e-6)
-            place = point[:, :2] / front[:, None] * there.intrinsics[[0, 1], [0, 1]] + there.intrinsics[:2, 2]
-            rho = _at(inverse[other], place) * front
-        settled = (point[:, 2] > 0) & (np.linalg.norm(place - before, axis=1) < SETTLED)
-        size = np.array(asked.shape[::-1])
-        settled &= ((place > 0.5) & (place < size - 0.5)).all(1) & (_at(covered[other].astype(np.float32), place) == 0)
-        found.append(np.where(settled[:, None], _at(pictures[other], place), np.nan).astype(np.float32))
-    seen = np.sort(np.stack(found), axis=0)  # NaN, not seen, comes last
-    count = np.isfinite(seen[..., 0]).sum(0)
+    lines = np.arange(-(-len(x) // LINE) * LINE).reshape(-1, LINE) % len(x)
+    pixels, start = np.stack([x, y]).astype(np.float32)[:, lines] + np.float32(0.5), inverse[frame][y, x][lines]
+    found = np.full((min(VIEWS, len(others)), len(x), 3), UNSEEN, np.int16)
+    for row, other in zip(found, (others[i] for i in evenly_spaced(len(others), VIEWS)), strict=True):
+        place, seen = _along_rays(cameras[frame], cameras[other], pixels, start, inverse[other])
+        seen &= _at(covered[other].astype(np.uint8) * np.uint8(255), place) == 0
+        rows = np.flatnonzero(seen.ravel()[: len(x)])
+        row[rows] = _at(pictures[other], place).reshape(-1, 3)[rows]
+    found.sort(axis=0)
+    count = (found[..., 0] < UNSEEN).sum(0)
     some = np.flatnonzero(count)
-    seen, count, asked_at = seen[:, some], count[some], (y[some], x[some])
-    low, middle, high = (seen[part * (count - 1) // 4, np.arange(len(some))] for part in (1, 2, 3))
+    count, asked_at = count[some], (y[some], x[some])
+    low, middle, high = (found[part * (count - 1) // 4, some].astype(np.float32) for part in (1, 2, 3))
     drawn.colors[asked_at], drawn.known[asked_at] = middle, True
     drawn.spread[asked_at] = (high - low).mean(-1) / 2
     return drawn
 
 
-def _at(image: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(n[, C]) values of `image (H, W[, C])` at `places (n, 2)` in pixels."""
-    width = 1024  # OpenCV allows no longer lines than 32,767
-    count = len(places)
-    lines = np.zeros((-(-count // width) * width, 2))
-    lines[:count] = np.clip(places, -width, 2 * max(image.shape))
-    found = look_up(image, lines.reshape(-1, width, 2))
-    return found.reshape(len(lines), *image.shape[2:])[:count]
+def _along_rays(
+    here: Camera, there: Camera, pixels: np.ndarray, rho: np.ndarray, inverse: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places `(2, ...)` where the camera `there` sees what stands at `pixels (2, ...)` of the camera `here`, and whether it does.
+
+    rho: (...) first guess of the inverse depth from `here`; inverse: (H, W) inverse depth from `there`. All float32.
+    """
+    relative = there.world_to_camera @ here.camera_to_world
+    turn = (there.intrinsics @ relative[:3, :3] @ np.linalg.inv(here.intrinsics)).astype(np.float32)
+    shift = (there.intrinsics @ relative[:3, 3]).astype(np.float32)
+    ahead = turn[:, 0, *[None] * rho.ndim] * pixels[0] + turn[:, 1, *[None] * rho.ndim] * pixels[1]
+    ahead += turn[:, 2, *[None] * rho.ndim]
+    place = pixels
+    for _ in range(ROUNDS):
+        before = place
+        front = np.maximum(ahead[2] + rho * shift[2], np.float32(1e-6))
+        place = np.stack([ahead[axis] + rho * shift[axis] for axis in (0, 1)]) / front
+        np.clip(place, -LINE, LINE * 8, out=place)
+        rho = _at(inverse, place) * front
+    height, width = inverse.shape
+    seen = (front > 1e-6) & (np.hypot(*(place - before)) < SETTLED)
+    return place, seen & (place > 0.5).all(0) & (place[0] < width - 0.5) & (place[1] < height - 0.5)
+
+
+def _at(image: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """(h, w[, C]) values of `image (H, W[, C])` at `place (2, h, w)` in pixels, of its dtype."""
+    return look_up(image, np.moveaxis(place, 0, -1))
 
 
 def _refined(
@@ -191,9 +203,8 @@ def _like_background(
         left = np.sqrt(np.maximum(own - factor * both, 0) / 3)
         return (left < ALIKE * level + ALIKE_LEVELS) & (factor > light[0]) & (factor < light[1])
 
-    products = [
-        (a * b).sum(-1) for a, b in ((picture, behind.colors), (picture, picture), (behind.colors, behind.colors))
-    ]
+    pairs = ((picture, behind.colors), (picture, picture), (behind.colors, behind.colors))
+    products = [np.einsum("hwc,hwc->hw", *pair) for pair in pairs]
     tinted = explained(products, SHADOW)
     smooth = [mean(product) for product in products]
     same = explained(smooth, PLAIN) & (noise < 2 * QUIET)
