@@ -111,8 +111,16 @@ class Struct:
         if len(full) != len(self._known):
             raise F4xError(f"{self.name} has no field {next(name for name in full if name not in self._known)}.")
         filled = self.type(*row)
-        filled.arrays = values
+        filled.arrays, filled.checks = values, dict(plan)
         return filled
+
+    @staticmethod
+    def refill(filled: Any, **values: Any) -> None:
+        """Put other `values`, by name, into a struct of the same sizes: a step of a fit changes few of them."""
+        for name, value in values.items():
+            check = filled.checks[name]
+            setattr(filled, name, value if check is None else check(value))
+        filled.arrays.update(values)
 
     def _make_plan(self, *sizes: int) -> list[tuple[str, Check | None]]:
         """Every field of C in order and, of an array, its check for the values of `_sizes`."""

@@ -60,7 +60,8 @@ def test_the_gradients_of_corrections_are_those_of_the_formula(angle):
     turn = quaternion.to_matrix(quaternion.from_rotation_vector(plain[0]))
     moved = torch.cat([turn @ base[:3, :3], (turn @ base[:3, 3] + plain[1])[:, None]], 1)
     expected = torch.cat([moved, base[3:]])
-    found = CorrectedView.apply(*fast, base)
+    both, frame = [torch.stack([torch.zeros(3), each]) for each in fast], 1
+    found = CorrectedView.apply(*both, torch.stack([torch.eye(4).to(base), base]), frame)
     torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
     for got, wanted in zip(
         *(torch.autograd.grad(m, x, sent) for m, x in ((found, fast), (expected, plain))), strict=True
@@ -88,6 +89,14 @@ def test_steady_corrections_cost_nothing_and_uneven_ones_their_second_difference
     with torch.no_grad():
         three.parameters["camera_rotation"][1, 0], three.parameters["camera_position"][2, 1] = 0.1, 0.3
     assert float(three.smoothness().detach()) == pytest.approx(0.2**2 + 0.3**2)
+    five, rng = CameraRig(camera_path(5)), np.random.default_rng(1)
+    names = ("camera_rotation", "camera_position")
+    own = [torch.from_numpy(rng.normal(size=(5, 3))).float().requires_grad_() for _ in names]
+    five.parameters = dict(zip(names, own, strict=True))
+    both = torch.cat([each.double() for each in own], 1)
+    plain = (both[2:] - 2 * both[1:-1] + both[:-2]).square().sum(1).mean()
+    for got, wanted in zip(*(torch.autograd.grad(3 * m, own) for m in (five.smoothness(), plain)), strict=True):
+        torch.testing.assert_close(got, wanted, rtol=1e-5, atol=1e-5)
 
 
 def test_the_refined_path_holds_the_corrections(rig):
