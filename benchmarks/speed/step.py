@@ -14,6 +14,7 @@ from typing import Any
 
 import torch
 
+from f4x_core.adam import Adam
 from f4x_core.clip import Clip
 from f4x_core.errors import F4xError
 from f4x_core.fit import model
@@ -22,7 +23,6 @@ from f4x_core.fit.config import profile
 from f4x_core.fit.frame_native import NativeFrameLosses
 from f4x_core.fit.pipeline import ClipFit
 from f4x_core.fit.trainer import Trainer
-from f4x_core.gaussians import DensityControl, SetOptimiser
 from f4x_core.gaussians.appearance_native import NativeDrawing
 from f4x_core.native import open_library, shareable_seconds
 from f4x_core.progress import Progress, silent
@@ -43,10 +43,8 @@ PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
     ("losses", trainer_module, ("total_loss",)),
     ("losses", NativeFrameLosses, ("backward",)),
     ("losses", NativeMotion, ("backward",)),
-    ("Adam", SetOptimiser, ("step",)),
-    ("Adam", trainer_module, ("native_step",)),
+    ("Adam", Adam, ("step",)),
     ("density statistics", Trainer, ("_record_gradients",)),
-    ("density statistics", DensityControl, ("cap_sizes",)),
     ("torch's gradients", torch.Tensor, ("backward",)),
     (REST, Trainer, ("train_step",)),
 )
@@ -90,7 +88,7 @@ class StepClock:
             for part, owner, names in PARTS:
                 for name in names:
                     setattr(owner, name, self._timed(part, owner.__dict__[name]))
-            every_step = ("sizes capped", "learning rates", "skinning offsets learnt")
+            every_step = ("learning rates", "skinning offsets learnt")
             trainer.actions = [
                 action if action.name.startswith(every_step) else replace(action, run=self._timed(action.name, action.run))
                 for action in actions
