@@ -250,6 +250,13 @@ class Moved(NamedTuple):
     """Clip time."""
 
 
+def _centre(camera: Camera) -> tuple[float, float, float]:
+    """`camera.center` in plain numbers, without gradients: see `CorrectedView`."""
+    rows = camera.world_to_camera[:3].tolist()
+    x, y, z = (-sum(row[axis] * row[3] for row in rows) for axis in range(3))
+    return x, y, z
+
+
 class SceneModel:
     """The scene under optimisation."""
 
@@ -361,10 +368,9 @@ class SceneModel:
         Channels: rgb; where something moves which Gaussians are dynamic; with `there` (M,3), the places of the M dynamic
         Gaussians at another time, the places of all then, static ones staying put. They send no gradient to the camera.
         """
-        centre = camera.center.detach()
         if not self.kernels.native or self.static.parameters["shN"].shape[1] + 1 not in COEFFICIENTS:
             splats = self.posed(moved)
-            colors = appearance(splats.sh, splats.means, splats.quats, centre, self.kernels)
+            colors = appearance(splats.sh, splats.means, splats.quats, camera.center.detach(), self.kernels)
             more = self._more_channels(splats.means, there)
             return Drawn(splats.means, splats.quats, splats.scales, splats.opacities, torch.cat([colors, *more], 1))
         sets, time, born, channels = [], 0.0, None, 3
@@ -381,7 +387,7 @@ class SceneModel:
         if self.frozen is not None:
             empty = self.frozen.means.new_empty(0)
             frozen = Drawn(*(getattr(self.frozen, name) for name in Drawn._fields[:-1]), empty), self.frozen.sh
-        drawing = Drawing(centre, channels, time, born, WHOLE, OPACITY_MARGIN, frozen, self.kernels.threads)
+        drawing = Drawing(_centre(camera), channels, time, born, WHOLE, OPACITY_MARGIN, frozen, self.kernels.threads)
         return Drawn(*NativeDrawing.apply(drawing, *(tensor for own in sets for tensor in own)))
 
     def _more_channels(self, means: Tensor, there: Tensor | None) -> list[Tensor]:

@@ -28,7 +28,7 @@ class NativeAppearance(torch.autograd.Function):
         colors = torch.empty_like(means)
         ctx.save_for_backward(sh, means, quats, centre)
         ctx.threads = threads
-        _call(F4X_APPEARANCE, centre, threads, {"colors": colors, "means": means, "quats": quats}, _split(sh))
+        _call(F4X_APPEARANCE, centre.tolist(), threads, {"colors": colors, "means": means, "quats": quats}, _split(sh))
         return colors
 
     @staticmethod
@@ -38,7 +38,7 @@ class NativeAppearance(torch.autograd.Function):
         sh, means, quats, centre = ctx.saved_tensors
         d_sh, d_means, d_quats = (torch.empty_like(tensor) for tensor in (sh, means, quats))
         arrays = {"sent": sent.contiguous(), "means": means, "quats": quats, "d_means": d_means, "d_quats": d_quats}
-        _call(F4X_APPEARANCE_BACKWARD, centre, ctx.threads, arrays, _split(sh), _split(d_sh))
+        _call(F4X_APPEARANCE_BACKWARD, centre.tolist(), ctx.threads, arrays, _split(sh), _split(d_sh))
         return d_sh, d_means, d_quats, None, None
 
 
@@ -78,8 +78,8 @@ class Drawn(NamedTuple):
 class Drawing:
     """How sets are drawn: what has no gradient."""
 
-    centre: Tensor
-    """(3,) of the camera."""
+    centre: tuple[float, float, float]
+    """Of the camera."""
     channels: int
     """3 colours; 4 with the mark of what is dynamic; 7 with positions."""
     time: float
@@ -173,7 +173,7 @@ def _split(sh: Tensor) -> tuple[Tensor, Tensor]:
 
 def _call(
     function: Function,
-    centre: Tensor,
+    centre: Sequence[float],
     threads: int,
     fields: Mapping[str, Any],
     coefficients: tuple[Tensor, Tensor],
@@ -196,7 +196,7 @@ def _call(
             channels=colors.shape[1],
             first_stride=first.stride(0),
             more_stride=more.stride(0),
-            centre=tuple(centre.tolist()),
+            centre=tuple(centre),
             **plain | dict(fields) | arrays,
         )
     )

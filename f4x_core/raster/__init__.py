@@ -14,7 +14,7 @@ from ..errors import F4xError
 from ..geometry.arrays import Array
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
-from .contract import RasterConfig, RasterInput, RasterOutput
+from .contract import NotFinite, RasterConfig, RasterInput, RasterOutput
 from .inputs import prepare
 
 __all__ = [
@@ -80,9 +80,15 @@ def rasterize(
     config = config or RasterConfig()
     optional = {"background": background, "mean2d_offset": mean2d_offset, "limit": limit}
     given = RasterInput(splats, colors, camera, **optional, config=config, detached_from=detached_from, rows=rows)
-    inputs, dropped = prepare(given)
+    inputs, dropped = prepare(given, unseen=True)
     chosen = choose_backend(backend, inputs.splats.means, partial=limit is not None or rows is not None)
     function = backend_function(chosen)
+    if chosen == "native":  # looks itself, on all threads
+        try:
+            return function(inputs)
+        except NotFinite:
+            pass
+    inputs, dropped = prepare(given)
     if chosen not in ("native", "plain") and isinstance(inputs.splats.means, np.ndarray):
         out = _through_numpy(function, inputs)
     else:

@@ -266,6 +266,38 @@ def test_both_sets_then_the_frozen_ones(model):
     assert torch.equal(still.posed(None).means, static.parameters["means"])
 
 
+@pytest.mark.parametrize("with_partner", [False, True])
+@pytest.mark.parametrize("with_frozen", [False, True])
+def test_what_is_drawn_and_its_gradients_are_those_of_torch(model, with_partner, with_frozen, native_library):
+    """All sets in one go by the compiled library, against the posed Gaussians, their colours and channels by torch."""
+    rng = torch.Generator().manual_seed(2)
+    with torch.no_grad():
+        model.dynamic.parameters["log_lifetimes"].uniform_(0.2, 1, generator=rng)
+        for gaussians in (model.static, model.dynamic):
+            gaussians.parameters["shN"].normal_(0, 0.2, generator=rng)
+    if with_frozen:
+        own = model.static
+        places = own.parameters["means"] + 1, own.parameters["quats"]
+        model.frozen = Splats(*places, own.scales, own.opacities, own.sh).map(torch.Tensor.detach)
+    leaves = [value for _, own in model.sets() for value in own.parameters.values()]
+    leaves += [*model.nodes.parameters.values(), *model.rig.parameters.values()]
+    found = []
+    for kernels in (TORCH, Kernels(True), Kernels(True, 3)):
+        model.kernels, model._attachment = kernels, None
+        moved, later = model.dynamic_at(2.0, 3.0)
+        drawn = model.drawn(moved, model.rig.camera(1, WIDTH, HEIGHT), later.means if with_partner else None)
+        assert drawn.colors.shape[1] == (7 if with_partner else 4)
+        sent = [torch.randn(value.shape, generator=torch.Generator().manual_seed(3)) for value in drawn]
+        gradients = torch.autograd.grad(list(drawn), leaves, sent, allow_unused=True)
+        found.append([*(value.detach() for value in drawn), *gradients])
+    for plain, fast, again in zip(*found, strict=True):
+        if plain is None or fast is None:
+            assert not any(each is not None and each.any() for each in (plain, fast))
+            continue
+        torch.testing.assert_close(fast, plain, rtol=2e-4, atol=2e-4)
+        assert torch.equal(fast, again)
+
+
 def test_a_picture_shows_colours_as_seen_from_the_camera_and_background_behind_them_alone(model):
     with torch.no_grad():
         for gaussians in (model.static, model.dynamic):

@@ -166,7 +166,7 @@ def nodes_moved(given):
     """The axes of nodes, the losses of their motion, and the gradients."""
     frames, nodes, _ = given["xyz"].shape
     got = {"axes": np.empty((frames, nodes, 3, 3), np.float32)}
-    sizes = {"frames": frames, "nodes": nodes, **dict(zip(SMOOTH, SMOOTH_WEIGHTS, strict=True))}
+    sizes = {"frames": frames, "nodes": nodes, "threads": 2, **dict(zip(SMOOTH, SMOOTH_WEIGHTS, strict=True))}
     poses = {name: given[name] for name in ("xyz", "quat", "times")}
     F4X_NODE_AXES(MOTION(**sizes, **poses, **got))
     found = {"loss": np.empty(1)} | {"d_" + name: np.empty_like(given[name]) for name in ("xyz", "quat")}
@@ -197,6 +197,7 @@ def as_rigid_as_possible(given):
         "frames": frames,
         "nodes": nodes,
         "shifts": len(given["shift"]),
+        "threads": 2,
     }
     assert F4X_ARAP(ARAP(**sizes, **given, **got)) == 0
     return got

@@ -71,7 +71,7 @@ class _Deformation(torch.autograd.Function):
     @staticmethod
     def forward(ctx, skinning: SkinningData, knots: tuple[int, ...] | None, *tensors: Tensor | None) -> Any:
         arrays = _arrays(skinning, knots, tensors)
-        tables = library.relate(arrays)
+        tables = library.relate(arrays, skinning.threads)
         means, quats = library.forward(
             arrays | {"nodes": tables[0], "motions": tables[1:]}, skinning.kernel, skinning.threads
         )
@@ -86,7 +86,7 @@ class _Deformation(torch.autograd.Function):
         means, quats = (_stacked(part) for part in (sent[:times], sent[times:]))
         arrays = _arrays(skinning, knots, ctx.saved_tensors) | {"nodes": tables[0], "motions": tables[1:]}
         got = library.backward(arrays, skinning.kernel, skinning.threads, means, quats)
-        got |= library.relate_backward(arrays, got["tables"])
+        got |= library.relate_backward(arrays, got["tables"], skinning.threads)
         if knots is not None:
             _add_to_knots(got, arrays, knots)
         needed = zip(NAMES, ctx.needs_input_grad[2:], strict=True)
