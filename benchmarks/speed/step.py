@@ -5,16 +5,15 @@ from __future__ import annotations
 import statistics
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 
-from f4x_core.adam import Adam
 from f4x_core.clip import Clip
 from f4x_core.errors import F4xError
 from f4x_core.fit import model
@@ -27,6 +26,7 @@ from f4x_core.gaussians.appearance_native import NativeDrawing
 from f4x_core.native import open_library, shareable_seconds
 from f4x_core.progress import Progress, silent
 from f4x_core.raster.native import autograd as raster
+from f4x_core.scaffold.adam import Adam
 from f4x_core.scaffold.deformation.native import autograd as deformation
 from f4x_core.scaffold.motion_native import NativeMotion
 
@@ -51,46 +51,68 @@ PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
 """Part of a step -> functions whose own time, without that of the parts they call, it is."""
 
 
-@dataclass
-class StepClock:
-    """Own processor seconds of every part of one step, all and shareable."""
+PART_NAMES = tuple(dict.fromkeys(part for part, _, _ in PARTS))
+EVERY_STEP = ("learning rates", "skinning offsets learnt")
+"""Actions that belong to every step."""
 
-    seconds: dict[str, list[float]] = field(default_factory=lambda: defaultdict(lambda: [0.0, 0.0]))
-    _inner: list[list[float]] = field(default_factory=list)
 
-    @staticmethod
-    def _now() -> tuple[float, float]:
+class Seconds(NamedTuple):
+    """Processor time of the thread that trains."""
+
+    all: float = 0.0
+    shareable: float = 0.0
+    """Spent in the compiled library on work that threads can share."""
+
+    @classmethod
+    def now(cls) -> Seconds:
+        """What has passed so far."""
         library, _ = open_library()
         assert library is not None
-        return time.thread_time(), shareable_seconds(library)
+        return cls(time.thread_time(), shareable_seconds(library))
+
+    def __add__(self, other: Seconds) -> Seconds:  # type: ignore[override]  # numbers, not a sequence
+        return Seconds(self.all + other.all, self.shareable + other.shareable)
+
+    def __sub__(self, other: Seconds) -> Seconds:
+        return Seconds(self.all - other.all, self.shareable - other.shareable)
+
+    def __truediv__(self, count: int) -> Seconds:
+        return Seconds(self.all / count, self.shareable / count)
+
+
+@dataclass
+class StepClock:
+    """Own time of every part of one step."""
+
+    seconds: dict[str, Seconds] = field(default_factory=lambda: defaultdict(Seconds))
+    _inner: list[Seconds] = field(default_factory=list)
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
         """Count what happens within for `name`, but for the parts within it."""
-        start = self._now()
-        self._inner.append([0.0, 0.0])
+        start = Seconds.now()
+        self._inner.append(Seconds())
         try:
             yield
         finally:
-            passed = [now - before for now, before in zip(self._now(), start, strict=True)]
-            inner = self._inner.pop()
-            for k in (0, 1):
-                self.seconds[name][k] += passed[k] - inner[k]
-                if self._inner:
-                    self._inner[-1][k] += passed[k]
+            passed = Seconds.now() - start
+            self.seconds[name] += passed - self._inner.pop()
+            if self._inner:
+                self._inner[-1] += passed
 
     @contextmanager
-    def watching(self, trainer: Trainer) -> Iterator[None]:
-        """The functions of `PARTS` and the actions of `trainer` are timed within."""
-        before = [(owner, name, owner.__dict__[name]) for _, owner, names in PARTS for name in names]
+    def watching(self, trainer: Trainer, parts: Sequence[tuple[str, Any, tuple[str, ...]]]) -> Iterator[None]:
+        """The functions of `parts` and the rare actions of `trainer` are timed within."""
+        before = [(owner, name, owner.__dict__[name]) for _, owner, names in parts for name in names]
         actions = trainer.actions
         try:
-            for part, owner, names in PARTS:
+            for part, owner, names in parts:
                 for name in names:
                     setattr(owner, name, self._timed(part, owner.__dict__[name]))
-            every_step = ("learning rates", "skinning offsets learnt")
             trainer.actions = [
-                action if action.name.startswith(every_step) else replace(action, run=self._timed(action.name, action.run))
+                action
+                if action.name.startswith(EVERY_STEP)
+                else replace(action, run=self._timed(action.name, action.run))
                 for action in actions
             ]
             yield
@@ -112,55 +134,59 @@ class StepClock:
 
 
 def profile_steps(clip: Clip, folder: Path, name: str, progress: Progress = silent) -> dict[str, Any]:
-    """Fit `clip` by the profile `name` on one thread, its priors kept in `folder`, and time every part of its steps.
+    """Fit `clip` by the profile `name` on one thread, its priors kept in `folder`, and time its steps.
 
     Returns:
-        `parts`: rows of part, ms (one thread), shareable_ms and serial_ms. Parts of every step are medians of the steps at
-        full size; actions that happen now and then are means over all steps. `gaussians`: at the middle step.
+        `parts`: rows of part, ms (one thread), shareable_ms and serial_ms, medians of every second step at full size; parts of
+        every n-th step alone are means. `step`: the same of the steps between, of which nothing but the whole is timed.
+        `actions`: the same of what happens now and then, a mean over all steps. `gaussians`: at the middle step.
+
+    Raises:
+        F4xError: the compiled library is not built.
     """
     if open_library()[0] is None:
-        raise F4xError("bench step profiles the compiled library, which is not built: run `python -m f4x_core.native.build`.")
-    trainer = _start(clip, folder, name, 1, progress)
-    parts = {part for part, _, _ in PARTS}
-    rows: list[dict[str, list[float]]] = []
-    total: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
-    counts = []
+        raise F4xError(
+            "bench step profiles the compiled library, which is not built: run `python -m f4x_core.native.build`."
+        )
+    fit = ClipFit(clip, folder, replace(profile(name), threads=1), progress)
+    trainer = fit.start(fit.make_priors())
+    every_step = set(PART_NAMES)
+    by_part: list[dict[str, Seconds]] = []
+    whole: list[Seconds] = []
+    actions, counts = Seconds(), []
     while trainer.step < trainer.config.steps:
-        clock = StepClock()
-        full = trainer.fraction >= trainer.config.coarse
-        with clock.watching(trainer):
-            trainer.train_step()
-        if full:
-            rows.append({part: own for part, own in clock.seconds.items() if part in parts})
-            counts.append(len(trainer.model))
+        clock, start = StepClock(), Seconds.now()
+        if trainer.step % 2:
+            with clock.watching(trainer, PARTS):
+                trainer.train_step()
+        else:
+            with clock.watching(trainer, ()):
+                trainer.train_step()
+        passed = Seconds.now() - start
         for part, own in clock.seconds.items():
-            if part not in parts:
-                total[part] = [a + b for a, b in zip(total[part], own, strict=True)]
+            if part not in every_step:
+                actions, passed = actions + own, passed - own
+        if trainer.fraction >= trainer.config.coarse:
+            counts.append(len(trainer.model))
+            if trainer.step % 2:  # it has gone on by one
+                whole.append(passed)
+            else:
+                by_part.append(clock.seconds)
         progress("bench step", trainer.step, trainer.config.steps, f"{len(trainer.model):,} Gaussians")
-    found = {part: _median([row.get(part, [0.0, 0.0]) for row in rows]) for part in dict.fromkeys(p for p, _, _ in PARTS)}
-    found["now and then: " + ", ".join(sorted(total))] = [
-        1e3 * sum(own[k] for own in total.values()) / trainer.config.steps for k in (0, 1)
-    ]
-    table = [
-        {"part": part, "ms": ms, "shareable_ms": shared, "serial_ms": ms - shared} for part, (ms, shared) in found.items()
-    ]
-    sums = {key: sum(row[key] for row in table) for key in ("ms", "shareable_ms", "serial_ms")}
+    rows = [_row(part, [own.get(part, Seconds()) for own in by_part]) for part in PART_NAMES]
     return {
-        "parts": sorted(table, key=lambda row: -row["serial_ms"]),
-        **sums,
+        "parts": sorted(rows, key=lambda row: -row["serial_ms"]),
+        "step": _row("a step", whole),
+        "actions": _row("now and then", [actions / trainer.config.steps]),
         "gaussians": int(statistics.median(counts)),
         "width": clip.width,
         "height": clip.height,
     }
 
 
-def _median(rows: list[list[float]]) -> tuple[float, float]:
-    """Milliseconds, all and shareable. A part of every n-th step alone counts by its mean."""
-    often = statistics.median(row[0] for row in rows) > 0
+def _row(part: str, seconds: Sequence[Seconds]) -> dict[str, Any]:
+    """Milliseconds of a part."""
+    often = statistics.median(own.all for own in seconds) > 0
     middle = statistics.median if often else statistics.fmean
-    return 1e3 * middle(row[0] for row in rows), 1e3 * middle(row[1] for row in rows)
-
-
-def _start(clip: Clip, folder: Path, name: str, threads: int, progress: Progress) -> Trainer:
-    fit = ClipFit(clip, folder, replace(profile(name), threads=threads), progress)
-    return fit.start(fit.make_priors())
+    ms, shareable = (1e3 * middle(getattr(own, kind) for own in seconds) for kind in ("all", "shareable"))
+    return {"part": part, "ms": ms, "shareable_ms": shareable, "serial_ms": ms - shareable}

@@ -16,7 +16,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..adam import Adam
 from ..errors import F4xError
 from ..features.memory import memory_guard
 from ..geometry import spherical_harmonics, trajectory
@@ -28,6 +27,7 @@ from ..progress import Progress, silent
 from ..raster import rasterize
 from ..raster.contract import RasterConfig
 from ..raster.rays import RayConfig, filtered_rays
+from ..scaffold.adam import Adam
 from ..scene import PosedSplats, Scene
 from ..scene.linear import Look, linear_look, with_look
 from ..scene.model import faded

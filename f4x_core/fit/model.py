@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ..gaussians import DynamicGaussians, StaticGaussians, appearance
+from ..gaussians import DynamicGaussians, GaussianSet, StaticGaussians, appearance
 from ..gaussians.appearance_native import COEFFICIENTS, Drawing, Drawn, DrawnSet, NativeDrawing
 from ..gaussians.parameters import OPACITY_MARGIN, WHOLE
 from ..geometry import quaternion
@@ -106,7 +106,10 @@ class CameraSmoothness(torch.autograd.Function):
         """Gradients of the rows."""
         gradients = []
         for bend in ctx.bends:
-            slope, gradient = bend * (2 * float(factor) / len(bend)), np.zeros((len(bend) + 2, bend.shape[1]), bend.dtype)
+            slope, gradient = (
+                bend * (2 * float(factor) / len(bend)),
+                np.zeros((len(bend) + 2, bend.shape[1]), bend.dtype),
+            )
             gradient[2:] = slope
             gradient[1:-1] -= 2 * slope
             gradient[:-2] += slope
@@ -373,22 +376,23 @@ class SceneModel:
             colors = appearance(splats.sh, splats.means, splats.quats, camera.center.detach(), self.kernels)
             more = self._more_channels(splats.means, there)
             return Drawn(splats.means, splats.quats, splats.scales, splats.opacities, torch.cat([colors, *more], 1))
-        sets, time, born, channels = [], 0.0, None, 3
-        for gaussians in (self.static, self.dynamic):
-            if gaussians is None or (gaussians is self.dynamic and moved is None):
-                continue
-            named = {name: gaussians.parameters.get(name) for name in DrawnSet._fields}
-            if gaussians is self.dynamic:
-                assert moved is not None
-                named |= {"means": moved.means, "quats": moved.quats, "there": there}
-                time, born, channels = moved.time, self.born, 4 if there is None else 7
-            sets.append(DrawnSet(**named))
+        sets, time, born, channels = [self._drawn_set(self.static)], 0.0, None, 3
+        if moved is not None and self.dynamic is not None:
+            sets.append(self._drawn_set(self.dynamic, moved, there))
+            time, born, channels = moved.time, self.born, 4 if there is None else 7
         frozen = None
         if self.frozen is not None:
-            empty = self.frozen.means.new_empty(0)
-            frozen = Drawn(*(getattr(self.frozen, name) for name in Drawn._fields[:-1]), empty), self.frozen.sh
+            own = self.frozen
+            frozen = Drawn(own.means, own.quats, own.scales, own.opacities, own.means.new_empty(0)), own.sh
         drawing = Drawing(_centre(camera), channels, time, born, WHOLE, OPACITY_MARGIN, frozen, self.kernels.threads)
         return Drawn(*NativeDrawing.apply(drawing, *(tensor for own in sets for tensor in own)))
+
+    @staticmethod
+    def _drawn_set(gaussians: GaussianSet, moved: Moved | None = None, there: Tensor | None = None) -> DrawnSet:
+        own = gaussians.parameters
+        means, quats = (own["means"], own["quats"]) if moved is None else (moved.means, moved.quats)
+        scales, opacities = own["log_scales"], own["opacity_logits"]
+        return DrawnSet(means, quats, scales, opacities, own["sh0"], own["shN"], own.get("log_lifetimes"), there)
 
     def _more_channels(self, means: Tensor, there: Tensor | None) -> list[Tensor]:
         """The channels of `drawn` behind rgb."""

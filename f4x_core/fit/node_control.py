@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..adam import Adam
 from ..gaussians import SetOptimiser
+from ..scaffold.adam import Adam
 from ..scaffold.control import densify_nodes, largest_weights, prune_nodes, rebase_local
 from ..scaffold.graph import attach_nodes
 from ..scaffold.radius import RadiusConfig, initial_radius
@@ -100,9 +100,7 @@ def drop_nodes(model: SceneModel, shared: Adam, config: NodeConfig) -> int:
     return len(new_index) - len(pruned)
 
 
-def _swap_nodes(
-    model: SceneModel, shared: Adam, fresh: NodeSet, change_moment: Callable[..., Tensor]
-) -> None:
+def _swap_nodes(model: SceneModel, shared: Adam, fresh: NodeSet, change_moment: Callable[..., Tensor]) -> None:
     """Put `fresh` in place of the model's nodes, keeping Adam's moments aligned along the node axis."""
     for group in shared.param_groups:
         name = group["name"]

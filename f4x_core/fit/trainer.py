@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..adam import Adam
 from ..clip import Clip
 from ..errors import Cancelled
 from ..gaussians import DensityControl, SetOptimiser
@@ -25,6 +24,7 @@ from ..geometry.splats import Splats
 from ..priors import Priors
 from ..progress import Progress, silent
 from ..raster import RasterConfig, rasterize
+from ..scaffold.adam import Adam
 from ..scaffold.optimise import with_graph
 from .checkpoint import save_checkpoint
 from .config import FitConfig

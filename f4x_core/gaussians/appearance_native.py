@@ -52,7 +52,8 @@ class DrawnSet(NamedTuple):
     log_scales: Tensor
     opacity_logits: Tensor
     sh0: Tensor
-    shN: Tensor
+    sh_more: Tensor
+    """`shN` of the set."""
     log_lifetimes: Tensor | None = None
     """(N,2); None where the Gaussians are there at all times."""
     there: Tensor | None = None
@@ -119,16 +120,20 @@ class NativeDrawing(torch.autograd.Function):
         for own, rows in zip(sets, _slices(lengths), strict=False):
             part = Drawn(*(tensor[rows] for tensor in drawn))
             there = (own.means if own.there is None else own.there) if drawing.channels > 4 else None
-            written = {"drawn_means": part.means, "drawn_quats": part.quats, "scales": part.scales}
+            written: dict[str, Tensor | None] = {
+                "drawn_means": part.means,
+                "drawn_quats": part.quats,
+                "scales": part.scales,
+            }
             written |= {"opacities": part.opacities, "colors": part.colors, "there": there}
-            coefficients = own.sh0[:, 0], own.shN
+            coefficients = own.sh0[:, 0], own.sh_more
             _call(F4X_APPEARANCE, drawing.centre, drawing.threads, drawing.problem_of(own) | written, coefficients)
         if frozen is not None:
             fixed, sh = frozen
             part = Drawn(*(tensor[-len(sh) :] for tensor in drawn))
             for to, known in zip(part[:-1], fixed[:-1], strict=True):
                 to.copy_(known)
-            arrays = {"means": fixed.means, "quats": fixed.quats, "colors": part.colors}
+            arrays: dict[str, Tensor | None] = {"means": fixed.means, "quats": fixed.quats, "colors": part.colors}
             arrays |= {"there": fixed.means if drawing.channels > 4 else None}
             _call(F4X_APPEARANCE, drawing.centre, drawing.threads, arrays, _split(sh))
         ctx.save_for_backward(*tensors)
@@ -144,12 +149,12 @@ class NativeDrawing(torch.autograd.Function):
         got: list[Tensor | None] = []
         for own, rows in zip(sets, _slices(ctx.lengths), strict=False):
             part = Drawn(*(gradient[rows] for gradient in sent))
-            found = DrawnSet(*(None if tensor is None else torch.empty_like(tensor) for tensor in own))
+            found = DrawnSet(*(None if tensor is None else torch.empty_like(tensor) for tensor in own))  # type: ignore[arg-type]
             arrays = {"sent_" + name: gradient for name, gradient in part._asdict().items() if name != "colors"}
             arrays |= {"sent": part.colors, "d_means": found.means, "d_quats": found.quats, "d_there": found.there}
             arrays |= {"d_log_scales": found.log_scales, "d_logits": found.opacity_logits}
             arrays |= {"d_log_lifetimes": found.log_lifetimes}
-            coefficients, gradients = ((each.sh0[:, 0], each.shN) for each in (own, found))
+            coefficients, gradients = ((each.sh0[:, 0], each.sh_more) for each in (own, found))
             fields = drawing.problem_of(own) | arrays
             _call(F4X_APPEARANCE_BACKWARD, drawing.centre, drawing.threads, fields, coefficients, gradients)
             got += found
@@ -158,7 +163,7 @@ class NativeDrawing(torch.autograd.Function):
 
 def _sets_of(tensors: Sequence[Tensor | None]) -> list[DrawnSet]:
     width = len(DrawnSet._fields)
-    return [DrawnSet(*tensors[first : first + width]) for first in range(0, len(tensors), width)]
+    return [DrawnSet(*tensors[first : first + width]) for first in range(0, len(tensors), width)]  # type: ignore[arg-type]
 
 
 def _slices(lengths: Sequence[int]) -> list[slice]:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from ..adam import Adam
 from ..native.kernels import TORCH, Kernels
+from ..scaffold.adam import Adam
 from .parameters import GaussianSet
 
 

@@ -1,4 +1,4 @@
-// One step of Adam (Kingma and Ba 2015) on tensors, rows of which move further than others; see f4x_core/adam.py.
+// One step of Adam (Kingma and Ba 2015) on tensors, rows of which move further than others; see scaffold/adam.py.
 
 #ifndef F4X_ISA
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -14,7 +15,7 @@ from ..errors import F4xError
 from ..geometry.arrays import Array
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
-from .contract import NotFinite, RasterConfig, RasterInput, RasterOutput
+from .contract import NotFiniteError, RasterConfig, RasterInput, RasterOutput
 from .inputs import prepare
 
 __all__ = [
@@ -86,7 +87,7 @@ def rasterize(
     if chosen == "native":  # looks itself, on all threads
         try:
             return function(inputs)
-        except NotFinite:
+        except NotFiniteError:
             pass
     inputs, dropped = prepare(given)
     if chosen not in ("native", "plain") and isinstance(inputs.splats.means, np.ndarray):
@@ -159,6 +160,7 @@ def _why_not_gsplat() -> str | None:
     return None if torch.cuda.is_available() else "there is no CUDA device"
 
 
+@cache
 def _native() -> Any:
     """The native room, or None where it was left out of the installation."""
     return import_module(".native", __name__) if find_spec(f"{__name__}.native") else None

@@ -87,7 +87,7 @@ class RasterInput:
         return replace(self, splats=splats, camera=camera, **named)
 
 
-class NotFinite(Exception):
+class NotFiniteError(Exception):
     """A backend that looks itself found a Gaussian with a NaN or infinity among its values."""
 
 

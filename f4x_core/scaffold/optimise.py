@@ -6,10 +6,10 @@ from typing import Literal
 import numpy as np
 import torch
 
-from ..adam import Adam
 from ..geometry import quaternion
 from ..native.kernels import TORCH, Kernels
 from ..progress import Progress, silent
+from .adam import Adam
 from .deformation import align_signs
 from .distance import curve_distance
 from .graph import GraphConfig, build_graph, multilevel_edges

@@ -10,9 +10,9 @@ from carried_scene import FRAMES, carried_scene
 from f4x_core.fit.config import NodeConfig
 from f4x_core.fit.model import SceneModel
 from f4x_core.fit.node_control import add_nodes, drop_nodes
-from f4x_core.adam import Adam
 from f4x_core.gaussians import SetOptimiser
 from f4x_core.gaussians.parameters import localise
+from f4x_core.scaffold.adam import Adam
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

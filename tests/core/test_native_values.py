@@ -70,7 +70,13 @@ def appearance_of(given):
     count, further, _ = more.shape
     stride = 3 * (1 + further)
     sizes = {"count": count, "coefficients": 1 + further, "more_coefficients": further, "threads": 2}
-    sizes |= {"first_stride": stride, "more_stride": stride, "centre": tuple(given["centre"]), "channels": 3, "mark": 1.0}
+    sizes |= {
+        "first_stride": stride,
+        "more_stride": stride,
+        "centre": tuple(given["centre"]),
+        "channels": 3,
+        "mark": 1.0,
+    }
     return sizes | LIFE | {"first": first, "more": more, "means": given["means"], "quats": given["quats"]}
 
 

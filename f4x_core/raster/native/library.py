@@ -15,7 +15,7 @@ from ...geometry.camera import Camera
 from ...geometry.splats import Splats
 from ...native import open_library as open_unchecked
 from ...native.binder import FLOAT, INT32, INT64, POINTER, Array, Function, Result, Struct
-from ..contract import NotFinite, RasterConfig, RasterInput, RasterOutput
+from ..contract import NotFiniteError, RasterConfig, RasterInput, RasterOutput
 
 SELF_CHECK = Path(__file__).with_name("self_check.npz")
 # The largest relative error (L2) against the stored float64 values at which the library is still trusted: float32
@@ -145,7 +145,7 @@ def forward(library: ctypes.CDLL, inputs: RasterInput, keep: bool) -> Render:
 
     Raises:
         F4xError: memory ran out.
-        NotFinite: a Gaussian has a NaN or infinity among its values.
+        NotFiniteError: a Gaussian has a NaN or infinity among its values.
     """
     # The kernel walks bare pointers: a strided view must become a plain copy first.
     held: dict[str, Any] = {
@@ -176,7 +176,7 @@ def forward(library: ctypes.CDLL, inputs: RasterInput, keep: bool) -> Render:
     visible, failed = np.empty(count, bool), INT32()
     pointer = F4X_FORWARD(problem, keep, image, depth, alpha, visible, failed, library=library, sizes=sizes)
     if failed.value == NOT_FINITE:
-        raise NotFinite
+        raise NotFiniteError
     _check(failed.value, problem)
     return Render(RasterOutput(image, depth, alpha, visible), held, problem, _State(library, pointer) if keep else None)
 

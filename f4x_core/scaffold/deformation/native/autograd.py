@@ -108,11 +108,12 @@ def _add_to_knots(got: dict[str, np.ndarray], arrays: Mapping[str, Any], knots: 
         got["node_quat"][knot] += np.where(valid, across, 0)
 
 
-def _arrays(
-    skinning: SkinningData, knots: tuple[int, ...] | None, tensors: Sequence[Tensor | None]
-) -> dict[str, Any]:
+def _arrays(skinning: SkinningData, knots: tuple[int, ...] | None, tensors: Sequence[Tensor | None]) -> dict[str, Any]:
     named = zip(NAMES, tensors, strict=True)
-    arrays = {**skinning.arrays, **{n: None if tensor is None else tensor.detach().numpy() for n, tensor in named}}
+    arrays: dict[str, Any] = {
+        **skinning.arrays,
+        **{n: None if tensor is None else tensor.detach().numpy() for n, tensor in named},
+    }
     if knots is not None:
         arrays["now_xyz"] = arrays["node_xyz"][list(knots)]
         arrays["now_quat"] = quaternion.normalize(arrays["node_quat"][list(knots)])

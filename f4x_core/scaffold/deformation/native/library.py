@@ -116,9 +116,7 @@ def relate(arrays: Mapping[str, np.ndarray], threads: int = 1) -> np.ndarray:
     return tables
 
 
-def relate_backward(
-    arrays: Mapping[str, np.ndarray], d_tables: np.ndarray, threads: int = 1
-) -> dict[str, np.ndarray]:
+def relate_backward(arrays: Mapping[str, np.ndarray], d_tables: np.ndarray, threads: int = 1) -> dict[str, np.ndarray]:
     """Return the gradients of node_xyz, node_quat, radius, now_xyz and now_quat, given that of the tables of `relate`.
 
     That of `now_quat` means nothing along the quaternion, as in `backward`.
@@ -175,7 +173,9 @@ def _relate(function: Function, arrays: dict[str, np.ndarray], threads: int) -> 
     pairs, frames = len(arrays["node"]), len(arrays["node_xyz"])
     problem = RELATIONS(pairs=pairs, nodes=nodes, times=times, threads=threads, frames=frames, **arrays)
     if function(problem):
-        raise F4xError(f"The scaffold ran out of memory at {pairs:,} pairs: give fewer nodes by --set scaffold.max_nodes.")
+        raise F4xError(
+            f"The scaffold ran out of memory at {pairs:,} pairs: give fewer nodes by --set scaffold.max_nodes."
+        )
 
 
 def _call(function: Function, arrays: dict[str, np.ndarray], kernel: Kernel, threads: int) -> None:

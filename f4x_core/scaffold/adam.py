@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .native.adam import ADAM, take_steps
-from .native.kernels import TORCH, Kernels
+from ..native.adam import ADAM, take_steps
+from ..native.kernels import TORCH, Kernels
 
 KEEP_MEAN, KEEP_SQUARE = 0.9, 0.999
 """Of the moments, per step (Kingma and Ba 2015)."""
@@ -48,7 +48,7 @@ class Adam:
             gradient, value.grad = value.grad, None
             if gradient is None:
                 continue
-            name, state = group.get("name"), self._state_of(value)
+            name, state = group.get("name", ""), self._state_of(value)
             state["step"] += 1
             rows = (reach or {}).get(name), (caps or {}).get(name)
             if not self.kernels.native:
@@ -68,13 +68,16 @@ class Adam:
         """The kernel's struct, kept from step to step."""
         state, rows = self.state[value], len(value)
         step = state["step"]
-        changing = {"rate": rate / (1 - KEEP_MEAN**step), "root_correction": math.sqrt(1 - KEEP_SQUARE**step)}
+        changing: dict[str, Any] = {
+            "rate": rate / (1 - KEEP_MEAN**step),
+            "root_correction": math.sqrt(1 - KEEP_SQUARE**step),
+        }
         changing |= {"gradient": gradient.view(rows, -1), "reach": reach, "cap": cap}
         known = self._problems.get(value)
         if known is not None:
             ADAM.refill(known, **changing)
             return known
-        fixed = {"rows": rows, "width": value.numel() // rows, "epsilon": ADAM_EPSILON}
+        fixed: dict[str, Any] = {"rows": rows, "width": value.numel() // rows, "epsilon": ADAM_EPSILON}
         moments = {"mean": state["exp_avg"].view(rows, -1), "square": state["exp_avg_sq"].view(rows, -1)}
         fixed |= {"keep_mean": KEEP_MEAN, "keep_square": KEEP_SQUARE, "value": value.detach().view(rows, -1)}
         self._problems[value] = ADAM(**fixed, **moments, **changing)
