@@ -52,6 +52,8 @@ PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
 
 
 PART_NAMES = tuple(dict.fromkeys(part for part, _, _ in PARTS))
+BLOCK = 4
+"""Steps that are timed alike before the others' turn: some losses count at every second or fourth step alone."""
 EVERY_STEP = ("learning rates", "skinning offsets learnt")
 """Actions that belong to every step."""
 
@@ -137,8 +139,8 @@ def profile_steps(clip: Clip, folder: Path, name: str, progress: Progress = sile
     """Fit `clip` by the profile `name` on one thread, its priors kept in `folder`, and time its steps.
 
     Returns:
-        `parts`: rows of part, ms (one thread), shareable_ms and serial_ms, medians of every second step at full size; parts of
-        every n-th step alone are means. `step`: the same of the steps between, of which nothing but the whole is timed.
+        `parts`: rows of part, ms (one thread), shareable_ms and serial_ms, means of half of the steps at full size. `step`: the
+        same of the other half, of which nothing but the whole is timed.
         `actions`: the same of what happens now and then, a mean over all steps. `gaussians`: at the middle step.
 
     Raises:
@@ -156,22 +158,19 @@ def profile_steps(clip: Clip, folder: Path, name: str, progress: Progress = sile
     actions, counts = Seconds(), []
     while trainer.step < trainer.config.steps:
         clock, start = StepClock(), Seconds.now()
-        if trainer.step % 2:
-            with clock.watching(trainer, PARTS):
-                trainer.train_step()
-        else:
-            with clock.watching(trainer, ()):
-                trainer.train_step()
+        in_parts = trainer.step // BLOCK % 2 == 1
+        with clock.watching(trainer, PARTS if in_parts else ()):
+            trainer.train_step()
         passed = Seconds.now() - start
         for part, own in clock.seconds.items():
             if part not in every_step:
                 actions, passed = actions + own, passed - own
         if trainer.fraction >= trainer.config.coarse:
             counts.append(len(trainer.model))
-            if trainer.step % 2:  # it has gone on by one
-                whole.append(passed)
-            else:
+            if in_parts:
                 by_part.append(clock.seconds)
+            else:
+                whole.append(passed)
         progress("bench step", trainer.step, trainer.config.steps, f"{len(trainer.model):,} Gaussians")
     rows = [_row(part, [own.get(part, Seconds()) for own in by_part]) for part in PART_NAMES]
     return {
@@ -186,7 +185,5 @@ def profile_steps(clip: Clip, folder: Path, name: str, progress: Progress = sile
 
 def _row(part: str, seconds: Sequence[Seconds]) -> dict[str, Any]:
     """Milliseconds of a part."""
-    often = statistics.median(own.all for own in seconds) > 0
-    middle = statistics.median if often else statistics.fmean
-    ms, shareable = (1e3 * middle(getattr(own, kind) for own in seconds) for kind in ("all", "shareable"))
+    ms, shareable = (1e3 * statistics.fmean(getattr(own, kind) for own in seconds) for kind in ("all", "shareable"))
     return {"part": part, "ms": ms, "shareable_ms": shareable, "serial_ms": ms - shareable}
