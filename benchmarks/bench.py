@@ -22,8 +22,8 @@ TABLE_WIDTH = 100
 
 
 def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Speed against error of the raster backends or of the scaffold's deformation; how well a scene answers and is edited; or what
-    a batch costs."""
+    """Speed against error of the raster backends or of the scaffold's deformation; what a step of the fit is made of; how well a
+    scene answers and is edited; or what a batch costs."""
     if args.what == "scale":
         return _scale(args, progress)
     for name in ("counts", "threads", "repeats"):
@@ -33,9 +33,8 @@ def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     import torch
 
     torch.set_num_threads(1)  # threads are the backends' own, so that one thread means one
-    return {"raster": _raster, "deform": _deform, "features": _features, "edit": _edit, "select": _select}[args.what](
-        args, progress
-    )
+    benches = {"raster": _raster, "deform": _deform, "step": _step}
+    return (benches | {"features": _features, "edit": _edit, "select": _select})[args.what](args, progress)
 
 
 def _raster(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -81,6 +80,25 @@ def _deform(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         lines.append(f"{row['gaussians']:>9,} Gaussians x {row['neighbours']}: {row['name']:<22} {row['ms']:7.1f} ms")
     lines += [f"{value:5.2f}  {name}" for name, value in report["ratios"].items()]
     lines += [f"{name}: largest error {error:.1e}" for name, error in report["errors"].items()]
+    return {**report, "text": "\n".join(lines)}
+
+
+def _step(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from f4x_core.clip import read_clip
+
+    from .speed.step import profile_steps
+
+    if args.clip is None:
+        raise F4xError("bench step needs --clip CLIP: the clip that is fitted.")
+    clip = read_clip(args.clip, args.frames, progress=progress)
+    with tempfile.TemporaryDirectory() as place:
+        report = profile_steps(clip, args.folder or Path(place), "quick", progress)
+    lines = [
+        f"{report['gaussians']:,} Gaussians at {report['width']}x{report['height']}, one thread; milliseconds",
+        f"{'':<28} {'all':>7} {'shareable':>10} {'serial':>7}",
+    ]
+    for row in (*report["parts"], report["step"], report["actions"]):
+        lines.append(f"{row['part']:<28} {row['ms']:7.2f} {row['shareable_ms']:10.2f} {row['serial_ms']:7.2f}")
     return {**report, "text": "\n".join(lines)}
 
 

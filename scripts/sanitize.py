@@ -170,8 +170,10 @@ def exercise_with_torch() -> None:
     from f4x_core.fit.frame_native import FrameMaps
     from f4x_core.fit.losses import FrameFactors, frame_losses, rgb_loss
     from f4x_core.gaussians import appearance
-    from f4x_core.gaussians.optimiser import native_step
+    from f4x_core.gaussians.appearance_native import Drawing, DrawnSet, NativeDrawing
+    from f4x_core.native.density import F4X_RECORD_PULLS, PULLS
     from f4x_core.native.kernels import Kernels
+    from f4x_core.scaffold.adam import Adam
     from f4x_core.scaffold.losses import ArapEdges, motion_loss
     from f4x_core.scaffold.motion_native import MotionWeights
 
@@ -196,9 +198,20 @@ def exercise_with_torch() -> None:
             frame_losses((image, depth, alpha), maps, FrameFactors(0.3, 3, 1, 1, 1), threads).backward()
         for shape in ((1,), (9, 3), (3000, 1, 3), (700, 15, 3)):
             value = torch.randn(shape, requires_grad=True)
-            adam = torch.optim.Adam([{"params": [value], "name": "means"}])
+            adam = Adam([{"params": [value], "lr": 0.1, "name": "means"}], Kernels(True, threads))
+            rows = {"means": torch.rand(len(value))} if len(shape) == 2 else None
             value.square().sum().backward()
-            native_step(adam, threads, {"means": torch.rand(len(value))} if len(shape) == 2 else None)
+            adam.step(rows, rows)
+        for count in (1, 9, 3000):
+            drawing = Drawing((0.0, 0.0, 0.0), 7, 1.0, torch.rand(count), 0.5, 1e-4, None, threads)
+            widths = (3,), (4,), (3,), (), (1, 3), (3, 3), (2,), (3,)
+            own = DrawnSet(*(torch.randn(count, *width, requires_grad=True) for width in widths))
+            sum(part.sum() for part in NativeDrawing.apply(drawing, *own)).backward()
+            sums = torch.zeros(count), torch.zeros(count)
+            arrays = {"gradient": torch.randn(count, 2), "visible": torch.rand(count) < 0.5}
+            F4X_RECORD_PULLS(
+                PULLS(count=count, threads=threads, across=1.0, down=1.0, gradient_sum=sums[0], seen=sums[1], **arrays)
+            )
 
 
 def _view(rng: np.random.Generator, count: int, channels: int, size: tuple[int, int], threads: int) -> RasterInput:

@@ -455,7 +455,7 @@ def _doctor(verbs: Verbs) -> None:
 def _bench(verbs: Verbs) -> None:
     """`f4x bench`."""
     sub = add_verb(verbs, "bench", "Speed against error of the kernels on this machine; needs a checkout.")
-    sub.add_argument("what", choices=("raster", "deform", "features", "edit", "select", "scale"))
+    sub.add_argument("what", choices=("raster", "deform", "step", "features", "edit", "select", "scale"))
     sub.add_argument("--clips", type=int, default=8, metavar="N", help="small clips that are fitted, 0 to 8 (scale)")
     sub.add_argument(
         "--long",
@@ -469,7 +469,8 @@ def _bench(verbs: Verbs) -> None:
         "--folder",
         type=path_argument,
         metavar="DIR",
-        help="where the clips of --long and their fits stay; what is finished there is not measured again",
+        help="where the clips of --long and their fits stay, or the priors of --clip (step); what is finished there is not"
+        " made again",
     )
     sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
     sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
@@ -505,8 +506,12 @@ def _bench(verbs: Verbs) -> None:
         metavar="DIR",
         help="truth of the rendered clip whose subject --label names (features, edit)",
     )
-    sub.add_argument("--clip", type=path_argument, help="the scene's clip: what features change in pictures (features)")
-    sub.add_argument("--frames", metavar="A:B:S", help="as for the fit (features)")
+    sub.add_argument(
+        "--clip",
+        type=path_argument,
+        help="the scene's clip: what features change in pictures (features), or the clip that is fitted (step)",
+    )
+    sub.add_argument("--frames", metavar="A:B:S", help="as for the fit (features, step)")
     sub.add_argument(
         "--plain", type=path_argument, metavar="SCENE", help="the scene before distilling (default: without its field)"
     )

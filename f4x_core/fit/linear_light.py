@@ -27,6 +27,7 @@ from ..progress import Progress, silent
 from ..raster import rasterize
 from ..raster.contract import RasterConfig
 from ..raster.rays import RayConfig, filtered_rays
+from ..scaffold.adam import Adam
 from ..scene import PosedSplats, Scene
 from ..scene.linear import Look, linear_look, with_look
 from ..scene.model import faded
@@ -90,7 +91,7 @@ class _Refit:
         groups: list[dict[str, Any]] = [
             {"params": [p], "lr": r} for p, r in zip(self.parameters, self.rates, strict=True)
         ]
-        self.adam = torch.optim.Adam(groups, eps=1e-15)
+        self.adam = Adam(groups)
         threads = {"threads": config.threads} if config.threads else {}
         self.fitted_rule, self.rays = RasterConfig(**threads), RayConfig(**threads)  # type: ignore[arg-type]
 
@@ -147,7 +148,6 @@ class _Refit:
         drawn = self._draw(posed, torch.from_numpy(colors), camera, time)
         target = torch.from_numpy(np.concatenate([wanted.channels.clip(0, 1), wanted.alpha[..., None]], 2))
         error = torch.cat((display_color(drawn[..., :3]), drawn[..., 3:]), 2) - target
-        self.adam.zero_grad()
         (error**2).mean().backward()
         self.adam.step()
 

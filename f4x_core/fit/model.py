@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -12,7 +13,9 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ..gaussians import DynamicGaussians, StaticGaussians, appearance
+from ..gaussians import DynamicGaussians, GaussianSet, StaticGaussians, appearance
+from ..gaussians.appearance_native import COEFFICIENTS, Drawing, Drawn, DrawnSet, NativeDrawing
+from ..gaussians.parameters import OPACITY_MARGIN, WHOLE
 from ..geometry import quaternion
 from ..geometry.camera import Camera, CameraPath
 from ..geometry.splats import Splats
@@ -32,38 +35,86 @@ SMALL_ANGLE = 1e-2
 
 
 class CorrectedView(torch.autograd.Function):
-    """A world_to_camera matrix (4,4) turned by a rotation vector (3,) and moved by a position (3,), both in the camera frame.
+    """The view of one frame, (4,4): its prior one, turned by a rotation vector and moved by a position in the camera frame.
 
-    In numpy: two dozen operators of torch on a few numbers each, and their gradients, are several per cent of a step.
+    Arguments: rotation vectors (F,3) and positions (F,3) of all frames, their prior world_to_camera (F,4,4), which has no
+    gradient, and the number of the frame. In plain numbers: dozens of operators on a few of them each, and their gradients,
+    are several per cent of a step.
     """
 
     @staticmethod
-    def forward(ctx, rotation: Tensor, position: Tensor, base: Tensor) -> Tensor:
-        """The corrected matrix, in the precision of `base`, which has no gradient."""
-        vector, before = rotation.detach().numpy().astype(float), base.numpy()[:3].astype(float)  # (3,), (3,4)
-        turn = quaternion.to_matrix(quaternion.from_rotation_vector(vector))
-        after = base.numpy().copy()
-        after[:3] = turn @ before
-        after[:3, 3] += position.detach().numpy()
-        ctx.vector, ctx.turned = vector, turn @ before
+    def forward(ctx, rotations: Tensor, positions: Tensor, base: Tensor, frame: int) -> Tensor:
+        """The corrected matrix, in the precision of `base`."""
+        vector, before = rotations[frame].tolist(), base[frame, :3].numpy().astype(float)  # (3,), (3,4)
+        turned = _turn(vector) @ before
+        after = base[frame].numpy().copy()
+        after[:3] = turned
+        after[:3, 3] += positions[frame].numpy()
+        ctx.vector, ctx.turned, ctx.frame, ctx.frames = vector, turned, frame, len(rotations)
         return torch.from_numpy(after)
 
     @staticmethod
     @once_differentiable
     def backward(ctx, sent: Tensor) -> Any:
-        """Gradients of the rotation vector and the position."""
+        """Gradients of the rotation vectors and the positions: zero but for the frame's."""
         slope = sent.numpy()[:3].astype(float)
-        a = slope @ ctx.turned.T  # a small rotation w after the present one changes the loss by sum a * [w]
-        about = np.array([a[2, 1] - a[1, 2], a[0, 2] - a[2, 0], a[1, 0] - a[0, 1]])
-        v, angle = ctx.vector, float(np.linalg.norm(ctx.vector))
+        # A small rotation w after the present one changes the loss by the sum of a * [w].
+        (_, a01, a02), (a10, _, a12), (a20, a21, _) = (slope @ ctx.turned.T).tolist()
+        about = [a21 - a12, a02 - a20, a10 - a01]
+        v, angle = ctx.vector, math.hypot(*ctx.vector)
         # The transposed left Jacobian of SO(3): how far the rotation goes for a change of its vector.
         small = angle < SMALL_ANGLE
-        first = 0.5 - angle**2 / 24 if small else (1 - np.cos(angle)) / angle**2
-        second = 1 / 6 - angle**2 / 120 if small else (angle - np.sin(angle)) / angle**3
-        across = np.cross(v, about)
-        gradient = about - first * across + second * np.cross(v, across)
-        to = sent.new_tensor
-        return to(gradient), to(slope[:, 3]), None
+        first = 0.5 - angle**2 / 24 if small else (1 - math.cos(angle)) / angle**2
+        second = 1 / 6 - angle**2 / 120 if small else (angle - math.sin(angle)) / angle**3
+        across = _cross(v, about)
+        twice = _cross(v, across)
+        gradients = sent.new_zeros(2, ctx.frames, 3)
+        turning = [about[k] - first * across[k] + second * twice[k] for k in range(3)]
+        gradients[:, ctx.frame] = sent.new_tensor([turning, slope[:, 3].tolist()])
+        return *gradients, None, None
+
+
+def _turn(vector: Sequence[float]) -> np.ndarray:
+    """(3,3) the rotation by a rotation vector (Rodrigues)."""
+    x, y, z = vector
+    angle = math.hypot(x, y, z)
+    small = angle < SMALL_ANGLE
+    first = 1 - angle**2 / 6 + angle**4 / 120 if small else math.sin(angle) / angle
+    second = 0.5 - angle**2 / 24 + angle**4 / 720 if small else (1 - math.cos(angle)) / angle**2
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + first * across + second * (across @ across)
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+class CameraSmoothness(torch.autograd.Function):
+    """Mean over frames of the squared second differences of rows (F,n), summed over n; F is at least 3. In numpy, see above."""
+
+    @staticmethod
+    def forward(ctx, *parts: Tensor) -> Tensor:
+        """Sum of the means of all `parts`, a scalar."""
+        rows = [part.numpy() for part in parts]
+        bends = [own[2:] - 2 * own[1:-1] + own[:-2] for own in rows]
+        ctx.bends = bends
+        return parts[0].new_tensor(sum(float((bend * bend).sum()) for bend in bends) / len(bends[0]))
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, factor: Tensor) -> Any:
+        """Gradients of the rows."""
+        gradients = []
+        for bend in ctx.bends:
+            slope, gradient = (
+                bend * (2 * float(factor) / len(bend)),
+                np.zeros((len(bend) + 2, bend.shape[1]), bend.dtype),
+            )
+            gradient[2:] = slope
+            gradient[1:-1] -= 2 * slope
+            gradient[:-2] += slope
+            gradients.append(torch.from_numpy(gradient))
+        return tuple(gradients)
 
 
 class CameraRig:
@@ -79,6 +130,7 @@ class CameraRig:
         self.path = path
         self.base = torch.from_numpy(path.world_to_camera.astype(np.float32))  # (F,4,4)
         self.base_intrinsics = torch.from_numpy(path.intrinsics.astype(np.float32))  # (F,3,3)
+        self._resampled: dict[tuple[int, int], Tensor] = {}
         self.parameters = {
             "camera_rotation": torch.zeros(count, 3, requires_grad=True),
             "camera_position": torch.zeros(count, 3, requires_grad=True),
@@ -86,13 +138,15 @@ class CameraRig:
 
     def view(self, frame: int) -> Tensor:
         """(4,4) world_to_camera of supervised frame `frame`, float32, differentiable."""
-        own = (self.parameters[name][frame] for name in ("camera_rotation", "camera_position"))
-        return CorrectedView.apply(*own, self.base[frame])
+        own = (self.parameters[name] for name in ("camera_rotation", "camera_position"))
+        return CorrectedView.apply(*own, self.base, frame)
 
     def intrinsics(self, frame: int, width: int, height: int) -> Tensor:
         """(3,3) intrinsics in pixels of the frame resampled to width x height."""
-        ratio = self.base.new_tensor([[width / self.path.width], [height / self.path.height], [1.0]])
-        return self.base_intrinsics[frame] * ratio
+        if (width, height) not in self._resampled:
+            ratio = self.base.new_tensor([[width / self.path.width], [height / self.path.height], [1.0]])
+            self._resampled[width, height] = self.base_intrinsics * ratio
+        return self._resampled[width, height][frame]
 
     def camera(self, frame: int, width: int, height: int) -> Camera:
         """The camera of supervised frame `frame` for images of width x height; its pose is differentiable."""
@@ -102,8 +156,7 @@ class CameraRig:
         """Mean squared second difference of the corrections, in radians (positions: world units at depth 1)."""
         if len(self.path) < 3:
             return self.base.new_zeros(())
-        both = torch.cat([self.parameters["camera_rotation"], self.parameters["camera_position"]], 1)  # (F,6)
-        return (both[2:] - 2 * both[1:-1] + both[:-2]).square().sum(1).mean()
+        return CameraSmoothness.apply(self.parameters["camera_rotation"], self.parameters["camera_position"])
 
     def refined(self) -> CameraPath:
         """The path with its corrections folded in."""
@@ -185,6 +238,8 @@ class Attachment:
     deformer: Deformer
     native: NativeDeformer | None
     """The deformer of the compiled library, where that is used."""
+    born: Tensor
+    """(N,) float32 clip time at which each Gaussian has its reference."""
 
 
 class Moved(NamedTuple):
@@ -196,6 +251,13 @@ class Moved(NamedTuple):
     """(N,4)"""
     time: float
     """Clip time."""
+
+
+def _centre(camera: Camera) -> tuple[float, float, float]:
+    """`camera.center` in plain numbers, without gradients: see `CorrectedView`."""
+    rows = camera.world_to_camera[:3].tolist()
+    x, y, z = (-sum(row[axis] * row[3] for row in rows) for axis in range(3))
+    return x, y, z
 
 
 class SceneModel:
@@ -250,7 +312,8 @@ class SceneModel:
             deformer = Deformer(self.times, reference, nodes.neighbours[attach], len(nodes.scaffold))
             threads = self.kernels.threads
             native = NativeDeformer(deformer, mask, self.kernel, threads) if self.kernels.native else None
-            self._attachment = known = Attachment(attach, nodes, mask, deformer, native)
+            born = torch.from_numpy(np.asarray(self.times, np.float32))[reference]
+            self._attachment = known = Attachment(attach, nodes, mask, deformer, native, born)
         return known
 
     def skinning(self, x_reference: Tensor) -> tuple[Tensor, Tensor]:
@@ -268,8 +331,7 @@ class SceneModel:
     @property
     def born(self) -> Tensor:
         """(N,) float32 clip time at which each dynamic Gaussian has its reference."""
-        assert self.dynamic is not None
-        return torch.from_numpy(np.asarray(self.times, np.float32))[self.dynamic.labels["reference"]]
+        return self.attachment.born
 
     def dynamic_at(self, *times: float) -> list[Moved]:
         """The dynamic Gaussians at each of `times` (clip frame indices), whether they are there then or not."""
@@ -302,6 +364,45 @@ class SceneModel:
         if len(parts) == 1:
             return parts[0]
         return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in parts[0].arrays()})
+
+    def drawn(self, moved: Moved | None, camera: Camera, there: Tensor | None = None) -> Drawn:
+        """All Gaussians of `posed` as the raster takes them, with their channels as `camera` sees them.
+
+        Channels: rgb; where something moves which Gaussians are dynamic; with `there` (M,3), the places of the M dynamic
+        Gaussians at another time, the places of all then, static ones staying put. They send no gradient to the camera.
+        """
+        if not self.kernels.native or self.static.parameters["shN"].shape[1] + 1 not in COEFFICIENTS:
+            splats = self.posed(moved)
+            colors = appearance(splats.sh, splats.means, splats.quats, camera.center.detach(), self.kernels)
+            more = self._more_channels(splats.means, there)
+            return Drawn(splats.means, splats.quats, splats.scales, splats.opacities, torch.cat([colors, *more], 1))
+        sets, time, born, channels = [self._drawn_set(self.static)], 0.0, None, 3
+        if moved is not None and self.dynamic is not None:
+            sets.append(self._drawn_set(self.dynamic, moved, there))
+            time, born, channels = moved.time, self.born, 4 if there is None else 7
+        frozen = None
+        if self.frozen is not None:
+            own = self.frozen
+            frozen = Drawn(own.means, own.quats, own.scales, own.opacities, own.means.new_empty(0)), own.sh
+        drawing = Drawing(_centre(camera), channels, time, born, WHOLE, OPACITY_MARGIN, frozen, self.kernels.threads)
+        return Drawn(*NativeDrawing.apply(drawing, *(tensor for own in sets for tensor in own)))
+
+    @staticmethod
+    def _drawn_set(gaussians: GaussianSet, moved: Moved | None = None, there: Tensor | None = None) -> DrawnSet:
+        own = gaussians.parameters
+        means, quats = (own["means"], own["quats"]) if moved is None else (moved.means, moved.quats)
+        scales, opacities = own["log_scales"], own["opacity_logits"]
+        return DrawnSet(means, quats, scales, opacities, own["sh0"], own["shN"], own.get("log_lifetimes"), there)
+
+    def _more_channels(self, means: Tensor, there: Tensor | None) -> list[Tensor]:
+        """The channels of `drawn` behind rgb."""
+        if self.dynamic is None:
+            return []
+        own = slice(len(self.static), len(self))
+        mark = means.new_zeros(len(means), 1)
+        mark[own] = 1
+        still = means.detach()
+        return [mark] if there is None else [mark, torch.cat([still[: own.start], there, still[own.stop :]])]
 
     def render(
         self,

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ..gaussians import SetOptimiser
-from ..gaussians.optimiser import replace_parameter
+from ..scaffold.adam import Adam
 from ..scaffold.control import densify_nodes, largest_weights, prune_nodes, rebase_local
 from ..scaffold.graph import attach_nodes
 from ..scaffold.radius import RadiusConfig, initial_radius
@@ -28,7 +28,7 @@ CANDIDATES_PER_NODE = 8
 def add_nodes(
     model: SceneModel,
     optimiser: SetOptimiser,
-    shared: torch.optim.Adam,
+    shared: Adam,
     gradient: Tensor,
     config: NodeConfig,
     next_node_id: int,
@@ -81,7 +81,7 @@ def add_nodes(
     return next_node_id + added
 
 
-def drop_nodes(model: SceneModel, shared: torch.optim.Adam, config: NodeConfig) -> int:
+def drop_nodes(model: SceneModel, shared: Adam, config: NodeConfig) -> int:
     """Remove nodes that carry nothing noticeable; returns how many went."""
     assert model.dynamic is not None
     assert model.nodes is not None
@@ -100,9 +100,7 @@ def drop_nodes(model: SceneModel, shared: torch.optim.Adam, config: NodeConfig) 
     return len(new_index) - len(pruned)
 
 
-def _swap_nodes(
-    model: SceneModel, shared: torch.optim.Adam, fresh: NodeSet, change_moment: Callable[..., Tensor]
-) -> None:
+def _swap_nodes(model: SceneModel, shared: Adam, fresh: NodeSet, change_moment: Callable[..., Tensor]) -> None:
     """Put `fresh` in place of the model's nodes, keeping Adam's moments aligned along the node axis."""
     for group in shared.param_groups:
         name = group["name"]
@@ -110,7 +108,7 @@ def _swap_nodes(
             axis = 0 if name == "radius_logit" else 1
             value = fresh.parameters[name].detach()
             change = partial(change_moment, axis=axis)
-            fresh.parameters[name] = replace_parameter(shared, group, value, change)
+            fresh.parameters[name] = shared.replace(group, value, change)
     model.nodes = fresh
 
 

@@ -17,13 +17,14 @@ from torch import Tensor
 from ..clip import Clip
 from ..errors import Cancelled
 from ..gaussians import DensityControl, SetOptimiser
-from ..gaussians.optimiser import native_step
 from ..gaussians.spawn import Room
 from ..geometry.arrays import evenly_spaced
 from ..geometry.spherical_harmonics import degree_of
+from ..geometry.splats import Splats
 from ..priors import Priors
 from ..progress import Progress, silent
-from ..raster import RasterConfig
+from ..raster import RasterConfig, rasterize
+from ..scaffold.adam import Adam
 from ..scaffold.optimise import with_graph
 from .checkpoint import save_checkpoint
 from .config import FitConfig
@@ -103,7 +104,7 @@ class Trainer:
         groups = [{"params": [model.rig.parameters[n]], "lr": 0.0, "name": n} for n in CAMERA_RATES]
         if model.nodes is not None:
             groups += [{"params": [model.nodes.parameters[n]], "lr": 0.0, "name": n} for n in NODE_RATES]
-        self.shared = torch.optim.Adam(groups, eps=1e-15)
+        self.shared = Adam(groups, model.kernels)
         self.actions = self._schedule()
 
     def _schedule(self) -> list[Action]:
@@ -127,10 +128,8 @@ class Trainer:
                 Action("nodes dropped", optimised, steps_at(config.nodes.drop_at, total), self._drop_nodes),
             ]
         for name, control in self.controls.items():
-            actions += [
-                Action(f"sizes capped, {name}", optimised, range(total), control.cap_sizes),
-                Action(f"density control, {name}", optimised, control.steps, partial(self._densify, name)),
-            ]
+            densify = partial(self._densify, name)
+            actions.append(Action(f"density control, {name}", optimised, control.steps, densify))
         return [*actions, Action("quality measured", done, every(config.measure_every, total), self.measure)]
 
     def run(self, checkpoint: Path | None = None, settings_hash: str = "", progress: Progress = silent) -> None:
@@ -174,11 +173,7 @@ class Trainer:
         self._record_gradients(offset, rendered)
         for optimiser in self.optimisers.values():
             optimiser.step()
-        if self.model.kernels.native:
-            native_step(self.shared, self.model.kernels.threads)
-        else:
-            self.shared.step()
-            self.shared.zero_grad(set_to_none=True)
+        self.shared.step()
         self.loss = float(loss.detach())
         self._act(Moment.OPTIMISED)
         self.step += 1
@@ -212,7 +207,7 @@ class Trainer:
 
         `background`: (3,) rgb. `offset`: (N,2) pixels by which the projected means are moved.
         """
-        config, model, extra = self.config, self.model, None
+        config, model = self.config, self.model
         moved, there, partner = None, None, None
         if model.dynamic is not None:
             if any(term.name == "track" and term.due(self.step) for term in self.losses):
@@ -220,29 +215,20 @@ class Trainer:
             times = [float(model.times[index]) for index in (frame, partner) if index is not None]
             moved, *others = model.dynamic_at(*times)
             there = others[0].means if others else None
-        splats = model.posed(moved)
-        if model.dynamic is not None:
-            extra = self._extra_channels(splats.means, there)
-        output = model.render(
-            splats,
-            model.rig.camera(frame, data.width, data.height),
-            extra=extra,
+        camera = model.rig.camera(frame, data.width, data.height)
+        drawn = model.drawn(moved, camera, there)
+        if background is not None:
+            background = torch.cat([background, background.new_zeros(drawn.colors.shape[1] - len(background))])
+        output = rasterize(
+            Splats(drawn.means, drawn.quats, drawn.scales, drawn.opacities),
+            drawn.colors,
+            camera,
             background=background,
             mean2d_offset=offset,
             config=self.raster,
             backend=config.backend,
         )
         return Rendered(frame, data, output, partner, self.step)
-
-    def _extra_channels(self, means: Tensor, there: Tensor | None) -> Tensor:
-        """(N,1) which Gaussians are dynamic; with their positions `there` at another time (N,4), static ones staying put."""
-        own = slice(len(self.model.static), len(self.model))
-        dynamic = torch.zeros(len(means), 1)
-        dynamic[own] = 1
-        if there is None:
-            return dynamic
-        still = means.detach()
-        return torch.cat([dynamic, torch.cat([still[: own.start], there, still[own.stop :]])], 1)
 
     def _record_gradients(self, offset: Tensor, rendered: Rendered) -> None:
         """Hand the screen-space gradients to density control."""

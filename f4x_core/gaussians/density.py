@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..geometry import quaternion
+from ..native.density import F4X_RECORD_PULLS, PULLS
 from .optimiser import SetOptimiser
 
 # A split replaces one Gaussian by two of its samples, each this much smaller (3DGS).
@@ -49,7 +50,7 @@ class DensityControl:
     def __init__(self, optimiser: SetOptimiser, config: DensityConfig, total_steps: int):
         """Watch the set of `optimiser` during `total_steps` steps."""
         self.optimiser, self.config, self.total = optimiser, config, total_steps
-        self._caps: tuple[Tensor, Tensor] | None = None
+        optimiser.max_scale = config.max_scale
         self.limit = min(config.max_count, round(config.max_growth * len(optimiser.gaussians)))
         """The set never grows beyond this."""
         self.lacking = 0
@@ -63,9 +64,15 @@ class DensityControl:
 
     def record(self, mean2d_gradient: Tensor, visible: Tensor, width: int, height: int) -> None:
         """Add one step's screen-space gradient (N,2), in loss per pixel, of the Gaussians that were visible (N,)."""
-        across, down = mean2d_gradient[:, 0] * (0.5 * width), mean2d_gradient[:, 1] * (0.5 * height)
-        self.gradient_sum += across.square_().addcmul_(down, down).sqrt_()  # NDC; `norm` takes several times as long
-        self.seen += visible
+        across, down = 0.5 * width, 0.5 * height  # pixels of a unit of NDC
+        kernels = self.optimiser.adam.kernels
+        if not kernels.native:
+            self.gradient_sum += (mean2d_gradient * mean2d_gradient.new_tensor([across, down])).norm(dim=1)
+            self.seen += visible
+            return
+        fixed = {"count": len(self.seen), "threads": kernels.threads, "across": across, "down": down}
+        sums = {"gradient_sum": self.gradient_sum, "seen": self.seen}
+        F4X_RECORD_PULLS(PULLS(**fixed, **sums, gradient=mean2d_gradient, visible=visible))
 
     @property
     def steps(self) -> frozenset[int]:
@@ -73,15 +80,6 @@ class DensityControl:
         config, total = self.config, self.total
         periods = range(config.every, total, config.every) if config.every else range(0)
         return frozenset(step for step in periods if config.start * total <= step < config.stop * total)
-
-    def cap_sizes(self) -> None:
-        """Shrink Gaussians that have become larger than their reach allows."""
-        reach = self.optimiser.gaussians.labels["reach"]
-        if self._caps is None or self._caps[0] is not reach:  # rows were added or removed
-            self._caps = reach, (self.config.max_scale * reach).log()[:, None]
-        with torch.no_grad():
-            log_scales = self.optimiser.gaussians.parameters["log_scales"]
-            torch.minimum(log_scales, self._caps[1], out=log_scales)
 
     def densify_and_prune(self, next_id: int, generator: torch.Generator) -> int:
         """Clone or split where the gradients were largest, remove what is faint; returns the next unused id."""

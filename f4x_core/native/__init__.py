@@ -5,6 +5,6 @@ where the kernel also serves without torch, with `library` (numpy) and `autograd
 because the build imports it.
 """
 
-from .library import instruction_set, measure_peak, open_library, require_library
+from .library import instruction_set, measure_peak, open_library, require_library, shareable_seconds
 
-__all__ = ["instruction_set", "measure_peak", "open_library", "require_library"]
+__all__ = ["instruction_set", "measure_peak", "open_library", "require_library", "shareable_seconds"]

@@ -1,5 +1,7 @@
-// Colours of spherical harmonics (degree 0 to 3) seen from one point, evaluated in each Gaussian's own frame, and their
-// gradients. Eight Gaussians at a time; see geometry/spherical_harmonics.py for basis, order and signs.
+// What is drawn of Gaussians: colours of spherical harmonics (degree 0 to 3) seen from one point, evaluated in each Gaussian's own
+// frame, and, where they are asked for, activated scales and opacities, those of dynamic Gaussians faded as they come and go; with
+// the gradients of all. Eight Gaussians at a time; see geometry/spherical_harmonics.py for basis, order and signs, and
+// gaussians/parameters.py for the activations.
 
 #ifndef F4X_ISA
 
@@ -11,12 +13,28 @@
 // Mirrored field by field in appearance.py.
 struct Appearance {
     int64_t count;
-    int32_t coefficients, threads;  // 1, 4, 9 or 16
+    int32_t coefficients, threads;            // 1, 4, 9 or 16
+    int32_t channels;                         // floats from one Gaussian's colours to the next one's
+    int32_t first_stride, more_stride;        // floats from one Gaussian's coefficients to the next one's
+    float mark;                               // written into channel 3 where there is one
     float centre[3];
-    const float *sh, *means, *quats;          // (N, S, 3), (N, 3), (N, 4) of any length
-    float* colors;                            // (N, 3), written by the forward pass
-    const float* sent;                        // (N, 3) gradient of the colours
-    float *d_sh, *d_means, *d_quats;          // written by the backward pass
+    const float *first, *more;                // (N, 3) and (N, S - 1, 3) coefficients
+    const float *means, *quats;               // (N, 3), (N, 4) of any length
+    const float* there;                       // (N, 3) written into channels 4 to 6 where there are any
+    float* colors;                            // (N, channels), written by the forward pass
+
+    // What is activated, as arrays of its own: all null where colours alone are wanted.
+    const float *log_scales, *logits;         // (N, 3), (N,)
+    const float *log_lifetimes, *born;        // (N, 2), (N,): null where Gaussians are there at all times
+    float time;                               // that is drawn, in the unit of `born`
+    float whole;                              // fraction of a lifetime in which a Gaussian is there wholly
+    float margin;                             // opacities are kept this far from 1 before they fade
+    float *drawn_means, *drawn_quats;         // copies, written by the forward pass like the two that follow
+    float *scales, *opacities;                // (N, 3), (N,)
+
+    const float *sent, *sent_means, *sent_quats, *sent_scales, *sent_opacities;  // gradients of what is drawn
+    float *d_first, *d_more, *d_means, *d_quats, *d_there;                       // written by the backward pass
+    float *d_log_scales, *d_logits, *d_log_lifetimes;
 };
 
 using namespace f4x;
@@ -160,8 +178,91 @@ F4X_HOT void shade(const Appearance& a, int64_t i, int n, Sight& s, f8* basis, f
     evaluate_basis<DEGREE>(s.own[0], s.own[1], s.own[2], basis);
     for (int c = 0; c < 3; ++c) {
         rgb[c] = broadcast(0.5f);
-        for (int k = 0; k < S; ++k) rgb[c] += basis[k] * column(a.sh + 3 * k + c, 3 * S, i, n);
+        rgb[c] += basis[0] * column(a.first + c, a.first_stride, i, n);
+        for (int k = 1; k < S; ++k) rgb[c] += basis[k] * column(a.more + 3 * (k - 1) + c, a.more_stride, i, n);
     }
+}
+
+// Base-2 logarithm of positive normal numbers, to 1e-7.
+F4X_HOT f8 log2_fast(const f8& x) {
+    f8 whole, m;
+    for (int lane = 0; lane < 8; ++lane) {
+        const float value = x[lane];
+        uint32_t bits;
+        std::memcpy(&bits, &value, 4);
+        const int32_t exponent = int32_t(bits - 0x3f3504f3u) >> 23;  // so that m lies between the roots of 1/2 and 2
+        bits -= uint32_t(exponent) << 23;
+        float rest;
+        std::memcpy(&rest, &bits, 4);
+        whole[lane] = float(exponent);
+        m[lane] = rest;
+    }
+    const f8 one = broadcast(1.0f), t = (m - one) / (m + one), z = t * t;
+    f8 series = broadcast(1.0f / 9);
+    for (const float term : {1.0f / 7, 1.0f / 5, 1.0f / 3, 1.0f}) series = series * z + broadcast(term);
+    return whole + broadcast(2.88539008177792681472f) * t * series;  // 2 / ln 2
+}
+
+F4X_HOT f8 exp_fast(const f8& x) {
+    const f8 most = broadcast(125.0f);
+    return exp2_fast(maximum(broadcast(0.0f) - most, minimum(x * broadcast(1.44269504088896340736f), most)));
+}
+
+// The opacity of eight Gaussians, and what its gradient is made of.
+struct Opacity {
+    f8 plain, rest;        // sigmoid of the logit, and 1 less that
+    f8 drawn;
+    // Of Gaussians that come and go: 1 - drawn = kept = rest^there, where `rest` is kept above the margin.
+    f8 there, kept, log_rest, passed;  // presence; `passed`: of a lifetime, |time - born| / lifetime
+    i8 free, later, fades;             // the margin does not bind; the second lifetime counts; presence is not clamped
+};
+
+F4X_HOT void fade(const Appearance& a, int64_t i, int n, Opacity& o) {
+    const f8 zero = broadcast(0.0f), one = broadcast(1.0f), e = exp_fast(zero - column(a.logits, 1, i, n));
+    o.plain = o.drawn = one / (one + e);
+    o.rest = e * o.plain;
+    if (!a.log_lifetimes) return;
+    const f8 away = broadcast(a.time) - column(a.born, 1, i, n);
+    o.later = away >= zero;
+    const f8 life = exp_fast(select(o.later, column(a.log_lifetimes + 1, 2, i, n), column(a.log_lifetimes, 2, i, n)));
+    o.passed = maximum(away, zero - away) / life;
+    const f8 unclamped = (one - o.passed) / broadcast(1 - a.whole);
+    o.fades = (unclamped >= zero) & (unclamped <= one);
+    o.there = minimum(maximum(unclamped, zero), one);
+    const f8 margin = broadcast(a.margin);
+    o.free = o.rest >= margin;
+    o.log_rest = log2_fast(maximum(o.rest, margin));
+    o.kept = exp2_fast(o.there * o.log_rest);
+    o.drawn = one - o.kept;
+}
+
+F4X_HOT void copy_rows(const float* from, float* to, int width, int64_t i, int n) {
+    std::memcpy(to + i * width, from + i * width, sizeof(float) * size_t(n) * width);
+}
+
+F4X_HOT void activate(const Appearance& a, int64_t i, int n) {
+    copy_rows(a.means, a.drawn_means, 3, i, n);
+    copy_rows(a.quats, a.drawn_quats, 4, i, n);
+    for (int k = 0; k < 3; ++k) put(a.scales + k, 3, i, n, exp_fast(column(a.log_scales + k, 3, i, n)));
+    Opacity o;
+    fade(a, i, n, o);
+    put(a.opacities, 1, i, n, o.drawn);
+}
+
+F4X_HOT void deactivate(const Appearance& a, int64_t i, int n) {
+    for (int k = 0; k < 3; ++k) {
+        const f8 scale = exp_fast(column(a.log_scales + k, 3, i, n));
+        put(a.d_log_scales + k, 3, i, n, scale * column(a.sent_scales + k, 3, i, n));
+    }
+    Opacity o;
+    fade(a, i, n, o);
+    const f8 sent = column(a.sent_opacities, 1, i, n), zero = broadcast(0.0f);
+    if (!a.log_lifetimes) return put(a.d_logits, 1, i, n, sent * o.plain * o.rest);
+    put(a.d_logits, 1, i, n, keep_where(o.free, sent * o.there * o.kept * o.plain));
+    const f8 by_presence = zero - sent * o.kept * o.log_rest * broadcast(0.69314718055994530942f);
+    const f8 by_lifetime = keep_where(o.fades, by_presence * o.passed / broadcast(1 - a.whole));
+    put(a.d_log_lifetimes, 2, i, n, select(o.later, zero, by_lifetime));
+    put(a.d_log_lifetimes + 1, 2, i, n, keep_where(o.later, by_lifetime));
 }
 
 template <int DEGREE>
@@ -171,7 +272,10 @@ F4X_TARGET void forward_range(const Appearance& a, int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; i += 8) {
         const int n = int(std::min<int64_t>(8, end - i));
         shade<DEGREE>(a, i, n, s, basis, rgb);
-        for (int c = 0; c < 3; ++c) put(a.colors + c, 3, i, n, maximum(rgb[c], broadcast(0.0f)));
+        for (int c = 0; c < 3; ++c) put(a.colors + c, a.channels, i, n, maximum(rgb[c], broadcast(0.0f)));
+        if (a.channels > 3) put(a.colors + 3, a.channels, i, n, broadcast(a.mark));
+        for (int c = 4; c < a.channels; ++c) put(a.colors + c, a.channels, i, n, column(a.there + c - 4, 3, i, n));
+        if (a.log_scales) activate(a, i, n);
     }
 }
 
@@ -184,18 +288,27 @@ F4X_TARGET void backward_range(const Appearance& a, int64_t begin, int64_t end) 
     for (int64_t i = begin; i < end; i += 8) {
         const int n = int(std::min<int64_t>(8, end - i));
         shade<DEGREE>(a, i, n, s, basis, rgb);
-        for (int c = 0; c < 3; ++c) sent[c] = keep_where(rgb[c] > zero, column(a.sent + c, 3, i, n));
-        for (int k = 0; k < S; ++k) {
+        for (int c = 0; c < 3; ++c) {
+            sent[c] = keep_where(rgb[c] > zero, column(a.sent + c, a.channels, i, n));
+            put(a.d_first + c, a.first_stride, i, n, sent[c] * basis[0]);
+        }
+        if (a.log_scales) deactivate(a, i, n);
+        if (a.d_there)
+            for (int c = 0; c < 3; ++c) put(a.d_there + c, 3, i, n, column(a.sent + 4 + c, a.channels, i, n));
+        f8 d_mean[3], d_quat[4];
+        for (int k = 0; k < 3; ++k) d_mean[k] = a.sent_means ? column(a.sent_means + k, 3, i, n) : zero;
+        for (int k = 0; k < 4; ++k) d_quat[k] = a.sent_quats ? column(a.sent_quats + k, 4, i, n) : zero;
+        if (DEGREE == 0) {
+            for (int k = 0; k < 3; ++k) put(a.d_means + k, 3, i, n, d_mean[k]);
+            for (int k = 0; k < 4; ++k) put(a.d_quats + k, 4, i, n, d_quat[k]);
+            continue;
+        }
+        for (int k = 1; k < S; ++k) {
             t[k] = zero;
             for (int c = 0; c < 3; ++c) {
-                t[k] += sent[c] * column(a.sh + 3 * k + c, 3 * S, i, n);
-                put(a.d_sh + 3 * k + c, 3 * S, i, n, sent[c] * basis[k]);
+                t[k] += sent[c] * column(a.more + 3 * (k - 1) + c, a.more_stride, i, n);
+                put(a.d_more + 3 * (k - 1) + c, a.more_stride, i, n, sent[c] * basis[k]);
             }
-        }
-        if (DEGREE == 0) {
-            for (int k = 0; k < 3; ++k) put(a.d_means + k, 3, i, n, zero);
-            for (int k = 0; k < 4; ++k) put(a.d_quats + k, 4, i, n, zero);
-            continue;
         }
         differentiate_basis<DEGREE>(s.own[0], s.own[1], s.own[2], t, g);
 
@@ -206,7 +319,7 @@ F4X_TARGET void backward_range(const Appearance& a, int64_t begin, int64_t end) 
                               g[2] + two * (x * c[1] - y * c[0])};
         const f8 along = turned[0] * d[0] + turned[1] * d[1] + turned[2] * d[2];
         for (int k = 0; k < 3; ++k)
-            put(a.d_means + k, 3, i, n, (turned[k] - along * d[k]) * s.inverse_distance);
+            put(a.d_means + k, 3, i, n, d_mean[k] + (turned[k] - along * d[k]) * s.inverse_distance);
 
         // Antisymmetric and symmetric parts of d g^T.
         const f8 rx = d[2] * g[1] - d[1] * g[2], ry = d[0] * g[2] - d[2] * g[0], rz = d[1] * g[0] - d[0] * g[1];
@@ -216,7 +329,7 @@ F4X_TARGET void backward_range(const Appearance& a, int64_t begin, int64_t end) 
                          two * (w * ry + x * xy + z * yz - two * y * (xx + zz)),
                          two * (w * rz + x * xz + y * yz - two * z * (xx + yy))};
         const f8 radial = q[0] * w + q[1] * x + q[2] * y + q[3] * z;
-        for (int k = 0; k < 4; ++k) put(a.d_quats + k, 4, i, n, (q[k] - radial * s.q[k]) * s.inverse_length);
+        for (int k = 0; k < 4; ++k) put(a.d_quats + k, 4, i, n, d_quat[k] + (q[k] - radial * s.q[k]) * s.inverse_length);
     }
 }
 

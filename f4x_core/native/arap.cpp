@@ -1,18 +1,20 @@
 // As-rigid-as-possible losses of the scaffold and their gradients; see scaffold/losses.py for the formulas. Edge by edge, eight
-// times at once: the poses are turned first so that the times of one number lie side by side. On one thread, in a fixed order.
+// times at once: the poses are turned first so that the times of one number lie side by side. Edges are cut into parts with sums
+// of their own, which are added in order; how many there are does not depend on the threads.
 
 #ifndef F4X_ISA
 
 #include <cstdint>
-#include <new>
+#include <exception>
 #include <vector>
 
 #include "lanes.hpp"
+#include "threads.hpp"
 
 // Mirrored field by field in arap.py.
 struct Arap {
     int64_t edges, leading;            // edges from `leading` on send no gradient to the position of the neighbour
-    int32_t frames, nodes, shifts;
+    int32_t frames, nodes, shifts, threads;
     const float *xyz, *axes;           // (F, M, 3), (F, M, 3, 3) with the nodes' axes as columns
     const int64_t *node, *neighbour;   // (E,)
     const float* weight;               // (E,)
@@ -26,47 +28,81 @@ struct Arap {
 using namespace f4x;
 
 namespace {
-// The arrays of Arap with times last: (M, 3, stride) and (M, 9, stride), zero beyond the last time.
+constexpr int MAX_PARTS = 8;
+constexpr int64_t EDGES_OF_A_PART = 256;
+
+// Poses with times last: (M, 3, stride) and (M, 9, stride), zero beyond the last time.
 struct Turned {
     int stride;
-    std::vector<float> xyz, axes, d_coordinate, d_length, d_axes;
+    std::vector<float> xyz, axes;
 };
 
-// (F, rows) <-> (rows, stride)
+// What a part of the edges adds up to, in the same layout.
+struct Sums {
+    std::vector<float> d_coordinate, d_length, d_axes;
+    double losses[2];
+};
+
+// (F, rows) -> (rows, stride)
 void turn(const float* from, int frames, int64_t rows, int stride, std::vector<float>& to) {
     to.assign(rows * stride, 0.0f);
     for (int t = 0; t < frames; ++t)
         for (int64_t r = 0; r < rows; ++r) to[r * stride + t] = from[t * rows + r];
 }
-void turn_back(const std::vector<float>& from, int frames, int64_t rows, int stride, float* to) {
-    for (int t = 0; t < frames; ++t)
-        for (int64_t r = 0; r < rows; ++r) to[t * rows + r] = from[r * stride + t];
-}
 
 struct ArapKernels {
-    void (*run)(const Arap&, Turned&);
+    void (*run)(const Arap&, const Turned&, int64_t begin, int64_t end, Sums&);
 };
 }  // namespace
 
 #define F4X_FILE "arap.cpp"
 #include "each_isa.hpp"
 
+namespace {
+void arap(const Arap& a) {
+    Turned w;
+    w.stride = (a.frames + 7) / 8 * 8 + 8;  // eight times from any one on can be read
+    turn(a.xyz, a.frames, 3 * int64_t(a.nodes), w.stride, w.xyz);
+    turn(a.axes, a.frames, 9 * int64_t(a.nodes), w.stride, w.axes);
+    const int64_t parts = std::max<int64_t>(1, std::min<int64_t>(MAX_PARTS, a.edges / EDGES_OF_A_PART));
+    std::vector<Sums> sums(parts);
+    parallel(a.threads, parts, [&](std::atomic<int64_t>& cursor) {
+        for (int64_t part; (part = cursor++) < parts;) {
+            Sums& own = sums[part];
+            own.d_coordinate.assign(w.xyz.size(), 0.0f);
+            own.d_length.assign(w.xyz.size(), 0.0f);
+            own.d_axes.assign(w.axes.size(), 0.0f);
+            kernels().run(a, w, a.edges * part / parts, a.edges * (part + 1) / parts, own);
+        }
+    });
+    const int64_t nodes = a.nodes;
+    const auto add_up = [&](std::vector<float> Sums::*kind, int width, int64_t node, float* to) {
+        for (int64_t r = width * node; r < width * (node + 1); ++r)
+            for (int t = 0; t < a.frames; ++t) {
+                float sum = 0;
+                for (const Sums& own : sums) sum += (own.*kind)[r * w.stride + t];
+                to[t * width * nodes + r] = sum;
+            }
+    };
+    parallel(a.threads, nodes, [&](std::atomic<int64_t>& cursor) {
+        for (int64_t node; (node = cursor++) < nodes;) {
+            add_up(&Sums::d_coordinate, 3, node, a.d_coordinate);
+            add_up(&Sums::d_length, 3, node, a.d_length);
+            add_up(&Sums::d_axes, 9, node, a.d_axes);
+        }
+    });
+    a.losses[0] = a.losses[1] = 0;
+    for (const Sums& own : sums)
+        for (int k = 0; k < 2; ++k) a.losses[k] += own.losses[k];
+}
+}  // namespace
+
 // 1 where memory runs out.
 F4X_API int32_t f4x_arap(const Arap* a) {
     try {
-        Turned w;
-        w.stride = (a->frames + 7) / 8 * 8 + 8;  // eight times from any one on can be read
-        turn(a->xyz, a->frames, 3 * int64_t(a->nodes), w.stride, w.xyz);
-        turn(a->axes, a->frames, 9 * int64_t(a->nodes), w.stride, w.axes);
-        w.d_coordinate.assign(w.xyz.size(), 0.0f);
-        w.d_length.assign(w.xyz.size(), 0.0f);
-        w.d_axes.assign(w.axes.size(), 0.0f);
-        kernels().run(*a, w);
-        turn_back(w.d_coordinate, a->frames, 3 * int64_t(a->nodes), w.stride, a->d_coordinate);
-        turn_back(w.d_length, a->frames, 3 * int64_t(a->nodes), w.stride, a->d_length);
-        turn_back(w.d_axes, a->frames, 9 * int64_t(a->nodes), w.stride, a->d_axes);
+        arap(*a);
         return 0;
-    } catch (const std::bad_alloc&) {
+    } catch (const std::exception&) {
         return 1;
     }
 }
@@ -167,25 +203,23 @@ F4X_TARGET void send(Edge& edge, const float* axes, float* d_axes, Target node, 
     }
 }
 
-F4X_TARGET void run(const Arap& a, Turned& w) {
+F4X_TARGET void run(const Arap& a, const Turned& w, int64_t begin, int64_t end, Sums& sums) {
     const int64_t P = w.stride;
     Edge edge(w.stride);
-    double totals[2] = {0.0, 0.0};
-    for (int64_t e = 0; e < a.edges; ++e) {
+    sums.losses[0] = sums.losses[1] = 0;
+    for (int64_t e = begin; e < end; ++e) {
         const int64_t from = a.node[e], to = a.neighbour[e];
         const float* axes = w.axes.data() + 9 * P * to;
         look(edge, w.xyz.data() + 3 * P * from, w.xyz.data() + 3 * P * to, axes, a.frames);
         f8 losses[2] = {broadcast(0.0f), broadcast(0.0f)};
         for (int s = 0; s < a.shifts; ++s) compare(edge, a.frames, a.shift[s], a.weight[e] * a.factor[s], losses);
         for (int k = 0; k < 2; ++k)
-            for (int lane = 0; lane < 8; ++lane) totals[k] += losses[k][lane];
-        const Target node{w.d_coordinate.data() + 3 * P * from, w.d_length.data() + 3 * P * from};
-        const Target neighbour{e < a.leading ? w.d_coordinate.data() + 3 * P * to : nullptr,
-                               e < a.leading ? w.d_length.data() + 3 * P * to : nullptr};
-        send(edge, axes, w.d_axes.data() + 9 * P * to, node, neighbour, a.frames);
+            for (int lane = 0; lane < 8; ++lane) sums.losses[k] += losses[k][lane];
+        const Target node{sums.d_coordinate.data() + 3 * P * from, sums.d_length.data() + 3 * P * from};
+        const Target neighbour{e < a.leading ? sums.d_coordinate.data() + 3 * P * to : nullptr,
+                               e < a.leading ? sums.d_length.data() + 3 * P * to : nullptr};
+        send(edge, axes, sums.d_axes.data() + 9 * P * to, node, neighbour, a.frames);
     }
-    a.losses[0] = totals[0];
-    a.losses[1] = totals[1];
 }
 
 const ArapKernels kernels = {run};

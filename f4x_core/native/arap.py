@@ -9,7 +9,7 @@ ARAP = Struct(
     "Arap",
     {
         **dict.fromkeys(("edges", "leading"), INT64),
-        **dict.fromkeys(("frames", "nodes", "shifts"), INT32),
+        **dict.fromkeys(("frames", "nodes", "shifts", "threads"), INT32),
         "xyz": Array("float32", _XYZ),
         "axes": Array("float32", _AXES),
         "node": Array("int64", ("edges",)),

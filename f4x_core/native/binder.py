@@ -111,8 +111,16 @@ class Struct:
         if len(full) != len(self._known):
             raise F4xError(f"{self.name} has no field {next(name for name in full if name not in self._known)}.")
         filled = self.type(*row)
-        filled.arrays = values
+        filled.arrays, filled.checks = values, dict(plan)
         return filled
+
+    @staticmethod
+    def refill(filled: Any, **values: Any) -> None:
+        """Put other `values`, by name, into a struct of the same sizes: a step of a fit changes few of them."""
+        for name, value in values.items():
+            check = filled.checks[name]
+            setattr(filled, name, value if check is None else check(value))
+        filled.arrays.update(values)
 
     def _make_plan(self, *sizes: int) -> list[tuple[str, Check | None]]:
         """Every field of C in order and, of an array, its check for the values of `_sizes`."""
@@ -195,23 +203,24 @@ def _check_of(where: str, kind: Array, sizes: Mapping[str, int]) -> Check:
     def check(array: Any) -> int | None:
         if array is None and optional:
             return None
-        if hasattr(array, "data_ptr"):
-            if (
-                ((dtype := array.dtype) is seen or is_named(dtype))
-                and array.shape == shape
-                and (array.is_contiguous() if strides is None else _strided(array, shape, strides))
-                and array.is_cpu
-            ):
-                return array.data_ptr()
-        elif isinstance(array, np.ndarray) and (array.dtype is seen or is_named(array.dtype)) and array.shape == shape:
-            if strides is None:
-                try:  # only contiguous memory that can be written gets through, four times as fast as `ctypes.data`
-                    return ctypes.addressof(one_byte(array))  # type: ignore[arg-type]  # an array is a buffer
-                except (TypeError, ValueError, BufferError):
-                    pass
-            fits = array.flags.c_contiguous if strides is None else _strided(array, shape, strides)
-            if fits and (array.flags.writeable or not output):
-                return array.ctypes.data
+        if isinstance(array, np.ndarray):
+            if (array.dtype is seen or is_named(array.dtype)) and array.shape == shape:
+                if strides is None:
+                    try:  # only contiguous memory that can be written gets through, four times as fast as `ctypes.data`
+                        return ctypes.addressof(one_byte(array))  # type: ignore[arg-type]  # an array is a buffer
+                    except (TypeError, ValueError, BufferError):
+                        pass
+                fits = array.flags.c_contiguous if strides is None else _strided(array, shape, strides)
+                if fits and (array.flags.writeable or not output):
+                    return array.ctypes.data
+        elif (
+            hasattr(type(array), "data_ptr")
+            and ((dtype := array.dtype) is seen or is_named(dtype))
+            and array.shape == shape
+            and (array.is_contiguous() if strides is None else _strided(array, shape, strides))
+            and array.is_cpu
+        ):
+            return array.data_ptr()
         _refuse(where, kind, array, shape, strides)
 
     return check

@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <exception>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "lanes.hpp"
@@ -22,7 +23,7 @@
 
 struct Relations {
     int64_t pairs, nodes;                // P, M
-    int32_t times;                       // T
+    int32_t times, threads;              // T
     const float *node_xyz, *node_quat;   // (F M, 3), (F M, 4) of any length
     const float* radius;                 // (M,)
     const int64_t *node, *then;          // (P,) rows of (M,) and of (F M)
@@ -71,8 +72,8 @@ typedef void (*Backward)(const Deformation&, int64_t begin, int64_t end, float* 
 struct DeformationKernels {
     Forward forward;
     Backward backward;
-    void (*relate)(const Relations&);
-    void (*unrelate)(const Relations&);
+    void (*relate)(const Relations&, int64_t begin, int64_t end);
+    void (*unrelate)(const Relations&, int64_t begin, int64_t end);
 };
 
 }  // namespace
@@ -83,6 +84,7 @@ struct DeformationKernels {
 namespace {
 
 constexpr int64_t MAX_PARTS = 16;      // threads that a backward pass keeps busy
+constexpr int64_t PAIRS_OF_A_PART = 512;
 constexpr int64_t SUMS_PER_ENTRY = 4;  // a part adds at least so many times more numbers than its table has
 
 // Parts of equal size that Gaussians are cut into, each with a table of `size` floats of its own.
@@ -109,6 +111,30 @@ void backward(const Deformation& d) {
     });
 }
 
+// Pairs differ, so each has rows of its own among the nodes at all times. What is summed by node (radius, and the poses now) has
+// a table for each part of the pairs, added in order.
+void relate_backward(const Relations& r) {
+    const int64_t batches = (r.pairs + 7) / 8, parts = std::max<int64_t>(1, std::min(MAX_PARTS, r.pairs / PAIRS_OF_A_PART));
+    const int64_t row = 1 + 7 * int64_t(r.times), size = row * r.nodes;
+    std::vector<float> tables(parts * size, 0.0f);
+    parallel(r.threads, parts, [&](std::atomic<int64_t>& cursor) {
+        for (int64_t part; (part = cursor++) < parts;) {
+            Relations own = r;
+            own.d_radius = &tables[part * size];
+            own.d_now_xyz = own.d_radius + r.nodes;
+            own.d_now_quat = own.d_now_xyz + 3 * r.times * r.nodes;
+            kernels().unrelate(own, batches * part / parts * 8, std::min(r.pairs, batches * (part + 1) / parts * 8));
+        }
+    });
+    const std::pair<float*, int64_t> sums[] = {
+        {r.d_radius, r.nodes}, {r.d_now_xyz, 3 * r.times * r.nodes}, {r.d_now_quat, 4 * r.times * r.nodes}};
+    for (int64_t part = 0; part < parts; ++part) {
+        const float* from = &tables[part * size];
+        for (const auto& [to, count] : sums)
+            for (int64_t i = 0; i < count; ++i) to[i] += *from++;
+    }
+}
+
 // Returns 1 when memory ran out, else 0.
 template <class Work>
 int32_t guarded(const Work& work) {
@@ -124,9 +150,16 @@ int32_t guarded(const Work& work) {
 
 // --------------------------------------------------------------------------------------------------------- C interface
 
-F4X_API void f4x_relate(const Relations* r) { kernels().relate(*r); }
+// Both return 1 when memory ran out, else 0.
+F4X_API int32_t f4x_relate(const Relations* r) {
+    return guarded([&] {
+        parallel_ranges(r->threads, r->pairs, [&](int64_t begin, int64_t end) { kernels().relate(*r, begin, end); });
+    });
+}
 
-F4X_API void f4x_relate_backward(const Relations* r) { kernels().unrelate(*r); }
+F4X_API int32_t f4x_relate_backward(const Relations* r) {
+    return guarded([&] { relate_backward(*r); });
+}
 
 F4X_API int32_t f4x_deform(const Deformation* d) {
     return guarded([&] {
@@ -304,9 +337,9 @@ F4X_HOT void load_rows(const float* table, const Lanes& lanes, f8* columns) {
 }
 
 // With (x, q) the pose then and (X, Q) that at another time: motion (P, D) = (Q q*, (X P - P x) / 2).
-F4X_TARGET void relate(const Relations& r) {
+F4X_TARGET void relate(const Relations& r, int64_t begin, int64_t end) {
     const f8 half = broadcast(0.5f);
-    for (int64_t i = 0; i < r.pairs; i += 8) {
+    for (int64_t i = begin; i < end; i += 8) {
         const Pairs p = load_pairs(r, i);
         f8 pose[ROW] = {p.x.x, p.x.y, p.x.z, component(r.radius, 1, p.node), p.q.w, p.q.x, p.q.y, p.q.z};
         store_rows(r.tables, p.own, pose);
@@ -321,9 +354,9 @@ F4X_TARGET void relate(const Relations& r) {
 }
 
 // Everything above is bilinear; <g, a b> = <g b*, a> = <a* g, b>, and v* = -v for vectors.
-F4X_TARGET void unrelate(const Relations& r) {
+F4X_TARGET void unrelate(const Relations& r, int64_t begin, int64_t end) {
     const f8 half = broadcast(0.5f);
-    for (int64_t i = 0; i < r.pairs; i += 8) {
+    for (int64_t i = begin; i < end; i += 8) {
         const Pairs p = load_pairs(r, i);
         f8 g[ROW];
         load_rows(r.d_tables, p.own, g);

@@ -46,10 +46,11 @@ def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
         library = ctypes.CDLL(str(path))
     except OSError as error:
         return None, f"{path.name} does not load: {error}"
-    # Not by `binder`, which needs numpy: neither function takes an array, and the build has to do without.
+    # Not by `binder`, which needs numpy: none of these functions takes an array, and the build has to do without.
     library.f4x_instruction_set.restype = ctypes.c_char_p
     library.f4x_peak.restype = ctypes.c_double
     library.f4x_peak.argtypes = [ctypes.c_double]
+    library.f4x_shareable_seconds.restype = ctypes.c_double
     return library, ""
 
 
@@ -72,3 +73,8 @@ def instruction_set(library: ctypes.CDLL) -> str:
 def measure_peak(library: ctypes.CDLL, seconds: float = 0.2) -> float:
     """Float operations per second of independent multiply-adds on one thread."""
     return library.f4x_peak(seconds)
+
+
+def shareable_seconds(library: ctypes.CDLL) -> float:
+    """Processor seconds that callers of all kernels have spent so far on work that threads can share."""
+    return library.f4x_shareable_seconds()

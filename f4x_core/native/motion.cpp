@@ -1,15 +1,16 @@
 // Speeds and accelerations of the scaffold's nodes with their gradients, and the nodes' axes; see scaffold/losses.py for the
-// formulas. In doubles, node by node, on one thread: a few thousand poses.
+// formulas. In doubles, node by node.
 
 #include <cmath>
 #include <cstdint>
 #include <vector>
 
 #include "lanes.hpp"
+#include "threads.hpp"
 
 // Mirrored field by field in motion.py.
 struct Motion {
-    int32_t frames, nodes;
+    int32_t frames, nodes, threads;
     float velocity, acceleration, spin, spin_change;  // weights of the four means
     const float *xyz, *quat;  // (F, M, 3), (F, M, 4) of any length
     const double* times;      // (F,)
@@ -21,6 +22,7 @@ struct Motion {
 
 namespace {
 
+constexpr int64_t NODES_AT_A_TIME = 16;
 constexpr double SHORTEST = 1e-12;  // a quaternion that is shorter counts as the identity
 constexpr double STILL = 1e-9;      // a rotation by less is rounding, of quaternions in float32: it has no direction
 
@@ -150,16 +152,24 @@ double follow(const Motion& m, int node, Curve& c) {
 
 F4X_API void f4x_node_axes(const Motion* motion) {
     const Motion& m = *motion;
-    for (int64_t i = 0; i < int64_t(m.frames) * m.nodes; ++i) axes_of(turn_of(m.quat + 4 * i).q, m.axes + 9 * i);
+    f4x::parallel_ranges(m.threads, int64_t(m.frames) * m.nodes, [&](int64_t begin, int64_t end) {
+        for (int64_t i = begin; i < end; ++i) axes_of(turn_of(m.quat + 4 * i).q, m.axes + 9 * i);
+    });
 }
 
 // Returns 1 when memory ran out.
 F4X_API int32_t f4x_node_motion(const Motion* motion) {
     try {
         const Motion& m = *motion;
-        Curve curve(m.frames);
+        std::vector<double> losses(m.nodes);  // summed in a fixed order: the same for every number of threads
+        f4x::parallel(m.threads, (m.nodes + NODES_AT_A_TIME - 1) / NODES_AT_A_TIME, [&](std::atomic<int64_t>& cursor) {
+            Curve curve(m.frames);
+            for (int64_t first; (first = NODES_AT_A_TIME * cursor++) < m.nodes;)
+                for (int64_t node = first; node < std::min<int64_t>(first + NODES_AT_A_TIME, m.nodes); ++node)
+                    losses[node] = follow(m, int(node), curve);
+        });
         *m.loss = 0;
-        for (int node = 0; node < m.nodes; ++node) *m.loss += follow(m, node, curve);
+        for (const double loss : losses) *m.loss += loss;
         return 0;
     } catch (const std::exception&) {
         return 1;

@@ -6,7 +6,7 @@ _XYZ, _QUAT, _AXES = ("frames", "nodes", 3), ("frames", "nodes", 4), ("frames", 
 MOTION = Struct(
     "Motion",
     {
-        **dict.fromkeys(("frames", "nodes"), INT32),
+        **dict.fromkeys(("frames", "nodes", "threads"), INT32),
         **dict.fromkeys(("velocity", "acceleration", "spin", "spin_change"), FLOAT),
         "xyz": Array("float32", _XYZ),
         "quat": Array("float32", _QUAT),

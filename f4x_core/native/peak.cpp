@@ -6,6 +6,7 @@
 #include <chrono>
 
 #include "lanes.hpp"
+#include "threads.hpp"
 
 namespace {
 struct PeakKernels {
@@ -61,6 +62,9 @@ F4X_API double f4x_peak(double seconds) {
     (void)sink;
     return operations / elapsed;
 }
+
+// Seconds of processor time that callers of all kernels have spent so far on work that threads can share.
+F4X_API double f4x_shareable_seconds() { return 1e-9 * double(f4x::shareable_nanoseconds); }
 
 #else  // ------------------------------------------------------------------------------- compiled once per instruction set
 

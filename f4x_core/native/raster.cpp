@@ -165,6 +165,28 @@ int64_t add_up(std::vector<int64_t>& counts) {
     return sum;
 }
 
+// A value of a Gaussian is NaN or infinite.
+struct NotFinite : std::exception {};
+
+bool all_finite(const float* values, int64_t count) {
+    uint32_t found = 0;  // without a branch, so that compilers use vectors
+    for (int64_t i = 0; i < count; ++i) {
+        uint32_t bits;
+        std::memcpy(&bits, values + i, 4);
+        found |= uint32_t((bits & 0x7f800000u) == 0x7f800000u);
+    }
+    return !found;
+}
+
+// Whether all values of Gaussians `begin` to `end` are finite.
+bool all_finite(const Problem& p, int64_t begin, int64_t end) {
+    const std::pair<const float*, int> rows[] = {{p.means, 3},      {p.quats, 4},           {p.scales, 3},
+                                                 {p.opacities, 1}, {p.colors, p.channels}, {p.offset, 2}};
+    for (const auto& [values, width] : rows)
+        if (values && !all_finite(values + begin * width, (end - begin) * width)) return false;
+    return true;
+}
+
 // Projects, and finds where the tiles of every splat are written down and the order of those that are seen, front to back;
 // returns their number. Gaussians of equal depth keep their input order. Depths are positive, so their bits sort like the numbers.
 int64_t order_splats(const Problem& p, State& s, const Kernels& kernels, uint8_t* visible) {
@@ -173,13 +195,19 @@ int64_t order_splats(const Problem& p, State& s, const Kernels& kernels, uint8_t
     s.depth_bits.resize(p.count);
     const size_t units = (p.count + GRAIN - 1) / GRAIN;
     std::vector<int64_t> spans(units), pairs(units), seen(units);
+    std::atomic<bool> finite{true};
     parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) {
+        if (!all_finite(p, begin, end)) {
+            finite = false;
+            return;
+        }
         kernels.project(p, s, begin, end, visible);
         for (int64_t i = begin; i < end; ++i) {
             spans[begin / GRAIN] += extents[i].row1 - extents[i].row0;
             seen[begin / GRAIN] += !culled(extents[i]);
         }
     });
+    if (!finite) throw NotFinite();
     const int64_t all_spans = add_up(spans), n = add_up(seen);
     s.spans.resize(all_spans);
     parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) {
@@ -360,7 +388,7 @@ void backward(State& s, const Problem& p, const Gradients& g) {
 F4X_API const char* f4x_instruction_set() { return kernels().name; }
 
 // Renders; with `keep` the result is a state for f4x_backward, to be given back with f4x_release, and null otherwise.
-// `*failed` is set to 1 when memory ran out.
+// `*failed` is set to 1 when memory ran out, and to 2 when a value of a Gaussian is not finite.
 F4X_API void* f4x_forward(const Problem* problem, int32_t keep, float* channels, float* depth, float* alpha,
                           uint8_t* visible, int32_t* failed) {
     try {
@@ -368,6 +396,8 @@ F4X_API void* f4x_forward(const Problem* problem, int32_t keep, float* channels,
         auto state = forward(*problem, keep != 0, channels, depth, alpha, visible);
         if (keep) return state.release();
         give_back_state(std::move(state));
+    } catch (const NotFinite&) {
+        *failed = 2;
     } catch (const std::exception&) {
         *failed = 1;
     }

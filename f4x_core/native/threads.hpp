@@ -16,8 +16,10 @@
 #include <vector>
 
 #if defined(_WIN32)
+#include <chrono>
 #include <process.h>
 #else
+#include <time.h>
 #include <unistd.h>
 #endif
 
@@ -103,9 +105,29 @@ public:
     }
 };
 
+// Nanoseconds of processor time of this thread; of the clock where the system does not count finely enough.
+inline int64_t thread_nanoseconds() {
+#if defined(_WIN32)
+    return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+#else
+    timespec now;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return int64_t(now.tv_sec) * 1000000000 + now.tv_nsec;
+#endif
+}
+
+// What callers have spent on work that threads can share: profiles tell from it what one thread has to do alone.
+inline std::atomic<int64_t> shareable_nanoseconds{0};
+
+struct ShareableTime {
+    const int64_t start = thread_nanoseconds();
+    ~ShareableTime() { shareable_nanoseconds += thread_nanoseconds() - start; }
+};
+
 // Runs body(cursor) on every worker; bodies draw work items from the shared cursor.
 template <class Body>
 void parallel(int threads, int64_t items, const Body& body) {
+    const ShareableTime timed;
     std::atomic<int64_t> cursor{0};
     const int64_t helpers = std::min<int64_t>(threads, items) - 1;
     if (helpers <= 0) return body(cursor);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -14,7 +15,7 @@ from ..errors import F4xError
 from ..geometry.arrays import Array
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
-from .contract import RasterConfig, RasterInput, RasterOutput
+from .contract import NotFiniteError, RasterConfig, RasterInput, RasterOutput
 from .inputs import prepare
 
 __all__ = [
@@ -80,9 +81,15 @@ def rasterize(
     config = config or RasterConfig()
     optional = {"background": background, "mean2d_offset": mean2d_offset, "limit": limit}
     given = RasterInput(splats, colors, camera, **optional, config=config, detached_from=detached_from, rows=rows)
-    inputs, dropped = prepare(given)
+    inputs, dropped = prepare(given, unseen=True)
     chosen = choose_backend(backend, inputs.splats.means, partial=limit is not None or rows is not None)
     function = backend_function(chosen)
+    if chosen == "native":  # looks itself, on all threads
+        try:
+            return function(inputs)
+        except NotFiniteError:
+            pass
+    inputs, dropped = prepare(given)
     if chosen not in ("native", "plain") and isinstance(inputs.splats.means, np.ndarray):
         out = _through_numpy(function, inputs)
     else:
@@ -153,6 +160,7 @@ def _why_not_gsplat() -> str | None:
     return None if torch.cuda.is_available() else "there is no CUDA device"
 
 
+@cache
 def _native() -> Any:
     """The native room, or None where it was left out of the installation."""
     return import_module(".native", __name__) if find_spec(f"{__name__}.native") else None

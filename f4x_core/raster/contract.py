@@ -87,6 +87,10 @@ class RasterInput:
         return replace(self, splats=splats, camera=camera, **named)
 
 
+class NotFiniteError(Exception):
+    """A backend that looks itself found a Gaussian with a NaN or infinity among its values."""
+
+
 @dataclass(frozen=True)
 class RasterOutput:
     """One rendered view; tensors when tensors came in, numpy arrays when numpy arrays came in."""

@@ -14,8 +14,10 @@ from .contract import RasterInput
 PER_GAUSSIAN = ("means", "quats", "scales", "opacities", "colors", "mean2d_offset")
 
 
-def prepare(given: RasterInput) -> tuple[RasterInput, int]:
+def prepare(given: RasterInput, unseen: bool = False) -> tuple[RasterInput, int]:
     """The input of a backend: checked, floating point, the camera in the kind of the Gaussians, nothing broken left.
+
+    `unseen`: leave it to the backend to find broken Gaussians.
 
     Returns:
         The input, and the number of Gaussians that are left out: transparent, finite and without gradients.
@@ -28,7 +30,7 @@ def prepare(given: RasterInput) -> tuple[RasterInput, int]:
     floating = {name: _floating(array) for name, array in arrays.items()}
     of_the_view = [name for name in ("viewmat", "K", "background") if floating[name] is not None]
     floating |= {name: like(floating[name], floating["means"]) for name in of_the_view}
-    whole, dropped = _leave_out_broken(floating, given.config.debug)
+    whole, dropped = _leave_out_broken(floating, given.config.debug, unseen)
     return given.with_arrays(whole), dropped
 
 
@@ -64,13 +66,13 @@ def _floating(array: Any) -> Any:
     return array if array is None or array.is_floating_point() else array.float()
 
 
-def _leave_out_broken(arrays: dict[str, Any], debug: bool) -> tuple[dict[str, Any], int]:
+def _leave_out_broken(arrays: dict[str, Any], debug: bool, unseen: bool) -> tuple[dict[str, Any], int]:
     """Make Gaussians with a NaN or infinity among their values transparent, finite and without gradients; count them."""
     for name in ("viewmat", "K", "background"):
         if not _all_finite(arrays[name]):
             raise F4xError(f"rasterize: {name} holds NaN or infinity, so nothing can be drawn.")
     given = [name for name in PER_GAUSSIAN if arrays[name] is not None]
-    if all(_all_finite(arrays[name]) for name in given):
+    if unseen or all(_all_finite(arrays[name]) for name in given):
         return arrays, 0
     whole = {name: _finite_rows(arrays[name]) for name in given}  # (N,) bool each
     keep = np.logical_and.reduce(list(whole.values()))

@@ -16,11 +16,11 @@ Pairs = Sequence[tuple[int, float]]
 """Frame distances and their factors."""
 
 
-def arap(xyz: Tensor, axes: Tensor, edges: Edges, pairs: Pairs) -> tuple[Tensor, dict[str, Tensor]]:
+def arap(xyz: Tensor, axes: Tensor, edges: Edges, pairs: Pairs, threads: int) -> tuple[Tensor, dict[str, Tensor]]:
     """The losses `(2,)` float64 of coordinates and lengths, and their gradients, by name.
 
     Args:
-        xyz: (F,M,3) positions. axes: (F,M,3,3) the nodes' axes as columns.
+        xyz: (F,M,3) positions. axes: (F,M,3,3) the nodes' axes as columns. threads: they change no bit.
 
     Raises:
         F4xError: memory ran out.
@@ -35,6 +35,7 @@ def arap(xyz: Tensor, axes: Tensor, edges: Edges, pairs: Pairs) -> tuple[Tensor,
         frames=len(xyz),
         nodes=xyz.shape[1],
         shifts=len(pairs),
+        threads=threads,
         xyz=xyz,
         axes=axes,
         node=node,

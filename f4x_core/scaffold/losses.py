@@ -84,7 +84,7 @@ def motion_loss(
     """
     if kernels.native:
         pairs = [pair for pair in shifts.items() if pair[0] < len(xyz)]
-        return NativeMotion.apply(xyz, quat, times.double(), edges.listed, pairs, weights)
+        return NativeMotion.apply(xyz, quat, times.double(), edges.listed, pairs, weights, kernels.threads)
     unit = quaternion.normalize(quat)
     losses = *arap_losses(xyz, unit, edges, tuple(shifts), tuple(shifts.values())), *smoothness_losses(xyz, unit, times)
     return sum((w * loss for w, loss in zip(weights, losses, strict=True)), xyz.new_zeros(()))

@@ -32,12 +32,19 @@ class NativeMotion(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx, xyz: Tensor, quat: Tensor, times: Tensor, edges: Edges, pairs: Pairs, weights: MotionWeights
+        ctx,
+        xyz: Tensor,
+        quat: Tensor,
+        times: Tensor,
+        edges: Edges,
+        pairs: Pairs,
+        weights: MotionWeights,
+        threads: int,
     ) -> Tensor:
         """The sum, a scalar; raises F4xError where memory runs out."""
         xyz, quat = xyz.contiguous(), quat.contiguous()
         arrays: dict[str, Tensor] = {"xyz": xyz, "quat": quat, "times": times}
-        fixed: dict[str, Any] = {"frames": len(xyz), "nodes": xyz.shape[1]}
+        fixed: dict[str, Any] = {"frames": len(xyz), "nodes": xyz.shape[1], "threads": threads}
         names = ("velocity", "acceleration", "spin", "spin_change")
         fixed |= dict(zip(names, weights[2:], strict=True))
         loss, rigid = torch.empty(1, dtype=torch.float64), None
@@ -46,7 +53,7 @@ class NativeMotion(torch.autograd.Function):
         if pairs:
             axes = xyz.new_empty(*xyz.shape, 3)
             F4X_NODE_AXES(MOTION(**fixed, **arrays, axes=axes))
-            rigid, gradients = arap(xyz, axes, edges, pairs)
+            rigid, gradients = arap(xyz, axes, edges, pairs, threads)
             of_motion["d_axes"] = gradients["d_axes"].mul_(weights.coordinate)
         if F4X_NODE_MOTION(MOTION(**fixed, **arrays, **of_motion)):
             raise F4xError(f"The scaffold ran out of memory at {len(xyz)} frames: fit fewer frames, by --frames.")
@@ -61,4 +68,4 @@ class NativeMotion(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, factor: Tensor) -> Any:
         """Gradients of the positions and the quaternions."""
-        return *(gradient * factor for gradient in ctx.saved_tensors), None, None, None, None
+        return *(gradient * factor for gradient in ctx.saved_tensors), None, None, None, None, None

@@ -9,6 +9,7 @@ import torch
 from ..geometry import quaternion
 from ..native.kernels import TORCH, Kernels
 from ..progress import Progress, silent
+from .adam import Adam
 from .deformation import align_signs
 from .distance import curve_distance
 from .graph import GraphConfig, build_graph, multilevel_edges
@@ -83,16 +84,16 @@ def optimise_geometry(
     if frames < 2 or nodes < 2 or config.steps == 0:
         return scaffold
     start = torch.as_tensor(scaffold.xyz, dtype=torch.float32)
-    xyz = start.clone().requires_grad_()
-    quat = torch.as_tensor(scaffold.quat, dtype=torch.float32).clone().requires_grad_()
+    plain = torch.contiguous_format
+    xyz = start.clone(memory_format=plain).requires_grad_()
+    quat = torch.as_tensor(scaffold.quat, dtype=torch.float32).clone(memory_format=plain).requires_grad_()
     certain = torch.as_tensor(scaffold.certain)[..., None]
     spring = _Spring.of(certain, sightlines, config)
     times = torch.as_tensor(scaffold.times)
     held = certain.sum().clamp(min=1)
     distance = curve_distance(scaffold.xyz, scaffold.certain, config.graph.kth)
     neighbours, edge_mask = build_graph(distance, config.graph.neighbours, config.graph.reach * scaffold.unit)
-    # Losses are divided by the number of poses, so gradients are small: Adam's eps must be far below them.
-    optimiser = torch.optim.Adam([xyz, quat], lr=config.learning_rate, eps=1e-15)
+    optimiser = Adam([{"params": [value], "lr": config.learning_rate} for value in (xyz, quat)], kernels)
     shifts = dict(zip(config.shifts, config.shift_weights, strict=True))
     smooth = config.velocity, config.acceleration, config.angular_velocity, config.angular_acceleration
     weights = MotionWeights(config.coordinate, config.length, *smooth)
@@ -109,7 +110,6 @@ def optimise_geometry(
         loss = motion_loss(x[window], quat[window], times[window], edges, shifts, weights, kernels)
         if config.certain == "soft":
             loss = loss + config.certain_weight * spring.energy(xyz - start) / held
-        optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()
         if step % 10 == 0 or step == config.steps - 1:

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from toy import clip_and_priors
 
 from benchmarks.speed.deformation import benchmark
 from benchmarks.speed.raster import compare_decoding, measure_memory, measure_thread_ceiling
@@ -38,3 +39,26 @@ def test_a_latent_and_its_memory_are_measured():
     assert memory is None or 14 < memory < 300  # colours and their gradients alone are 14 MB
     ceiling = measure_thread_ceiling(2, 0.02)
     assert ceiling is None or ceiling > 0  # how much, a loaded machine decides
+
+
+@pytest.mark.usefixtures("native_library")
+def test_parts_of_a_step_are_their_own_time_and_add_up_to_it(tmp_path, monkeypatch):
+    """Of a short fit of a made-up clip: the parts hold nothing twice, and what is watched is as before afterwards."""
+    from dataclasses import replace
+
+    from benchmarks.speed import step
+    from f4x_core.fit.config import profile
+
+    short = replace(profile("quick"), steps=24, measure_every=8)
+    monkeypatch.setattr(step, "profile", lambda name: short)
+    clip, priors = clip_and_priors()
+    monkeypatch.setattr(step.ClipFit, "make_priors", lambda fit: priors)
+    before = [owner.__dict__[name] for _, owner, names in step.PARTS for name in names]
+    report = step.profile_steps(clip, tmp_path, "quick")
+    assert before == [owner.__dict__[name] for _, owner, names in step.PARTS for name in names]
+    parts = {row["part"]: row for row in report["parts"]}
+    assert set(parts) == set(step.PART_NAMES)
+    assert all(0 <= row["shareable_ms"] <= 1.001 * row["ms"] for row in parts.values())
+    assert parts["raster"]["shareable_ms"] > 0 < report["actions"]["ms"]
+    assert sum(row["ms"] for row in parts.values()) < 10 * report["step"]["ms"]
+    assert report["gaussians"] > 0

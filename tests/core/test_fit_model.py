@@ -60,7 +60,8 @@ def test_the_gradients_of_corrections_are_those_of_the_formula(angle):
     turn = quaternion.to_matrix(quaternion.from_rotation_vector(plain[0]))
     moved = torch.cat([turn @ base[:3, :3], (turn @ base[:3, 3] + plain[1])[:, None]], 1)
     expected = torch.cat([moved, base[3:]])
-    found = CorrectedView.apply(*fast, base)
+    both, frame = [torch.stack([torch.zeros(3), each]) for each in fast], 1
+    found = CorrectedView.apply(*both, torch.stack([torch.eye(4).to(base), base]), frame)
     torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
     for got, wanted in zip(
         *(torch.autograd.grad(m, x, sent) for m, x in ((found, fast), (expected, plain))), strict=True
@@ -88,6 +89,14 @@ def test_steady_corrections_cost_nothing_and_uneven_ones_their_second_difference
     with torch.no_grad():
         three.parameters["camera_rotation"][1, 0], three.parameters["camera_position"][2, 1] = 0.1, 0.3
     assert float(three.smoothness().detach()) == pytest.approx(0.2**2 + 0.3**2)
+    five, rng = CameraRig(camera_path(5)), np.random.default_rng(1)
+    names = ("camera_rotation", "camera_position")
+    own = [torch.from_numpy(rng.normal(size=(5, 3))).float().requires_grad_() for _ in names]
+    five.parameters = dict(zip(names, own, strict=True))
+    both = torch.cat([each.double() for each in own], 1)
+    plain = (both[2:] - 2 * both[1:-1] + both[:-2]).square().sum(1).mean()
+    for got, wanted in zip(*(torch.autograd.grad(3 * m, own) for m in (five.smoothness(), plain)), strict=True):
+        torch.testing.assert_close(got, wanted, rtol=1e-5, atol=1e-5)
 
 
 def test_the_refined_path_holds_the_corrections(rig):
@@ -255,6 +264,38 @@ def test_both_sets_then_the_frozen_ones(model):
         assert torch.equal(found.detach(), torch.cat([part.detach() for part in parts]))
     still = SceneModel(static, None, None, model.rig, "sigma")
     assert torch.equal(still.posed(None).means, static.parameters["means"])
+
+
+@pytest.mark.parametrize("with_partner", [False, True])
+@pytest.mark.parametrize("with_frozen", [False, True])
+def test_what_is_drawn_and_its_gradients_are_those_of_torch(model, with_partner, with_frozen, native_library):
+    """All sets in one go by the compiled library, against the posed Gaussians, their colours and channels by torch."""
+    rng = torch.Generator().manual_seed(2)
+    with torch.no_grad():
+        model.dynamic.parameters["log_lifetimes"].uniform_(0.2, 1, generator=rng)
+        for gaussians in (model.static, model.dynamic):
+            gaussians.parameters["shN"].normal_(0, 0.2, generator=rng)
+    if with_frozen:
+        own = model.static
+        places = own.parameters["means"] + 1, own.parameters["quats"]
+        model.frozen = Splats(*places, own.scales, own.opacities, own.sh).map(torch.Tensor.detach)
+    leaves = [value for _, own in model.sets() for value in own.parameters.values()]
+    leaves += [*model.nodes.parameters.values(), *model.rig.parameters.values()]
+    found = []
+    for kernels in (TORCH, Kernels(True), Kernels(True, 3)):
+        model.kernels, model._attachment = kernels, None
+        moved, later = model.dynamic_at(2.0, 3.0)
+        drawn = model.drawn(moved, model.rig.camera(1, WIDTH, HEIGHT), later.means if with_partner else None)
+        assert drawn.colors.shape[1] == (7 if with_partner else 4)
+        sent = [torch.randn(value.shape, generator=torch.Generator().manual_seed(3)) for value in drawn]
+        gradients = torch.autograd.grad(list(drawn), leaves, sent, allow_unused=True)
+        found.append([*(value.detach() for value in drawn), *gradients])
+    for plain, fast, again in zip(*found, strict=True):
+        if plain is None or fast is None:
+            assert not any(each is not None and each.any() for each in (plain, fast))
+            continue
+        torch.testing.assert_close(fast, plain, rtol=2e-4, atol=2e-4)
+        assert torch.equal(fast, again)
 
 
 def test_a_picture_shows_colours_as_seen_from_the_camera_and_background_behind_them_alone(model):

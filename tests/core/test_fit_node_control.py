@@ -12,6 +12,7 @@ from f4x_core.fit.model import SceneModel
 from f4x_core.fit.node_control import add_nodes, drop_nodes
 from f4x_core.gaussians import SetOptimiser
 from f4x_core.gaussians.parameters import localise
+from f4x_core.scaffold.adam import Adam
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -25,18 +26,17 @@ class Fit:
 
     model: SceneModel
     optimiser: SetOptimiser
-    shared: torch.optim.Adam
+    shared: Adam
 
     @classmethod
     def of(cls, moving: np.ndarray, reference: np.ndarray, nodes: int = 4) -> "Fit":
         model = carried_scene(moving, reference, nodes)
         optimiser = SetOptimiser(model.dynamic, dict.fromkeys(model.dynamic.parameters, 1e-4))
         groups = [{"params": [model.nodes.parameters[name]], "lr": 1e-4, "name": name} for name in PARAMETERS]
-        shared = torch.optim.Adam(groups)
+        shared = Adam(groups)
         loss = sum((value * torch.arange(value.numel()).view_as(value).sin()).sum() for value in cls.all(model))
         loss.backward()
         optimiser.step(), shared.step()
-        shared.zero_grad(set_to_none=True)
         return cls(model, optimiser, shared)
 
     @staticmethod

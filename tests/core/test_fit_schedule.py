@@ -80,14 +80,13 @@ def stage_of(start):
 @pytest.mark.parametrize(("coarse", "halves"), [(0.3, 3), (0.0, 0), (0.25, 3)])
 def test_the_first_steps_are_at_half_the_resolution(stage_of, monkeypatch, coarse, halves):
     stage, widths = stage_of(10, coarse=coarse), []
-    render = stage.model.render
+    rasterize = trainer.rasterize
 
-    def watched(splats, camera, **more):
-        if "mean2d_offset" in more:  # a step, not a measurement
-            widths.append(camera.width)
-        return render(splats, camera, **more)
+    def watched(splats, colors, camera, **more):
+        widths.append(camera.width)
+        return rasterize(splats, colors, camera, **more)
 
-    monkeypatch.setattr(stage.model, "render", watched)
+    monkeypatch.setattr(trainer, "rasterize", watched)
     assert list(steps_of(stage)) == list(range(10))
     assert widths == [WIDTH // 2] * halves + [WIDTH] * (10 - halves)
 
@@ -232,14 +231,14 @@ def test_density_control_is_given_the_gradient_of_the_projected_means_set_by_set
     shifted = []
     for sign in (1, -1):
         with pytest.MonkeyPatch.context() as patch:
-            render = twin.model.render
+            rasterize = trainer.rasterize
 
-            def moved(*arguments, mean2d_offset, sign=sign, render=render, **more):
+            def moved(*arguments, mean2d_offset, sign=sign, render=rasterize, **more):
                 mean2d_offset = mean2d_offset.detach().clone()
                 mean2d_offset[strongest, 0] += sign * step
                 return render(*arguments, mean2d_offset=mean2d_offset, **more)
 
-            patch.setattr(twin.model, "render", moved)
+            patch.setattr(trainer, "rasterize", moved)
             shifted.append(float(loss_of(twin, frame)[0].detach().double()))
     slope = (shifted[0] - shifted[1]) / (2 * step)
     assert slope == pytest.approx(gradient[strongest, 0], rel=0.2)

@@ -110,19 +110,17 @@ def test_a_step_moves_every_parameter_as_adam_does_along_the_gradient_of_the_los
 def test_what_is_frozen_is_drawn_stays_where_it_is_and_has_no_part_in_density_control(stage_of, monkeypatch):
     stage = stage_of()
     assert len(stage.model) == 8
-    drawn, render = [], stage.model.render
+    drawn, rasterize = [], trainer.rasterize
 
-    def watched(splats, camera, **more):
-        drawn.append((splats.means.detach().clone(), more))
-        out = render(splats, camera, **more)
-        drawn[-1] += (out.visible,)
+    def watched(splats, colors, camera, **more):
+        out = rasterize(splats, colors, camera, **more)
+        drawn.append((splats.means.detach().clone(), colors[:, 3:].detach(), out.visible))
         return out
 
-    monkeypatch.setattr(stage.model, "render", watched)
+    monkeypatch.setattr(trainer, "rasterize", watched)
     monkeypatch.setattr(type(stage.tracks), "random_partner", lambda self, frame, generator: (frame + 1) % FRAMES)
     stage.train_step()
-    means, more, visible = drawn[0]
-    extra = more["extra"].detach()
+    means, extra, visible = drawn[0]
     assert means.shape == (10, 3) and extra.shape == (10, 4)
     assert extra[:, 0].tolist() == [0.0] * 3 + [1.0] * 5 + [0.0] * 2
     np.testing.assert_array_equal(extra[:3, 1:], means[:3])

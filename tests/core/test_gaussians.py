@@ -1,6 +1,9 @@
 """Parameter sets, surgery with optimiser state, spawning and density control."""
 
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +24,7 @@ from f4x_core.gaussians.spawn import Room, coarse_to_fine, cover, spawn_that_fit
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera
 from f4x_core.native.kernels import TORCH, Kernels
+from f4x_core.scaffold.adam import Adam
 
 
 def some_static(count: int = 40, degree: int = 1):
@@ -72,6 +76,40 @@ def test_adams_state_is_the_same_whatever_computes_a_step(first, second, native_
         state, same = left.adam.state[tensor], right.adam.state[other.parameters[name]]
         assert float(state["step"]) == float(same["step"]) == 6
         torch.testing.assert_close(same["exp_avg_sq"], state["exp_avg_sq"], rtol=1e-4, atol=1e-12)
+
+
+@pytest.mark.parametrize("native", [False, True])
+def test_checkpoints_of_torchs_adam_go_on(native, native_library):
+    """What earlier versions have saved; our own state comes back the same."""
+    mine, other = torch.randn(40, 3, generator=torch.Generator().manual_seed(1)).requires_grad_(), None
+    other = mine.detach().clone().requires_grad_()
+    earlier = torch.optim.Adam([{"params": [other], "lr": 0.02, "name": "means"}], eps=1e-15)
+    for _ in range(3):
+        other.square().sum().backward()
+        earlier.step(), earlier.zero_grad()
+    saved = earlier.state_dict()
+    with torch.no_grad():
+        mine.copy_(other)
+    first = Adam([{"params": [mine], "lr": 0.02, "name": "means"}], Kernels(native))
+    first.load_state_dict(saved)
+    again = Adam([{"params": [mine], "lr": 0.02, "name": "means"}], Kernels(native))
+    again.load_state_dict(first.state_dict())
+    for _ in range(2):
+        for value, optimiser in ((other, earlier), (mine, again)):
+            value.square().sum().backward()
+            optimiser.step()
+        earlier.zero_grad()
+    torch.testing.assert_close(mine, other, rtol=1e-6, atol=1e-6)
+
+
+def test_a_fit_does_not_load_the_compiler_of_torch():
+    """A second of processor time and 70 MB, which making `torch.optim.Adam` takes."""
+    code = (
+        "import sys, torch; from f4x_core.scaffold.adam import Adam; import f4x_core.fit.pipeline;"
+        "value = torch.ones(3, requires_grad=True); value.sum().backward(); Adam([{'params': [value], 'lr': 1.0}]).step();"
+        "sys.exit('torch._dynamo' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2]).returncode == 0
 
 
 def test_appended_rows_start_with_zero_moments_and_leave_others_alone():

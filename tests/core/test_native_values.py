@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from f4x_core.native import binder, instruction_set, measure_peak
-from f4x_core.native.adam import ADAM, F4X_ADAM
+from f4x_core.native import binder, instruction_set, measure_peak, shareable_seconds
+from f4x_core.native.adam import ADAM, take_steps
 from f4x_core.native.appearance import APPEARANCE, F4X_APPEARANCE, F4X_APPEARANCE_BACKWARD
 from f4x_core.native.arap import ARAP, F4X_ARAP
 from f4x_core.native.binder import DOUBLE
 from f4x_core.native.bundle import F4X_BUNDLE_COSTS, F4X_BUNDLE_EQUATIONS, SIGHTINGS
+from f4x_core.native.density import F4X_RECORD_PULLS, PULLS
 from f4x_core.native.frame import F4X_FRAME_LOSSES, FRAME
 from f4x_core.native.library import SOURCES
 from f4x_core.native.maps import F4X_SAMPLE_MAP, F4X_SMOOTH_MAP, SAMPLES, SMOOTHING
@@ -33,6 +34,7 @@ STRUCTURE = 0.3
 FRAME_CONSTANTS = {"step": 2, "moving": 3.0, "depth_factor": 0.3, "bend_factor": 2.0, "alpha_factor": 0.05}
 FRAME_CONSTANTS |= {"plain": 0.04, "min_depth": 1e-3}
 ADAM_CONSTANTS = {"rate": 0.02, "root_correction": 0.1, "keep_mean": 0.9, "keep_square": 0.999, "epsilon": 1e-15}
+LIFE = {"time": 2.5, "whole": 0.5, "margin": 1e-4}
 RAY_CONSTANTS = {"fx": 10.0, "fy": 10.0, "cx": 6.5, "cy": 4.5, "near_plane": 0.01, "alpha_min": 1e-7}
 SMOOTH, SMOOTH_WEIGHTS = ("velocity", "acceleration", "spin", "spin_change"), (0.5, 0.25, 2.0, 0.125)
 LEAVES = ("xyz", "quat", "dw", "node_xyz", "node_quat", "radius", "now_xyz", "now_quat")
@@ -62,16 +64,52 @@ def part(stored, kind):
     return {name.removeprefix(kind): value for name, value in stored.items() if name.startswith(kind)}
 
 
+def appearance_of(given):
+    """The fields of `APPEARANCE` that every pass over the Gaussians of `given` reads, with two threads."""
+    first, more = given["sh"][:, 0], given["sh"][:, 1:]
+    count, further, _ = more.shape
+    stride = 3 * (1 + further)
+    sizes = {"count": count, "coefficients": 1 + further, "more_coefficients": further, "threads": 2}
+    sizes |= {
+        "first_stride": stride,
+        "more_stride": stride,
+        "centre": tuple(given["centre"]),
+        "channels": 3,
+        "mark": 1.0,
+    }
+    return sizes | LIFE | {"first": first, "more": more, "means": given["means"], "quats": given["quats"]}
+
+
+def gradients_of(given):
+    """Room for the gradients of the harmonics, places and orientations, and its fields."""
+    got = {"d_" + name: np.empty_like(given[name]) for name in ("sh", "means", "quats")}
+    fields = {"d_first": got["d_sh"][:, 0], "d_more": got["d_sh"][:, 1:]}
+    return got, fields | {name: got[name] for name in ("d_means", "d_quats")}
+
+
 def colours(given):
-    """Colours and gradients of Gaussians, with two threads."""
-    count, coefficients, _ = given["sh"].shape
-    sizes = {"count": count, "coefficients": coefficients, "threads": 2, "centre": tuple(given["centre"])}
-    arrays = {name: given[name] for name in ("sh", "means", "quats")}
+    """Colours and gradients of Gaussians."""
+    fixed = appearance_of(given)
     got = {"colors": np.empty_like(given["means"])}
-    F4X_APPEARANCE(APPEARANCE(**sizes, **arrays, **got))
-    gradients = {"d_" + name: np.empty_like(value) for name, value in arrays.items()}
-    F4X_APPEARANCE_BACKWARD(APPEARANCE(**sizes, **arrays, sent=given["sent"], **gradients))
+    F4X_APPEARANCE(APPEARANCE(**fixed, **got))
+    gradients, fields = gradients_of(given)
+    F4X_APPEARANCE_BACKWARD(APPEARANCE(**fixed, sent=given["sent"], **fields))
     return got | gradients
+
+
+def drawn(given):
+    """What the raster takes of dynamic Gaussians, and the gradients of their parameters."""
+    count = len(given["means"])
+    named = {name: given[name] for name in ("log_scales", "logits", "log_lifetimes", "born")}
+    fixed = appearance_of(given) | {"channels": 7} | named
+    shapes = {"colors": (7,), "scales": (3,), "opacities": (), "drawn_means": (3,), "drawn_quats": (4,)}
+    got = {name: np.empty((count, *shape), np.float32) for name, shape in shapes.items()}
+    F4X_APPEARANCE(APPEARANCE(**fixed, there=given["there"], **got))
+    gradients, fields = gradients_of(given)
+    more = {"d_" + name: np.empty_like(given[name]) for name in ("there", "log_scales", "logits", "log_lifetimes")}
+    sent = {name: value for name, value in given.items() if name.startswith("sent")}
+    F4X_APPEARANCE_BACKWARD(APPEARANCE(**fixed, **sent, **fields, **more))
+    return got | gradients | more
 
 
 def picture_loss(given):
@@ -110,11 +148,23 @@ def frame_losses(given):
 
 
 def adam(given):
-    """A tensor and its moments after a step."""
+    """A tensor and its moments after a step, cut in two tensors."""
     got = {name: given[name].copy() for name in ("mean", "square", "value")}
-    rows, width = got["value"].shape
-    given = {name: given[name] for name in ("gradient", "reach")}
-    F4X_ADAM(ADAM(rows=rows, width=width, threads=2, **ADAM_CONSTANTS, **given, **got))
+    problems = []
+    for part in (slice(0, 30), slice(30, None)):
+        rows, width = got["value"][part].shape
+        arrays = {name: given[name][part] for name in ("gradient", "reach", "cap")}
+        own = {name: value[part] for name, value in got.items()}
+        problems.append(ADAM(rows=rows, width=width, **ADAM_CONSTANTS, **arrays, **own))
+    take_steps(problems, 2)
+    return got
+
+
+def pulls(given):
+    """What density control keeps of a step."""
+    got = {name: given[name].copy() for name in ("gradient_sum", "seen")}
+    arrays = {name: given[name] for name in ("gradient", "visible")}
+    F4X_RECORD_PULLS(PULLS(count=len(got["seen"]), threads=2, across=10.0, down=4.5, **arrays, **got))
     return got
 
 
@@ -122,7 +172,7 @@ def nodes_moved(given):
     """The axes of nodes, the losses of their motion, and the gradients."""
     frames, nodes, _ = given["xyz"].shape
     got = {"axes": np.empty((frames, nodes, 3, 3), np.float32)}
-    sizes = {"frames": frames, "nodes": nodes, **dict(zip(SMOOTH, SMOOTH_WEIGHTS, strict=True))}
+    sizes = {"frames": frames, "nodes": nodes, "threads": 2, **dict(zip(SMOOTH, SMOOTH_WEIGHTS, strict=True))}
     poses = {name: given[name] for name in ("xyz", "quat", "times")}
     F4X_NODE_AXES(MOTION(**sizes, **poses, **got))
     found = {"loss": np.empty(1)} | {"d_" + name: np.empty_like(given[name]) for name in ("xyz", "quat")}
@@ -153,6 +203,7 @@ def as_rigid_as_possible(given):
         "frames": frames,
         "nodes": nodes,
         "shifts": len(given["shift"]),
+        "threads": 2,
     }
     assert F4X_ARAP(ARAP(**sizes, **given, **got)) == 0
     return got
@@ -225,6 +276,8 @@ KINDS = {
     "picture": picture_loss,
     "frame": frame_losses,
     "adam": adam,
+    "drawn": drawn,
+    "pulls": pulls,
     "nodes": nodes_moved,
     "moved": moved,
     "arap": as_rigid_as_possible,
@@ -250,8 +303,9 @@ def test_every_exported_function_gives_the_stored_values(native_library, monkeyp
     assert ordered(watched) == [4, 1, 0]
     assert instruction_set(watched) in ("avx512-wide", "avx512", "avx2", "plain")
     assert 1e6 < measure_peak(watched, 0.01) < 1e13
+    assert 1e-6 < shareable_seconds(watched) < 1e6
     exported = {name for source in SOURCES for name in EXPORT.findall(source.read_text(encoding="utf-8"))}
-    assert watched.asked == exported and len(exported) == 26
+    assert watched.asked == exported and len(exported) == 28
 
 
 SQUARE_PAIRS = 9
@@ -283,6 +337,7 @@ def make_values():
     groups |= {"frame": values_of_frames(), "adam": values_of_adam(), "nodes": values_of_nodes()}
     groups |= {"arap": values_of_arap(), "bundle": values_of_bundle(), "maps": values_of_maps()}
     groups |= {"rays": values_of_rays(), "sweep": values_of_sweep()}
+    groups |= {"drawn": values_of_drawn(), "pulls": values_of_pulls()}
     return {
         f"{kind}_{way}_{name}": value
         for kind, ways in groups.items()
@@ -374,11 +429,53 @@ def values_of_adam():
     given = {name: rng.normal(size=(70, 3)).astype(np.float32) for name in ("gradient", "mean", "value")}
     given["square"] = rng.uniform(0.1, 1, (70, 3)).astype(np.float32)
     given["reach"] = rng.uniform(0.5, 2, 70).astype(np.float32)
+    given["cap"] = rng.uniform(-0.5, 1, 70).astype(np.float32)
     wide, c = {name: value.astype(np.float64) for name, value in given.items()}, ADAM_CONSTANTS
     mean = c["keep_mean"] * wide["mean"] + (1 - c["keep_mean"]) * wide["gradient"]
     square = c["keep_square"] * wide["square"] + (1 - c["keep_square"]) * wide["gradient"] ** 2
     step = c["rate"] * mean / (np.sqrt(square) / c["root_correction"] + c["epsilon"])
-    return given, {"mean": mean, "square": square, "value": wide["value"] - wide["reach"][:, None] * step}
+    value = np.minimum(wide["value"] - wide["reach"][:, None] * step, wide["cap"][:, None])
+    return given, {"mean": mean, "square": square, "value": value}
+
+
+def values_of_pulls():
+    """Gaussians of which some are not seen, written out in numpy."""
+    rng = np.random.default_rng(12)
+    given = {"gradient": rng.normal(size=(70, 2)).astype(np.float32), "visible": rng.random(70) < 0.7}
+    given |= {name: rng.uniform(1, 2, 70).astype(np.float32) for name in ("gradient_sum", "seen")}
+    norm = np.hypot(10.0 * given["gradient"][:, 0].astype(float), 4.5 * given["gradient"][:, 1].astype(float))
+    return given, {"gradient_sum": given["gradient_sum"] + norm, "seen": given["seen"] + given["visible"].astype(float)}
+
+
+def values_of_drawn():
+    """Dynamic Gaussians of degree 1 that are coming, there, going and gone; some opaque, some faint."""
+    import torch
+
+    from f4x_core.gaussians import DynamicGaussians, appearance
+
+    rng = np.random.default_rng(13)
+    shapes = {"sh": (4, 3), "means": (3,), "quats": (4,), "there": (3,), "log_scales": (3,), "log_lifetimes": (2,)}
+    given = {name: rng.normal(size=(90, *shape)).astype(np.float32) for name, shape in shapes.items()}
+    given["logits"] = np.linspace(-8, 12, 90, dtype=np.float32)
+    given["born"] = rng.uniform(-1, 6, 90).astype(np.float32)
+    given["centre"] = np.float32([0.2, -0.1, -4.0])
+    leaves = {name: leaf(given[name]) for name in (*shapes, "logits")}
+    parameters = {"log_scales": leaves["log_scales"], "opacity_logits": leaves["logits"]}
+    parameters |= {"sh0": leaves["sh"][:, :1], "shN": leaves["sh"][:, 1:], "log_lifetimes": leaves["log_lifetimes"]}
+    own = DynamicGaussians(parameters, {"ids": torch.arange(90)})
+    away = LIFE["time"] - torch.tensor(given["born"], dtype=torch.float64)
+    splats = own.splats_there(leaves["means"], leaves["quats"], away)
+    rgb = appearance(splats.sh, splats.means, splats.quats, torch.tensor(given["centre"], dtype=torch.float64))
+    made = {"colors": torch.cat([rgb, torch.ones(90, 1), leaves["there"]], 1), "scales": splats.scales}
+    made |= {"opacities": splats.opacities, "drawn_means": splats.means * 1, "drawn_quats": splats.quats * 1}
+    total = 0
+    for name, value in made.items():
+        sent = rng.normal(size=value.shape).astype(np.float32)
+        given["sent" if name == "colors" else "sent_" + name.removeprefix("drawn_")] = sent
+        total = total + (value * torch.tensor(sent, dtype=torch.float64)).sum()
+    total.backward()
+    found = {name: value.detach().numpy() for name, value in made.items()}
+    return given, found | {"d_" + name: value.grad.numpy() for name, value in leaves.items()}
 
 
 def values_of_nodes():

@@ -105,6 +105,28 @@ def test_the_losses_of_motion_in_one_go_are_those_of_torch(frames):
         torch.testing.assert_close(other, one, rtol=1e-5, atol=2e-6 * float(one.abs().max()))
 
 
+def test_threads_change_no_bit_of_many_edges():
+    """Enough for several parts of the sums; against torch in float64, too."""
+    rng = np.random.default_rng(7)
+    nodes, frames = 300, 12
+    neighbours = np.stack([rng.permutation(nodes)[:5] for _ in range(nodes)])
+    start = (
+        rng.normal(size=(1, nodes, 3)) + 0.2 * rng.normal(size=(frames, nodes, 3)),
+        rng.normal(size=(frames, nodes, 4)),
+    )
+    every, weights = dict(zip(SHIFTS, WEIGHTS, strict=True)), MotionWeights(1.3, 0.4, 0.5, 0.25, 2.0, 0.125)
+    results = []
+    for kernels, dtype in ((TORCH, torch.float64), *((Kernels(True, threads), torch.float32) for threads in (1, 2, 5))):
+        x, q = (torch.tensor(array, dtype=dtype, requires_grad=True) for array in start)
+        edges = ArapEdges.build(neighbours, np.ones_like(neighbours, bool), dtype=dtype)
+        loss = motion_loss(x, q, torch.arange(frames), edges, every, weights, kernels)
+        results.append([loss.detach(), *torch.autograd.grad(loss, (x, q))])
+    plain, one, *others = results
+    for a, b in zip(one, plain, strict=True):
+        torch.testing.assert_close(a.double(), b, rtol=1e-5, atol=4e-6 * float(b.abs().max()))
+    assert all(torch.equal(a, b) for other in others for a, b in zip(one, other, strict=True))
+
+
 def test_nodes_that_turn_no_further_than_rounding_have_no_gradient():
     quat = torch.randn(1, 6, 4, generator=torch.Generator().manual_seed(0)).repeat(8, 1, 1).requires_grad_()
     xyz = torch.zeros(8, 6, 3, requires_grad=True)

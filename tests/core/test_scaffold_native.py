@@ -177,6 +177,26 @@ def test_threads_change_no_bit(threads):
     compare(arrays, carried, threads=threads)
 
 
+def test_gradients_of_many_pairs_are_the_sums_of_few_and_the_same_for_every_number_of_threads():
+    rng, frames, nodes, times = np.random.default_rng(5), 20, 100, 2
+    pairs = frames * nodes
+    shapes = {"node_xyz": (frames, nodes, 3), "node_quat": (frames, nodes, 4), "now_xyz": (times, nodes, 3)}
+    given = {name: rng.normal(size=shape).astype(np.float32) for name, shape in shapes.items()}
+    given |= {"radius": np.ones(nodes, np.float32), "now_quat": np.float32([[[0.6, 0, 0.8, 0]] * nodes] * times)}
+    then, sent = rng.permutation(pairs), rng.normal(size=(1 + times, pairs, 8)).astype(np.float32)
+
+    def gradients(rows, threads=1):
+        own = {"then": then[rows], "node": then[rows] % nodes}
+        return library.relate_backward(given | own, sent[:, rows], threads)
+
+    whole = gradients(slice(None))
+    few = [gradients(slice(first, first + 400)) for first in range(0, pairs, 400)]
+    for name, value in whole.items():
+        np.testing.assert_allclose(value, sum(part[name].astype(float) for part in few), rtol=1e-4, atol=1e-4)
+        for threads in (2, 5):
+            np.testing.assert_array_equal(gradients(slice(None), threads)[name], value)
+
+
 def test_views_are_read_like_copies():
     arrays, carried = make()
     one, expected = run(native, arrays, carried, "sigma", dtype=torch.float32)

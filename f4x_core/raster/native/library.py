@@ -15,12 +15,15 @@ from ...geometry.camera import Camera
 from ...geometry.splats import Splats
 from ...native import open_library as open_unchecked
 from ...native.binder import FLOAT, INT32, INT64, POINTER, Array, Function, Result, Struct
-from ..contract import RasterConfig, RasterInput, RasterOutput
+from ..contract import NotFiniteError, RasterConfig, RasterInput, RasterOutput
 
 SELF_CHECK = Path(__file__).with_name("self_check.npz")
 # The largest relative error (L2) against the stored float64 values at which the library is still trusted: float32
 # rounding gives 1e-6, the mildest real fault (a splat or a gradient term missing) gives more than 1e-2.
 SELF_CHECK_ERROR = 1e-4
+
+NOT_FINITE = 2
+"""`failed` of f4x_forward for Gaussians that are not finite."""
 
 _ROWS, _IMAGE = ("rows", "width"), ("rows", "width", "channels")
 _GAUSSIANS = {
@@ -142,6 +145,7 @@ def forward(library: ctypes.CDLL, inputs: RasterInput, keep: bool) -> Render:
 
     Raises:
         F4xError: memory ran out.
+        NotFiniteError: a Gaussian has a NaN or infinity among its values.
     """
     # The kernel walks bare pointers: a strided view must become a plain copy first.
     held: dict[str, Any] = {
@@ -171,6 +175,8 @@ def forward(library: ctypes.CDLL, inputs: RasterInput, keep: bool) -> Render:
     depth, alpha = np.empty(image.shape[:2], np.float32), np.empty(image.shape[:2], np.float32)
     visible, failed = np.empty(count, bool), INT32()
     pointer = F4X_FORWARD(problem, keep, image, depth, alpha, visible, failed, library=library, sizes=sizes)
+    if failed.value == NOT_FINITE:
+        raise NotFiniteError
     _check(failed.value, problem)
     return Render(RasterOutput(image, depth, alpha, visible), held, problem, _State(library, pointer) if keep else None)
 

@@ -11,6 +11,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from ....geometry import quaternion
+from ....geometry.arrays import safe_norm
 from ...skinning import Kernel
 from ..reference import node_poses_at
 from ..sparse import Deformer
@@ -34,6 +36,14 @@ class SkinningData:
         fixed = {"node": deformer.node.numpy(), "then": deformer.then.numpy(), "mask": mask.numpy()}
         return cls(fixed | {"index": deformer.pairs.index}, kernel, threads)
 
+    def deform_at(self, knots: Sequence[int], *tensors: Tensor | None) -> list[tuple[Tensor, Tensor]]:
+        """`deform` at the times that the nodes' poses are stored for, by their places `knots`.
+
+        The tensors are those of `deform` but for the last two, which are looked up here: one node of autograd in place of dozens.
+        """
+        moved = _Deformation.apply(self, tuple(knots), *tensors, None, None)
+        return list(zip(moved[: len(knots)], moved[len(knots) :], strict=True))
+
     def deform(
         self,
         xyz: Tensor,
@@ -53,37 +63,61 @@ class SkinningData:
         must come from a normalisation. Gradients are bit-equal for every number of threads.
         """
         times = len(now_xyz)
-        moved = _Deformation.apply(self, xyz, quat, dw, node_xyz, node_quat, radius, now_xyz, now_quat)
+        moved = _Deformation.apply(self, None, xyz, quat, dw, node_xyz, node_quat, radius, now_xyz, now_quat)
         return list(zip(moved[:times], moved[times:], strict=True))
 
 
 class _Deformation(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, skinning: SkinningData, *tensors: Tensor | None) -> Any:
-        arrays = _arrays(skinning, tensors)
-        tables = library.relate(arrays)
+    def forward(ctx, skinning: SkinningData, knots: tuple[int, ...] | None, *tensors: Tensor | None) -> Any:
+        arrays = _arrays(skinning, knots, tensors)
+        tables = library.relate(arrays, skinning.threads)
         means, quats = library.forward(
             arrays | {"nodes": tables[0], "motions": tables[1:]}, skinning.kernel, skinning.threads
         )
-        ctx.skinning, ctx.tables = skinning, tables
+        ctx.skinning, ctx.knots, ctx.tables = skinning, knots, tables
         ctx.save_for_backward(*tensors)
         return *map(torch.from_numpy, means), *map(torch.from_numpy, quats)
 
     @staticmethod
     @once_differentiable
     def backward(ctx, *sent: Tensor) -> Any:
-        skinning, tables, times = ctx.skinning, ctx.tables, len(sent) // 2
-        means, quats = (torch.stack(part).numpy() for part in (sent[:times], sent[times:]))
-        arrays = _arrays(skinning, ctx.saved_tensors) | {"nodes": tables[0], "motions": tables[1:]}
+        skinning, knots, tables, times = ctx.skinning, ctx.knots, ctx.tables, len(sent) // 2
+        means, quats = (_stacked(part) for part in (sent[:times], sent[times:]))
+        arrays = _arrays(skinning, knots, ctx.saved_tensors) | {"nodes": tables[0], "motions": tables[1:]}
         got = library.backward(arrays, skinning.kernel, skinning.threads, means, quats)
-        got |= library.relate_backward(arrays, got["tables"])
-        needed = zip(NAMES, ctx.needs_input_grad[1:], strict=True)
-        return None, *(torch.from_numpy(got[name]) if need else None for name, need in needed)
+        got |= library.relate_backward(arrays, got["tables"], skinning.threads)
+        if knots is not None:
+            _add_to_knots(got, arrays, knots)
+        needed = zip(NAMES, ctx.needs_input_grad[2:], strict=True)
+        return None, None, *(torch.from_numpy(got[name]) if need else None for name, need in needed)
 
 
-def _arrays(skinning: SkinningData, tensors: Sequence[Tensor | None]) -> dict[str, Any]:
+def _stacked(parts: Sequence[Tensor]) -> np.ndarray:
+    """Tensors of one shape behind each other; of one, itself."""
+    return parts[0].numpy()[None] if len(parts) == 1 else torch.stack(tuple(parts)).numpy()
+
+
+def _add_to_knots(got: dict[str, np.ndarray], arrays: Mapping[str, Any], knots: Sequence[int]) -> None:
+    """Carry the gradients of the poses at `knots` on to the stored ones."""
+    for k, knot in enumerate(knots):
+        got["node_xyz"][knot] += got["now_xyz"][k]
+        unit, sent = arrays["now_quat"][k], got["now_quat"][k]
+        length, valid = safe_norm(arrays["node_quat"][knot])
+        across = (sent - unit * (unit * sent).sum(1, keepdims=True)) / length
+        got["node_quat"][knot] += np.where(valid, across, 0)
+
+
+def _arrays(skinning: SkinningData, knots: tuple[int, ...] | None, tensors: Sequence[Tensor | None]) -> dict[str, Any]:
     named = zip(NAMES, tensors, strict=True)
-    return {**skinning.arrays, **{name: None if tensor is None else tensor.detach().numpy() for name, tensor in named}}
+    arrays: dict[str, Any] = {
+        **skinning.arrays,
+        **{n: None if tensor is None else tensor.detach().numpy() for n, tensor in named},
+    }
+    if knots is not None:
+        arrays["now_xyz"] = arrays["node_xyz"][list(knots)]
+        arrays["now_quat"] = quaternion.normalize(arrays["node_quat"][list(knots)])
+    return arrays
 
 
 class NativeDeformer:
@@ -93,6 +127,7 @@ class NativeDeformer:
         """`mask (N, K)` bool are the valid neighbours of the Gaussians of `deformer`."""
         self.skinning = SkinningData.of(deformer, mask, kernel, threads)
         self.times = deformer.times
+        self._knots = {float(time): place for place, time in enumerate(self.times)}
 
     def __call__(
         self,
@@ -105,6 +140,9 @@ class NativeDeformer:
         times: Sequence[float],
     ) -> list[tuple[Tensor, Tensor]]:
         """Return `(means (N, 3), quats (N, 4))` at each of `times`; the tensors are those of `SkinningData.deform`."""
+        if all(time in self._knots for time in times):
+            own = xyz, quat, dw, node_xyz, node_quat, radius
+            return self.skinning.deform_at([self._knots[time] for time in times], *own)
         poses = [node_poses_at(self.times, node_xyz, node_quat, time) for time in times]
         now_xyz, now_quat = (torch.stack(part) for part in zip(*poses, strict=True))
         return self.skinning.deform(xyz, quat, dw, node_xyz, node_quat, radius, now_xyz, now_quat)

@@ -25,7 +25,7 @@ RELATIONS = Struct(
     {
         "pairs": INT64,
         "nodes": INT64,
-        "times": INT32,
+        **dict.fromkeys(("times", "threads"), INT32),
         **{name: Array("float32", _POSES[name]) for name in ("node_xyz", "node_quat", "radius")},
         "node": Array("int64", ("pairs",)),
         "then": Array("int64", ("pairs",)),
@@ -64,8 +64,8 @@ DEFORMATION = Struct(
     },
 )
 """`struct Deformation` of deformation.cpp."""
-F4X_RELATE = Function("f4x_relate", {"problem": RELATIONS})
-F4X_RELATE_BACKWARD = Function("f4x_relate_backward", {"problem": RELATIONS})
+F4X_RELATE = Function("f4x_relate", {"problem": RELATIONS}, INT32)
+F4X_RELATE_BACKWARD = Function("f4x_relate_backward", {"problem": RELATIONS}, INT32)
 F4X_DEFORM = Function("f4x_deform", {"problem": DEFORMATION}, INT32)
 F4X_DEFORM_BACKWARD = Function("f4x_deform_backward", {"problem": DEFORMATION}, INT32)
 _RELATED = (*_POSES, "node", "then")
@@ -104,19 +104,19 @@ def move_gaussians(
     return moved_means[0], moved_quats[0]
 
 
-def relate(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+def relate(arrays: Mapping[str, np.ndarray], threads: int = 1) -> np.ndarray:
     """Return the tables `(1 + T, P, 8)`: `nodes`, then the T `motions` of `forward`. The library must be there.
 
     `arrays` by name, any strides: `node_xyz (F, M, 3)`, `node_quat (F, M, 4)` of any length, `radius (M,)`, `node (P,)` and
-    `then (P,)` each pair's row of (M,) and of (F M), `now_xyz (T, M, 3)`, `now_quat (T, M, 4)` unit.
+    `then (P,)` each pair's row of (M,) and of (F M), `now_xyz (T, M, 3)`, `now_quat (T, M, 4)` unit. No pair may occur twice.
     """
     held = RELATIONS.plain(arrays, *_RELATED)
     tables = np.empty((1 + len(held["now_xyz"]), len(held["node"]), 8), np.float32)
-    _relate(F4X_RELATE, held | {"tables": tables})
+    _relate(F4X_RELATE, held | {"tables": tables}, threads)
     return tables
 
 
-def relate_backward(arrays: Mapping[str, np.ndarray], d_tables: np.ndarray) -> dict[str, np.ndarray]:
+def relate_backward(arrays: Mapping[str, np.ndarray], d_tables: np.ndarray, threads: int = 1) -> dict[str, np.ndarray]:
     """Return the gradients of node_xyz, node_quat, radius, now_xyz and now_quat, given that of the tables of `relate`.
 
     That of `now_quat` means nothing along the quaternion, as in `backward`.
@@ -124,7 +124,7 @@ def relate_backward(arrays: Mapping[str, np.ndarray], d_tables: np.ndarray) -> d
     held = RELATIONS.plain(arrays, *_RELATED)
     got = {name: np.zeros_like(held[name]) for name in _POSES}
     sent = RELATIONS.plain({"d_tables": d_tables}, "d_tables")
-    _relate(F4X_RELATE_BACKWARD, held | sent | {"d_" + name: a for name, a in got.items()})
+    _relate(F4X_RELATE_BACKWARD, held | sent | {"d_" + name: a for name, a in got.items()}, threads)
     return got
 
 
@@ -168,10 +168,14 @@ def backward(
     return {name.removeprefix("d_"): a for name, a in got.items()} | {"tables": tables}
 
 
-def _relate(function: Function, arrays: dict[str, np.ndarray]) -> None:
+def _relate(function: Function, arrays: dict[str, np.ndarray], threads: int) -> None:
     times, nodes = arrays["now_xyz"].shape[:2]
     pairs, frames = len(arrays["node"]), len(arrays["node_xyz"])
-    function(RELATIONS(pairs=pairs, nodes=nodes, times=times, frames=frames, **arrays))
+    problem = RELATIONS(pairs=pairs, nodes=nodes, times=times, threads=threads, frames=frames, **arrays)
+    if function(problem):
+        raise F4xError(
+            f"The scaffold ran out of memory at {pairs:,} pairs: give fewer nodes by --set scaffold.max_nodes."
+        )
 
 
 def _call(function: Function, arrays: dict[str, np.ndarray], kernel: Kernel, threads: int) -> None:
