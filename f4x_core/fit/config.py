@@ -263,6 +263,8 @@ class FitConfig:
     """Fraction of the steps after which cameras are refined."""
     dw_from: float = 0.5
     """Fraction of the steps after which the graph is frozen and skinning offsets are learnt."""
+    average_from: float = 0.85
+    """Fraction of the steps from which on the Gaussians and nodes of what moves are averaged: their rates do not fall."""
     graph_every: int = 100
     """Steps between two rebuilds of the node graph before it is frozen."""
     track_every: int = 4
