@@ -444,9 +444,7 @@ def test_density_control_halves_prunes_and_keeps_within_its_limit():
         gaussians.parameters["log_scales"][50:] = np.log(0.1)  # large
     optimiser = SetOptimiser(gaussians, rates(gaussians))
     descend(optimiser)
-    config = DensityConfig(
-        every=1, start=0, stop=1, gradient=1e-3, growth=1.0, max_count=130, min_count=1
-    )
+    config = DensityConfig(every=1, start=0, stop=1, gradient=1e-3, growth=1.0, max_count=130, min_count=1)
     control = DensityControl(optimiser, config, total_steps=10)
     control.record(torch.full((100, 2), 1.0), torch.ones(100, dtype=torch.bool), 10, 10)
     next_id = control.densify_and_prune(100)

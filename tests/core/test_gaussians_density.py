@@ -194,13 +194,15 @@ def test_children_lie_to_either_side_along_the_longest_axis(kind, longest):
     if kind == "static":
         made = StaticGaussians(placement | rest, made.labels)
     else:
-        made = DynamicGaussians(placement | rest, made.labels | {"attach": torch.tensor([3, 4]), "reference": torch.tensor([1, 6])})
+        made = DynamicGaussians(
+            placement | rest, made.labels | {"attach": torch.tensor([3, 4]), "reference": torch.tensor([1, 6])}
+        )
     control, parent = control_of(made), {name: tensor.detach()[0].clone() for name, tensor in made.parameters.items()}
     seen_once(control, [5.0, 0.0])
     assert act(control) == 1002 and made.labels["ids"].tolist() == [1, 1000, 1001]
     children = {name: tensor.detach()[1:] for name, tensor in made.parameters.items()}
     aside = 0.9 * rotation[:, longest]
-    np.testing.assert_allclose(children[place], [[5, 6, 7] + aside, [5, 6, 7] - aside], rtol=1e-5)
+    np.testing.assert_allclose(children[place], np.array([5, 6, 7]) + [aside, -aside], rtol=1e-5)
     shrunk = sizes * np.where(np.arange(3) == longest, 0.55, 0.893)
     np.testing.assert_allclose(children["log_scales"].exp(), [shrunk, shrunk], rtol=1e-5)
     np.testing.assert_allclose(children["opacity_logits"].sigmoid(), 0.6 * 0.8, rtol=1e-5)
