@@ -14,8 +14,8 @@ from .parameters import opacity_logit
 
 LONG_SHRINK, OTHER_SHRINK, CHILD_OPACITY = 0.55, 0.893, 0.6
 """Two children lie one standard deviation to either side along their parent's longest axis, which is this many times as long for
-them, the others this many; so opaque are they (the constants of Improved-GS, arXiv 2508.12313). Against clones and random halves
-that keep the parent's opacity, half of `quick` gains .1 dB of dog's held-out frames and .2 dB of the frames it was given."""
+them, the others this many; so opaque are they. The three factors are those of Improved-GS. Against clones and random halves that
+keep the parent's opacity, half of `quick` gains .1 dB of dog's held-out frames and .2 dB of the frames it was given."""
 
 
 @dataclass(frozen=True)
