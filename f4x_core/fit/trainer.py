@@ -26,6 +26,7 @@ from ..progress import Progress, silent
 from ..raster import RasterConfig, rasterize
 from ..scaffold.adam import Adam
 from ..scaffold.optimise import with_graph
+from .averaging import RunningMeans
 from .checkpoint import save_checkpoint
 from .config import FitConfig
 from .frame_data import FrameData, MovingTracks
@@ -91,6 +92,8 @@ class Trainer:
         """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
         self.rooms = dict(rooms or {})
+        self.averages = RunningMeans()
+        """Of what moves, over the last steps."""
         self._start_optimisers()
 
     def _start_optimisers(self) -> None:
@@ -130,6 +133,9 @@ class Trainer:
         for name, control in self.controls.items():
             densify = partial(self._densify, name)
             actions.append(Action(f"density control, {name}", optimised, control.steps, densify))
+        if self.model.dynamic is not None:
+            last = range(first_step_from(config.average_from, total) + 1, total + 1)
+            actions.append(Action("what moves averaged", done, last, self._average))
         return [*actions, Action("quality measured", done, every(config.measure_every, total), self.measure)]
 
     def run(self, checkpoint: Path | None = None, settings_hash: str = "", progress: Progress = silent) -> None:
@@ -286,8 +292,16 @@ class Trainer:
     def _drop_nodes(self) -> None:
         drop_nodes(self.model, self.shared, self.config.nodes)
 
+    def _average(self) -> None:
+        """Count what moves as it is now; after the last step, take its mean over the steps counted."""
+        assert self.model.dynamic is not None and self.model.nodes is not None
+        moving = {**self.model.dynamic.parameters, **self.model.nodes.parameters}
+        self.averages.add(moving)
+        if self.step == self.config.steps:
+            self.averages.put(moving)
+
     def _densify(self, name: str) -> None:
-        self.next_id = self.controls[name].densify_and_prune(self.next_id, self.generator)
+        self.next_id = self.controls[name].densify_and_prune(self.next_id)
 
     def measure(self) -> None:
         """Add one point to the quality curve: PSNR of a few supervised frames at full size."""
@@ -319,6 +333,7 @@ class Trainer:
             "band_gains": self.band_gains,
             "cameras": {n: p.detach() for n, p in model.rig.parameters.items()},
             "shared": self.shared.state_dict(),
+            "averages": self.averages.state(),
             "sets": {},
         }
         for name, gaussians in model.sets():
@@ -360,6 +375,7 @@ class Trainer:
         self.step, self.next_id, self.order = state["step"], state["next_id"], list(state["order"])
         self._start_optimisers()
         self.shared.load_state_dict(state["shared"])
+        self.averages.restore(state["averages"])
         for name, optimiser in self.optimisers.items():
             saved = state["sets"][name]
             optimiser.adam.load_state_dict(saved["adam"])

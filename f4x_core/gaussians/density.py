@@ -11,9 +11,12 @@ from torch import Tensor
 from ..geometry import quaternion
 from ..native.density import F4X_RECORD_PULLS, PULLS
 from .optimiser import SetOptimiser
+from .parameters import opacity_logit
 
-# A split replaces one Gaussian by two of its samples, each this much smaller (3DGS).
-SPLIT_SHRINK = 1.6
+LONG_SHRINK, OTHER_SHRINK, CHILD_OPACITY = 0.55, 0.893, 0.6
+"""Two children lie one standard deviation to either side along their parent's longest axis, which is this many times as long for
+them, the others this many; so opaque are they. The three factors are those of Improved-GS. Against clones and random halves that
+keep the parent's opacity, half of `quick` gains .1 dB of dog's held-out frames and .2 dB of the frames it was given."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +33,6 @@ class DensityConfig:
     """Mean norm of the screen-space gradient (NDC units) from which a Gaussian is densified."""
     growth: float = 0.15
     """At most this fraction of the set is added in one round, largest gradients first."""
-    split_scale: float = 0.01
-    """Gaussians whose largest standard deviation exceeds this fraction of their reach are split; smaller ones are cloned."""
     prune_opacity: float = 0.02
     """Gaussians fainter than this are removed."""
     max_scale: float = 0.1
@@ -45,7 +46,7 @@ class DensityConfig:
 
 
 class DensityControl:
-    """Gradient-driven clone, split and prune for one Gaussian set."""
+    """Gradient-driven halving and pruning of one Gaussian set."""
 
     def __init__(self, optimiser: SetOptimiser, config: DensityConfig, total_steps: int):
         """Watch the set of `optimiser` during `total_steps` steps."""
@@ -81,14 +82,14 @@ class DensityControl:
         periods = range(config.every, total, config.every) if config.every else range(0)
         return frozenset(step for step in periods if config.start * total <= step < config.stop * total)
 
-    def densify_and_prune(self, next_id: int, generator: torch.Generator) -> int:
-        """Clone or split where the gradients were largest, remove what is faint; returns the next unused id."""
-        next_id = self._densify(next_id, generator)
+    def densify_and_prune(self, next_id: int) -> int:
+        """Halve Gaussians where the gradients were largest, remove what is faint; returns the next unused id."""
+        next_id = self._densify(next_id)
         self._prune()
         self.clear()
         return next_id
 
-    def _densify(self, next_id: int, generator: torch.Generator) -> int:
+    def _densify(self, next_id: int) -> int:
         gaussians, config = self.optimiser.gaussians, self.config
         mean = self.gradient_sum / self.seen.clamp_min(1)
         wanted = min(int(config.growth * len(gaussians)), int((mean >= config.gradient).sum()))
@@ -97,24 +98,27 @@ class DensityControl:
         if added == 0:
             return next_id
         chosen = mean.topk(added).indices.sort().values
-        reach = gaussians.labels["reach"][chosen]
-        split = gaussians.scales.detach()[chosen].amax(1) > config.split_scale * reach
-        cloned, parents = chosen[~split], chosen[split]
-        rows = torch.cat([cloned, parents, parents])
+        rows = torch.cat([chosen, chosen])
         new = {name: tensor.detach()[rows].clone() for name, tensor in gaussians.parameters.items()}
-        place = self.optimiser.place
-        turn = place.replace("means", "quats")
-        halves = slice(len(cloned), None)
-        noise = torch.randn(2 * len(parents), 3, generator=generator) * new["log_scales"][halves].exp()
-        new[place][halves] += quaternion.rotate(quaternion.normalize(new[turn][halves]), noise)
-        new["log_scales"][halves] -= torch.tensor(SPLIT_SHRINK).log()
+        self._halve(new)
         labels = {name: label[rows] for name, label in gaussians.labels.items()}
         labels["ids"] = torch.arange(next_id, next_id + len(rows))
         kept = torch.ones(len(gaussians), dtype=torch.bool)
-        kept[parents] = False
+        kept[chosen] = False
         self.optimiser.keep(kept.nonzero()[:, 0])
         self.optimiser.append(new, labels)
         return next_id + len(rows)
+
+    def _halve(self, children: dict[str, Tensor]) -> None:
+        """Move and shrink the parameters of parents, each there twice, to those of their two children."""
+        place, log_scales = self.optimiser.place, children["log_scales"]
+        side = torch.ones(len(log_scales))
+        side[len(side) // 2 :] = -1
+        longest = torch.nn.functional.one_hot(log_scales.argmax(1), 3).bool()  # (N,3)
+        turn = quaternion.normalize(children[place.replace("means", "quats")])
+        children[place] += quaternion.rotate(turn, side[:, None] * longest * log_scales.exp())
+        log_scales += torch.where(longest, LONG_SHRINK, OTHER_SHRINK).log()
+        children["opacity_logits"] = opacity_logit(CHILD_OPACITY * children["opacity_logits"].sigmoid())
 
     def _prune(self) -> None:
         gaussians, config = self.optimiser.gaussians, self.config

@@ -181,13 +181,13 @@ def test_an_interrupt_between_steps_is_saved_and_one_inside_a_step_is_not(stage_
 
 
 def test_a_restored_fit_goes_on_bit_for_bit(stage_of):
-    """After a graph was rebuilt, offsets were learnt and Gaussians came."""
+    """After a graph was rebuilt, offsets were learnt, Gaussians came and means were begun."""
     growing = DensityConfig(
         every=2, start=0, stop=1, gradient=0, growth=0.5, min_count=1, prune_opacity=0, max_scale=1e9
     )
     settings = {
         "graph_every": 1, "dw_from": 0.3, "density_static": growing, "density_dynamic": growing, "measure_every": 2,
-        "losses": LossConfig(track=0),
+        "average_from": 0.2, "losses": LossConfig(track=0),
     }  # fmt: skip
     whole, cut = stage_of(**settings), stage_of(**settings)
     for _ in range(5):
@@ -196,7 +196,7 @@ def test_a_restored_fit_goes_on_bit_for_bit(stage_of):
     again.restore(copy.deepcopy(cut.state("x")))
     assert (again.step, again.next_id, again.history) == (5, cut.next_id, cut.history) and cut.next_id > 900
     for stage in (whole, again):
-        while stage.step < 8:
+        while stage.step < stage.config.steps:
             stage.train_step()
     for key, value in parameters_of(whole).items():
         assert torch.equal(value, parameters_of(again)[key]), key

@@ -475,19 +475,17 @@ def test_near_and_far_move_equally_far_in_the_picture():
     torch.testing.assert_close(moved[20:], torch.full((20, 3), 0.05), rtol=1e-3, atol=1e-6)
 
 
-def test_density_control_splits_clones_prunes_and_keeps_within_its_limit():
+def test_density_control_halves_prunes_and_keeps_within_its_limit():
     gaussians = some_static(100)
     with torch.no_grad():
         gaussians.parameters["opacity_logits"][:10] = -8  # faint
         gaussians.parameters["log_scales"][50:] = np.log(0.1)  # large
     optimiser = SetOptimiser(gaussians, rates(gaussians))
     descend(optimiser)
-    config = DensityConfig(
-        every=1, start=0, stop=1, gradient=1e-3, growth=1.0, max_count=130, split_scale=0.05, min_count=1
-    )
+    config = DensityConfig(every=1, start=0, stop=1, gradient=1e-3, growth=1.0, max_count=130, min_count=1)
     control = DensityControl(optimiser, config, total_steps=10)
     control.record(torch.full((100, 2), 1.0), torch.ones(100, dtype=torch.bool), 10, 10)
-    next_id = control.densify_and_prune(100, torch.Generator().manual_seed(0))
+    next_id = control.densify_and_prune(100)
     assert next_id > 100
     ids = gaussians.labels["ids"]
     assert len(ids.unique()) == len(ids) <= 130

@@ -1,6 +1,6 @@
-"""Density control against its rules, written out in numpy: who is densified, how clones and splits come to be, who goes."""
+"""Density control against its rules, written out in numpy: who is halved, what the halves are, who goes."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,7 +27,6 @@ ALWAYS = DensityConfig(
     gradient=1.0,
     growth=10.0,
     max_growth=100.0,
-    split_scale=0.1,
     max_scale=1.0,
     prune_opacity=0.0,
     min_count=1,
@@ -63,12 +62,20 @@ def seen_once(control: DensityControl, ndc: list[float] | np.ndarray) -> None:
 def act(control: DensityControl, step: int = 1, next_id: int = 1000) -> int:
     if step not in control.steps:
         return next_id
-    return control.densify_and_prune(next_id, torch.Generator().manual_seed(0))
+    return control.densify_and_prune(next_id)
 
 
 def places(made: GaussianSet) -> list[float]:
     """x of each Gaussian, which `gaussians` set to its number."""
     return made.parameters["means"][:, 0].tolist()
+
+
+def halved(made: GaussianSet, first_id: int = 1000) -> list[int]:
+    """Numbers of the parents of the Gaussians with ids from `first_id` on: two children lie close to each."""
+    children = made.parameters["means"].detach()[made.labels["ids"] >= first_id, 0]
+    first, second = children.round().int().split(len(children) // 2)
+    assert torch.equal(first, second)
+    return first.tolist()
 
 
 # ---- who is densified ------------------------------------------------------------------------------------------------
@@ -96,16 +103,16 @@ def test_the_gradient_is_the_mean_norm_in_ndc_over_the_times_a_gaussian_was_seen
         for step in range(steps):
             control.record(torch.from_numpy(pixels[step]).float(), torch.from_numpy(visible[step]), WIDTH, HEIGHT)
         act(control)
-        assert places(made)[count:] == [i for i in range(count) if mean[i] >= gradient]
+        assert halved(made) == [i for i in range(count) if mean[i] >= gradient]
 
 
 def test_those_with_the_largest_gradients_are_taken_and_no_more_than_the_round_allows():
     made = gaussians(10)
     control = control_of(made, replace(ALWAYS, growth=0.3))
     seen_once(control, [2, 9, 2, 2, 8, 2, 7, 2, 2, 2])
-    assert act(control) == 1003
-    assert places(made) == [*range(10), 1, 4, 6]
-    assert made.labels["ids"].tolist() == [*range(10), 1000, 1001, 1002]
+    assert act(control) == 1006
+    assert halved(made) == [1, 4, 6]
+    assert made.labels["ids"].tolist() == [0, 2, 3, 5, 7, 8, 9, *range(1000, 1006)]
 
 
 @pytest.mark.parametrize(
@@ -122,15 +129,14 @@ def test_what_growth_lacks_is_what_its_largest_number_kept_out(max_count, max_gr
     assert len(made) == 10 + added and control.lacking == lacking
 
 
-def test_who_reaches_the_threshold_is_densified_and_who_is_as_large_as_the_limit_is_cloned():
+def test_who_reaches_the_threshold_is_halved():
     """Numbers that float32 holds exactly."""
-    made = gaussians(3, scale=1.0)
-    control = control_of(made, replace(ALWAYS, gradient=2.0, split_scale=0.5))
-    made.labels["reach"] = torch.tensor([2.0, 1.875, 2.0])
+    made = gaussians(3)
+    control = control_of(made, replace(ALWAYS, gradient=2.0))
     gradient = torch.tensor([[0.0, 0.4], [0.2, 0.0], [0.1999, 0.0]])
     control.record(gradient, torch.ones(3, dtype=torch.bool), WIDTH, HEIGHT)
-    assert act(control) == 1003
-    assert made.labels["ids"].tolist() == [0, 2, 1000, 1001, 1002], "the first is cloned, the second split"
+    assert act(control) == 1004
+    assert made.labels["ids"].tolist() == [2, 1000, 1001, 1002, 1003] and halved(made) == [0, 1]
 
 
 @pytest.mark.parametrize(
@@ -153,7 +159,7 @@ def test_rounds_come_at_their_period_between_start_and_stop_and_begin_from_nothi
     control = control_of(made, replace(ALWAYS, every=3, start=0.2, stop=0.6, growth=0.4, max_growth=3.0), steps=30)
     grown = []
     for step in range(30):
-        seen_once(control, [5.0] + [0.0] * (len(made) - 1))
+        seen_once(control, [0.0] * (len(made) - 1) + [5.0])
         before = len(made)
         act(control, step, 1000 + step)
         if len(made) > before:
@@ -170,97 +176,44 @@ def test_a_period_of_zero_switches_it_off():
     assert act(control) == 1000 and len(made) == 3
 
 
-# ---- clones and splits -----------------------------------------------------------------------------------------------
-
-
-def test_what_is_large_for_its_reach_is_split_what_is_small_is_cloned():
-    made = gaussians(4)
-    with torch.no_grad():
-        made.parameters["log_scales"].copy_(
-            torch.tensor([[0.01, 0.09, 0.01], [0.01, 0.11, 0.01], [0.11] * 3, [0.3] * 3]).log()
-        )
-    made.labels["reach"] = torch.tensor([1.0, 1.0, 2.0, 2.0])
-    control = control_of(made)
-    seen_once(control, [5.0] * 4)
-    assert act(control) == 1006
-    ids = made.labels["ids"].tolist()
-    assert ids == [0, 2, *range(1000, 1006)], "0 and 2 stay and are cloned, 1 and 3 are replaced by two each"
-    where = dict(zip(ids, range(len(ids)), strict=True))
-    for clone, parent in ((1000, 0), (1001, 2)):
-        for name, tensor in made.parameters.items():
-            assert torch.equal(tensor[where[clone]], tensor[where[parent]]), name
-    shrunk = made.scales.detach()[[where[i] for i in (1002, 1003, 1004, 1005)]].double().numpy()
-    wanted = np.array([[0.01, 0.11, 0.01], [0.3] * 3, [0.01, 0.11, 0.01], [0.3] * 3]) / 1.6
-    np.testing.assert_allclose(shrunk, wanted, rtol=1e-5)
-
-
-@dataclass
-class Split:
-    """What became of many equal Gaussians at the origin that were split."""
-
-    parent: dict[str, torch.Tensor]
-    children: GaussianSet
-
-
-def split(kind: str) -> Split:
-    """1000 long Gaussians, their x axis turned by 30 degrees about z; orientations of length 2."""
-    count, half = 1000, np.pi / 12
-    made = gaussians(count, reach=10.0)
-    quat = 2 * torch.tensor([np.cos(half), 0, 0, np.sin(half)], dtype=torch.float32).repeat(count, 1)
-    with torch.no_grad():
-        made.parameters["log_scales"].copy_(torch.tensor([0.9, 0.3, 0.02]).log().expand(count, 3))
-    place, turn = ("means", "quats") if kind == "static" else ("local_means", "local_quats")
-    placement = {place: torch.zeros(count, 3).requires_grad_(), turn: quat.requires_grad_()}
-    rest = {name: tensor for name, tensor in made.parameters.items() if name not in ("means", "quats")}
-    if kind == "static":
-        made = StaticGaussians(placement | rest, made.labels)
-    else:
-        labels = made.labels | {"attach": torch.arange(count), "reference": torch.arange(count) % 7}
-        made = DynamicGaussians(placement | rest, labels)
-    parent = {name: tensor.detach()[0].clone() for name, tensor in made.parameters.items()}
-    control = control_of(made, replace(ALWAYS, split_scale=0.05, max_count=3000))
-    seen_once(control, [5.0] * count)
-    act(control)
-    return Split(parent, made)
+# ---- halves ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["static", "dynamic"])
-def test_a_split_draws_two_from_the_gaussian_itself_and_makes_each_1_6_times_smaller(kind):
-    """Their places have the covariance R diag(s^2) R^T of the one that they replace."""
-    found = split(kind)
+@pytest.mark.parametrize("longest", [0, 1, 2])
+def test_children_lie_to_either_side_along_the_longest_axis(kind, longest):
+    """A Gaussian turned by 30 degrees about z, its orientation of length 2, with opacity .8."""
+    half, sizes = np.pi / 12, np.full(3, 0.02)
+    sizes[longest], sizes[(longest + 1) % 3] = 0.9, 0.3
+    rotation = np.array([[np.cos(2 * half), -np.sin(2 * half), 0], [np.sin(2 * half), np.cos(2 * half), 0], [0, 0, 1]])
+    made = gaussians(2, reach=10.0)
     place, turn = ("means", "quats") if kind == "static" else ("local_means", "local_quats")
-    made = found.children
-    assert len(made) == 2000 and made.labels["ids"].tolist() == list(range(1000, 3000))
-    np.testing.assert_allclose(made.scales.detach().numpy(), np.tile([0.9, 0.3, 0.02], (2000, 1)) / 1.6, rtol=1e-5)
-    angle = np.pi / 6
-    rotation = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    sampled = made.parameters[place].detach().double().numpy()
-    np.testing.assert_allclose(sampled.mean(0), 0, atol=0.06)
-    covariance = np.cov((sampled @ rotation).T)  # in the Gaussian's own frame
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [0.9, 0.3, 0.02], rtol=0.06)
-    correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    np.testing.assert_allclose(correlation, np.eye(3), atol=0.08)
-    for name in set(made.parameters) - {place, "log_scales"}:
-        torch.testing.assert_close(made.parameters[name].detach(), found.parent[name].expand_as(made.parameters[name]))
-    assert made.parameters[turn].norm(dim=1).allclose(torch.tensor(2.0))
-    if kind == "dynamic":
-        assert made.labels["attach"].tolist() == 2 * list(range(1000))
-        assert made.labels["reference"].tolist() == 2 * [i % 7 for i in range(1000)]
-    assert (made.labels["reach"] == 10).all()
-
-
-def test_a_split_stays_around_its_place():
-    made = gaussians(4, scale=1e-3, reach=1e-3)
-    control = control_of(made, replace(ALWAYS, max_count=100))
-    seen_once(control, [5.0] * 4)
-    act(control)
-    np.testing.assert_allclose(places(made), [0, 1, 2, 3, 0, 1, 2, 3], atol=6e-3)
-
-
-def test_the_two_of_a_split_are_drawn_apart():
-    first, second = split("static").children.parameters["means"].detach().split(1000)
-    assert (first - second).norm(dim=1).min() > 0
-    assert np.corrcoef(first[:, 0].numpy(), second[:, 0].numpy())[0, 1] == pytest.approx(0, abs=0.1)
+    quats = 2 * torch.tensor([[np.cos(half), 0, 0, np.sin(half)]] * 2, dtype=torch.float32)
+    placement = {place: torch.tensor([[5.0, 6, 7], [0, 0, 0]]).requires_grad_(), turn: quats.requires_grad_()}
+    rest = {name: tensor for name, tensor in made.parameters.items() if name not in ("means", "quats")}
+    with torch.no_grad():
+        rest["log_scales"].copy_(torch.from_numpy(sizes).log().expand(2, 3))
+        rest["opacity_logits"].fill_(float(np.log(4)))
+    if kind == "static":
+        made = StaticGaussians(placement | rest, made.labels)
+    else:
+        made = DynamicGaussians(
+            placement | rest, made.labels | {"attach": torch.tensor([3, 4]), "reference": torch.tensor([1, 6])}
+        )
+    control, parent = control_of(made), {name: tensor.detach()[0].clone() for name, tensor in made.parameters.items()}
+    seen_once(control, [5.0, 0.0])
+    assert act(control) == 1002 and made.labels["ids"].tolist() == [1, 1000, 1001]
+    children = {name: tensor.detach()[1:] for name, tensor in made.parameters.items()}
+    aside = 0.9 * rotation[:, longest]
+    np.testing.assert_allclose(children[place] - parent[place], [aside, -aside], rtol=1e-4, atol=1e-6)
+    shrunk = sizes * np.where(np.arange(3) == longest, 0.55, 0.893)
+    np.testing.assert_allclose(children["log_scales"].exp(), [shrunk, shrunk], rtol=1e-5)
+    np.testing.assert_allclose(children["opacity_logits"].sigmoid(), 0.6 * 0.8, rtol=1e-5)
+    for name in set(children) - {place, "log_scales", "opacity_logits"}:
+        torch.testing.assert_close(children[name], parent[name].expand_as(children[name]), rtol=0, atol=0)
+    assert {"reach": 10.0, "attach": 3, "reference": 1}.items() >= {
+        name: label[1:].unique().item() for name, label in made.labels.items() if name not in ("ids", "earlier")
+    }.items()
 
 
 # ---- who goes, and who is capped ---------------------------------------------------------------------------------------
