@@ -59,7 +59,10 @@ noted["edit"] = ops.plan(sentence="make it red") == {"FINISHED"} and state.readi
         ("select nothing", 0),
     ):
         assert noted[sentence] == [count, f"{count:,} of 1,201 Gaussians selected.", 0, 0], sentence
-    assert noted["called"] == "what moves" and noted["edit"] == "make the selection red"
+    assert (
+        noted["called"] == "what moves"
+        and noted["edit"] == f"make the selection red ({100 * SQUARE / (WALL + SQUARE):.1f} % of the scene's Gaussians)"
+    )
 
 
 def test_words_that_find_nothing_are_explained_in_the_panel(folder):

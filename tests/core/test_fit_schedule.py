@@ -207,7 +207,8 @@ def test_harmonics_are_considered_at_their_steps(stage_of, monkeypatch, changes,
         first, second = (each.parameters["shN"].detach()[:, 0, 0] for each in (static, dynamic))
         rows = torch.arange(1.0, len(stage.model) + 1) * 1e-3
         torch.testing.assert_close(torch.cat([first, second]), rows, atol=0.03, rtol=0)
-        assert float(second[0] - first[0]) > 0.5, "rows of the dynamic set follow those of the static one"
+        follows = float(second[0] - first[0])  # rows of the dynamic set follow those of the static one
+        assert follows == pytest.approx(1e-3 * len(static), abs=0.06)
 
 
 # ---- density control ---------------------------------------------------------------------------------------------------
