@@ -227,10 +227,12 @@ def _check_of(where: str, kind: Array, sizes: Mapping[str, int]) -> Check:
 
 
 def _strided(array: Any, shape: tuple[int, ...], strides: tuple[int, ...]) -> bool:
-    """Whether the strides are the wanted ones along every axis that has a second entry."""
+    """Whether the strides are the wanted ones along every axis that has a second entry; those of no entries do not matter."""
     found = tuple(s // array.itemsize for s in array.strides) if isinstance(array, np.ndarray) else array.stride()
-    return found == strides or all(
-        length < 2 or one == other for length, one, other in zip(shape, found, strides, strict=True)
+    return (
+        found == strides
+        or 0 in shape
+        or all(length < 2 or one == other for length, one, other in zip(shape, found, strides, strict=True))
     )
 
 

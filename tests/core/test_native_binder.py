@@ -67,6 +67,8 @@ def test_a_struct_keeps_its_arrays_alive():
 @KINDS
 def test_empty_arrays_pass(make):
     POINTS(**values(count=0, places=make(np.zeros((0, 3), np.float32))))
+    across = make(np.zeros((2, 0), np.float32)).T  # of no entries it does not matter how they would lie
+    POINTS(**values(count=0, places=make(np.zeros((0, 3), np.float32)), pixels=across))
 
 
 def test_inputs_may_be_read_only():
