@@ -67,7 +67,7 @@ class Seconds(NamedTuple):
 
     @classmethod
     def now(cls) -> Seconds:
-        """What has passed so far."""
+        """Clocks and counts since the start."""
         library, _ = open_library()
         assert library is not None
         return cls(time.thread_time(), shareable_seconds(library))

@@ -479,7 +479,7 @@ def _without_idle(read: Read) -> Doubt:
 
 
 def _removes(operation: Operation) -> bool:
-    """Whether something is no longer seen."""
+    """Return True where the operation makes something invisible."""
     return isinstance(operation, Delete | Extract) or (isinstance(operation, Opacity) and not operation.factor)
 
 
@@ -1386,7 +1386,7 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
 
 
 def is_command(sentence: str, labels: Sequence[str]) -> bool:
-    """Whether a sentence can be carried out as it stands, in a clip of any length whose scene knows `labels`."""
+    """Return True for a sentence that can be carried out as it stands, in a clip of any length whose scene knows `labels`."""
     clip = SentenceContext(1.0, MOST_FRAMES, selected=True, labels=frozenset(labels))
     with suppress(F4xError):
         read = _read_somehow(sentence, _known(tuple(labels)), lambda read: _settled(read, clip, None))

@@ -482,7 +482,7 @@ _EVERY = word_set("every each any all both no everyone everybody whoever")
 
 
 def _is_every(reading: Reading, at: int) -> bool:
-    """Whether the words before a noun, or the noun itself, mean all of its kind: "each of the"."""
+    """Return True where the words before a noun, or the noun itself, mean all of its kind: "each of the"."""
     before = at - 1
     while reading.word(before) in ("single", "one", "of", "the", "my", "these", "those"):
         before -= 1

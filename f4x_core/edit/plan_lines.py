@@ -30,7 +30,7 @@ def plan_lines(scene: Scene, operations: Sequence[Operation], frame: float = 0.0
 
 
 def _share(scene: Scene, operation: Operation) -> str:
-    """How much of the scene an operation is for: " (11 % of the scene's Gaussians)"; nothing for all of it, and for two."""
+    """Return the share of the scene that an operation is for: " (11 % of the scene's Gaussians)"; "" for all of it, and for two."""
     if isinstance(operation, Rekey | TakeBack | Name | Swap):
         return ""
     share = len(rows_of(scene, operation.select)) / max(int((~splat_rows(scene).gone).sum()), 1)

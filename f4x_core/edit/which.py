@@ -1,4 +1,4 @@
-"""Which of several is meant: a thing that is named in the singular where a scene has more of its kind is asked about."""
+"""Questions about a thing that is named in the singular where a scene has more of its kind."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Several(F4xError):  # noqa: N818  # nothing went wrong
 
 
 def removes(operation: Operation) -> bool:
-    """Whether something is no longer seen."""
+    """Return True where the operation makes something invisible."""
     return isinstance(operation, Delete | Extract) or (isinstance(operation, Opacity) and not operation.factor)
 
 

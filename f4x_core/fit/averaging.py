@@ -42,7 +42,7 @@ class RunningMeans:
                 tensor.copy_(self.means[name])
 
     def state(self) -> dict[str, Any]:
-        """What `restore` reads."""
+        """Return the means and counts for `restore`."""
         return {"means": dict(self.means), "counts": dict(self.counts)}
 
     def restore(self, state: Mapping[str, Any]) -> None:

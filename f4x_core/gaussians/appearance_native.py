@@ -1,4 +1,4 @@
-"""What is drawn of Gaussians by the compiled library, differentiable once: colours, activated. float32 on the CPU."""
+"""Activated Gaussians and their colours by the compiled library, differentiable once. float32 on the CPU."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class DrawnSet(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """What the raster takes of N Gaussians."""
+    """Arrays of N Gaussians for the raster."""
 
     means: Tensor
     """(N,3)"""
@@ -77,7 +77,7 @@ class Drawn(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """How sets are drawn: what has no gradient."""
+    """Arguments of `NativeDrawing` that have no gradient."""
 
     centre: tuple[float, float, float]
     """Of the camera."""

@@ -227,7 +227,7 @@ def _check_of(where: str, kind: Array, sizes: Mapping[str, int]) -> Check:
 
 
 def _strided(array: Any, shape: tuple[int, ...], strides: tuple[int, ...]) -> bool:
-    """Whether the strides are the wanted ones along every axis that has a second entry; those of no entries do not matter."""
+    """Return True where strides are the wanted ones along every axis with a second entry; those of empty arrays do not matter."""
     found = tuple(s // array.itemsize for s in array.strides) if isinstance(array, np.ndarray) else array.stride()
     return (
         found == strides

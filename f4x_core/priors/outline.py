@@ -37,14 +37,14 @@ SHADOW = (0.3, 1.15)
 PLAIN = (0.9, 1.1)
 """The same where no texture tells: with the light of shadows, the humps of a camel are its fence."""
 ALIKE, ALIKE_LEVELS, QUIET = 3.0, 2.5, 2.5
-"""What differs by fewer times the noise, plus so many grey levels, looks like what stands; noise counts up to `QUIET` levels.
+"""Pixels that differ by fewer times the noise, plus so many grey levels, look like the background; noise counts up to `QUIET`.
 From twice as much on, as on grass, only texture tells (`CORRELATED`)."""
 CORRELATED, TEXTURE = 0.85, 2.0
 """Correlation from which the texture of what stands shows, where it has so many times the noise."""
 TINTED = 7
 """Side of the window in which pixels that are background times a factor belong to the shadow in it."""
 OTHER, OTHER_LEVELS = 4.0, 6.0
-"""What differs by more times the noise, plus so many grey levels, from all that is within a pixel is no background."""
+"""Pixels that differ by more times the noise, plus so many grey levels, from all that is within a pixel are no background."""
 MIN_PIXELS = 30
 """Pieces of a mover with fewer pixels are noise."""
 MIN_LEFT = 0.4
@@ -53,7 +53,7 @@ MIN_LEFT = 0.4
 
 @dataclass(frozen=True)
 class Background:
-    """What stands behind one frame, as other frames show it; 0 where it is not `known`."""
+    """The static background of one frame, as other frames show it; 0 where it is not `known`."""
 
     colors: np.ndarray
     """(H, W, 3) float32, the median of the other frames."""
@@ -105,7 +105,7 @@ def refine_mask(
 def draw_background(
     pictures: np.ndarray, inverse: np.ndarray, covered: np.ndarray, cameras: CameraPath, frame: int, asked: np.ndarray
 ) -> Background:
-    """What stands behind the pixels `asked (H, W)` of a frame, from other frames of `pictures (F, H, W, 3)` uint8.
+    """Return the background at the pixels `asked (H, W)` of a frame, from other frames of `pictures (F, H, W, 3)` uint8.
 
     inverse: (F, H, W) inverse depth of what stands; covered: (F, H, W) bool, where it is not seen. Depth behind a mover is
     filled in, so the place in another frame is looked for along the ray until the depth there agrees.
@@ -197,7 +197,7 @@ def _like_background(
         return cv2.blur(values, (WINDOW, WINDOW))
 
     def explained(sums: list[np.ndarray], light: tuple[float, float]) -> np.ndarray:
-        """Whether a factor within `light` explains the colors, from sums of products: of both, the picture's, the background's."""
+        """Return True where a factor within `light` explains the colors, from sums of products: both, picture's, background's."""
         both, own, drawn = sums
         factor = both / np.maximum(drawn, 1)
         left = np.sqrt(np.maximum(own - factor * both, 0) / 3)

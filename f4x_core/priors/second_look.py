@@ -129,7 +129,7 @@ def mask_in_doubt(priors: Priors) -> bool:
 
 
 def mask_is_given(priors: Priors) -> bool:
-    """Whether the user gave the mask."""
+    """Return True where the user gave the mask."""
     return priors.provenance.get("mask", {}).get("provider") in ("user", "files")
 
 

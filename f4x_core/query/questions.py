@@ -573,7 +573,7 @@ def _of_place(s: Sighting, asked: Asked, fps: float, when: str) -> str:
 
 
 def _of_size(s: Sighting, asked: Asked, fps: float, when: str) -> str:
-    """How tall and wide a thing is, in median depths, and how much of the picture it fills."""
+    """Return height and width of a thing, in median depths, and the share of the picture that it fills."""
     tall, wide = (" and ".join(f"{size:.2f}" for size in sizes) for sizes in zip(*s.sizes, strict=True))
     many = f", each of {len(s.sizes)} from left to right," if len(s.sizes) > 1 else ""
     ratio = f" ({s.sizes[0][0] / max(s.sizes[0][1], 1e-9):.1f} times as tall as wide)" if not many else ""

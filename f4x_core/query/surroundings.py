@@ -15,7 +15,7 @@ from .not_deleted import not_deleted
 MAX_SPAN = 0.8
 """A thing that takes up so much of the picture's width, or of the scene's depth, has no "left of", "behind" and so on."""
 ON_TOP = 0.5
-"""What stands on a thing has its base in the upper half of it, or higher."""
+"""A thing stands on another if its base is in the upper half of that, or higher."""
 NO_THING = -1
 
 
@@ -42,7 +42,7 @@ def known_things(scene: Scene, time: float) -> np.ndarray:
 
 
 def is_backdrop(scene: Scene, rows: np.ndarray, time: float) -> bool:
-    """Whether the Gaussians `rows` reach over most of the picture, as a floor, a wall or a sky does."""
+    """Return True where the Gaussians `rows` reach over most of the picture, as a floor, a wall or a sky does."""
     camera = scene.cameras.at(time)
     pixels, depth = camera.project(scene.posed(time).means[rows])
     pixels = pixels[depth > 0]

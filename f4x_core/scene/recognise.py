@@ -1,4 +1,4 @@
-"""What a file is that a person points at, by its content and not by its name.
+"""Recognition of files by their content, not by their name.
 
 Whatever is neither a scene nor splats gets one sentence that says what it is and what to do with it.
 """

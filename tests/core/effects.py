@@ -1,4 +1,4 @@
-"""What a sentence did to the Gaussians of a made-up scene, held against what it should do."""
+"""Compare the effect of a sentence on the Gaussians of a made-up scene with the wanted one."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def propose(scene, selected, sentence):
 
 
 def fault(row):
-    """How the effect of a row differs from what it should be; nothing where it does not."""
+    """Return the difference between the effect of a row and the wanted one in words; "" where there is none."""
     scene, selected, sentence, expected = row
     found = propose(scene, selected, sentence)
     kind, *words = expected.split()
@@ -153,7 +153,7 @@ def _sides(base, things, rows, word):
 
 
 class Seen:
-    """How the Gaussians `rows` of a thing differ at one time."""
+    """Differences of the Gaussians `rows` of a thing at one time."""
 
     def __init__(self, base, edited, before, after, rows):
         self.base, self.edited, self.rows = base, edited, rows
@@ -189,7 +189,7 @@ class Seen:
         return {kind for kind, is_so in found.items() if is_so}
 
     def lacks(self, one, things):
-        """What is not as it should be, as numbers; nothing where all is."""
+        """Return what differs from the wanted effect, as numbers; nothing where nothing does."""
         number = float(one.value) if re.fullmatch(r"[\d.]+", one.value) else 0.0
         before, after = (rgb.mean(0) for rgb in self.rgb)
         light, spread = after.mean() / before.mean(), [np.ptp(rgb, 1).mean() for rgb in self.rgb]
@@ -226,23 +226,23 @@ class Seen:
         return "" if right else told
 
     def _is_near(self, goal, share):
-        """Whether the mean color has come nearer to another, to this share of the way or less."""
+        """Return True where the mean color has come nearer to another, to this share of the way or less."""
         before, after = (np.linalg.norm(rgb.mean(0) - goal) for rgb in self.rgb)
         return after < share * before
 
     def _is_tinted(self, goal):
-        """Whether the mean color has gone a little toward another."""
+        """Return True where the mean color has gone a little toward another."""
         step, way = self.rgb[1].mean(0) - self.rgb[0].mean(0), np.array(goal) - 0.5
         alike = step @ way / max(np.linalg.norm(step) * np.linalg.norm(way), 1e-9)
         return alike > 0.6 and 0.01 < np.abs(step).max() < 0.2
 
     def _head_alone(self):
-        """Whether the head of a person, and nothing else of it, has another color."""
+        """Return True where the head of a person, and nothing else of it, has another color."""
         head = self.base.extra["dynamic/body_part"][self.rows[len(self.base.static) :]] == 1
         return np.array_equal(np.abs(self.rgb[1] - self.rgb[0]).max(1) > 0.004, head)
 
     def _goes(self, value):
-        """Whether all of it went one way: "left", "left/1" for so many widths of it."""
+        """Return True where all of it went one way: "left", "left/1" for so many widths of it."""
         way, _, widths = value.partition("/")
         axis, sign = WAYS[way]
         far, goal = sign * self.step[axis], float(widths or 0) * self.size[0]
@@ -253,7 +253,7 @@ class Seen:
         return far > 0.02 and as_one and straight and (not goal or _is(far, goal, 0.2))
 
     def _swaps(self, pair, things):
-        """Whether it stands where the other of a pair stood."""
+        """Return True where it stands at the place of the other of a pair."""
         other = next(things[name] for name in pair if not np.array_equal(things[name], self.rows))
         means = self.base.posed(0.0).means.astype(float)
         return np.abs(self.step - self._foot(means[other]) + self._foot(means[self.rows])).max() < 0.1
