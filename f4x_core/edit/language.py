@@ -89,6 +89,7 @@ from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_
 from .slots import AGAIN, ENDED, REMARK, TOPIC, Command
 from .styles import STYLES
 from .taking_back import taken_back, turned_round
+from .which import removes
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
@@ -212,7 +213,7 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
     operations = operations or context.complaints
     if not operations:
         raise Refusal("Nothing is said that could be done.")
-    if any(map(_removes, operations)) and _holds(several_placed, read.reading):
+    if any(map(removes, operations)) and _holds(several_placed, read.reading):
         raise Refusal(
             "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the people'."
         )
@@ -343,7 +344,7 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
     whole = bool(better.clauses) and not better.idle
     if whole or _slip(better.reading, False):
         thing = any(word in words for words in known)
-        sure = whole and not thing and is_slip(wrong.text, word) and not any(map(_removes, better.operations))
+        sure = whole and not thing and is_slip(wrong.text, word) and not any(map(removes, better.operations))
         raise (Slip if sure else Doubt)(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
@@ -436,7 +437,7 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
         return
     if any(_is_a_verb(read.reading, at) for at in read.idle):
         return
-    if any(map(_removes, read.operations)) and _named_besides(read):
+    if any(map(removes, read.operations)) and _named_besides(read):
         return
     if "who" not in read.clauses[0].slots:
         return  # whom it is for may be what was left out
@@ -478,11 +479,6 @@ def _without_idle(read: Read) -> Doubt:
     return Doubt(f"I would do: {plan}. I do not know what '{left_out}' adds.", cut(typed, joined))
 
 
-def _removes(operation: Operation) -> bool:
-    """Return True where the operation makes something invisible."""
-    return isinstance(operation, Delete | Extract) or (isinstance(operation, Opacity) and not operation.factor)
-
-
 def _removes_loosely(read: Read) -> bool:
     """Whether something is no longer seen and a word is left unexplained that may say whether or what."""
     harmless = EMPTY | {"the"}
@@ -490,7 +486,7 @@ def _removes_loosely(read: Read) -> bool:
     what_for = words[:1] == ["for"] and not any(token.is_word for token in read.reading.tokens[read.idle[-1] + 1 :])
     if what_for and not _CUT.search(read.reading.sentence):
         return False
-    return any(map(_removes, read.operations)) and any(word not in harmless for word in words)
+    return any(map(removes, read.operations)) and any(word not in harmless for word in words)
 
 
 def _named_besides(read: Read) -> str:
@@ -663,7 +659,7 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         settled = When.of(time, context, slowly="slowly" in piece, soft=piece.get("slowly", False))
         for operation in _made(command, piece, who, settled, context, assumed):
             lasts = isinstance(operation, Recolour | Opacity | Style | Grade | Blur | Glow | Freeze)
-            if clause.ended and (not lasts or _removes(operation)):
+            if clause.ended and (not lasts or removes(operation)):
                 raise Refusal(
                     "It is not said what becomes of it then; say for example 'move it back to the right at second 2'."
                 )
@@ -846,7 +842,7 @@ def _placed(operations: list[Operation]) -> list[Operation]:
             isinstance(made, Delete)
             and isinstance(one, Delete | Opacity)
             and one.select == Not(made.select)
-            and _removes(one)
+            and removes(one)
         ):
             raise Refusal("Nothing would be left; say for example 'keep only the dog' if the rest is to go.")
         if one != made and _is_overridden(made, one):
@@ -878,7 +874,7 @@ def _says_no_more(made: Any, one: Operation) -> bool:
     """Whether an operation does nothing that the one before it did not: "keep only the dog and delete the rest"."""
     if isinstance(made, Opacity) and isinstance(one, Opacity) and made.frames and made.frames[1] and not one.frames:
         return made.select == one.select and one.factor == SHOWN  # "hide it for a second, then it is back"
-    if isinstance(made, Delete) and _removes(one):  # "I don't like the bush, make it go away"
+    if isinstance(made, Delete) and removes(one):  # "I don't like the bush, make it go away"
         return made.select == getattr(one, "select", None) and made.frames == getattr(one, "frames", None)
     if isinstance(made, Recolour) and isinstance(one, Recolour) and made.frames and made.frames[1] is None:
         return one == replace(made, frames=None, ease=one.ease)  # "red from second 2 on, and keep it red"
@@ -886,14 +882,14 @@ def _says_no_more(made: Any, one: Operation) -> bool:
         isinstance(made, Extract)
         and isinstance(one, Delete | Opacity)
         and one.select == Not(made.select)
-        and _removes(one)
+        and removes(one)
     )
 
 
 def _is_overridden(made: Any, one: Any) -> bool:
     """Whether the next operation says all that this one does, or undoes it: "hide the dog, and let it show up after a second"."""
     if isinstance(made, Delete | Opacity) and isinstance(one, Extract):
-        return _removes(made) and made.select == Not(one.select)
+        return removes(made) and made.select == Not(one.select)
     if isinstance(made, Style | Recolour) and isinstance(one, Recolour) and one.mode == "assign" and one.strength == 1:
         return getattr(made, "mode", "assign") == "assign" and (made.select, made.frames) == (one.select, one.frames)
     if isinstance(made, Retime) and isinstance(one, Retime):  # "speed it up so that it only takes a second"

@@ -411,7 +411,6 @@ class SceneModel:
         *,
         extra: Tensor | None = None,
         background: Tensor | None = None,
-        mean2d_offset: Tensor | None = None,
         config: RasterConfig | None = None,
         backend: str = "auto",
     ) -> RasterOutput:
@@ -428,5 +427,4 @@ class SceneModel:
             background=background,
             config=config,
             backend=backend,
-            mean2d_offset=mean2d_offset,
         )

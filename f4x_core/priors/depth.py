@@ -30,7 +30,7 @@ from .movers import place_objects
 from .moving_people import dilate_masks, shows_people
 from .outline import refine_mask
 from .points import TRACK_OUTLIER_PX, fit_points
-from .second_look import JOINED_MOTION, mask_is_given
+from .second_look import JOINED_MOTION, mask_is_given, revise_mask
 from .standing_world import guess_world, slope
 from .surfaces import join, pyramid_mean, surface_guide
 from .sweep import Samples, sweep
@@ -119,8 +119,7 @@ def _with_outlines(clip: Clip, priors: Priors, inverse: np.ndarray, moving: np.n
     assert priors.cameras is not None and priors.motion is not None
     mask = refine_mask(clip.frames[priors.frames], inverse, moving, shows_people(priors), priors.cameras)
     motion = np.where(mask & ~moving, np.maximum(priors.motion, JOINED_MOTION), priors.motion)
-    priors.mask, priors.motion = mask, np.where(moving & ~mask, 0, motion).astype(np.float16)
-    priors.statistics.setdefault("motion", {}).update(share=float(mask.mean()), moving=bool(mask.any()))
+    revise_mask(priors, mask, np.where(moving & ~mask, 0, motion))
     return mask
 
 

@@ -77,8 +77,7 @@ def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
     if left.sum() >= (1 - MIN_RELEASED_MASK) * mask.sum():
         return 0.0
     fraction = 1 - float(left.sum() / mask.sum())
-    priors.mask, priors.motion = left, np.where(mask & ~left, 0, priors.motion).astype(np.float16)
-    priors.statistics.setdefault("motion", {}).update(share=float(left.mean()), moving=bool(left.any()))
+    revise_mask(priors, left, np.where(mask & ~left, 0, priors.motion))
     if not left.any():
         priors.warn("Nothing in this clip moves by itself; if something should, give a mask.")
     densify(clip, priors, config, flows, progress, known=asked[stands])
@@ -105,11 +104,15 @@ def join_resting(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pro
     if not added.any():
         return 0.0
     fraction = float(added.sum() / mask.sum())
-    priors.motion = np.where(added, np.maximum(priors.motion, JOINED_MOTION), priors.motion).astype(np.float16)
-    priors.mask = joined
-    priors.statistics.setdefault("motion", {}).update(share=float(joined.mean()), moving=True)
+    revise_mask(priors, joined, np.where(added, np.maximum(priors.motion, JOINED_MOTION), priors.motion))
     densify(clip, priors, config, long_flows(clip, priors, config, progress), progress)
     return fraction
+
+
+def revise_mask(priors: Priors, mask: np.ndarray, motion: np.ndarray) -> None:
+    """Put a `mask (F,H,W)` bool and its `motion (F,H,W)` in place of those in `priors`, and count anew how much moves."""
+    priors.mask, priors.motion = mask, motion.astype(np.float16)
+    priors.statistics.setdefault("motion", {}).update(share=float(mask.mean()), moving=bool(mask.any()))
 
 
 def _with_resting(mask: np.ndarray, votes: np.ndarray) -> np.ndarray:

@@ -425,11 +425,16 @@ def _next_frame(registered: np.ndarray, observations: Observations, bundle: Bund
     """The unregistered frame that sees most known points, among those next to a registered one."""
     known = np.isfinite(bundle.points).all(1)
     count = np.bincount(observations.frame[known[observations.point]], minlength=len(registered))
-    beside = np.zeros_like(registered)
-    beside[1:] |= registered[:-1]
-    beside[:-1] |= registered[1:]
-    count = np.where(beside & ~registered, count, 0)
+    count = np.where(beside(registered) & ~registered, count, 0)
     return int(np.argmax(count)) if count.max() >= MIN_SHARED // 2 else None
+
+
+def beside(chosen: np.ndarray) -> np.ndarray:
+    """(F,) bool: frames one before or behind a chosen one."""
+    near = np.zeros_like(chosen)
+    near[1:] |= chosen[:-1]
+    near[:-1] |= chosen[1:]
+    return near
 
 
 def _set_pose(bundle: Bundle, frame: int, rotation: np.ndarray, center: np.ndarray) -> Bundle:

@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
 from .points import SLIP_PX, TRACK_OUTLIER_PX
-from .sfm import Solution
+from .sfm import Solution, beside
 
 MISSED_PX = 1.5
 """Median error of a frame's sightings from which cameras do not meet that frame: the worst of the twelve real clips have 1.4."""
@@ -115,9 +115,9 @@ def _grow(bundle: Bundle, seen: Observations, trusted: np.ndarray) -> Bundle:
         ring = [pair for pair in pairs if not trusted[pair[0]] and pair not in tried]
         if not ring:
             break
-        for frame, beside in ring:
+        for frame, near in ring:
             if not trusted[frame]:
-                bundle, met = _register(bundle, seen, trusted, frame, beside)
+                bundle, met = _register(bundle, seen, trusted, frame, near)
                 trusted[frame] = met >= MIN_MET
         tried.update(ring)
     return bundle
@@ -136,17 +136,9 @@ def _in_runs(chosen: np.ndarray) -> np.ndarray:
     return kept if kept.sum() >= MIN_TRUSTED else np.zeros_like(kept)
 
 
-def _beside(chosen: np.ndarray) -> np.ndarray:
-    """(F,) bool: frames one before or behind a chosen one."""
-    beside = np.zeros_like(chosen)
-    beside[1:] |= chosen[:-1]
-    beside[:-1] |= chosen[1:]
-    return beside
-
-
-def _register(bundle: Bundle, seen: Observations, trusted: np.ndarray, frame: int, beside: int) -> tuple[Bundle, float]:
+def _register(bundle: Bundle, seen: Observations, trusted: np.ndarray, frame: int, near: int) -> tuple[Bundle, float]:
     """Return the cameras with that of `frame` found from points of the `trusted (F,)` ones, from its own place or that of the frame
-    `beside` it, and the fraction of these points that it meets; 0 where there are too few."""
+    `near` it, and the fraction of these points that it meets; 0 where there are too few."""
     here = seen.keep(seen.frame == frame)
     known = seen.keep(trusted[seen.frame] & np.isin(seen.point, here.point))
     used, known = known.of_points()
@@ -157,7 +149,7 @@ def _register(bundle: Bundle, seen: Observations, trusted: np.ndarray, frame: in
     if len(here.frame) < MIN_SIGHTINGS:
         return bundle, 0.0
     found = []
-    for start, scales in product((frame, beside), ((FIRST_PX, TRACK_OUTLIER_PX), (TRACK_OUTLIER_PX,))):
+    for start, scales in product((frame, near), ((FIRST_PX, TRACK_OUTLIER_PX), (TRACK_OUTLIER_PX,))):
         moved = bundle.with_frames(np.array([frame]), bundle.of_frames(np.array([start])))
         for robust_px in scales:
             moved = resect(moved, here, np.array([frame]), iterations=25, robust_px=robust_px)
@@ -189,15 +181,15 @@ def _follow(before: Bundle, bundle: Bundle, seen: Observations, trusted: np.ndar
     these are seen, else moved on as `before`. The points stay."""
     placed, points = trusted.copy(), bundle.points
     while not placed.all():
-        frame = int(np.flatnonzero(_beside(placed) & ~placed)[0])
-        beside = frame + 1 if frame + 1 < len(placed) and placed[frame + 1] else frame - 1
-        turn = before.rotation[frame] @ before.rotation[beside].T
-        step = before.rotation[beside] @ (before.center[frame] - before.center[beside])
+        frame = int(np.flatnonzero(beside(placed) & ~placed)[0])
+        near = frame + 1 if frame + 1 < len(placed) and placed[frame + 1] else frame - 1
+        turn = before.rotation[frame] @ before.rotation[near].T
+        step = before.rotation[near] @ (before.center[frame] - before.center[near])
         carried = replace(
-            bundle.of_frames(np.array([beside])),
-            rotation=turn @ bundle.rotation[[beside]],
-            center=bundle.center[[beside]] + step @ bundle.rotation[beside],
+            bundle.of_frames(np.array([near])),
+            rotation=turn @ bundle.rotation[[near]],
+            center=bundle.center[[near]] + step @ bundle.rotation[near],
         )
-        bundle, _ = _register(bundle.with_frames(np.array([frame]), carried), seen, trusted, frame, beside)
+        bundle, _ = _register(bundle.with_frames(np.array([frame]), carried), seen, trusted, frame, near)
         placed[frame] = True
     return replace(bundle, points=points)

@@ -62,6 +62,15 @@ door.end()
 """
 
 
+def opened_at(frame: int) -> str:
+    """Script that opens the scene of the folder in an empty file at a frame."""
+    return f"""
+bpy.ops.wm.read_factory_settings(use_empty=True)
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+bpy.context.scene.frame_set({frame})
+"""
+
+
 def perform(folder: Path, script: str, *arguments: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """Run `script` in a Blender without a window; returns what it put into `noted` and `arrays`."""
     import numpy as np

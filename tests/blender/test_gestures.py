@@ -10,16 +10,13 @@ from f4x_core.query.gesture import View, select_by_gesture, select_by_sphere
 from f4x_core.query.shapes import Polygon, Rectangle, Stroke
 from f4x_core.scene import write_scene
 
-from .artist import perform
+from .artist import opened_at, perform
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
 
 FRAME = 3
-START = f"""
-bpy.ops.wm.read_factory_settings(use_empty=True)
-ops.import_scene(filepath=str(folder / "scene.f4x"))
-bpy.context.scene.frame_set({FRAME})
+START = f"""{opened_at(FRAME)}
 def keep(name):
     arrays[name] = scene_object().read(".selection")
 def way(places):

@@ -7,16 +7,13 @@ from people_scene import people_scene
 from f4x_core.scene import write_scene
 from f4x_core.scene.people import PARTS, people_of
 
-from .artist import perform
+from .artist import opened_at, perform
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
 
 FRAME = 5
-SCRIPT = f"""
-bpy.ops.wm.read_factory_settings(use_empty=True)
-ops.import_scene(filepath=str(folder / "scene.f4x"))
-bpy.context.scene.frame_set({FRAME})
+SCRIPT = f"""{opened_at(FRAME)}
 def keep(name):
     arrays[name] = scene_object().read(".selection")
     noted[name] = [root().f4x.found, root().f4x.answer]

@@ -259,7 +259,7 @@ class Seen:
         return np.abs(self.step - self._foot(means[other]) + self._foot(means[self.rows])).max() < 0.1
 
     def _shows(self, moment):
-        """Whether it stands at two times as it was filmed at `moment` of them; None: as at the other."""
+        """Return True where it stands at two times as it was filmed at `moment` of them; None: as at the other."""
         times = (15.0, 36.0)
         places = [self.edited.posed(time).means[: len(self.rows)][self.rows] for time in times]
         goals = [places[0] if moment(t) is None else self.base.posed(float(moment(t))).means[self.rows] for t in times]

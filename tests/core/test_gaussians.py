@@ -80,7 +80,7 @@ def test_adams_state_is_the_same_whatever_computes_a_step(first, second, native_
 
 @pytest.mark.parametrize("native", [False, True])
 def test_checkpoints_of_torchs_adam_go_on(native, native_library):
-    """What earlier versions have saved; our own state comes back the same."""
+    """State of earlier versions is read; our own comes back the same."""
     mine, other = torch.randn(40, 3, generator=torch.Generator().manual_seed(1)).requires_grad_(), None
     other = mine.detach().clone().requires_grad_()
     earlier = torch.optim.Adam([{"params": [other], "lr": 0.02, "name": "means"}], eps=1e-15)

@@ -98,7 +98,7 @@ def colours(given):
 
 
 def drawn(given):
-    """What the raster takes of dynamic Gaussians, and the gradients of their parameters."""
+    """Arrays of dynamic Gaussians for the raster, and the gradients of their parameters."""
     count = len(given["means"])
     named = {name: given[name] for name in ("log_scales", "logits", "log_lifetimes", "born")}
     fixed = appearance_of(given) | {"channels": 7} | named
@@ -161,7 +161,7 @@ def adam(given):
 
 
 def pulls(given):
-    """What density control keeps of a step."""
+    """Statistics of density control after a step."""
     got = {name: given[name].copy() for name in ("gradient_sum", "seen")}
     arrays = {name: given[name] for name in ("gradient", "visible")}
     F4X_RECORD_PULLS(PULLS(count=len(got["seen"]), threads=2, across=10.0, down=4.5, **arrays, **got))
