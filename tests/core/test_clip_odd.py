@@ -53,6 +53,7 @@ def film(path, frames, codec="libx264", pixels="yuv420p", rate=24, stamps=None, 
         stream = container.add_stream(codec, rate=rate, options=options)
         stream.height, stream.width = frames[0].shape[:2]
         stream.pix_fmt = pixels
+        stream.codec_context.thread_count = 1  # else libx264 writes other bytes each time, and damage may read as a picture
         if stamps is not None:
             stream.codec_context.time_base = Fraction(1, 1000)
         for index, pixels_of in enumerate(frames):
