@@ -115,7 +115,7 @@ def import_scene(
                 opened,
                 step,
                 name,
-                lambda title, scene: _add_gaussians(title, scene.static, More(), collection, material),
+                lambda title, scene: _add_gaussians(title, scene.static, Extras(), collection, material),
             )
         else:
             clouds = _add_clouds(name, first, collection, root, material)
@@ -158,7 +158,7 @@ def import_scene(
 
 def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy.types.Object]:
     """Add the point clouds of a scene, and the rig that moves the dynamic one."""
-    static, dynamic = more_of(scene)
+    static, dynamic = extras_of(scene)
     clouds = [_add_gaussians(f"{name} static", scene.static, static, collection, material)]
     if len(scene.dynamic):
         clouds.append(_add_gaussians(f"{name} dynamic", scene.dynamic, dynamic, collection, material))
@@ -221,7 +221,7 @@ def _add_object(name: str, data: bpy.types.ID | None, collection: bpy.types.Coll
 
 
 @dataclass(frozen=True, eq=False)
-class More:
+class Extras:
     """What some scenes have of their Gaussians, one row each."""
 
     latent: np.ndarray | None = None
@@ -230,7 +230,7 @@ class More:
     """(n,K,3) int8 `tints_of`."""
 
 
-def more_of(scene: Scene) -> tuple[More, More]:
+def extras_of(scene: Scene) -> tuple[Extras, Extras]:
     """What a scene has of its static and of its dynamic Gaussians."""
     count, total, latent = len(scene.static), len(scene.static) + len(scene.dynamic), None
     if scene.features is not None and scene.features.pca is not None:
@@ -239,16 +239,16 @@ def more_of(scene: Scene) -> tuple[More, More]:
     static, dynamic = (
         [None if part is None else part[rows] for part in parts] for rows in (slice(count), slice(count, total))
     )
-    return More(*static), More(*dynamic)
+    return Extras(*static), Extras(*dynamic)
 
 
-def _add_gaussians(name, gaussians, more: More, collection, material) -> bpy.types.Object:
+def _add_gaussians(name, gaussians, extras: Extras, collection, material) -> bpy.types.Object:
     """Add one set of Gaussians as a point cloud."""
     item = new_point_cloud(name, len(gaussians), collection)
     cloud = item.data
     if len(gaussians) == 0:
         return item
-    write_gaussians(cloud, gaussians, more)
+    write_gaussians(cloud, gaussians, extras)
     if gaussians.span is not None:
         item.modifiers.new(PRESENCE, "NODES").node_group = build_presence_tree(f"{name} presence")
     if material is not None:
@@ -256,17 +256,17 @@ def _add_gaussians(name, gaussians, more: More, collection, material) -> bpy.typ
     return item
 
 
-def write_gaussians(cloud: bpy.types.PointCloud, gaussians: StaticSet, more: More) -> None:
+def write_gaussians(cloud: bpy.types.PointCloud, gaussians: StaticSet, extras: Extras) -> None:
     """Write the attributes of one set of Gaussians."""
     quats = quaternion.normalize(gaussians.quats)
     write_places(cloud, gaussians.means, quats, gaussians.scales)
     write_appearance(cloud, quats, gaussians.sh, gaussians.opacities)
     write_attribute(cloud, RECOLORED, "BOOLEAN", np.zeros(len(gaussians), bool))
     write_attribute(cloud, "gid", "INT", gaussians.ids)
-    if more.latent is not None:
-        write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", more.latent)
-    if more.tints is not None:
-        write_tints(cloud, more.tints)
+    if extras.latent is not None:
+        write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", extras.latent)
+    if extras.tints is not None:
+        write_tints(cloud, extras.tints)
     if gaussians.span is not None:
         for i, times in enumerate(np.clip(gaussians.span, -NEVER, NEVER).T):
             write_attribute(cloud, f"span_{i}", "FLOAT", times)

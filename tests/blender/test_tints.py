@@ -165,6 +165,7 @@ for time in (0, 3):
 scene_object().write(f4x_score=("FLOAT", np.linspace(0, 1, 50, dtype=np.float32)))
 root().f4x.show_score = True
 play("score")
+scene_object().save_as(folder / "saved.f4x")
 """
     noted, arrays = perform(tmp_path, READ + PLAY + f"TIMES = {TIMES}\n" + script)
     assert noted == {"plain": False, "undone": True, "redone": False, "opened": False}
@@ -173,7 +174,7 @@ play("score")
             assert_colors(arrays[f"{label}/{time}"], scene, time, f"{label} at {time}")
         assert_colors(arrays[f"off/{time}"], without_tints(scene), time, "off")
         np.testing.assert_array_equal(arrays[f"score/{time}"][:, 1:4], arrays["score/0.0"][:, 1:4])
-    shown = read_scene(tmp_path / "scene.f4x")
+    shown = read_scene(tmp_path / "saved.f4x")
     for time in (0, 3):
         picture = cv2.imread(str(tmp_path / f"{time}.png"))[..., ::-1] / 255
         exact = render(shown, shown.cameras.at(float(time)), float(time), ("rgb",))["rgb"]
