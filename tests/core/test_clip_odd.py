@@ -49,7 +49,7 @@ def film(path, frames, codec="libx264", pixels="yuv420p", rate=24, stamps=None, 
     if codec not in av.codecs_available:
         pytest.skip(f"this PyAV has no encoder {codec}")
     if codec == "libx264":  # with threads its bytes change from run to run, and damage may happen to be a picture
-        options = {"crf": "8", "threads": "1", "x264-params": "mbtree=0", **options}
+        options = {"crf": "8", "threads": "1", **options}
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=rate, options=options)
         stream.height, stream.width = frames[0].shape[:2]
