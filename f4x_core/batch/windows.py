@@ -28,6 +28,7 @@ from ..fit.covered import completed
 from ..fit.tints import Tinting
 from ..language.lexicon import plural
 from ..parallel import side_by_side
+from ..priors import Priors
 from ..progress import Progress, silent
 from ..scene import Scene, read_scene
 from ..scene.join import join_scenes
@@ -161,21 +162,23 @@ def fit_shot(
         "saved": "memory that grows with the clip",
     }
     whole = completed(replace(joined, provenance=provenance, needs=(need,)))
-    return _with_tints(whole, shot, read, config, progress)
+    return _with_tints(whole, shot, read, folder, config, progress)
 
 
 def _with_tints(
-    scene: Scene, shot: Shot, read: Callable[[int, int], Clip], config: FitConfig, progress: Progress
+    scene: Scene, shot: Shot, read: Callable[[int, int], Clip], folder: Path, config: FitConfig, progress: Progress
 ) -> Scene:
     """The joined scene with colors over time, if they pay; frames are read one window at a time, each once."""
-    if not np.isfinite(config.tints.min_gain):
+    if config.tints.min_gain == np.inf:
         return scene
     starts = [start for start, _ in shot.windows]
     with side_by_side(config.kernels.threads):
         tinting = Tinting(scene, config.tints, config.backend)
         for number, (start, end) in enumerate(pairwise([*starts, shot.end])):
             tell = _part_progress("window", number, len(starts), progress)
-            tinting.add(read(start, end), start - shot.start, tell)
+            priors = folder / "windows" / f"{number:03d}" / "priors"
+            masks = Priors.read(priors).moving_masks if priors.exists() else None
+            tinting.add(read(start, end), masks, start - shot.start, tell)
         return tinting.finish()
 
 
