@@ -19,7 +19,7 @@ from .notes import Note
 INTRA = 1
 """Type of a picture that is built on no other; key frames may be such as only begin to renew the picture."""
 MARKING = {"h264", "mpeg1video", "mpeg2video", "mpeg4"}
-"""Decoders that mark a picture of which a part is missing, so that the last one before a loss is known to be whole."""
+"""Decoders that mark most pictures of which a part is missing, if one thread decodes."""
 TRACED = {"h264": "pict"}
 """Decoder -> FFmpeg's option `debug`: they mark no missing picture, but their log shows it."""
 UNIT = re.compile(r"nal_unit_type: ([15])\(.*?nal_ref_idc: (\d)")
@@ -83,7 +83,7 @@ class UndamagedFrames:
                 self.keys.append(serial)
                 self.key_stamps.append(packet.pts)
             elif serial == self.lost_before:
-                self.damaged.append(serial - (self.decoder.name not in MARKING))
+                self.damaged.append(serial - 1)  # what is left of the one before may read as a whole picture
             if self.keys:  # before a key frame decoders begin with grey pictures
                 self._decode(serial, packet)
                 yield from self._released(serial)
