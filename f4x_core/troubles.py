@@ -83,7 +83,7 @@ TROUBLES = (
         "F4X-RESUME",
         "What a stopped fit left cannot be continued: it belongs to another clip, setting or version.",
         "Run the command without --resume, or into a new folder.",
-        ("f4x_core.fit.checkpoint", "f4x_core.batch.resuming", "f4x_core.batch.window"),
+        ("f4x_core.fit.checkpoint", "f4x_core.windows.resuming", "f4x_core.windows.window"),
     ),
     Trouble(
         "F4X-FIT",
@@ -95,7 +95,7 @@ TROUBLES = (
         "F4X-WINDOW",
         "The parts of a long clip do not fit together.",
         "Fit the parts with the same --width and profile, in their order; see docs/batch.md.",
-        ("f4x_core.fit.previous_window", "f4x_core.batch.windows", "f4x_core.scene.join"),
+        ("f4x_core.windows",),
     ),
     Trouble(
         "F4X-SCENE",

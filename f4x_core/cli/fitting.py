@@ -12,11 +12,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from ..batch.closing import closing_lines, needs_in_words
-from ..batch.resuming import AT_ONCE, WINDOW, forget, remember, require_same, require_same_at_once, window_of
 from ..batch.run import INPUT
-from ..batch.window import fit_here
-from ..batch.windows import LENGTHS, Shot, fit_long, plan_shots, plan_windows, usual_length, usual_overlap
 from ..clip import Clip, read_clip, usual_width
 from ..clip.images import enlarge_color, even_size, resize_color
 from ..clip.model import MIN_FRAMES
@@ -28,7 +24,6 @@ from ..evaluation.evaluate import evaluate, keep_measured
 from ..features.models.providers import require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file, sole_writer, user_path
-from ..fit.advice import about_cuts, quality, verdict
 from ..fit.budget import ClipSize, Grant, MachineSpeed, asked_gaussians, cost, for_clip, max_gaussians, within
 from ..fit.checkpoint import OtherSettingsError
 from ..fit.config import SETTINGS, THREADS, FitConfig, profile
@@ -40,7 +35,13 @@ from ..priors import build_priors
 from ..priors.providers import STAGES
 from ..progress import Progress
 from ..reading import load_json, undamaged
+from ..report.advice import about_cuts, quality, verdict
 from ..scene import Scene
+from ..windows.closing import closing_lines, needs_in_words
+from ..windows.plan import LENGTHS, Shot, plan_shots, plan_windows, usual_length, usual_overlap
+from ..windows.resuming import AT_ONCE, WINDOW, forget, remember, require_same, require_same_at_once, window_of
+from ..windows.shots import fit_long
+from ..windows.window import fit_here
 from .checks import listed_teachers, require_backend
 from .distilling import distill_into
 from .refitting import refit_file
@@ -399,7 +400,7 @@ def fit_windows(
 def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:
     """Fit, measure, and leave `scene.f4x`, `metrics.json`, `diagnostics.html` and checkpoints in `folder`."""
     result = fit_clip(clip, folder, config, progress, resume)
-    from ..fit.diagnostics import (  # matplotlib: a second that the start need not wait
+    from ..report.diagnostics import (  # matplotlib: a second that the start need not wait
         render_previews,
         write_diagnostics,
     )

@@ -15,10 +15,10 @@ from torch import Tensor
 from ..clip import Clip
 from ..errors import F4xError
 from ..files import json_text, replace_file
-from ..fit.losses import psnr, ssim
-from ..fit.model import CameraRig
 from ..gaussians import appearance
+from ..gaussians.camera_rig import CameraRig
 from ..geometry.camera import Camera, CameraPath
+from ..metrics.pictures import psnr, ssim
 from ..native.kernels import torch_threads
 from ..parallel import in_threads, side_by_side
 from ..progress import Progress, silent

@@ -13,9 +13,9 @@ from scipy.ndimage import binary_closing
 
 from ..clip.images import read_color, resize_color, resize_nearest
 from ..errors import F4xError
-from ..fit.losses import psnr, ssim
-from ..fit.model import CameraRig
+from ..gaussians.camera_rig import CameraRig
 from ..geometry.camera import Camera, CameraPath
+from ..metrics.pictures import psnr, ssim
 from ..priors.synthetic import BACKGROUND_DEPTH, read_passes
 from ..progress import Progress, silent
 from ..reading import load_json

@@ -7,13 +7,14 @@ import pytest
 from toy import cameras as cameras_of
 from toy import clip_and_priors
 
-from f4x_core.batch import window
-from f4x_core.batch.windows import Shot, fit_shot
 from f4x_core.clip.model import Picture
 from f4x_core.clip.notes import Remark
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.fit.config import profile
 from f4x_core.scene import read_scene
+from f4x_core.windows import window
+from f4x_core.windows.plan import Shot
+from f4x_core.windows.shots import fit_shot
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

@@ -18,9 +18,6 @@ from scipy import sparse
 from scipy.ndimage import binary_dilation, uniform_filter1d
 from toy import clip_and_priors
 
-from f4x_core.batch import window, windows
-from f4x_core.batch.closing import FittedWindow, close_shot, closing_lines
-from f4x_core.batch.windows import OVERLAP, plan_shots, plan_windows, usual_length, usual_overlap
 from f4x_core.cli.fitting import Cut, fit_windows, windows_of
 from f4x_core.clip import read_clip, write_images
 from f4x_core.clip.stream import ClipStream, Survey, survey
@@ -33,11 +30,15 @@ from f4x_core.fit.budget import ClipSize
 from f4x_core.fit.config import FitConfig, profile
 from f4x_core.fit.distil import View, _Views, distil
 from f4x_core.fit.distil_config import DistilConfig
-from f4x_core.fit.finding import Finding
-from f4x_core.fit.previous_window import PreviousWindow
 from f4x_core.geometry import pose, quaternion
+from f4x_core.report.finding import Finding
 from f4x_core.scene import DynamicSet, Scene, StaticSet, read_scene
 from f4x_core.scene.view import render
+from f4x_core.windows import shots as windows
+from f4x_core.windows import window
+from f4x_core.windows.closing import FittedWindow, close_shot, closing_lines
+from f4x_core.windows.plan import OVERLAP, plan_shots, plan_windows, usual_length, usual_overlap
+from f4x_core.windows.previous_window import PreviousWindow
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

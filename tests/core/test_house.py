@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,11 @@ ROOMS = (
         "features",
         "people",
         "scene",
-        "fit",
+        "metrics",
         "evaluation",
+        "fit",
+        "report",
+        "windows",
         "query",
         "edit",
     ),
@@ -137,7 +141,7 @@ def at_import_time(node: ast.AST) -> Iterator[ast.stmt]:
 
 
 def wrong_arrows(nodes: Nodes, path: str) -> list[str]:
-    """Imports of `path` (inside f4x_core) that point to the right, or name the package absolutely."""
+    """Imports of `path` (inside f4x_core) that point to the right or to the package itself, or name it absolutely."""
     parts = path.removesuffix(".py").split("/")
     room, wrong = parts[1], []
     for line, module in imports(nodes.all, tuple(parts[:-1])):
@@ -146,7 +150,8 @@ def wrong_arrows(nodes: Nodes, path: str) -> list[str]:
             continue
         to_the_right = target[1] in ROOMS and room in ROOMS and ROOMS.index(target[1]) > ROOMS.index(room)
         from_the_ground = target[1] in ROOMS and room in SHARED and path not in DOORS
-        if to_the_right or from_the_ground:
+        from_the_door = target[1] not in (*ROOMS, *SHARED)
+        if to_the_right or from_the_ground or from_the_door:
             wrong.append(f"{path}:{line} imports {module}")
     wrong += [
         f"{path}:{node.lineno} imports the package by its absolute name"
@@ -155,6 +160,26 @@ def wrong_arrows(nodes: Nodes, path: str) -> list[str]:
         or (isinstance(node, ast.ImportFrom) and node.level == 0 and (node.module or "").startswith("f4x_core"))
     ]
     return wrong
+
+
+def module_of(file: Path) -> str:
+    return name_of(file).removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+def circle_in(imported: dict[str, Iterable[str]]) -> list[str]:
+    """Modules that import each other in a circle, the first one again at the end; empty where there is none.
+
+    `imported`: module -> what it imports, in functions and for type checkers, too; names in modules count as their module.
+    """
+    graph: dict[str, set[str]] = {}
+    for module, targets in imported.items():
+        parents = ({target, target.rpartition(".")[0]} & imported.keys() for target in targets)
+        graph[module] = {max(found, key=len) for found in parents if found} - {module}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
 
 
 def laboratory_names(nodes: Nodes, path: str) -> list[str]:
@@ -185,6 +210,24 @@ def unsafe(nodes: Nodes) -> list[str]:
 def test_arrows_point_to_the_left():
     assert {room_of(file) for file in CORE} <= {*ROOMS, *SHARED}
     assert faults(CORE, lambda file: facts_of(file).wrong_arrows) == {}
+
+
+@pytest.mark.parametrize("folder", ["f4x_core", "addon", "benchmarks"])
+def test_no_modules_import_each_other_in_a_circle(folder):
+    files = [file for file in EVERYTHING if name_of(file).startswith(f"{folder}/") and name_of(file) not in DOORS]
+    assert circle_in({module_of(file): facts_of(file).imported for file in files}) == []
+
+
+@pytest.mark.parametrize(
+    "imported",
+    [
+        {"room.a": ["room.b.name"], "room.b": ["room.c"], "room.c": ["room.a.name"]},
+        {"room": ["room.a.name"], "room.a": ["room"]},
+    ],
+)
+def test_a_circle_would_be_seen(imported):
+    assert circle_in(imported)
+    assert not circle_in({**imported, min(imported): ["numpy.ndarray"]})
 
 
 def test_the_door_for_programs_imports_no_room():
@@ -229,8 +272,10 @@ def test_nothing_runs_text_or_bytes_as_code():
         ("from ..fit.config import profile", "f4x_core/raster/tiles.py"),
         ("def f():\n    from ..raster import rasterize", "f4x_core/priors/flow.py"),
         ("from ..fit import model", "f4x_core/native/build.py"),
-        ("from .. import evaluation", "f4x_core/fit/model.py"),
+        ("from .. import evaluation", "f4x_core/metrics/pictures.py"),
+        ("from ..report.advice import verdict", "f4x_core/fit/trainer.py"),
         ("from .clip import Clip", "f4x_core/files.py"),
+        ("from .. import __version__", "f4x_core/cli/main.py"),
         ("from f4x_core.errors import F4xError", "f4x_core/fit/model.py"),
         ("import f4x_core", "f4x_core/cli/main.py"),
     ],

@@ -13,12 +13,12 @@ from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.deformation.reference import SIGN_BAND, slot_signs
 from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.groups import MAX_GROUPS, rigid_groups
-from f4x_core.scaffold.joining import join_scaffolds
 from f4x_core.scaffold.lifting import LiftedTracks, LiftingConfig, fill_gaps, lift_tracks
 from f4x_core.scaffold.losses import smoothness_losses
 from f4x_core.scaffold.optimise import GeometryConfig, _decay, optimise_geometry
 from f4x_core.scaffold.rotation import initial_rotations
 from f4x_core.scaffold.selection import SelectionConfig, automatic_unit, choose_nodes, track_noise
+from f4x_core.windows.joining import join_scaffolds
 
 
 def cameras(frames: int) -> CameraPath:

@@ -12,10 +12,10 @@ from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.control import densify_nodes, largest_weights, prune_nodes, resample_in_time
 from f4x_core.scaffold.distance import curve_distance
 from f4x_core.scaffold.graph import GraphConfig, build_graph, multilevel_edges
-from f4x_core.scaffold.joining import continue_nodes, join_scaffolds
 from f4x_core.scaffold.lifting import LiftingConfig, _outliers, _shaking, complete_curves, lift_tracks
 from f4x_core.scaffold.losses import ArapEdges, arap_losses, smoothness_losses
 from f4x_core.scaffold.optimise import GeometryConfig, Sightlines, optimise_geometry
+from f4x_core.windows.joining import continue_nodes, join_scaffolds
 
 # ---- lifting ---------------------------------------------------------------------------------------------------------
 

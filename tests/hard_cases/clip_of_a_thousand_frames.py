@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.studies.hard_cases import that, within
-from f4x_core.batch.windows import evaluate_shot, fit_shot, plan_shots
 from f4x_core.clip import Clip
 from f4x_core.scene import read_scene
+from f4x_core.windows.plan import plan_shots
+from f4x_core.windows.shots import evaluate_shot, fit_shot
 
 from .common.film import film, mover, room
 from .common.fitting import small

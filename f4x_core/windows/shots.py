@@ -1,7 +1,7 @@
 """Long clips: shots, then overlapping windows that are fitted one after the other and joined into one scene.
 
 Memory holds one window at a time, in a process of its own (`window`). Each window continues the one before
-(`fit.previous_window`): it uses the same world frame, starts with its background and knows its nodes. Its result is an ordinary
+(`previous_window`): it uses the same world frame, starts with its background and knows its nodes. Its result is an ordinary
 scene in `windows/NNN/scene.f4x`.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,91 +18,19 @@ from typing import Any
 import numpy as np
 
 from ..clip import Clip
-from ..clip.model import MIN_FRAMES
-from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, keep_measured, summary
 from ..files import replace_file
-from ..fit.budget import ClipSize, has_room
 from ..fit.config import FitConfig
 from ..fit.covered import completed
-from ..language.lexicon import plural
 from ..progress import Progress, silent
 from ..scene import Scene, read_scene
-from ..scene.join import join_scenes
 from .closing import close_shot
-from .graph import LONG
+from .join import join_scenes
+from .plan import Shot
 from .window import SCENE, WindowBefore, WindowRequest, fit_apart, near_path
 
-LENGTHS = (LONG, 240, 120, 60)
-"""Frames of a window, where nobody says it: the first of these that memory has room for."""
-OVERLAP = 12
-"""Frames that neighbouring windows share."""
-MIN_OVERLAP = 2
-"""Minimum overlap in frames; with less, a window cannot continue the motion of the one before."""
-
-Window = tuple[int, int]
-"""(first frame, end); the end is excluded."""
 FitWindow = Callable[[Path, Progress], None]
 """Fits the window of a request file (`window`)."""
-
-
-@dataclass(frozen=True)
-class Shot:
-    """The windows of one shot, in frames of the clip."""
-
-    windows: tuple[Window, ...]
-    """In order, each sharing frames with the next."""
-
-    @property
-    def start(self) -> int:
-        """First frame."""
-        return self.windows[0][0]
-
-    @property
-    def end(self) -> int:
-        """One past the last frame."""
-        return self.windows[-1][1]
-
-
-def usual_length(size: ClipSize, config: FitConfig, memory: float | None) -> int:
-    """Frames of a window of a clip of `size` where nobody says it, 0 for one that is fitted at once.
-
-    `memory`: gigabytes that are granted, as in `fit.budget.Grant`.
-    """
-    parts = {length: replace(size, frames=min(length, size.frames)) for length in LENGTHS}
-    length = next((length for length, part in parts.items() if has_room(part, config, memory)), LENGTHS[-1])
-    return 0 if size.frames <= length else length
-
-
-def usual_overlap(length: int) -> int:
-    """Frames that windows of `length` share where nobody says it: `OVERLAP`, or fewer where that leaves none of their own."""
-    return min(OVERLAP, (length - 1) // 2)
-
-
-def plan_windows(start: int, end: int, length: int, overlap: int = OVERLAP) -> tuple[Window, ...]:
-    """Cut the frames `start` to `end` into the fewest windows of at most `length` frames that share `overlap` with the next.
-
-    All are equally long up to one frame: a short last one would be fitted worse than the others. Raises F4xError for
-    lengths that leave a window no frame of its own.
-    """
-    if overlap < MIN_OVERLAP or length <= 2 * overlap:
-        raise F4xError(
-            f"windows of {length} {plural('frame', length)} cannot share {overlap}: let --overlap be {MIN_OVERLAP} or more and"
-            " --window more than twice that."
-        )
-    count = max(1, math.ceil((end - start - overlap) / (length - overlap)))
-    edges = start + np.round(np.linspace(0, end - start - overlap, count + 1)).astype(int)
-    return tuple((int(a), int(b) + overlap) for a, b in pairwise(edges))
-
-
-def plan_shots(count: int, cuts: Sequence[int], length: int, overlap: int = OVERLAP) -> tuple[Shot, ...]:
-    """The windows of every shot of a clip of `count` frames that is cut before each of `cuts`.
-
-    Shots too short for any fit are left out.
-    """
-    edges = [0, *cuts, count]
-    shots = [(a, b) for a, b in pairwise(edges) if b - a >= MIN_FRAMES]
-    return tuple(Shot(plan_windows(a, b, length, overlap)) for a, b in shots)
 
 
 def fit_shot(

@@ -23,7 +23,6 @@ from ..evaluation.evaluate import evaluate, without_frames
 from ..files import replace_file
 from ..fit.config import FitConfig, resolved
 from ..fit.pipeline import ClipFit, FitResult
-from ..fit.previous_window import PreviousWindow, WindowFit
 from ..fit.settings import list_settings, set_fields
 from ..geometry.camera import CameraPath
 from ..geometry.trajectory import original
@@ -32,6 +31,7 @@ from ..processes import START, run_verb
 from ..progress import Progress
 from ..scene import Scene, read_scene, write_scene
 from ..scene.view import seen_from
+from .previous_window import PreviousWindow, WindowFit
 
 ROOT = Path(__file__).resolve().parents[2]
 """A child that starts here runs this package, installed or not."""
@@ -144,7 +144,7 @@ class WindowRequest:
         clip, folder, backend = self.clip, self.folder, self.config.backend
         result = self._fitted(progress)
         gc.collect()  # the trainer and its actions hold each other
-        from ..fit.diagnostics import (  # matplotlib: a second that the start need not wait
+        from ..report.diagnostics import (  # matplotlib: a second that the start need not wait
             render_previews,
             write_diagnostics,
         )
