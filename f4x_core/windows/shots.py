@@ -23,6 +23,7 @@ from ..files import replace_file
 from ..fit.config import FitConfig
 from ..fit.covered import completed
 from ..progress import Progress, silent
+from ..report.fitted import FittedScene
 from ..scene import Scene, read_scene
 from .closing import close_shot
 from .join import join_scenes
@@ -146,7 +147,7 @@ def fit_long(
     progress: Progress = silent,
     resume: bool = False,
     fit: FitWindow = fit_apart,
-) -> list[dict[str, Any]]:
+) -> list[FittedScene]:
     """Fit every shot: `folder/scene.f4x`, `metrics.json` and `diagnostics.html`, or those in `folder/shot_N` where the clip is
     cut, with a `folder/diagnostics.html` that leads to them.
 
@@ -162,31 +163,19 @@ def fit_long(
         local = [(start - shot.start, end - shot.start) for start, end in shot.windows]
         closing = close_shot(place, scene, local, metrics)
         scene, figures = keep_measured(place, scene, metrics, **closing)
-        results.append(
-            {
-                "scene": str(place / "scene.f4x"),
-                "frames": [shot.start, shot.end],
-                "picked": scene.provenance["frames"],
-                "windows": len(shot.windows),
-                "metrics": figures,
-                "needs": list(scene.needs),
-                "static": len(scene.static),
-                "dynamic": len(scene.dynamic),
-                "nodes": 0 if scene.scaffold is None else len(scene.scaffold),
-            }
-        )
+        results.append(FittedScene.of(place / "scene.f4x", scene, figures, (shot.start, shot.end), len(shot.windows)))
     if len(shots) > 1:
         _write_contents(folder, scene.name, results)
     return results
 
 
-def _write_contents(folder: Path, title: str, results: Sequence[dict[str, Any]]) -> None:
+def _write_contents(folder: Path, title: str, results: Sequence[FittedScene]) -> None:
     """Write `diagnostics.html` of a clip with cuts: links to the pages of its shots."""
     from .. import page
 
     lines = [
-        f'<p><a href="shot_{number}/diagnostics.html">shot {number}</a>: frames {shot["picked"]} of the source,'
-        f" PSNR {shot['metrics'].get('used_psnr', math.nan):.2f} dB. {html.escape(shot['metrics']['verdict'])}</p>"
+        f'<p><a href="shot_{number}/diagnostics.html">shot {number}</a>: frames {shot.picked} of the source,'
+        f" PSNR {shot.metrics.get('used_psnr', math.nan):.2f} dB. {html.escape(shot.metrics['verdict'])}</p>"
         for number, shot in enumerate(results, 1)
     ]
     with replace_file(folder / "diagnostics.html") as file:

@@ -19,7 +19,8 @@ from PIL import Image
 from warped_clip import texture
 
 from f4x_core import page
-from f4x_core.cli import fitting, main
+from f4x_core.app import fit_options, fitting
+from f4x_core.cli import main
 from f4x_core.cli import main as cli_main
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.clip import write_video
@@ -585,7 +586,7 @@ def test_a_stopped_fit_in_windows_resumes_with_the_same_options_only(tmp_path, c
     monkeypatch.setattr(fitting, "fit_long", interrupted)
     assert refuses(capsys, *asked, *part, code=130) == "Stopped."  # no window has saved anything yet
     monkeypatch.setattr(fitting, "survey", None)
-    monkeypatch.setattr(fitting, "read_clip", None)
+    monkeypatch.setattr(fit_options, "read_clip", None)
     for changed, result in {
         ("--window", 6, "--overlap", 2): "--window 5, not 6",
         ("--window", 7, "--overlap", 3): "--window 5, not 7",
@@ -635,7 +636,7 @@ def test_a_new_fit_at_once_where_windows_were_can_be_resumed(tmp_path, capsys, m
     with monkeypatch.context() as patch:
         patch.setattr(fitting, "fit_long", interrupted)
         refuses(capsys, *asked, "--window", 5, "--overlap", 2, code=130)
-        patch.setattr(fitting, "fit_to_folder", interrupted)
+        patch.setattr(fitting, "fit_at_once", interrupted)
         refuses(capsys, *asked, code=130)
     fit(capsys, clip, out, "--resume")
 

@@ -18,7 +18,9 @@ from scipy import sparse
 from scipy.ndimage import binary_dilation, uniform_filter1d
 from toy import clip_and_priors
 
-from f4x_core.cli.fitting import Cut, fit_windows, windows_of
+from f4x_core.app.fit_options import FitOptions, FitRequest
+from f4x_core.app.fitting import Shots, copy_longest, fit_shots, shots_of
+from f4x_core.cli.fitting import result_in_windows
 from f4x_core.clip import read_clip, write_images
 from f4x_core.clip.stream import ClipStream, Survey, survey
 from f4x_core.errors import F4xError
@@ -92,36 +94,21 @@ def test_a_reel_is_the_clip_read_picture_by_picture(tmp_path):
             list(dataclasses.replace(reel, **wrong))
 
 
-def arguments(clip, **changes):
-    return SimpleNamespace(
-        **{
-            "clip": clip,
-            "frames": None,
-            "width": None,
-            "prior": [],
-            "window": None,
-            "overlap": 12,
-            "resume": False,
-            "linear_light": False,
-        }
-        | changes
-    )
-
-
 def test_only_long_clips_are_cut_into_windows(tmp_path):
     clip, _ = clip_and_priors(9)
     write_images(tmp_path / "images", clip.frames)
 
     def windows(**options):
-        given = arguments(tmp_path, **options)
-        return windows_of(given, Cut.of(given, FitConfig()), lambda *_: None)
+        request = FitRequest(tmp_path, tmp_path / "out", FitOptions(**options))
+        return shots_of(request, request.cut())
 
     assert windows() is None
     assert windows(window=0, overlap=90) is None
-    _, shots = windows(window=5, overlap=2)
+    shots = windows(window=5, overlap=2).shots
     assert shots[0].windows == ((0, 4), (2, 7), (5, 9))
     with pytest.raises(F4xError, match="--prior"):
-        windows(window=5, overlap=2, prior=["depth=x"])
+        given = FitConfig(priors=dataclasses.replace(FitConfig().priors, files={"depth": "x"}))
+        windows(window=5, overlap=2, config=given)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +182,7 @@ def shot(tmp_path_factory):
 
 
 def test_windows_join_into_one_scene(shot):
-    scene, figures = read_scene(shot.folder / "scene.f4x"), shot.result["metrics"]
+    scene, figures = read_scene(shot.folder / "scene.f4x"), shot.result.metrics
     assert len(scene.cameras) == 16 and scene.provenance["frames"] == "0:16:1"
     parts = [read_scene(shot.folder / "windows" / f"{number:03d}" / "scene.f4x") for number in range(3)]
     assert scene.provenance["believed_degrees"] == min(part.provenance["believed_degrees"] for part in parts)
@@ -221,14 +208,14 @@ def test_every_window_and_the_whole_have_a_page(shot):
 def test_the_joined_scene_closes_like_a_single_one(shot):
     """With the worst window's verdict, why each window is as it is, what it needed, its frames, its angle and its page."""
     parts = [read_scene(shot.folder / "windows" / f"{number:03d}" / "scene.f4x") for number in range(3)]
-    whole, answer = (shot.folder / "diagnostics.html").read_text(), shot.result["metrics"]
+    whole, answer = (shot.folder / "diagnostics.html").read_text(), shot.result.metrics
     worst = min(range(3), key=lambda number: parts[number].metrics["used_psnr"])
     first, end = shot.plan.windows[worst]
     word = answer["quality"]
     assert word and {row["quality"] for row in answer["windows"]} == {word}  # so that the score alone decides
     assert answer["verdict"].startswith(f"The worst of 3 windows, frames {first} to {end - 1}, is {word}: ")
     assert f"{parts[worst].metrics['used_psnr']:.1f} dB" in answer["verdict"] and answer["verdict"] in whole
-    lines = closing_lines(shot.folder, shot.result["needs"], answer)
+    lines = closing_lines(shot.folder, shot.result.needs, answer)
     assert lines[0].startswith("what the clip needed: windows 3; hidden background ")
     assert lines[-1] == f"{answer['verdict']} Why, and what you can supply: {shot.folder / 'diagnostics.html'}"
     kept = json.loads((shot.folder / "metrics.json").read_text())
@@ -326,9 +313,12 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
 
     monkeypatch.setattr(windows, "close_shot", close)
     write_images(tmp_path / "clip" / "images", np.zeros((27, 16, 24, 3), np.uint8))
-    args = arguments(tmp_path / "clip", output=tmp_path, resume=False, masks=None, hold_out=None)
+    request = FitRequest(tmp_path / "clip", tmp_path)
     known = Survey(10, 2, 9, (3,))
-    result = fit_windows(args, known, plan_shots(9, (3,), 60), shot.config, [], lambda *answer: print(*answer))
+    cut = Shots(known, plan_shots(9, (3,), 60))
+    fitted = fit_shots(request, cut, shot.config, lambda *answer: print(*answer))
+    copy_longest(fitted)
+    result = result_in_windows(fitted)
     assert capsys.readouterr().out.splitlines()[1] == "photometric 0 1 shot 2 of 2, window 1 of 2"
     assert "frames 10:15:2 of the source" in (tmp_path / "diagnostics.html").read_text()
     links = re.findall('href="(.*?)"', (tmp_path / "diagnostics.html").read_text())

@@ -33,7 +33,7 @@ ROOMS = (
         "query",
         "edit",
     ),
-    *("api", "batch", "agent", "cli"),
+    *("app", "api", "batch", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
 GROUND = ("errors", "files", "progress", "processes", "printing", "installation", "reading", "troubles", "versions")
@@ -42,8 +42,10 @@ SHARED = (*GROUND, "page", "parallel", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
 DOORS = ("f4x_core/__init__.py", "f4x_core/__main__.py")
 """They name rooms: the first one to type checkers alone, to programs lazily."""
-NUMPY_ONLY = ("native", "geometry", "language", "clip", "scene", "query", "edit", "api", *GROUND)
+NUMPY_ONLY = ("native", "geometry", "language", "clip", "scene", "query", "edit", "app", "api", *GROUND)
 """Imported by Blender's own Python: numpy is the only wheel there."""
+FITS = tuple(f"f4x_core/app/{name}.py" for name in ("distilling", "fit_options", "fitting", "granting", "refitting"))
+"""Modules of a room of numpy alone that fit: the worker imports them, Blender does not."""
 TORCH_FREE = (*NUMPY_ONLY, "priors", "people", "batch", "agent", "parallel")
 WHEELS = {"torch", "cv2", "av", "scipy", "PIL", "pycolmap", "matplotlib", "OpenEXR", "rich", "trimesh"}
 UNSAFE_MODULES = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve"}
@@ -239,7 +241,15 @@ def test_the_door_for_programs_imports_no_room():
 def test_wheels_are_imported_where_they_are_allowed():
     def banned(file: Path) -> set[str]:
         facts, room = facts_of(file), room_of(file)
-        not_here = WHEELS if room in NUMPY_ONLY else {"torch"} if room in TORCH_FREE else set()
+        not_here = (
+            set()
+            if name_of(file) in FITS
+            else WHEELS
+            if room in NUMPY_ONLY
+            else {"torch"}
+            if room in TORCH_FREE
+            else set()
+        )
         return facts.tops & {"bpy"} | facts.loaded & not_here  # bpy lives in the extension
 
     assert faults(CORE, banned) == {}
