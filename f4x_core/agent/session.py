@@ -101,6 +101,17 @@ Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
+class Look(NamedTuple):
+    """What a picture shows, as the arguments of `render_view` say it."""
+
+    frame: float
+    time: float | None = None
+    side: str = ""
+    degrees: float = 8.0
+    camera_path: str = ""
+    width: int = 0
+
+
 class StoredSelection(NamedTuple):
     """A selection that `query` made, with the scene file that it belongs to."""
 
@@ -167,7 +178,7 @@ class Session:
     ) -> ToolResult:
         """A picture of the scene with its edits, from a camera at a moment; depth near is red, motion hue is direction."""
         path, opened = self._open(scene)
-        view = self._view(opened, frame, time, side, degrees, camera_path, width)
+        view = self._view(opened, Look(frame, time, side, degrees, camera_path, width))
         data: dict[str, Any] = {"frame": frame, "time": view.time, "size": [view.camera.width, view.camera.height]}
         maps = render(opened, *view, (channel,) if channel != "rgb" and not selection else ("rgb",), self.backend)
         if selection:
@@ -215,7 +226,7 @@ class Session:
         if len(kinds) != 1:
             raise F4xError(f"Give exactly one of {', '.join(given)}; got {', '.join(kinds) or 'none'}.")
         path, opened = self._open(scene)
-        view = self._view(opened, frame)
+        view = self._view(opened, Look(frame))
         if select is None:
             moment = opened.cameras.frame_at(frame)
             marks = (Point(moment, True, point),) if point else (Box(moment, True, box),) if box else ()
@@ -291,7 +302,7 @@ class Session:
     ) -> ToolResult:
         """A picture of the scene before and after a candidate. Writes nothing."""
         path, opened, chosen = self._candidate(proposal, candidate)
-        view = self._view(opened, frame, time, side, degrees)
+        view = self._view(opened, Look(frame, time, side, degrees))
         scenes = (opened, plan.preview(opened, chosen))
         images = [as_bytes(render(each, *view, ("rgb",), self.backend)["rgb"]) for each in scenes]
         sheet = labelled_grid([images], [f"{view.time:g}"], ["before", "after"])
@@ -353,25 +364,17 @@ class Session:
             _keep(self._scenes, key, open_scene(path), KEPT_SCENES)
         return path, self._scenes[key]
 
-    def _view(
-        self,
-        scene: Scene,
-        frame: float,
-        time: float | None = None,
-        side: str = "",
-        degrees: float = 8.0,
-        camera_path: str = "",
-        width: int = 0,
-    ) -> View:
-        cameras = CameraPath.read(self.folder.file(camera_path)) if camera_path else scene.cameras
-        time = frame if time is None else time
-        _require_times(cameras, [frame])
+    def _view(self, scene: Scene, look: Look) -> View:
+        cameras = CameraPath.read(self.folder.file(look.camera_path)) if look.camera_path else scene.cameras
+        time = look.frame if look.time is None else look.time
+        _require_times(cameras, [look.frame])
         _require_times(scene.cameras, [time])
-        camera = cameras.at(frame)
-        if side:
-            camera = trajectory.orbit(cameras, time, degrees, around=frame, count=len(SIDES))[SIDES.index(side)].camera
+        camera = cameras.at(look.frame)
+        if look.side:
+            aside = trajectory.orbit(cameras, time, look.degrees, around=look.frame, count=len(SIDES))
+            camera = aside[SIDES.index(look.side)].camera
         longer_side = max(camera.width, camera.height)
-        scale = width / camera.width if width else min(1.0, DEFAULT_SIDE / longer_side)
+        scale = look.width / camera.width if look.width else min(1.0, DEFAULT_SIDE / longer_side)
         scale = min(scale, MAX_SIDE / longer_side)
         size = [max(1, round(scale * side)) for side in (camera.width, camera.height)]
         return View(camera.resized(*size), float(time))

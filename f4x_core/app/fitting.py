@@ -12,7 +12,7 @@ from ..clip.model import MIN_FRAMES
 from ..clip.notes import Remark
 from ..clip.stream import Survey, survey
 from ..errors import F4xError
-from ..evaluation.evaluate import evaluate, keep_measured
+from ..evaluation.evaluate import Figures, evaluate, keep_measured
 from ..features.models.providers import require_provider
 from ..features.teachers import find_teacher, require_ready
 from ..files import replace_file, sole_writer
@@ -30,7 +30,7 @@ from ..report.fitted import FittedScene
 from ..report.input_picture import write_input
 from ..windows.plan import Shot, plan_shots, plan_windows
 from ..windows.resuming import forget, remember, require_same, require_same_at_once
-from ..windows.shots import fit_long
+from ..windows.shots import LongFit, fit_long
 from .checks import require_backend
 from .distilling import Distilled, distill_into
 from .fit_options import Cut, FitOptions, FitRequest
@@ -125,8 +125,8 @@ def fit_at_once(
         write_diagnostics,
     )
 
-    masks = result.priors.moving_masks
-    metrics = evaluate(result.scene, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
+    wanted = Figures(baselines=True, masks=result.priors.moving_masks)
+    metrics = evaluate(result.scene, clip, wanted, config.backend, progress)
     scene, figures = keep_measured(folder, result.scene, metrics, seconds=result.seconds)
     path = folder / "scene.f4x"
     images = render_previews(scene, metrics, config.backend)
@@ -181,7 +181,7 @@ def fit_shots(request: FitRequest, cut: Shots, config: FitConfig, progress: Prog
         held_out = np.arange(start, end) % step == step - 1 if step else part.held_out
         return replace(part, held_out=held_out, times=times - times[0], fps=fps, remarks=known.remarks)
 
-    scenes = tuple(fit_long(cut.shots, read, folder, config, progress, request.options.resume))
+    scenes = tuple(fit_long(cut.shots, LongFit(read, config, request.options.resume), folder, progress))
     path, longest = folder / "scene.f4x", max(scenes, key=len)
     middle = longest.frames[0] + len(longest) // 2
     write_input(read(middle, middle + 1), folder)

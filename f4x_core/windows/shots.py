@@ -10,7 +10,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -34,36 +34,43 @@ FitWindow = Callable[[Path, Progress], None]
 """Fits the window of a request file (`window`)."""
 
 
-def fit_shot(
-    shot: Shot,
-    read: Callable[[int, int], Clip],
-    folder: Path,
-    config: FitConfig,
-    progress: Progress = silent,
-    resume: bool = False,
-    fit: FitWindow = fit_apart,
-) -> Scene:
+@dataclass(frozen=True)
+class LongFit:
+    """The fit of a long clip."""
+
+    read: Callable[[int, int], Clip]
+    """`read(start, end)` gives those frames as a clip."""
+    config: FitConfig
+    """Settings of all windows."""
+    resume: bool = False
+    """Windows that are finished are kept."""
+    fit: FitWindow | None = fit_apart
+    """Fits a window; None: all are finished."""
+
+
+def fit_shot(shot: Shot, how: LongFit, folder: Path, progress: Progress = silent) -> Scene:
     """Fit the windows of a shot one after the other and return the joined scene, which has no metrics yet.
 
-    `read(start, end)` gives those frames as a clip. Every window leaves its scene in `folder/windows`; with `resume` finished
-    ones are kept. `fit`: how a request file is fitted. F4xError where settings, pictures or the windows before are not what
+    Every window leaves its scene in `folder/windows`. F4xError where settings, pictures or the windows before are not what
     they were.
     """
+    config = how.config
     paths, picked, believed, times = [], [], [], np.zeros(shot.end - shot.start)
     before: WindowBefore | None = None
     for number, (start, end) in enumerate(shot.windows):
         place = (folder / "windows" / f"{number:03d}").absolute()
-        clip = read(start, end)
+        clip = how.read(start, end)
         clip.require_enough()
         first = start - shot.start  # what it shares with the window before gets the same times again
         times[first : first + len(clip)] = times[first] + clip.times
         picked.append(clip.picked.split(":"))
-        request = WindowRequest(clip, place, config, before, resume)
+        request = WindowRequest(clip, place, config, before, how.resume)
         file = None if request.finished() else request.write()
         del clip, request  # pictures of a window are held once: where they are fitted
         if file is not None:
+            assert how.fit is not None
             try:
-                fit(file, _part_progress("window", number, len(shot.windows), progress))
+                how.fit(file, _part_progress("window", number, len(shot.windows), progress))
             finally:
                 file.unlink()
         paths.append(place / SCENE)
@@ -139,27 +146,18 @@ def evaluate_shot(
     return figures
 
 
-def fit_long(
-    shots: Sequence[Shot],
-    read: Callable[[int, int], Clip],
-    folder: Path,
-    config: FitConfig,
-    progress: Progress = silent,
-    resume: bool = False,
-    fit: FitWindow = fit_apart,
-) -> list[FittedScene]:
+def fit_long(shots: Sequence[Shot], how: LongFit, folder: Path, progress: Progress = silent) -> list[FittedScene]:
     """Fit every shot: `folder/scene.f4x`, `metrics.json` and `diagnostics.html`, or those in `folder/shot_N` where the clip is
     cut, with a `folder/diagnostics.html` that leads to them.
 
-    Returns for each shot `scene` (path), `frames`, `picked` (those of the source), `windows`, `metrics` with what `close_shot`
-    tells, `needs`.
+    Returns a scene for each shot, whose metrics have what `close_shot` tells.
     """
     results = []
     for number, shot in enumerate(shots):
         place = folder if len(shots) == 1 else folder / f"shot_{number + 1}"
         one = _part_progress("shot", number, len(shots), progress)
-        scene = fit_shot(shot, read, place, config, one, resume, fit)
-        metrics = evaluate_shot(scene, shot, read, config.backend, one)
+        scene = fit_shot(shot, how, place, one)
+        metrics = evaluate_shot(scene, shot, how.read, how.config.backend, one)
         local = [(start - shot.start, end - shot.start) for start, end in shot.windows]
         closing = close_shot(place, scene, local, metrics)
         scene, figures = keep_measured(place, scene, metrics, **closing)

@@ -19,7 +19,7 @@ from ..clip import Clip
 from ..clip.model import Picture
 from ..clip.notes import Remark
 from ..errors import F4xError
-from ..evaluation.evaluate import evaluate, without_frames
+from ..evaluation.evaluate import Figures, evaluate, without_frames
 from ..files import replace_file
 from ..fit.config import FitConfig, resolved
 from ..fit.pipeline import ClipFit, FitResult
@@ -150,9 +150,9 @@ class WindowRequest:
         )
 
         scene = result.scene
-        masks = result.priors.moving_masks
+        wanted = Figures(baselines=True, masks=result.priors.moving_masks)
         near = near_path(scene)
-        metrics = evaluate(near, clip, baselines=True, masks=masks, backend=backend, progress=progress)
+        metrics = evaluate(near, clip, wanted, backend, progress)
         images = render_previews(near, metrics, backend)
         found = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
         newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))

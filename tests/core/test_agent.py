@@ -498,7 +498,7 @@ def test_views(session):
     _, later = call(session, "render_view", frame=1, time=4)
     np.testing.assert_array_equal(later, as_bytes(render(scene, camera, 4.0, ("rgb",))["rgb"]))
     for side, axis, sign in (("left", 0, -1), ("right", 0, 1), ("up", 1, -1), ("down", 1, 1)):
-        center = session._view(scene, 0.0, side=side, degrees=20.0).camera.center
+        center = session._view(scene, sessions.Look(0.0, side=side, degrees=20.0)).camera.center
         assert center[axis] == pytest.approx(sign * np.tan(np.radians(20)))  # about the middle, at depth 1
         assert (call(session, "render_view", side=side)[1] != call(session, "render_view")[1]).any()
     told, near = call(session, "render_view", channel="depth")

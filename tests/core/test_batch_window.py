@@ -14,7 +14,7 @@ from f4x_core.fit.config import profile
 from f4x_core.scene import read_scene
 from f4x_core.windows import window
 from f4x_core.windows.plan import Shot
-from f4x_core.windows.shots import fit_shot
+from f4x_core.windows.shots import LongFit, fit_shot
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -63,7 +63,7 @@ def test_what_is_wrong_in_a_window_is_one_sentence(tmp_path):
     config = profile("quick")
     config = dataclasses.replace(config, priors=dataclasses.replace(config.priors, files={"depth": "no.npy"}))
     with pytest.raises(F4xError, match=r"no\.npy[^\n]*\[F4X-[A-Z]+\]$"):
-        fit_shot(Shot(((0, 8),)), lambda *_: clip, tmp_path, config)
+        fit_shot(Shot(((0, 8),)), LongFit(lambda *_: clip, config), tmp_path)
     assert [path.name for path in (tmp_path / "windows" / "000").iterdir() if path.is_file()] == []
 
 

@@ -24,7 +24,7 @@ from f4x_core.cli.fitting import result_in_windows
 from f4x_core.clip import read_clip, write_images
 from f4x_core.clip.stream import ClipStream, Survey, survey
 from f4x_core.errors import F4xError
-from f4x_core.evaluation.evaluate import evaluate
+from f4x_core.evaluation.evaluate import Figures, evaluate
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.fit import budget, pipeline
@@ -176,7 +176,7 @@ def shot(tmp_path_factory):
     patch.setattr(pipeline, "build_priors", build)
     patch.setattr(pipeline, "completed", None)  # no window is: a later one may see what it hides
     plan = windows.Shot(((0, 8), (5, 13), (10, 16)))
-    results = windows.fit_long([plan], read, folder, config, fit=window.fit_here)
+    results = windows.fit_long([plan], windows.LongFit(read, config, fit=window.fit_here), folder)
     yield SimpleNamespace(folder=folder, clip=clip, read=read, config=config, plan=plan, result=results[0])
     patch.undo()
 
@@ -284,22 +284,25 @@ def test_the_mover_goes_on(shot):
 def test_what_no_window_shows_is_made_up_in_the_whole_alone(shot, monkeypatch):
     given = []
     monkeypatch.setattr(windows, "completed", lambda scene: given.append(scene) or scene)
-    whole = windows.fit_shot(shot.plan, shot.read, shot.folder, shot.config, resume=True, fit=None)
+    whole = windows.fit_shot(shot.plan, windows.LongFit(shot.read, shot.config, True, None), shot.folder)
     assert given == [whole] and whole.needs[-1]["what"] == "windows"
 
 
 def test_finished_windows_are_kept(shot):
     before = [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
-    windows.fit_shot(shot.plan, shot.read, shot.folder, shot.config, resume=True, fit=None)  # nothing is fitted again
+    windows.fit_shot(
+        shot.plan, windows.LongFit(shot.read, shot.config, True, None), shot.folder
+    )  # nothing is fitted again
     assert before == [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
     with pytest.raises(F4xError, match="other settings"):
-        windows.fit_shot(shot.plan, shot.read, shot.folder, dataclasses.replace(shot.config, seed=1), resume=True)
+        other = windows.LongFit(shot.read, dataclasses.replace(shot.config, seed=1), resume=True)
+        windows.fit_shot(shot.plan, other, shot.folder)
 
 
 def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, capsys):
     scene = read_scene(shot.folder / "scene.f4x")
 
-    def fit_shot(plan, read, folder, config, progress, resume, fit):
+    def fit_shot(plan, how, folder, progress):
         progress("photometric", 0, 1, "window 1 of 2")
         folder.mkdir()
         return dataclasses.replace(scene, provenance={"frames": known.part(plan.start, plan.end)})
@@ -430,7 +433,7 @@ def test_to_and_fro_needs_no_more_background(tmp_path, monkeypatch):
     monkeypatch.setattr(pipeline, "build_priors", build)
     config = dataclasses.replace(profile("quick"), steps=120, measure_every=120, checkpoint_every=120, threads=1)
     plan = windows.Shot(tuple((start, start + 8) for start in range(0, 21, 5)))
-    windows.fit_long([plan], read, tmp_path, config, fit=window.fit_here)
+    windows.fit_long([plan], windows.LongFit(read, config, fit=window.fit_here), tmp_path)
     parts = [read_scene(tmp_path / "windows" / f"{number:03d}" / "scene.f4x") for number in range(5)]
     own = [part.provenance["window"]["own"] for part in parts]
     assert own[0] > 300 and sum(own[1:]) < 0.05 * own[0], own
@@ -514,5 +517,5 @@ def test_measuring_a_window_needs_no_background_out_of_view(shot):
     more = dataclasses.replace(scene, static=StaticSet(**arrays))
     near = window.near_path(more)
     assert np.isin(near.static.ids, scene.static.ids).all() and len(near.static) > 0.9 * len(scene.static)
-    figures = [evaluate(each, clip, baselines=True) for each in (more, near)]
+    figures = [evaluate(each, clip, Figures(baselines=True)) for each in (more, near)]
     assert figures[0] == figures[1] and figures[0]["held_out_registered"] == 1

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.studies.hard_cases import Check, limited, reported, that, within
 from f4x_core.errors import F4xError
-from f4x_core.evaluation.evaluate import blend_by_flow, evaluate, path_error
+from f4x_core.evaluation.evaluate import Figures, blend_by_flow, evaluate, path_error
 from f4x_core.evaluation.truth import MIN_PATH_SPREAD, align_cameras, into_scene, rotation_error
 from f4x_core.fit.config import FitConfig, profile
 from f4x_core.fit.pipeline import FitResult, fit_clip
@@ -108,7 +108,7 @@ def fit(film: Film, lens_known: bool = True, **priors: Any) -> Fitted:
         except F4xError as reason:  # without the name of a folder that is another one every time
             raise F4xError(str(reason).replace(folder, "films")) from reason
     scene = result.scene
-    return Fitted(film, result, scene, evaluate(scene, film.clip, baselines=True))
+    return Fitted(film, result, scene, evaluate(scene, film.clip, Figures(baselines=True)))
 
 
 def _file(path: Path, value: Any) -> Path:
