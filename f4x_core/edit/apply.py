@@ -22,6 +22,7 @@ from ..scaffold.deformation import motions_to, node_poses_at
 from ..scene import PosedSplats, Scene, read_scene
 from ..scene.foreign import open_any
 from ..scene.model import faded
+from ..scene.tints import gain_of, tinted
 from . import colours
 from .keys import rekeyed
 from .operations import (
@@ -72,6 +73,8 @@ class Placement(NamedTuple):
     """(n,3) float32."""
     presence: np.ndarray
     """(n,) float32 presence at the time that is shown, 0 to 1."""
+    tint: np.ndarray
+    """(n,3) float32 tint at the time that is shown; (n,0) where colors stay."""
 
 
 class Appearance(NamedTuple):
@@ -110,7 +113,7 @@ class Motion(NamedTuple):
         turns, resizes = self.rotation[1:].any(), self.scale != 1
         if not (turns or resizes or self.translate.any()):
             return placed
-        means, quats, scales, presence = placed.means.astype(np.float64), *placed[1:]
+        means, quats, scales, presence, tint = placed.means.astype(np.float64), *placed[1:]
         if turns or resizes:
             means = self.pivot + self.scale * quaternion.rotate(self.rotation, means - self.pivot)
         if turns:
@@ -118,7 +121,7 @@ class Motion(NamedTuple):
         if resizes:
             scales = np.minimum(scales * self.scale, MAX_COORDINATE).astype(np.float32)
         means = np.clip(means + self.translate, -MAX_COORDINATE, MAX_COORDINATE).astype(np.float32)
-        return Placement(means, quats, scales, presence)
+        return Placement(means, quats, scales, presence, tint)
 
 
 NO_MOTION = Motion(quaternion.IDENTITY, 1.0, np.zeros(3), np.zeros(3))
@@ -179,14 +182,26 @@ class EditedScene(Scene):
     def part(self, time: float, rows: Wanted) -> PosedSplats:
         """Only the Gaussians `rows` of `posed(time)`, without computing the placement of the others."""
         self._moments.clear()
-        means, quats, scales, presence = self._placement(len(self.steps), time, rows)
+        means, quats, scales, presence, tint = self._placement(len(self.steps), time, rows)
         opacities, sh = self.appearance(time, rows)
         opacities = faded(opacities, presence) if self.fades else opacities
+        if self.tints is not None:
+            sh = tinted(sh, self._passed(tint, sh, rows))
         return PosedSplats(means, quats, scales, opacities, sh, ids=self.rows.ids[rows], dynamic=self.rows.moves[rows])
 
     def appearance(self, time: float, rows: Wanted = EVERY) -> Appearance:
         """Appearance of the Gaussians `rows` at `time`, whatever their placement and presence."""
         return self._appearance(len(self.steps), time, rows)
+
+    def tint(self, time: float) -> np.ndarray:
+        """(N,3) float32 what is added to the colors at `time`, (N,0) in a scene whose colors stay."""
+        self._moments.clear()
+        tint = self._placement(len(self.steps), time, EVERY).tint
+        return tint if self.tints is None else self._passed(tint, self.appearance(time).sh, EVERY)
+
+    def _passed(self, tint: np.ndarray, sh: np.ndarray, rows: Wanted) -> np.ndarray:
+        """What the edits, which made harmonics `sh (n,S,3)` of the base's, leave of `tint (n,3)` of Gaussians `rows`."""
+        return tint * gain_of(self._constant["sh"][self.rows.origin[rows]], sh)
 
     def latents(self) -> np.ndarray:
         """(N,D) float32 latents of the feature field, in the order of `posed`; a copy has those of its original."""
@@ -279,7 +294,8 @@ class EditedScene(Scene):
         else:
             posed = self._base(time)
             presence = self.presence(time)[rows]
-            state = Placement(posed.means[rows], posed.quats[rows], posed.scales[rows], presence)
+            tint = np.zeros((len(posed), 0), np.float32) if self.tints is None else self.tints.at(time)
+            state = Placement(posed.means[rows], posed.quats[rows], posed.scales[rows], presence, tint[rows])
         for below in range(start, depth):
             operation = self.steps[below].edit.operation
             if isinstance(operation, Transform):

@@ -23,6 +23,7 @@ from ..scaffold.deformation import node_poses_at
 from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.linear import fitted_look, is_refitted, linear_scene, with_look
 from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
+from ..scene.tints import PARTS, Tints, steps_of
 from .apply import APPEARANCE_OPERATIONS, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
 from .keys import with_keys_folded
 from .operations import Blur, Delete, Duplicate, Glow, Name, Opacity, TakeBack, Transform
@@ -234,7 +235,7 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
     if base.scaffold is not None and not all(group.is_nothing(times) for group in moving):
         base = _with_knots(base, base.scaffold, times)
     posed, count = scene.posed(float(times[0])), len(base.static)
-    opacities, _ = scene.appearance(float(times[0]))
+    opacities, sh = scene.appearance(float(times[0]))
     static_groups = [group for group in groups if group.lasts and not rows.carried[group.rows[0]]]
     static_rows = np.sort(np.concatenate([np.zeros(0, int), *(group.rows for group in static_groups)]))
     turned = np.isin(static_rows, [row for group in static_groups if group.turns[0, 1:].any() for row in group.rows])
@@ -245,7 +246,7 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         quats=np.where(turned[:, None], posed.quats[static_rows], base.static.quats[origin]),
         scales=posed.scales[static_rows],
         opacities=opacities[static_rows],
-        sh=posed.sh[static_rows, : base.static.sh.shape[1]],
+        sh=sh[static_rows, : base.static.sh.shape[1]],
         span=_spans(base, origin),
     )
     build = _Nodes(base, times, scene.scaffold)
@@ -261,6 +262,8 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         before = base.extra.get(f"static/{kind}") if part == "dynamic" else None
         if before is not None:  # what stood still may move now
             extra[name] = np.concatenate([before, array])[rows.origin[followers]]
+    if base.tints is not None:
+        extra |= _tints(scene, base.tints, static_rows, followers)
     folded_edits = [
         {"op": edit.operation.TAG, "said": edit.sentence}
         for edit in of(scene).edits
@@ -277,6 +280,16 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         next_id=next_id(base),
         provenance={**base.provenance, "baked": [*base.provenance.get("baked", []), *folded_edits]},
     )
+
+
+def _tints(scene: EditedScene, tints: Tints, static: np.ndarray, dynamic: np.ndarray) -> dict[str, np.ndarray]:
+    """Members of `Scene.extra`: the tints of rows `static` and `dynamic` of the edited scene, as its edits leave them."""
+    parts = [np.zeros((len(rows), len(tints.times), 3), np.int8) for rows in (static, dynamic)]
+    for k, time in enumerate(tints.times):
+        added = scene.tint(float(time))
+        for part, rows in zip(parts, (static, dynamic), strict=True):
+            part[:, k] = steps_of(added[rows])
+    return dict(zip(PARTS, parts, strict=True))
 
 
 def _spans(base: Scene, origin: np.ndarray) -> np.ndarray | None:
@@ -423,7 +436,6 @@ class _Nodes:
         abandoned[base.dynamic.node] = True
         scaffold, place = prune_nodes(scaffold, np.where(abandoned & ~used, 0.0, 1.0), np.zeros(0, int))
         means, quats, scales = (np.empty((len(rows), n), np.float32) for n in (3, 4, 3))
-        posed = None
         for index in np.unique(reference):
             posed = scene.posed(float(self.times[index]))
             here = reference == index
@@ -434,15 +446,15 @@ class _Nodes:
         means[kept], quats[kept], scales[kept] = (
             base.dynamic.means[origin], base.dynamic.quats[origin], base.dynamic.scales[origin]
         )  # fmt: skip
-        assert posed is not None
-        size = base.dynamic.sh.shape[1] if scene.rows.carried[rows].all() else posed.sh.shape[1]
+        opacities, sh = scene.appearance(float(self.times[0]))
+        size = base.dynamic.sh.shape[1] if scene.rows.carried[rows].all() else sh.shape[1]
         arrays = {
             "ids": scene.rows.ids[rows],
             "means": means,
             "quats": quats,
             "scales": scales,
-            "opacities": scene.appearance(float(self.times[0])).opacities[rows],
-            "sh": posed.sh[rows, :size],
+            "opacities": opacities[rows],
+            "sh": sh[rows, :size],
             "reference": reference.astype(np.int32),
             "node": place[node].astype(np.int32),
             "weight": weight.astype(np.float32),

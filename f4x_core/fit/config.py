@@ -19,6 +19,7 @@ from ..scaffold.graph import GraphConfig
 from ..scaffold.optimise import GeometryConfig
 from ..scaffold.selection import Rotations, SelectionConfig
 from ..scaffold.skinning import Kernel
+from .tints import TintConfig
 
 # Node counts that are tried, fewest first.
 NODE_COUNTS = (4, 8, 16, 32, 64, 128, 192, 256, 384, 512)
@@ -245,6 +246,8 @@ class FitConfig:
     """Growth of the static set."""
     density_dynamic: DensityConfig = field(default_factory=lambda: DensityConfig(max_count=80_000, gradient=1e-4))
     """Growth of the dynamic set."""
+    tints: TintConfig = field(default_factory=TintConfig)
+    """Colors over time."""
     sh_degree: int | None = None
     """Degree of the spherical harmonics at the end; None = as the pictures ask for it, at most `max_sh_degree`."""
     max_sh_degree: int = 1

@@ -38,6 +38,7 @@ from .needs import Need, Shortage, lack_in_words, moving_fraction
 from .people import with_people_of
 from .spawning import Explained, Spawner
 from .start import start_scaffold
+from .tints import tinted_scene
 from .trainer import Trainer
 
 CHECKPOINT = Path("checkpoints", "photometric.pt")
@@ -86,7 +87,7 @@ class ClipFit:
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time of the stages that are done."""
     whole: bool = True
-    """It is no window of a longer clip: what no frame of it shows is made up (`completed`)."""
+    """It is no window of a longer clip: what no frame of it shows is made up (`completed`), and colors change (`tinted_scene`)."""
 
     def run(self) -> FitResult:
         """All stages, one after the other."""
@@ -115,6 +116,11 @@ class ClipFit:
         self._record("photometric", clock)
         result = self.finish(trainer)
         scene = with_people_of(completed(result.scene) if self.whole else result.scene, priors)
+        if self.whole:
+            clock = time.perf_counter()
+            with side_by_side(self.config.kernels.threads):
+                scene = tinted_scene(scene, self.clip, self.config.tints, self.config.backend, self.progress)
+            self._record("tints", clock)
         known = {**scene.provenance, "believed_degrees": _believed(priors)}
         return replace(result, priors=priors, scene=replace(scene, provenance=known))
 

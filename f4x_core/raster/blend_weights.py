@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property, partial
+
 import numpy as np
 
 from ..errors import F4xError
@@ -29,35 +33,80 @@ def blend_weight_sums(
     Raises:
         F4xError: layers of another size than the camera's, an unknown backend, or one that is not installed.
     """
-    if layers.shape[:2] != (camera.height, camera.width):
-        raise F4xError(
-            f"layers have the shape {layers.shape}, the camera's image has {camera.height} x {camera.width} pixels."
-        )
-    config = config or RasterConfig()
-    seen = in_view(splats, camera, config)
-    sums = np.zeros((len(splats), layers.shape[2]), np.float32)
-    given = _prepared(splats.shape.take(seen), camera, layers.shape[2], config)
-    sums[seen] = _sums(given, np.ascontiguousarray(layers, np.float32), choose_backend(backend, given.splats.means))
-    return sums
+    return BlendWeights(splats, camera, layers.shape[2], config, backend).sums(layers)
 
 
-def _sums(given: RasterInput, layers: np.ndarray, backend: str) -> np.ndarray:
-    """`blend_weight_sums` of what is in view."""
-    if backend == "plain":
-        from .plain import blend_weight_sums_plain
+class BlendWeights:
+    """The blend weights of N Gaussians in one view, as the linear map from their colours to the picture, and back."""
 
-        return blend_weight_sums_plain(given, layers)
-    if backend == "native":
-        from .native import color_gradient
+    def __init__(
+        self,
+        splats: Splats,
+        camera: Camera,
+        channels: int,
+        config: RasterConfig | None = None,
+        backend: str = "auto",
+    ):
+        """Look at `splats` from `camera`, with so many `channels` of colour.
 
-        return color_gradient(given, layers)
-    import torch
+        Raises:
+            F4xError: an unknown backend, or one that is not installed.
+        """
+        config = config or RasterConfig()
+        self.seen = in_view(splats, camera, config)
+        """(N,) bool: Gaussians that can have a weight."""
+        self.camera = camera
+        self._given = _prepared(splats.shape.take(self.seen), camera, channels, config)
+        self._backend = choose_backend(backend, self._given.splats.means)
 
-    tensors = as_tensors(given)
-    tensors.colors.requires_grad_()
-    with torch.enable_grad():  # whatever the caller does
-        backend_function(backend)(tensors).channels.backward(torch.from_numpy(layers))
-    return tensors.colors.grad.numpy()
+    def picture(self, colors: np.ndarray) -> np.ndarray:
+        """(H,W,C) float32: the picture in which the Gaussians have `colors (N,C)`, over black."""
+        given = replace(self._given, colors=np.ascontiguousarray(colors[self.seen], np.float32))
+        drawn = backend_function(self._backend)
+        if self._backend in ("plain", "native"):
+            return np.asarray(drawn(given).channels, np.float32)
+        import torch
+
+        with torch.no_grad():
+            return np.asarray(drawn(as_tensors(given)).channels.numpy(), np.float32)
+
+    def sums(self, layers: np.ndarray) -> np.ndarray:
+        """(N,C) float32: the weights of every Gaussian, summed over the pixels as `layers (H,W,C)` weigh them.
+
+        Raises:
+            F4xError: layers of another size than the camera's.
+        """
+        if layers.shape[:2] != (self.camera.height, self.camera.width):
+            raise F4xError(
+                f"layers have the shape {layers.shape}, the camera's image has {self.camera.height} x "
+                f"{self.camera.width} pixels."
+            )
+        sums = np.zeros((len(self.seen), layers.shape[2]), np.float32)
+        sums[self.seen] = self._gradient(np.ascontiguousarray(layers, np.float32))
+        return sums
+
+    @cached_property
+    def _gradient(self) -> Callable[[np.ndarray], np.ndarray]:
+        """Of the colours of what is in view, for that of the picture."""
+        if self._backend == "plain":
+            from .plain import blend_weight_sums_plain
+
+            return partial(blend_weight_sums_plain, self._given)
+        if self._backend == "native":
+            from .native import color_gradients
+
+            return color_gradients(self._given)
+        return self._by_torch
+
+    def _by_torch(self, layers: np.ndarray) -> np.ndarray:
+        import torch
+
+        tensors = as_tensors(self._given)
+        tensors.colors.requires_grad_()
+        with torch.enable_grad():  # whatever the caller does
+            backend_function(self._backend)(tensors).channels.backward(torch.from_numpy(layers))
+        gradient: np.ndarray = tensors.colors.grad.numpy()
+        return gradient
 
 
 def alpha_sums(splats: Splats, camera: Camera, *, config: RasterConfig | None = None) -> np.ndarray:

@@ -24,6 +24,7 @@ from ..scaffold import Scaffold
 from ..scaffold.deformation import Pairs, move_gaussians, pairs_of, relative_motions
 from .field import FeatureField
 from .placing import offset_of
+from .tints import Tints, tinted, tints_in
 
 GAUSSIAN_ARRAYS = {
     "ids": ("<i8", ("N",)),
@@ -261,6 +262,7 @@ class Scene:
             for name, value in self.extra.items():
                 if name.startswith(part) and (value.ndim == 0 or len(value) != rows):
                     raise F4xError(f"{name} has the shape {value.shape}, expected one row for each of {rows} Gaussians")
+        object.__setattr__(self, "_tints", tints_in(self.extra, (len(self.static), len(self.dynamic))))
 
     def _check_scaffold(self, scaffold: Scaffold) -> None:
         """Raise F4xError unless the scaffold fits the file's layout and every index into it exists."""
@@ -323,8 +325,14 @@ class Scene:
 
     @property
     def full_appearance(self) -> tuple[np.ndarray, np.ndarray]:
-        """Opacities (N,) and harmonics (N,S,3) in the order of `posed`, as if all Gaussians were always present."""
+        """Opacities (N,) and harmonics (N,S,3) in the order of `posed`, always present and without tints."""
         return self._constant["opacities"], self._constant["sh"]
+
+    @property
+    def tints(self) -> Tints | None:
+        """The changes of color over time, in the order of `base.posed`; None where colors stay."""
+        known: Tints | None = self.__dict__["_tints"]
+        return known
 
     @property
     def fades(self) -> bool:
@@ -339,14 +347,17 @@ class Scene:
         """Return all Gaussians at clip time `time` (frame index, float allowed).
 
         Dynamic ones follow the dual-quaternion blend of their nodes' motion from their own reference time to `time`:
-        x' = R x + t, R_g' = R R_g; scale and SH stay, opacity is `faded` where there is a span. An absent Gaussian has opacity 0.
+        x' = R x + t, R_g' = R R_g; scales stay, opacity is `faded` where there is a span, colors have their `tints`. An absent
+        Gaussian has opacity 0.
         """
         means, quats = self._static_poses
         if len(self.dynamic):
             moved = _as_drawn(*self._carried(time))
             means, quats = (np.concatenate(parts) for parts in zip((means, quats), moved, strict=True))
-        there = {"opacities": faded(self._constant["opacities"], self.presence(time))} if self.fades else {}
-        return PosedSplats(means=means, quats=quats, **self._constant | there)
+        now = {"opacities": faded(self._constant["opacities"], self.presence(time))} if self.fades else {}
+        if self.tints is not None:
+            now["sh"] = tinted(self._constant["sh"], self.tints.at(time))
+        return PosedSplats(means=means, quats=quats, **self._constant | now)
 
     @cached_property
     def _static_poses(self) -> tuple[np.ndarray, np.ndarray]:

@@ -128,7 +128,8 @@ def seen_from(scene: Scene, views: Iterable[tuple[Camera, float]], margin: float
     seen = np.zeros(len(scene.static), bool)
     for camera, time in views:
         seen |= in_view(scene.static, camera, fitted_config(scene, camera, time), margin)
-    return replace(scene, static=scene.static.take(seen), features=None, extra={})
+    extra = {name: array[seen] if name.startswith("static/") else array for name, array in scene.extra.items()}
+    return replace(scene, static=scene.static.take(seen), features=None, extra=extra)
 
 
 def screen_motion(scene: Scene, camera: Camera, time: float, posed: PosedSplats | None = None) -> np.ndarray:

@@ -22,6 +22,8 @@ from ..evaluation.evaluate import evaluate, keep_measured, summary
 from ..files import replace_file
 from ..fit.config import FitConfig
 from ..fit.covered import completed
+from ..fit.tints import Tinting
+from ..parallel import side_by_side
 from ..progress import Progress, silent
 from ..report.fitted import FittedScene
 from ..scene import Scene, read_scene
@@ -94,7 +96,22 @@ def fit_shot(shot: Shot, how: LongFit, folder: Path, progress: Progress = silent
         "evidence": f"{shot.end - shot.start} frames, at most {max(b - a for a, b in shot.windows)} at a time",
         "saved": "memory that grows with the clip",
     }
-    return completed(replace(joined, provenance=provenance, needs=(need,)))
+    whole = completed(replace(joined, provenance=provenance, needs=(need,)))
+    return _with_tints(whole, shot, how, progress)
+
+
+def _with_tints(scene: Scene, shot: Shot, how: LongFit, progress: Progress) -> Scene:
+    """The joined scene with colors over time, if they pay; frames are read one window at a time, each once."""
+    config = how.config
+    if not np.isfinite(config.tints.min_gain):
+        return scene
+    starts = [start for start, _ in shot.windows]
+    with side_by_side(config.kernels.threads):
+        tinting = Tinting(scene, config.tints, config.backend)
+        for number, (start, end) in enumerate(pairwise([*starts, shot.end])):
+            tell = _part_progress("window", number, len(starts), progress)
+            tinting.add(how.read(start, end), start - shot.start, tell)
+        return tinting.finish()
 
 
 def _part_progress(what: str, number: int, count: int, progress: Progress) -> Progress:

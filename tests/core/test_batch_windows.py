@@ -285,7 +285,8 @@ def test_what_no_window_shows_is_made_up_in_the_whole_alone(shot, monkeypatch):
     given = []
     monkeypatch.setattr(windows, "completed", lambda scene: given.append(scene) or scene)
     whole = windows.fit_shot(shot.plan, windows.LongFit(shot.read, shot.config, True, None), shot.folder)
-    assert given == [whole] and whole.needs[-1]["what"] == "windows"
+    assert [each.static for each in given] == [whole.static]
+    assert [need["what"] for need in whole.needs] == ["windows", "colors over time"]
 
 
 def test_finished_windows_are_kept(shot):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from ...errors import F4xError
 from ..contract import RasterInput, RasterOutput
 from .library import backward, forward, open_library
 
-__all__ = ["available", "color_gradient", "rasterize_native", "why_not"]
+__all__ = ["available", "color_gradients", "rasterize_native", "why_not"]
 
 
 def available() -> bool:
@@ -40,14 +41,17 @@ def rasterize_native(inputs: RasterInput) -> RasterOutput:
     return rasterize_tensors(inputs)
 
 
-def color_gradient(inputs: RasterInput, sent: np.ndarray) -> np.ndarray:
-    """(N,C) float32 gradient of the colours of numpy `inputs` where the image (H,W,C) has the gradient `sent`.
+def color_gradients(inputs: RasterInput) -> Callable[[np.ndarray], np.ndarray]:
+    """The function that gives the gradient (N,C) float32 of the colours of numpy `inputs` for that of the image (H,W,C).
+
+    What is drawn is drawn once, however often the function is called.
 
     Raises:
         F4xError: the kernel is not available.
     """
     library = _library()
-    return backward(library, forward(library, inputs, keep=True), sent, None, None)["colors"]
+    render = forward(library, inputs, keep=True)
+    return lambda sent: backward(library, render, sent, None, None)["colors"]
 
 
 def _library() -> Any:

@@ -30,6 +30,7 @@ from ..linear import footprint, with_footprint
 from ..model import PosedSplats
 from ..ply import MIN_SCALE
 from ..posing import Y_UP, Posable, plain_color, transformed, world_harmonics
+from ..tints import without_tints
 
 FIELDS = ("means", "quats", "scales", "opacities", "sh")
 """What of a `PosedSplats` may change with time."""
@@ -217,6 +218,7 @@ def _write_stage(
         return
     matrix = Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64)
 
+    scene = without_tints(scene)  # else every Gaussian has colors of its own in every frame
     width = footprint(scene)
 
     def posed_at(time: float) -> PosedSplats:
