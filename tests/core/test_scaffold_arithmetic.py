@@ -51,7 +51,7 @@ def test_curves_are_kept_from_the_least_fraction_of_frames_on():
         seen[:frames, curve] = True
     tracks = np.tile([[5.2, 5.1], [16.2, 12.1], [20.5, 8.5]], (10, 1, 1))
     path, config = cameras(10), LiftingConfig(min_samples=1, min_fraction=0.5)
-    lifted = lift_tracks(tracks, seen, np.ones((10, 24, 32)), None, path, path.times, config)
+    lifted = lift_tracks(tracks, seen, np.ones((10, 24, 32)), path, path.times, config)
     assert lifted.index.tolist() == [1, 2]
 
 

@@ -125,7 +125,9 @@ def test_what_is_believed_of_a_track():
 
     def kept(which=None, **changes):
         config = LiftingConfig(search_px=0, **changes)
-        return lift_tracks(tracks, seen, depth, which, path, path.times, config)
+        return lift_tracks(
+            tracks, seen, depth if which is None else np.where(which, depth, np.nan), path, path.times, config
+        )
 
     assert kept().index.tolist() == [0, 3] and kept(allowed).certain.sum(0).tolist() == [6, 4]
     np.testing.assert_allclose(kept().xyz[4], [[-13.5 / 15, -9.5 / 15, 2], [12.5 / 15, 8.5 / 15, 2]], rtol=1e-6)
