@@ -98,22 +98,6 @@ def _distill(request: DistilRequest, progress: Progress) -> Distilled:
     return replace(write_distilled(scene, written, None if request.output else arrays, names, labels), kept=kept)
 
 
-def distill_into(
-    path: Path,
-    source: Path,
-    names: Sequence[str],
-    folder: Path,
-    config: DistilConfig,
-    progress: Progress = silent,
-) -> Distilled:
-    """Extract the maps of teachers from the scene's clip at `source` into `folder`, and distil them into the file at `path`."""
-    with only_distiller(path):
-        scene, arrays = read_with_arrays(path)
-        clip = reel_of_scene(scene, source, scene.provenance.get("frames"))
-        maps = [extract(clip, name, folder / name, progress=progress) for name in names]
-        return write_distilled(distil(scene, maps, config, progress), path, arrays, names, [])
-
-
 @contextmanager
 def only_distiller(path: Path) -> Iterator[None]:
     """Keep two programs from distilling into the scene file `path`, each without what the other adds.

@@ -32,7 +32,7 @@ from ..windows.plan import Shot, plan_shots, plan_windows
 from ..windows.resuming import forget, remember, require_same, require_same_at_once
 from ..windows.shots import LongFit, fit_long
 from .checks import require_backend
-from .distilling import Distilled, distill_into
+from .distilling import Distilled, DistilRequest, distill
 from .fit_options import Cut, FitOptions, FitRequest
 from .granting import granted
 from .refitting import Refitted, refit_file
@@ -263,10 +263,10 @@ class _Fit:
         for scene in fitted.scenes:
             if options.features:
                 settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
-                folder = scene.path.parent / "features"
-                features.append(
-                    distill_into(scene.path, self.request.source, options.features, folder, settings, self.progress)
+                wanted = DistilRequest(
+                    scene.path, options.features, clip=self.request.source, frames=scene.picked, config=settings
                 )
+                features.append(distill(wanted, self.progress))
             if options.linear_light:
                 linear = LinearConfig(seed=config.seed, threads=config.threads or 0)
                 refits.append(refit_file(scene.path, linear, options.resume, self.progress))

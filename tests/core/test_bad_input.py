@@ -28,6 +28,7 @@ from f4x_core.cli import main as cli_main
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.clip import write_video
 from f4x_core.errors import Cancelled, F4xError
+from f4x_core.features.teachers import require_ready
 from f4x_core.fit import config as fit_config
 from f4x_core.fit import pipeline
 from f4x_core.priors import Priors, cameras, sfm
@@ -612,11 +613,18 @@ def test_one_call_from_python_leaves_what_the_command_leaves(tmp_path, fitted):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("bare_page")
-def test_one_call_from_python_fits_long_clips_in_windows(tmp_path, fitted):
-    config = replace(short_quick(), threads=1)
-    made = make_scene(fitted[0], tmp_path, FitOptions(config, window=5, overlap=2, linear_light=True))
+def test_one_call_from_python_fits_long_clips_in_windows_and_adds_features(tmp_path, fitted):
+    try:
+        require_ready("visual")
+    except F4xError as error:
+        pytest.skip(str(error))
+    more = {"window": 5, "overlap": 2, "linear_light": True, "features": ("visual",)}
+    made = make_scene(fitted[0], tmp_path, FitOptions(replace(short_quick(), threads=1), **more))
     assert made.main.windows == 2 and made.cuts == () and made.linear_light[0].after > 0
-    assert len(read_scene(tmp_path / "scene.f4x").cameras) == len(made.main)
+    scene = read_scene(tmp_path / "scene.f4x")
+    assert len(scene.cameras) == len(made.main) and set(scene.features.names) == set(made.features[0].heads) == {
+        "visual"
+    }
 
 
 @pytest.mark.usefixtures("ctrl_c", "bare_page")
