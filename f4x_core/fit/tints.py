@@ -18,7 +18,7 @@ from ..parallel import in_threads
 from ..progress import Progress, silent
 from ..raster.blend_weights import BlendWeights
 from ..scene import Scene
-from ..scene.tints import LEVELS, PARTS, TIMES, steps_of
+from ..scene.tints import LEVELS, steps_of, with_tints
 from ..scene.view import fitted_config
 from .needs import Need
 
@@ -137,15 +137,6 @@ class Tinting:
         predicted = picture + weights.picture((tint / LEVELS).astype(np.float32))
         errors = [_error(each, target, seen) for each in (picture, predicted)]
         return float(10 * np.log10(errors[0] / errors[1]))
-
-
-def with_tints(scene: Scene, times: np.ndarray, values: np.ndarray) -> Scene:
-    """The unedited scene with tints `values (N,K,3)` int8 at clip times `times (K,)`, in the order of `posed`."""
-    count = len(scene.static)
-    arrays = {TIMES: np.asarray(times, np.float64), PARTS[0]: values[:count], PARTS[1]: values[count:]}
-    if not len(scene.dynamic):
-        del arrays[PARTS[1]]
-    return replace(scene, extra={**scene.extra, **arrays})
 
 
 def tinted_scene(

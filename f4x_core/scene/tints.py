@@ -12,12 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import F4xError
 from ..geometry import spherical_harmonics
+
+if TYPE_CHECKING:
+    from .model import Scene
 
 TIMES, PARTS = "tints/times", ("static/tints", "dynamic/tints")
 """Members of `Scene.extra`."""
@@ -75,6 +78,15 @@ def tints_in(extra: Mapping[str, np.ndarray], counts: Sequence[int]) -> Tints | 
         tuple(extra[name] for name, count in zip(PARTS, counts, strict=True) if count)
         or (np.zeros((0, len(times), 3), np.int8),),
     )
+
+
+def with_tints(scene: Scene, times: np.ndarray, values: np.ndarray) -> Scene:
+    """The unedited scene with tints `values (N,K,3)` int8 at clip times `times (K,)`, in the order of `posed`."""
+    count = len(scene.static)
+    arrays = {TIMES: np.asarray(times, np.float64), PARTS[0]: values[:count], PARTS[1]: values[count:]}
+    if not len(scene.dynamic):
+        del arrays[PARTS[1]]
+    return replace(scene, extra={**scene.extra, **arrays})
 
 
 def without_tints(scene: Any) -> Any:

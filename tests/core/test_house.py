@@ -73,6 +73,8 @@ class Facts:
 
     imported: tuple[str, ...]
     """Dotted modules of all imports; relative ones made absolute."""
+    used: tuple[str, ...]
+    """Those that running it may import, in functions too: not those for type checkers alone."""
     loaded: frozenset[str]
     """First parts of the modules that importing it imports."""
     wrong_arrows: list[str]
@@ -92,6 +94,7 @@ def facts_of(file: Path) -> Facts:
     package = tuple(name.removesuffix(".py").split("/")[:-1])
     return Facts(
         tuple(module for _, module in imports(nodes.all, package)),
+        tuple(module for _, module in imports(at_import_time(nodes.tree, functions=True), package)),
         frozenset(module.split(".")[0] for _, module in imports(at_import_time(nodes.tree), package)),
         wrong_arrows(nodes, name) if package[0] == "f4x_core" else [],
         laboratory_names(nodes, name),
@@ -131,15 +134,15 @@ def imports(nodes: Iterable[ast.AST], package: tuple[str, ...]) -> Iterator[tupl
             yield from ((node.lineno, ".".join(filter(None, (*base, alias.name)))) for alias in node.names)
 
 
-def at_import_time(node: ast.AST) -> Iterator[ast.stmt]:
-    """Imports that importing the module runs: those in no function, and not for type checkers alone."""
-    for part in ("body", "orelse", "finalbody", "handlers"):
+def at_import_time(node: ast.AST, functions: bool = False) -> Iterator[ast.stmt]:
+    """Imports that importing the module runs: not those for type checkers alone, and those in functions only where asked for."""
+    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
         for inner in getattr(node, part, []):
             if isinstance(inner, ast.Import | ast.ImportFrom):
                 yield inner
             only_checked = isinstance(inner, ast.If) and "TYPE_CHECKING" in ast.dump(inner.test)
-            if not only_checked and not isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef):
-                yield from at_import_time(inner)
+            if not only_checked and (functions or not isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef)):
+                yield from at_import_time(inner, functions)
 
 
 def wrong_arrows(nodes: Nodes, path: str) -> list[str]:
@@ -171,7 +174,7 @@ def module_of(file: Path) -> str:
 def circle_in(imported: dict[str, Iterable[str]]) -> list[str]:
     """Modules that import each other in a circle, the first one again at the end; empty where there is none.
 
-    `imported`: module -> what it imports, in functions and for type checkers, too; names in modules count as their module.
+    `imported`: module -> what it imports when it runs, in functions too; names in modules count as their module.
     """
     graph: dict[str, set[str]] = {}
     for module, targets in imported.items():
@@ -217,7 +220,7 @@ def test_arrows_point_to_the_left():
 @pytest.mark.parametrize("folder", ["f4x_core", "addon", "benchmarks"])
 def test_no_modules_import_each_other_in_a_circle(folder):
     files = [file for file in EVERYTHING if name_of(file).startswith(f"{folder}/") and name_of(file) not in DOORS]
-    assert circle_in({module_of(file): facts_of(file).imported for file in files}) == []
+    assert circle_in({module_of(file): facts_of(file).used for file in files}) == []
 
 
 @pytest.mark.parametrize(
@@ -330,6 +333,7 @@ def test_the_trimmed_module_keeps_what_import_runs():
         "import a\nif TYPE_CHECKING:\n    import b\nif c:\n    import d\ndef f():\n    import e\nclass G:\n    import h"
     )
     assert {m for _, m in imports(at_import_time(ast.parse(source)), ())} == {"a", "d", "h"}
+    assert {m for _, m in imports(at_import_time(ast.parse(source), functions=True), ())} == {"a", "d", "e", "h"}
 
 
 def test_readme_names_the_two_commands():

@@ -12,12 +12,12 @@ from f4x_core.edit.bake import bake
 from f4x_core.edit.operations import Delete, Duplicate, Freeze, Opacity, Recolour, Transform
 from f4x_core.edit.selects import All, Ids, Moving, Not
 from f4x_core.errors import F4xError
-from f4x_core.fit.tints import TintConfig, tinted_scene, with_tints
+from f4x_core.fit.tints import TintConfig, tinted_scene
 from f4x_core.geometry.spherical_harmonics import C0, rgb_from_dc
 from f4x_core.parallel import side_by_side
 from f4x_core.raster.blend_weights import BlendWeights
 from f4x_core.scene import read_scene, write_scene
-from f4x_core.scene.tints import PARTS, TIMES, tinted, tints_in, without_tints
+from f4x_core.scene.tints import PARTS, TIMES, tinted, tints_in, with_tints, without_tints
 from f4x_core.scene.view import render
 
 KNOTS = np.array([0.0, 1.0, 3.0, 5.0])
