@@ -79,6 +79,15 @@ def copy_keys(source: bpy.types.FCurve, target: bpy.types.FCurve) -> None:
     target.update()
 
 
+def write_keys(curve: bpy.types.FCurve, frames: np.ndarray, values: np.ndarray, interpolation: int = LINEAR) -> None:
+    """Give an F-curve without keys the `values (T,)` at `frames (T,)`."""
+    keys = curve.keyframe_points
+    keys.add(len(frames))
+    keys.foreach_set("co", np.stack([frames, values], 1).astype(np.float32).ravel())
+    keys.foreach_set("interpolation", np.full(len(frames), interpolation, np.int32))
+    curve.update()
+
+
 def move_strips(datablock: bpy.types.ID, moved: Callable[[np.ndarray], np.ndarray]) -> None:
     """Put the NLA strips of a datablock at `moved(frames (n,))`, stretched where that stretches them."""
     for track in datablock.animation_data.nla_tracks if datablock.animation_data else ():
@@ -106,8 +115,4 @@ def _write_curves(curves, frames: np.ndarray, channels: Mapping[str, np.ndarray]
     for path, values in channels.items():
         columns = values.T if values.ndim == 2 else values[None]
         for index, column in enumerate(columns):
-            curve = curves.new(path, index=index)
-            curve.keyframe_points.add(len(frames))
-            curve.keyframe_points.foreach_set("co", np.stack([frames, column], 1).astype(np.float32).ravel())
-            curve.keyframe_points.foreach_set("interpolation", np.full(len(frames), interpolation, np.int32))
-            curve.update()
+            write_keys(curves.new(path, index=index), frames, column, interpolation)

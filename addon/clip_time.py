@@ -25,7 +25,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from .animation import copy_keys, curves_of, move_keys, move_strips
+from .animation import copy_keys, curves_of, move_keys, move_strips, write_keys
 from .motion_nodes import PRESENCE, build_presence_tree
 
 FIRST, LAST, START, RATE, TIME = "f4x_first", "f4x_last", "f4x_start", "f4x_rate", "f4x_time"
@@ -244,25 +244,39 @@ def retarget(root: bpy.types.Object, original: bpy.types.Object) -> None:
                     target.id = root
 
 
+def drive_input(
+    root: bpy.types.Object, item: bpy.types.Object, modifier: str, socket: str, times: np.ndarray | None = None
+) -> None:
+    """Let an input of a modifier of `item` follow Time, clamped to the clip; with increasing `times (K,)` their number instead.
+
+    Between two of them it is linear, outside as at the end: the driver's own keys say so, and nodes need not search.
+    """
+    held = item.modifiers[modifier]
+    name = held.node_group.interface.items_tree[socket].identifier
+    value = f".properties.inputs.{name}.value" if hasattr(held, "properties") else f'["{name}"]'
+    path = f'modifiers["{modifier}"]{value}'
+    curve = _drive(item, path, f"clamp(time, {root[FIRST]}, {root[LAST]})", root, time=TIME)
+    if times is not None:
+        write_keys(curve, times, np.arange(len(times)))
+
+
 def _drive_presence(root: bpy.types.Object, item: bpy.types.Object) -> None:
     """Let the modifier by which Gaussians come and go follow Time."""
     modifier = item.modifiers.get(PRESENCE)
     if modifier is None:
         return
-    sockets = modifier.node_group.interface.items_tree
-    if "Time" not in sockets:  # made by an older version
+    if "Time" not in modifier.node_group.interface.items_tree:  # made by an older version
         modifier.node_group = build_presence_tree(modifier.node_group.name)
-        sockets = modifier.node_group.interface.items_tree
-    name = sockets["Time"].identifier
-    value = f".properties.inputs.{name}.value" if hasattr(modifier, "properties") else f'["{name}"]'
-    _drive(item, f'modifiers["{PRESENCE}"]{value}', f"clamp(time, {root[FIRST]}, {root[LAST]})", root, time=TIME)
+    drive_input(root, item, PRESENCE, "Time")
 
 
 def _follow(root: bpy.types.Object) -> None:
     _drive(root, _path(TIME), FOLLOWING, root, first=FIRST, start=START, rate=RATE)
 
 
-def _drive(datablock: bpy.types.ID, path: str, expression: str, root: bpy.types.Object, **variables: str) -> None:
+def _drive(
+    datablock: bpy.types.ID, path: str, expression: str, root: bpy.types.Object, **variables: str
+) -> bpy.types.FCurve:
     """Drive a property by an expression of properties of the root, one that Blender works out without Python."""
     drivers = datablock.animation_data_create().drivers
     if (old := drivers.find(path)) is not None:
@@ -271,6 +285,7 @@ def _drive(datablock: bpy.types.ID, path: str, expression: str, root: bpy.types.
     curve.driver.type, curve.driver.expression = "SCRIPTED", expression
     for name, source in variables.items():
         _add_variable(curve.driver, name, root, source)
+    return curve
 
 
 def _new_driver(drivers, path: str, index: int) -> bpy.types.FCurve:

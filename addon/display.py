@@ -17,6 +17,7 @@ import contextlib
 import hashlib
 import re
 from dataclasses import dataclass
+from functools import cached_property
 
 import bpy
 import numpy as np
@@ -29,6 +30,7 @@ from ..f4x_core.edit.operations import Operation
 from ..f4x_core.edit.uncovered import summary_of, uncovered
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.colour_names import everyday_name, from_hex
+from ..f4x_core.scene import PosedSplats
 from ..f4x_core.scene.linear import Look, fitted_look
 from ..f4x_core.troubles import EXPECTED, sentence_of
 from . import clip_time
@@ -51,6 +53,7 @@ from .scene_object import (
     forget,
     keep_back_previews,
 )
+from .tints import add_tints, are_shown, tints_of, write_gain, write_tints
 from .wording import error_line, panel_words
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
@@ -202,28 +205,65 @@ def _set_up_separate_cloud(scene_object: SceneObject, display: Display) -> None:
         for material in model.data.materials:
             item.data.materials.append(material)
         write_attribute(item.data, "gid", "INT", ids)
+        tints = display.scene.tints
+        if tints is not None:
+            write_tints(item.data, tints_of(display.scene)[display.scene.origin[display.apart]])
+            add_tints(scene_object.root, item, tints.times, are_shown(scene_object.clouds))
     scene_object.write(**kept)
+
+
+@dataclass(frozen=True, eq=False)
+class _Moment:
+    """A scene at one clip frame, as its point clouds are to show it. N Gaussians in the order of `posed`."""
+
+    display: Display
+    frame: float
+    appearance: Appearance
+    """Without tints."""
+    linear: _Linear | None
+    """The appearance for linear light, where an engine wants it."""
+    scored: bool
+    """Whether that is a heat map, whose colors stay."""
+    tinted: bool
+    """Whether what is drawn apart gets its colors over time with its places, at every frame, and not by geometry nodes."""
+
+    @classmethod
+    def of(cls, scene_object: SceneObject, display: Display, frame: float) -> _Moment:
+        """The scene with the edits of `display`."""
+        appearance = display.appearance(frame)
+        scored = hasattr(scene_object.root, "f4x") and scene_object.state.show_score
+        if scored:
+            appearance = by_score(appearance, scene_object.read(SCORE))
+        tinted = display.changes and not scored and are_shown(scene_object.clouds)
+        return cls(display, frame, appearance, _Linear.of(scene_object, frame), scored, tinted)
+
+    @cached_property
+    def gain(self) -> np.ndarray:
+        """(N,3) by how much geometry nodes multiply tints."""
+        return np.zeros((len(self.appearance.sh), 3)) if self.scored else self.display.tint_gain(self.appearance)
+
+    @cached_property
+    def apart(self) -> PosedSplats:
+        """What is drawn apart."""
+        return self.display.moment(self.frame)
 
 
 def _draw(scene_object: SceneObject, display: Display, everything: bool, time: float | None = None) -> None:
     """Write the point attributes of a clip frame, None = the current one; without `everything`, only those that changed."""
     time = clip_time.time_of(scene_object.root) if time is None else time
     scene_object.root[DRAWN_AT], frame = time, display.time(time)
-    appearance = display.appearance(frame)
-    gone = appearance.opacities == 0
+    moment = _Moment.of(scene_object, display, frame)
+    appearance, linear = moment.appearance, moment.linear
     key = repr(display.appearance_key(frame))
     everything = everything or scene_object.root.get(LOOKS) != key
     scene_object.root[LOOKS] = key
-    elsewhere = gone.copy()
+    elsewhere = appearance.opacities == 0
     elsewhere[display.apart] = True
-    if hasattr(scene_object.root, "f4x") and scene_object.state.show_score:
-        appearance = by_score(appearance, scene_object.read(SCORE))
-    linear = _Linear.of(scene_object, frame)
     recolored = _differing(appearance.sh, scene_object.base.full_appearance[1])
     stack = _hash(scene_object)
     for cloud, at, row in scene_object.points():
         if APART in cloud:
-            _draw_separate_cloud(cloud.data, (at, row), display, appearance, frame, linear)
+            _draw_separate_cloud(cloud.data, (at, row), moment)
         elif everything and len(at) == len(cloud.data.points):  # else an artist joined it with something else
             write_attribute(cloud.data, GONE, "BOOLEAN", elsewhere[row])
             before = read_attribute(cloud.data, RECOLORED)
@@ -236,6 +276,8 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool, time: f
             write_attribute(cloud.data, RECOLORED, "BOOLEAN", recolored[row])
             if linear is not None:
                 linear.write(cloud.data, row, appearance, display)
+            if display.scene.tints is not None:
+                write_gain(cloud.data, moment.gain[row])
             cloud.data.update_tag()
         if everything:
             cloud.data[DRAWN] = stack
@@ -289,40 +331,39 @@ def _differing(sh: np.ndarray, of_file: np.ndarray) -> np.ndarray:
     return differs
 
 
-def _draw_separate_cloud(
-    data: bpy.types.PointCloud,
-    points: tuple[np.ndarray, np.ndarray],
-    display: Display,
-    appearance: Appearance,
-    frame: float,
-    linear: _Linear | None = None,
-) -> None:
-    """Write what the separate cloud shows at `frame`; `points`: (at, row) as of `SceneObject.points`.
+def _draw_separate_cloud(data: bpy.types.PointCloud, points: tuple[np.ndarray, np.ndarray], shown: _Moment) -> None:
+    """Write what the separate cloud shows; `points`: (at, row) as of `SceneObject.points`.
 
     Points that are not drawn apart, which an undone plan leaves, are shown by no picture.
     """
+    display, linear = shown.display, shown.linear
     at, row = points
     inside = np.isin(row, display.apart)
     at, row = at[inside], row[inside]
     out = np.ones(len(data.points), bool)
-    out[at] = appearance.opacities[row] == 0
+    out[at] = shown.appearance.opacities[row] == 0
     write_attribute(data, GONE, "BOOLEAN", out)
     if len(at):
-        moment, part = display.moment(frame), np.searchsorted(display.apart, row)
-        quats = moment.quats[part]
+        moment, part = shown.apart, np.searchsorted(display.apart, row)
 
         def spread(values: np.ndarray) -> np.ndarray:
             every = np.zeros((len(out), *values.shape[1:]), np.float32)
             every[at] = values
             return every
 
-        write_places(data, spread(moment.means[part]), spread(quats), spread(moment.scales[part]))
-        write_appearance(data, spread(quats), spread(appearance.sh[row]), spread(moment.opacities[part]))
+        def colors(posed: PosedSplats, appearance: Appearance) -> np.ndarray:
+            return spread(posed.sh[part] if shown.tinted else appearance.sh[row])
+
+        quats, sh = spread(moment.quats[part]), colors(moment, shown.appearance)
+        write_places(data, spread(moment.means[part]), quats, spread(moment.scales[part]))
+        write_appearance(data, quats, sh, spread(moment.opacities[part]))
+        if display.scene.tints is not None:
+            write_gain(data, np.zeros((len(out), 3)) if display.changes else spread(shown.gain[row]))
         if linear is not None:
-            other = linear.display.moment(frame)
+            other = linear.display.moment(shown.frame)
             looks = (
-                Look(spread(each.scales[part]), spread(each.opacities[part]), spread(colors.sh[row, 0]))
-                for each, colors in ((moment, appearance), (other, linear.appearance))
+                Look(spread(each.scales[part]), spread(each.opacities[part]), dc)
+                for each, dc in ((moment, sh[:, 0]), (other, colors(other, linear.appearance)[:, 0]))
             )
             write_linear(data, *looks)
     data.update_tag()

@@ -14,7 +14,8 @@ from ..f4x_core.query.unseen import unseen_gaussians
 from ..f4x_core.scene.color import srgb_from_linear
 from ..f4x_core.scene.cryptomatte import identify
 from ..f4x_core.scene.stage import Cloud, Surface
-from .gaussian_attributes import FITTED_FOCAL, FITTED_SCALE, read_look
+from .gaussian_attributes import FITTED_FOCAL, read_look
+from .motion_nodes import TINT
 from .native_motion import carried_cloud
 from .point_cloud import read_attribute
 from .scene_object import HIDDEN, SceneObject, root_of
@@ -22,8 +23,12 @@ from .surfaces import Images, surface_of
 
 LAYERS = {"latent": "f4x_latent", "selection": ".selection", "score": "f4x_score"}
 """Passes of the stage and the point attributes they show."""
-_POSED = {"position": "means", "rotation": "quats", "turn": "turn", "scale": "scales", "radiance:base": "looks"}
+_POSED = {"position": "means", "rotation": "quats", "turn": "turn"}
 """Attributes that may be read anew one by one, and what of a cloud they are."""
+_LOOKS = {"scale", "radiance:base"}
+"""Attributes that are read anew together (`read_look`)."""
+_KEPT = {"scales", "opacities"}
+"""What of a cloud modifiers write without changing it, mostly: then it stays the very same array."""
 _UNSEEN = {"rgb", "radius"}
 """Attributes that the engine does not look at."""
 _READERS = (
@@ -279,12 +284,14 @@ def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Clou
     whole = (int((1 + len(higher)) ** 0.5)) ** 2  # an artist may have removed some
     hidden = read_attribute(data, HIDDEN)
     layers = {name: read_attribute(data, attribute) for name, attribute in LAYERS.items()}
+    sh = np.stack([look.dc, *higher[: whole - 1]], 1)
     return Cloud(
         means=means,
         quats=quats,
         scales=look.scales,
         opacities=look.opacities * (1 if hidden is None else ~hidden.astype(bool)),
-        sh=np.stack([look.dc, *higher[: whole - 1]], 1),
+        sh=sh,
+        higher=sh,
         turn=read_attribute(data, "turn"),
         to_world=to_world,
         index=index,
@@ -295,18 +302,23 @@ def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Clou
 
 def _reread(data: bpy.types.PointCloud, old: Cloud, written: frozenset[str]) -> Cloud | None:
     """The cloud with what its modifiers write read anew; None where it holds no Gaussians any more."""
-    found = {name: read_attribute(data, name) for name in written & _POSED.keys()}
-    linear = FITTED_SCALE in data.attributes and not found.keys().isdisjoint(("scale", "radiance:base"))
-    if linear or any(values is None or len(values) != len(old.means) for values in found.values()):
+    new = {part: read_attribute(data, name) for name, part in _POSED.items() if name in written}
+    if len(data.points) != len(old.means) or any(values is None for values in new.values()):
         return _cloud(data, old.to_world, old.index)
-    new = {_POSED[name]: values for name, values in found.items()}
-    if "looks" in new:
-        base = new.pop("looks")
-        hidden = read_attribute(data, HIDDEN)
-        new["opacities"] = np.clip(base[:, 3], 0, 1) * (1 if hidden is None else ~hidden.astype(bool))
-        if not np.array_equal(base[:, :3], old.sh[:, 0]):
-            new["sh"] = np.concatenate([base[:, None, :3], old.sh[:, 1:]], 1)
-    return replace(old, **new)
+    if not written.isdisjoint(_LOOKS):
+        look, hidden = read_look(data), read_attribute(data, HIDDEN)
+        if look is None:
+            return None
+        new["scales"], new["opacities"] = look.scales, look.opacities * (1 if hidden is None else ~hidden.astype(bool))
+        if not np.array_equal(look.dc, old.sh[:, 0]):
+            new["sh"] = np.concatenate([look.dc[:, None], old.sh[:, 1:]], 1)
+    kept = {part for part, values in new.items() if part in _KEPT and np.array_equal(values, getattr(old, part))}
+    return replace(old, **{part: values for part, values in new.items() if part not in kept})
+
+
+def _removes_tints(node: bpy.types.Node) -> bool:
+    """Whether a node does nothing but take out attributes at which the engine does not look."""
+    return node.bl_idname == "GeometryNodeRemoveAttribute" and node.inputs["Name"].default_value.startswith(TINT)
 
 
 def _attributes_of(tree: bpy.types.NodeTree | None) -> frozenset[str] | None:
@@ -320,6 +332,6 @@ def _attributes_of(tree: bpy.types.NodeTree | None) -> frozenset[str] | None:
             written.add(node.inputs["Name"].default_value)
         elif node.bl_idname == "GeometryNodeSetPosition":
             written.add("position")
-        elif makes and node.bl_idname not in _READERS:
+        elif makes and node.bl_idname not in _READERS and not _removes_tints(node):
             return None
-    return frozenset(written) if written <= _POSED.keys() | _UNSEEN else None
+    return frozenset(written) if written <= _POSED.keys() | _LOOKS | _UNSEEN else None

@@ -16,11 +16,12 @@ Attributes of the points (the names that Blender 5.3 draws as splats): `position
 `radiance:base` (DC coefficients, opacity), `radiance:sh_0 ..` (higher coefficients, turned from the Gaussian's own
 frame into the object's); ours: `gid` (identity), `rgb` (linear display colour), `radius`, and on the dynamic cloud
 `reference`, `pair_k`, `w_k`, `strength`; `span_0 .. span_3` where Gaussians come and go (`build_presence_tree`); where the
-scene has features `f4x_latent`, their three principal components from 0 to 1.
+scene has features `f4x_latent`, their three principal components from 0 to 1; where its colors change in time those of `tints`.
 """
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -49,6 +50,7 @@ from .rig_repair import add_identity, add_pairs
 from .scaffold_rig import add_graph, add_nodes, layer_of
 from .scene_object import PATH, SELECTED, SceneObject
 from .sequence import add_sequence, check_size
+from .tints import add_tints, tints_of, write_tints
 
 GENERIC = {"scene", "clip", "frames", "images", "input", "video", "rgb", "color"}
 """Names of files and of folders of frames that say nothing of what is in them."""
@@ -110,7 +112,10 @@ def import_scene(
         material = None if draws_splats() else _splat_material(name)
         if isinstance(opened, SplatSequence):
             clouds = add_sequence(
-                opened, step, name, lambda title, scene: _add_gaussians(title, scene.static, None, collection, material)
+                opened,
+                step,
+                name,
+                lambda title, scene: _add_gaussians(title, scene.static, Extras(), collection, material),
             )
         else:
             clouds = _add_clouds(name, first, collection, root, material)
@@ -124,6 +129,9 @@ def import_scene(
         times = opened.cameras.times
         rate = clip_time.rate_between(opened.fps, bpy.context.scene) if len(times) > 1 else 1.0  # a still has no pace
         clip_time.set_up(root, times[0], times[-1], rate)
+        for cloud in clouds if first.tints is not None else ():
+            if len(cloud.data.points):
+                add_tints(root, cloud, first.tints.times)
         if clip is not None:
             show_clip(camera, Path(clip), times, barred=isinstance(opened, Scene) and has_bars(opened))
         if kind != "sequence":
@@ -150,7 +158,7 @@ def import_scene(
 
 def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy.types.Object]:
     """Add the point clouds of a scene, and the rig that moves the dynamic one."""
-    static, dynamic = latent_colors(scene)
+    static, dynamic = extras_of(scene)
     clouds = [_add_gaussians(f"{name} static", scene.static, static, collection, material)]
     if len(scene.dynamic):
         clouds.append(_add_gaussians(f"{name} dynamic", scene.dynamic, dynamic, collection, material))
@@ -212,24 +220,35 @@ def _add_object(name: str, data: bpy.types.ID | None, collection: bpy.types.Coll
     return item
 
 
-def latent_colors(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Principal components of the features of the static and dynamic Gaussians, (N,3) each, mostly within 0 to 1."""
-    if scene.features is None or scene.features.pca is None:
-        return None, None
-    count = len(scene.static)
-    rgb = scene.features.pca.to_unit_range(
-        scene.latents()[: count + len(scene.dynamic)]
-    )  # copies of edits come after them
-    return rgb[:count], rgb[count:]
+@dataclass(frozen=True, eq=False)
+class Extras:
+    """What some scenes have of their Gaussians, one row each."""
+
+    latent: np.ndarray | None = None
+    """(n,3) principal components of their features, mostly within 0 to 1."""
+    tints: np.ndarray | None = None
+    """(n,K,3) int8 `tints_of`."""
 
 
-def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.Object:
-    """Add one set of Gaussians as a point cloud; `latent (N,3)` where the scene has features."""
+def extras_of(scene: Scene) -> tuple[Extras, Extras]:
+    """What a scene has of its static and of its dynamic Gaussians."""
+    count, total, latent = len(scene.static), len(scene.static) + len(scene.dynamic), None
+    if scene.features is not None and scene.features.pca is not None:
+        latent = scene.features.pca.to_unit_range(scene.latents()[:total])  # copies of edits come after them
+    parts = latent, tints_of(scene)
+    static, dynamic = (
+        [None if part is None else part[rows] for part in parts] for rows in (slice(count), slice(count, total))
+    )
+    return Extras(*static), Extras(*dynamic)
+
+
+def _add_gaussians(name, gaussians, extras: Extras, collection, material) -> bpy.types.Object:
+    """Add one set of Gaussians as a point cloud."""
     item = new_point_cloud(name, len(gaussians), collection)
     cloud = item.data
     if len(gaussians) == 0:
         return item
-    write_gaussians(cloud, gaussians, latent)
+    write_gaussians(cloud, gaussians, extras)
     if gaussians.span is not None:
         item.modifiers.new(PRESENCE, "NODES").node_group = build_presence_tree(f"{name} presence")
     if material is not None:
@@ -237,15 +256,17 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
     return item
 
 
-def write_gaussians(cloud: bpy.types.PointCloud, gaussians: StaticSet, latent: np.ndarray | None = None) -> None:
-    """Write the attributes of one set of Gaussians; `latent (N,3)` where the scene has features."""
+def write_gaussians(cloud: bpy.types.PointCloud, gaussians: StaticSet, extras: Extras) -> None:
+    """Write the attributes of one set of Gaussians."""
     quats = quaternion.normalize(gaussians.quats)
     write_places(cloud, gaussians.means, quats, gaussians.scales)
     write_appearance(cloud, quats, gaussians.sh, gaussians.opacities)
     write_attribute(cloud, RECOLORED, "BOOLEAN", np.zeros(len(gaussians), bool))
     write_attribute(cloud, "gid", "INT", gaussians.ids)
-    if latent is not None:
-        write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", latent)
+    if extras.latent is not None:
+        write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", extras.latent)
+    if extras.tints is not None:
+        write_tints(cloud, extras.tints)
     if gaussians.span is not None:
         for i, times in enumerate(np.clip(gaussians.span, -NEVER, NEVER).T):
             write_attribute(cloud, f"span_{i}", "FLOAT", times)

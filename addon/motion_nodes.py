@@ -23,12 +23,20 @@ Fields that are captured together are evaluated once, those that are stored one 
 
 import bpy
 
+from ..f4x_core.geometry.spherical_harmonics import C0
 from ..f4x_core.scaffold.deformation import COLLAPSED, SIGN_BAND
+from ..f4x_core.scene.tints import LEVELS
 
 MOTION = "Feature4X motion"
 """Name of the modifier that moves the dynamic Gaussians."""
 PRESENCE = "Feature4X presence"
 """Name of the modifier by which Gaussians come and go; its input `Time` is the clip frame that is shown (`clip_time`)."""
+TINTS = "Feature4X colors over time"
+"""Name of the modifier that adds tints to colors; its input `Knot` says between which ones Time is (`tints`)."""
+TINT, TINT_GAIN = ".f4x_tint_", ".f4x_tint_gain"
+"""Point attributes, the first without its number, and by how much edits and heat maps change tints. The dot hides them in lists."""
+BYTE = 256
+"""Steps of one channel of a tint that is packed into a whole number."""
 FIRST_PAIR = "pair_0"
 """Attribute that all point clouds have that nodes carry."""
 STEP = 1e-4
@@ -208,6 +216,60 @@ def build_presence_tree(name: str) -> bpy.types.GeometryNodeTree:
     tree.link(geometry, tree.outputs["Faded"])
     _lay_out(tree.tree)
     return tree.tree
+
+
+def build_tints_tree(name: str) -> bpy.types.GeometryNodeTree:
+    """Return the tree that adds tints to `radiance:base` and `rgb`, linear between the attributes of two knots.
+
+    The string nodes name the two that are read; the others cost nothing. Later modifiers need none, so all are removed.
+    """
+    sockets = {"Geometry": "NodeSocketGeometry", "Knot": "NodeSocketFloat"}
+    tree = _Tree(name, sockets, {"Tinted": "NodeSocketGeometry"})
+    knot = tree.inputs["Knot"]
+    lower = tree.math("FLOOR", knot)
+    before, after = (_tint_at(tree, number) for number in (lower, tree.math("CEIL", knot)))
+    step = tree.scaled(tree.vector("SUBTRACT", after, before), tree.math("SUBTRACT", knot, lower))
+    gain = tree.scaled(tree.attribute(TINT_GAIN, "FLOAT_VECTOR"), 1 / (LEVELS * C0))
+    tint = tree.add("ShaderNodeSeparateXYZ", tree.vector("MULTIPLY", tree.vector("ADD", before, step), gain)).outputs
+    base = tree.add("FunctionNodeSeparateColor", tree.attribute("radiance:base", "FLOAT_COLOR")).outputs
+    tinted = [tree.math("ADD", old, more) for old, more in zip(base[:3], tint[:3], strict=True)]
+    color = tree.out("FunctionNodeCombineColor", *tinted, base["Alpha"])
+    geometry = tree.store(tree.inputs["Geometry"], "radiance:base", "FLOAT_COLOR", color)
+    base = tree.add("FunctionNodeSeparateColor", tree.attribute("radiance:base", "FLOAT_COLOR")).outputs
+    color = tree.out("FunctionNodeCombineColor", *(_light(tree, dc) for dc in base[:3]), base["Alpha"])
+    geometry = tree.store(geometry, "rgb", "FLOAT_COLOR", color)
+    remove = tree.add("GeometryNodeRemoveAttribute", geometry)
+    if hasattr(remove, "pattern_mode"):  # Blender before 5.0
+        remove.pattern_mode = "WILDCARD"
+    else:
+        remove.inputs["Pattern Mode"].default_value = "Wildcard"
+    remove.inputs["Name"].default_value = f"{TINT}*"
+    tree.link(remove.outputs[0], tree.outputs["Tinted"])
+    _lay_out(tree.tree)
+    return tree.tree
+
+
+def _tint_at(tree: _Tree, number):
+    """The tint of a knot as a vector, in 255ths of display color."""
+    text = tree.out("FunctionNodeValueToString", number, data_type="INT")
+    join = tree.tree.nodes.new("GeometryNodeStringJoin")
+    for part in (text, tree.out("FunctionNodeInputString", string=TINT)):  # the link that is made last comes first
+        tree.link(part, join.inputs["Strings"])
+    rest, channels = tree.attribute(join.outputs[0], "FLOAT"), []
+    for size in (BYTE**2, BYTE):
+        channels.append(tree.math("ROUND", tree.math("DIVIDE", rest, size)))
+        rest = tree.math("MULTIPLY_ADD", channels[-1], -size, rest)
+    return tree.out("ShaderNodeCombineXYZ", *channels, rest)
+
+
+def _light(tree: _Tree, dc):
+    """Linear light of the display color that a coefficient of degree 0 makes (`scene.color.linear_from_srgb`)."""
+    node = tree.add("ShaderNodeMath", dc, C0, 0.5, operation="MULTIPLY_ADD")
+    node.use_clamp = True
+    display = node.outputs[0]
+    bright = tree.math("POWER", tree.math("MULTIPLY_ADD", display, 1 / 1.055, 0.055 / 1.055), 2.4)
+    dark = tree.math("SUBTRACT", tree.math("DIVIDE", display, 12.92), bright)
+    return tree.math("MULTIPLY_ADD", tree.math("LESS_THAN", display, 0.04045), dark, bright)
 
 
 def _pair_motions(tree: _Tree, nodes: bpy.types.Collection, helper: bpy.types.Object):

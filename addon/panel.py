@@ -6,7 +6,7 @@ import json
 
 import bpy
 
-from . import cleanup_operators, display, edit_operators, marking, point_edits, viewport
+from . import cleanup_operators, display, edit_operators, marking, point_edits, tints, viewport
 from .clip_time import is_still
 from .edit_fields import draw_fields
 from .gesture_operators import TOOLS
@@ -117,6 +117,8 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row = layout.row(align=True)
         row.label(text=scene_object.name, icon="OUTLINER_OB_POINTCLOUD")
         row.prop(scene_object.state, "show_believed", text="", icon="VIEW_CAMERA")
+        if tints.are_there(scene_object.clouds):
+            layout.prop(scene_object.state, "colors_over_time")
         if not viewport.shows_picture(context.scene, context.space_data):
             layout.operator("f4x.show_picture", icon="SHADING_RENDERED")
         if not scene_object.path.exists():

@@ -15,9 +15,9 @@ from bpy.props import (
 from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import EXPECTED
-from . import clip_time, display, edit_fields, marking
+from . import clip_time, display, edit_fields, marking, tints
 from .scaffold_rig import layer_of
-from .scene_object import SceneObject
+from .scene_object import TIMED, SceneObject
 from .submitting import submit
 from .wording import error_line
 
@@ -116,6 +116,13 @@ def _set_start(self, frame: float) -> None:
 
 def _set_speed(self, rate: float) -> None:
     clip_time.place(self.id_data, clip_time.timing_of(self.id_data).start, rate)
+
+
+def _show_tints(self, on: bool) -> None:
+    scene_object = SceneObject(self.id_data)
+    tints.show(scene_object.clouds, on)
+    if self.id_data.get(TIMED) and not scene_object.is_linked:
+        display.redraw(scene_object)
 
 
 def _show_nodes(self, on: bool) -> None:
@@ -235,6 +242,14 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         name="Show How Far to Believe",
         description="Show in viewports how far beside the clip's camera the scene can be believed",
         default=True,
+    )
+    colors_over_time: BoolProperty(  # type: ignore[valid-type]
+        name="Colors over Time",
+        description="Show shadows, ripples and other changes of color as in the clip."
+        " Off: each Gaussian keeps its mean color, a steady look for a camera that stands elsewhere",
+        options=set(),
+        get=lambda self: tints.are_shown(SceneObject(self.id_data).clouds),
+        set=_show_tints,
     )
     show_nodes: BoolProperty(  # type: ignore[valid-type]
         name="Nodes",

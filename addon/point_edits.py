@@ -19,7 +19,7 @@ from ..f4x_core.geometry.similarity import Similarity, split_by_motion
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.scene import DynamicSet, StaticSet
 from . import display
-from .import_scene import latent_colors, write_bindings, write_gaussians
+from .import_scene import extras_of, write_bindings, write_gaussians
 from .panel_operators import SceneOperator
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 from .scene_object import APART, HIDDEN, SCORE, SELECTED, SceneObject
@@ -106,18 +106,17 @@ def put_back(scene_object: SceneObject) -> None:
     A cloud whose points are in several objects by now keeps its missing points missing.
     """
     base = scene_object.base
-    latent = latent_colors(base)
     kept = {
         n: (kind, scene_object.read(n)) for n, kind in ((SELECTED, "BOOLEAN"), (HIDDEN, "BOOLEAN"), (SCORE, "FLOAT"))
     }
-    for part, colors in zip((base.static, base.dynamic), latent, strict=True):
+    for part, extras in zip((base.static, base.dynamic), extras_of(base), strict=True):
         owners = _owners(scene_object, part)
         for cloud in owners:
             _restore_positions(cloud.data, part)
         if len(owners) == 1 and len(owners[0].data.points) < len(part):
             old = owners[0].data
             new = _spare_data(old, len(part))
-            write_gaussians(new, part, colors)
+            write_gaussians(new, part, extras)
             if isinstance(part, DynamicSet):
                 write_bindings(new, part)
             owners[0].data = new

@@ -15,6 +15,7 @@ from ..geometry import quaternion, spherical_harmonics
 from ..query.pixels import heat_map
 from ..query.selection import Selection
 from ..scene import PosedSplats, Scene
+from ..scene.tints import gain_of
 from .apply import APPEARANCE_OPERATIONS, EVERY, Appearance, EditedScene
 from .operations import Blur, Transform
 from .retiming import effect
@@ -56,9 +57,10 @@ class Display:
     @cached_property
     def changes(self) -> bool:
         """Whether frames differ in more than the motion of the base."""
-        return self.appearance_changes or bool(
-            len(self.apart) and (self.scene.fades or self.scene.moving[self.apart].any())
-        )
+        if self.appearance_changes or not len(self.apart):
+            return self.appearance_changes
+        other_tints = self.scene.tints is not None and any(step.retimes for step in self._steps)
+        return bool(self.scene.fades or other_tints or self.scene.moving[self.apart].any())
 
     @cached_property
     def rest_rotation(self) -> np.ndarray:
@@ -104,6 +106,10 @@ class Display:
         if isinstance(self.scene, EditedScene):
             return self.scene.appearance(self.time(frame), EVERY)
         return Appearance(*self.scene.full_appearance)
+
+    def tint_gain(self, appearance: Appearance) -> np.ndarray:
+        """(N,3) by how much tints of the base's Gaussians are multiplied where they have `appearance`."""
+        return gain_of(self.scene.base.full_appearance[1][self.scene.origin], appearance.sh)
 
     def of_base(self, found: Selection) -> Selection:
         """A selection of the base scene in the order of `posed`; a copy is selected as its original is."""

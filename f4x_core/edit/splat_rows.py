@@ -88,6 +88,12 @@ class Step:
         """Whether it reads rows other than its own, or other times."""
         return self.time_map is not None or self.copied is not None
 
+    @property
+    def retimes(self) -> bool:
+        """Whether it shows other times than the clip's."""
+        operation = self.edit.operation
+        return self.time_map is not None or (isinstance(operation, Duplicate) and operation.time_shift != 0)
+
     def read(self, time: float, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """For its own `rows (n,)` at `time`: (time (n,), row of `before` (n,), number of the copy (n,), 0 = none)."""
         when, copy = np.full(len(rows), float(time)), np.zeros(len(rows), int)

@@ -22,6 +22,10 @@ STEP, STEP_PER_PIXEL, STEP_PER_GAUSSIAN = 1.0, 2.65e-5, 1.58e-5
 step of 95,000 Gaussians took 70, 52, 42 and 34 ms with 2, 4, 8 and 16 of them, 30 of which one of them worked alone."""
 REST_PER_PIXEL = 3.8e-4
 """Cost of scaffold, first Gaussians and the measurements at the end, per pixel of all frames, most of it one thread's."""
+TINT_PER_PIXEL, TINT_PER_GAUSSIAN = 8e-5, 1.3e-4
+"""Cost of the colors of one frame, per pixel and per Gaussian; all of it is shared."""
+TINT_FILE = 3
+"""Bytes of one Gaussian's color in one frame."""
 PRIORS, PRIORS_PER_PIXEL, PRIORS_SHARED = 150.0, 5.9e-4, 0.4
 """Cost of the priors, and of one of the pixels of all frames that they are made from; the fraction of these that threads share."""
 MEASURED_THREADS = 2
@@ -179,11 +183,11 @@ def machine_memory() -> float:
 def cost(size: ClipSize, config: FitConfig, speed: MachineSpeed) -> Cost:
     """What the fit of a clip takes at most."""
     count = expected_gaussians(size, config)
-    seconds = speed.seconds(_fixed(size, config)) + count * speed.seconds(_per_gaussian(config))
+    seconds = speed.seconds(_fixed(size, config)) + count * speed.seconds(_per_gaussian(size, config))
     return Cost(
         size.windows * seconds / 60,
         _memory(size, config, count) / GIGABYTE,
-        size.windows * GAUSSIAN_FILE * count / MEGABYTE,
+        size.windows * GAUSSIAN_FILE * count / MEGABYTE + _tint_file(size, config, count) / MEGABYTE,
     )
 
 
@@ -244,7 +248,7 @@ class _Limit:
 def _minutes_limit(minutes: float, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> _Limit:
     """Room in so many minutes for all windows."""
     left = 60 * minutes / size.windows - speed.seconds(_fixed(size, config))
-    return _Limit("--minutes", f"--minutes {minutes:g}", left / speed.seconds(_per_gaussian(config)))
+    return _Limit("--minutes", f"--minutes {minutes:g}", left / speed.seconds(_per_gaussian(size, config)))
 
 
 def _memory_limit(granted: float | None, size: ClipSize, config: FitConfig) -> _Limit:
@@ -274,12 +278,23 @@ def _fixed(size: ClipSize, config: FitConfig) -> Work:
     priors = Work(PRIORS + (1 - PRIORS_SHARED) * per_pixel, PRIORS_SHARED * per_pixel)
     pixels = size.pixels * (1 - config.coarse * (1 - COARSE_PIXELS))
     steps = Work(config.steps * STEP, config.steps * STEP_PER_PIXEL * pixels)
-    return priors + steps + Work(REST_PER_PIXEL * size.frames * size.pixels, 0)
+    tints = Work(0, _tint_frames(size, config) * TINT_PER_PIXEL * size.pixels)
+    return priors + steps + tints + Work(REST_PER_PIXEL * size.frames * size.pixels, 0)
 
 
-def _per_gaussian(config: FitConfig) -> Work:
+def _per_gaussian(size: ClipSize, config: FitConfig) -> Work:
     """Cost of one Gaussian."""
-    return Work(config.steps * STEP_PER_GAUSSIAN, 0)
+    return Work(config.steps * STEP_PER_GAUSSIAN, _tint_frames(size, config) * TINT_PER_GAUSSIAN)
+
+
+def _tint_frames(size: ClipSize, config: FitConfig) -> int:
+    """Frames whose colors are found, if there is room for all."""
+    return size.frames if math.isfinite(config.tints.min_gain) else 0
+
+
+def _tint_file(size: ClipSize, config: FitConfig, count: float) -> float:
+    """Bytes of the colors over time of a whole scene in its file."""
+    return min(TINT_FILE * count * size.windows**2 * _tint_frames(size, config), config.tints.megabytes * MEGABYTE)
 
 
 def _memory(size: ClipSize, config: FitConfig, count: float) -> float:

@@ -188,6 +188,7 @@ def display_color(linear: Tensor) -> Tensor:
 def agreement(scene: Scene, count: int = 6) -> list[float]:
     """PSNR (dB) of `count` views of the clip, drawn of the linear appearance as Cycles does, against the fitted one's pictures."""
     look, fitted = linear_look(scene), scene.base
+    _, steady = fitted.full_appearance
     times = fitted.cameras.times[np.linspace(0, len(fitted.cameras) - 1, count).round().astype(int)]
     found = []
     with torch_threads(1):
@@ -195,7 +196,7 @@ def agreement(scene: Scene, count: int = 6) -> list[float]:
             camera, posed = fitted.cameras.at(time), fitted.posed(time)
             colors = fitted.colors(posed, camera).astype(np.float32)
             wanted = rasterize(posed, colors, camera).channels.clip(0, 1)
-            shift = spherical_harmonics.rgb_from_dc(look.dc) - spherical_harmonics.rgb_from_dc(posed.sh[:, 0])
+            shift = spherical_harmonics.rgb_from_dc(look.dc) - spherical_harmonics.rgb_from_dc(steady[:, 0])
             light = linear_color(torch.from_numpy(colors + shift.astype(np.float32)))
             opacities = faded(look.opacities, fitted.presence(time))
             splats = Splats(*map(torch.from_numpy, (posed.means, posed.quats, look.scales, opacities)))

@@ -232,6 +232,6 @@ _SOURCES: dict[str, Callable[[Cloud], tuple]] = {
     "turns": lambda cloud: (cloud.turn,),
     "shapes": lambda cloud: (cloud.scales,),
     "looks": lambda cloud: (cloud.sh, cloud.opacities, cloud.holdout),
-    "harmonics": lambda cloud: (cloud.sh, cloud.holdout),
+    "harmonics": lambda cloud: (cloud.sh if cloud.higher is None else cloud.higher, cloud.holdout),
 }
 """Fields that a texture is made of; a cloud that is held out is black."""

@@ -93,6 +93,8 @@ class Cloud:
     """Layer -> (N,) uint32 id of what each Gaussian belongs to (`cryptomatte.identify`); 0 = nothing."""
     holdout: bool = False
     """Cut holes into the picture instead of showing colors, as far as each Gaussian covers what is behind it."""
+    higher: np.ndarray | None = None
+    """The very same array as long as coefficients above degree 0 are the same, for who keeps them; None = it is not known."""
 
     @classmethod
     def of_scene(cls, scene: Scene, time: float) -> Cloud:

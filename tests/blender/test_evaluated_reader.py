@@ -1,8 +1,10 @@
 """What a viewport reads again: as much as a fresh reading would find, and of that only what has changed."""
 
+import numpy as np
 import pytest
 
 from f4x_core.scene import write_scene
+from f4x_core.scene.tints import with_tints
 
 from .artist import perform
 from .tiny_scene import tiny_scene
@@ -78,13 +80,16 @@ step("shown", lambda: setattr(still, "hide_viewport", False))
 """
 
 
-def test_a_second_reading_finds_what_a_fresh_one_does_and_keeps_what_is_the_same(tmp_path):
-    write_scene(tiny_scene(), tmp_path / "scene.f4x")
+@pytest.mark.parametrize("tinted", [False, True])
+def test_a_second_reading_finds_what_a_fresh_one_does_and_keeps_what_is_the_same(tmp_path, tinted):
+    scene = tiny_scene()
+    tints = np.arange(2, dtype=np.int8)[:, None] + np.full((len(scene.ids), 1, 3), 7, np.int8)
+    write_scene(with_tints(scene, [0.0, 6.0], tints) if tinted else scene, tmp_path / "scene.f4x")
     noted, _ = perform(tmp_path, SCRIPT)
     assert [name for name, result in noted.items() if not result.get("same")] == []
     posed = {"means", "quats", "turn"}
     for name in ("frame", "frame again"):
-        assert noted[name]["kept"].count("means") == 1 and noted[name]["kept"].count("sh") == 2
+        assert noted[name]["kept"].count("means") == 1 and noted[name]["kept"].count("sh") == 2 * (not tinted)
         assert {part for part in noted[name]["kept"] if noted[name]["kept"].count(part) == 2} >= {"scales", "opacities"}
         assert posed <= set(noted[name]["kept"])  # those of what stands still
     assert all(noted[name]["kept"].count("means") == 2 for name in ("cube", "moved"))

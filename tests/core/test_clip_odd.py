@@ -48,7 +48,8 @@ def film(path, frames, codec="libx264", pixels="yuv420p", rate=24, stamps=None, 
     """Write frames (H,W,C) uint8, at `stamps` in milliseconds where they are given."""
     if codec not in av.codecs_available:
         pytest.skip(f"this PyAV has no encoder {codec}")
-    options = {"crf": "8", **options} if codec == "libx264" else options
+    if codec == "libx264":  # with threads its bytes change from run to run, and damage may happen to be a picture
+        options = {"crf": "8", "threads": "1", **options}
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=rate, options=options)
         stream.height, stream.width = frames[0].shape[:2]

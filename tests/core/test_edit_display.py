@@ -9,6 +9,7 @@ from f4x_core.edit.display import Display, by_score
 from f4x_core.edit.operations import Delete, Duplicate, Freeze, Recolour, Transform
 from f4x_core.edit.selects import Ids, Moving
 from f4x_core.query.prompts import select_by_text
+from f4x_core.scene.tints import with_tints
 
 SCENE = labelled_scene()
 STILL = Ids.of(SCENE.static.ids[:10])
@@ -37,6 +38,27 @@ def test_what_is_drawn_apart_and_when(operations, apart, changes):
         for name, array in whole.arrays().items():
             np.testing.assert_array_equal(array[display.apart], getattr(part, name))
     np.testing.assert_array_equal(display.appearance(2.5).sh, scene.posed(2.5).sh)
+
+
+@pytest.mark.parametrize(
+    ("operation", "changes"),
+    [
+        (Transform(STILL, (0, 0, 1)), False),
+        (Duplicate(STILL, (0, 0, 1)), False),
+        (Duplicate(STILL, (0, 0, 1), time_shift=1.0), True),
+        (Freeze(STILL, 2), True),
+    ],
+)
+def test_with_colors_over_time_what_shows_other_moments_is_drawn_at_every_frame(operation, changes):
+    tints = np.ones((len(SCENE.ids), 2, 3), np.int8)
+    assert Display(with_operations(with_tints(SCENE, [0.0, 5.0], tints), operation)).changes == changes
+
+
+def test_a_recolored_gaussian_has_tints_by_its_new_color():
+    display = Display(with_operations(SCENE, Recolour(STILL, (0.0, 1.0, 0.0), "multiply", 1.0)))
+    gain = display.tint_gain(display.appearance(0.0))
+    np.testing.assert_allclose(gain[:10], np.tile([0, 1, 0], (10, 1)), atol=1e-5)
+    assert (gain[10:] == 1).all()
 
 
 def test_equal_keys_mean_equal_looks():

@@ -24,6 +24,7 @@ from f4x_core.fit.budget import (
     within,
 )
 from f4x_core.fit.config import for_frames, profile
+from f4x_core.fit.tints import TintConfig
 from f4x_core.gaussians import DensityConfig, SpawnConfig
 
 SIZE, SPEED, SLOW = ClipSize(80, 480, 270), MachineSpeed(0.012, 2), MachineSpeed(0.02, 2)
@@ -135,7 +136,8 @@ def test_what_is_said_to_be_enough_is_enough_for_small_clips_and_for_windows(siz
 
 
 def test_windows_cost_their_number_of_times_the_minutes_and_the_memory_of_one():
-    one, five = (cost(dataclasses.replace(SIZE, windows=windows), profile("quick"), SPEED) for windows in (1, 5))
+    config = dataclasses.replace(profile("quick"), tints=TintConfig(min_gain=np.inf))
+    one, five = (cost(dataclasses.replace(SIZE, windows=windows), config, SPEED) for windows in (1, 5))
     assert (five.minutes, five.memory, five.file) == pytest.approx((5 * one.minutes, one.memory, 5 * one.file))
 
 
@@ -172,6 +174,7 @@ def written_out(frames: int = 20, **changes):
     """A clip of 400 x 300 pixels and a profile with plain numbers, whose priors are made at 200 x 150."""
     config = profile("quick")
     settings = {
+        "tints": TintConfig(min_gain=np.inf),
         "steps": 100,
         "coarse": 0.2,
         "priors": dataclasses.replace(config.priors, longer_side=200),
@@ -199,6 +202,18 @@ def test_a_cost_is_the_sum_of_what_steps_pixels_and_gaussians_cost():
     roomless = dataclasses.replace(config, density_static=DensityConfig(max_count=100_000, max_growth=1.5))
     assert cost(size, roomless, SLOW).file == pytest.approx(78 * 140_000 / 1e6)
     assert max_gaussians(roomless) == 140_000
+
+
+def test_colors_over_time_cost_their_pixels_gaussians_and_bytes_of_every_frame():
+    size, plain = written_out()
+    count = 1.5 * 6 * 120_000 / 2**2
+    tinted = dataclasses.replace(plain, tints=TintConfig(megabytes=10.0))
+    one, other = (cost(size, config, SLOW) for config in (plain, tinted))
+    work = 20 * (8e-5 * 120_000 + 1.3e-4 * count)
+    assert other.minutes - one.minutes == pytest.approx(0.02 * work / SLOW.threads / 60)
+    assert other.file - one.file == pytest.approx(10.0), "as much as is allowed"
+    little = dataclasses.replace(plain, tints=TintConfig(megabytes=100.0))
+    assert cost(size, little, SLOW).file - one.file == pytest.approx(3 * 20 * count / 1e6)
 
 
 def test_many_frames_take_most_memory_while_priors_are_made():

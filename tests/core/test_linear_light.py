@@ -36,6 +36,7 @@ from f4x_core.scene.linear import (
     widened,
     with_look,
 )
+from f4x_core.scene.tints import tinted, with_tints
 
 CAMERA = Camera(np.array([[60.0, 0, 30], [0, 60, 20], [0, 0, 1]]), np.eye(4), 60, 40)
 
@@ -188,6 +189,18 @@ def test_baking_bakes_the_linear_look_too():
     for name in ("scales", "opacities", "means"):
         np.testing.assert_allclose(getattr(found, name)[rows], getattr(wanted, name), atol=1e-4)
     np.testing.assert_allclose(found.sh[rows, 0], wanted.sh[:, 0], atol=1e-4)
+
+
+def test_colors_over_time_are_in_both_pictures():
+    """Tints that are the same at all times are a color: the pictures agree as far as those of a scene with that color."""
+    scene = labelled_scene()
+    tints = with_tints(scene, np.array([0.0, 5.0]), np.full((len(scene.ids), 2, 3), 51, np.int8))
+    parts = {
+        name: dataclasses.replace(part, sh=tinted(part.sh, np.full((len(part), 3), 0.2, np.float32)))
+        for name, part in (("static", scene.static), ("dynamic", scene.dynamic))
+    }
+    found, expected = (linear_light.agreement(each, 2) for each in (tints, dataclasses.replace(scene, **parts)))
+    assert found == pytest.approx(expected, abs=1e-3)
 
 
 QUICK = LinearConfig(steps=12, save_every=5, part=0.7)

@@ -75,6 +75,9 @@ def test_only_what_is_another_array_is_filled_again():
     assert textures.update([clouds[0], replace(moved, to_world=np.eye(4))]) == {
         "looks"
     }  # the opacities are the old ones again
+    known = replace(clouds[1], higher=clouds[1].sh)
+    textures.update([clouds[0], known])
+    assert textures.update([clouds[0], replace(known, sh=known.sh + np.eye(4, 1))]) == {"looks"}
     assert textures.update(clouds[:1]) == set(CHANNELS)
 
 
