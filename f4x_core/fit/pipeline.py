@@ -119,7 +119,8 @@ class ClipFit:
         if self.whole:
             clock = time.perf_counter()
             with side_by_side(self.config.kernels.threads):
-                scene = tinted_scene(scene, self.clip, self.config.tints, self.config.backend, self.progress)
+                masks = priors.moving_masks
+                scene = tinted_scene(scene, self.clip, self.config.tints, masks, self.config.backend, self.progress)
             self._record("tints", clock)
         known = {**scene.provenance, "believed_degrees": _believed(priors)}
         return replace(result, priors=priors, scene=replace(scene, provenance=known))

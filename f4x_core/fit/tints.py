@@ -4,13 +4,16 @@ The background of a fit stands still and has one color for all of the clip, so i
 frames share (correlation .4 to .9 from one frame to the next on seven real clips) and distant ones do not (0 eight frames later).
 With the geometry fixed, a picture is linear in the colors: each knot's tints are the least squares solution for its frame, by
 conjugate gradients with the weights of each Gaussian as preconditioner. They are kept if they predict the frames between them.
+What stands still learns nothing where something moves before it, else the mover's errors would stay behind when it is taken out.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 
 from ..clip import Clip
 from ..geometry.arrays import evenly_spaced
@@ -37,6 +40,11 @@ class TintConfig:
     """Squared weight, in pixels, below which a Gaussian's color hardly follows. Four times as much loses .1 to .4 dB."""
 
 
+SHOWS = 0.5
+"""Alpha of the dynamic Gaussians from which a pixel is theirs. At .02 an audience of which a little moves stays blurred: breakdance
+loses .5 dB; the masks hold what moves as a whole."""
+AROUND = 0.008
+"""Widths of the picture by which the pixels of what moves are widened: outlines err by two pixels of 480 (J .8 to .9)."""
 SOFTENED = 0.1
 """Pixels added to each Gaussian's summed weight in the preconditioner, for those that hardly show."""
 JUDGED = 6
@@ -65,15 +73,25 @@ class Tinting:
         judged = np.arange(1, len(self.knots) - 1)
         self.judged = judged[evenly_spaced(len(judged), JUDGED)] if len(judged) else judged
 
-    def add(self, clip: Clip, first: int = 0, progress: Progress = silent) -> None:
-        """Solve for the knots in `clip`, whose first frame is frame `first` of the scene."""
+    def add(
+        self,
+        clip: Clip,
+        masks: Mapping[int, np.ndarray] | None = None,
+        first: int = 0,
+        progress: Progress = silent,
+    ) -> None:
+        """Solve for the knots in `clip`, whose first frame is frame `first` of the scene.
+
+        `masks`: frame of `clip` -> (H,W) bool of what moves there, in addition to the dynamic Gaussians.
+        """
         inside = (self.knots >= first) & (self.knots < first + len(clip))
         rows = np.flatnonzero(inside)
 
         def solve(row: int) -> None:
             frame = int(self.knots[row])
             target, seen = _frame(clip, frame - first)
-            self.values[:, row] = steps_of(self._solved(frame, target, seen))
+            view, picture = self._view(frame, seen, None if masks is None else masks.get(frame - first))
+            self.values[:, row] = steps_of(view.solved(target - picture, self.config))
             if row in self.judged:
                 self.targets[row] = target, seen
 
@@ -95,58 +113,100 @@ class Tinting:
         scene = replace(self.scene, needs=(*self.scene.needs, need.row()))
         return with_tints(scene, scene.cameras.times[self.knots], self.values) if pays else scene
 
-    def _weights(self, frame: int) -> tuple[BlendWeights, np.ndarray]:
-        """The blend weights in a frame of the clip, and the picture (H,W,3) without tints."""
+    def _view(self, frame: int, seen: np.ndarray | None, mask: np.ndarray | None = None) -> tuple[_View, np.ndarray]:
+        """A frame of the clip as it is seen, and its picture (H,W,3) without tints."""
         scene, camera, time = self.scene, self.scene.cameras[frame], float(self.scene.cameras.times[frame])
         posed = scene.posed(time)
-        weights = BlendWeights(posed, camera, 3, fitted_config(scene, camera, time), self.backend)
-        return weights, weights.picture(scene.colors(posed, camera))
+        moves = posed.dynamic[:, None].astype(np.float32)
+        channels = 6 if posed.dynamic.any() else 3
+        weights = BlendWeights(posed, camera, channels, fitted_config(scene, camera, time), self.backend)
+        drawn = weights.picture(np.concatenate([scene.colors(posed, camera), moves], 1))
+        size = camera.height, camera.width
+        counts = np.ones((*size, 1), np.float32) if seen is None else seen[..., None].astype(np.float32)
+        moving = (drawn[..., 3] > SHOWS) if mask is None else (drawn[..., 3] > SHOWS) | mask
+        wide = 2 * round(AROUND * camera.width) + 1
+        moving = maximum_filter(moving.astype(np.uint8), wide).astype(bool)
+        return _View(weights, moves, counts, counts * ~moving[..., None]), drawn[..., :3]
 
-    def _solved(self, frame: int, target: np.ndarray, seen: np.ndarray | None) -> np.ndarray:
-        """(N,3) float32: what has to be added to the colors so that a frame looks like `target (H,W,3)` where it is `seen`."""
-        weights, picture = self._weights(frame)
-        left = _where_seen(target - picture, seen)
-        total = weights.sums(_where_seen(np.ones_like(left), seen))
-        precondition = 1 / (np.maximum(total, 0) + np.float32(SOFTENED))
-        damping = np.float32(self.config.damping)
-        tint = np.zeros_like(total)
-        slope = weights.sums(left)
+    def _gain(self, row: int) -> float:
+        """PSNR (dB) that the tints of the knots before and after bring to that of `row`."""
+        frame, (target, seen) = int(self.knots[row]), self.targets[row]
+        view, picture = self._view(frame, seen)
+        times = self.scene.cameras.times[self.knots[row - 1 : row + 2]]
+        later = (times[1] - times[0]) / (times[2] - times[0])
+        tint = (1 - later) * self.values[:, row - 1] + later * self.values[:, row + 1]
+        predicted = picture + view.weights.picture((tint / LEVELS).astype(np.float32))
+        errors = [_error(each, target, seen) for each in (picture, predicted)]
+        return float(10 * np.log10(errors[0] / errors[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One frame as a linear map from the tints of N Gaussians: those that stand still count where nothing moves alone."""
+
+    weights: BlendWeights
+    """With six channels where some Gaussians are dynamic, else with three."""
+    moves: np.ndarray
+    """(N,1) float32 1 for dynamic Gaussians."""
+    counts: np.ndarray
+    """(H,W,1) float32 1 where the frame was seen."""
+    still: np.ndarray
+    """(H,W,1) float32 1 where in addition nothing moves."""
+
+    def picture(self, tint: np.ndarray) -> np.ndarray:
+        """(H,W,3): what `tint (N,3)` adds to the picture."""
+        if not self.moves.any():
+            return self.counts * self.weights.picture(tint)
+        both = self.weights.picture(np.concatenate([tint, tint * self.moves], 1))
+        return self.still * both[..., :3] + (self.counts - self.still) * both[..., 3:]
+
+    def sums(self, picture: np.ndarray) -> np.ndarray:
+        """(N,3): the transpose of `picture`, applied to (H,W,3)."""
+        if not self.moves.any():
+            return self.weights.sums(self.counts * picture)
+        both = self.weights.sums(np.concatenate([self.still * picture, self.counts * picture], -1))
+        return np.where(self.moves > 0, both[:, 3:], both[:, :3])
+
+    def solved(self, left: np.ndarray, config: TintConfig) -> np.ndarray:
+        """(N,3) float32 tints that make up for `left (H,W,3)`, by preconditioned conjugate gradients on the normal equations."""
+        left = self.counts * left
+        precondition = 1 / (np.maximum(self.sums(np.ones_like(left)), 0) + np.float32(SOFTENED))
+        damping = np.float32(config.damping)
+        slope = self.sums(left)
+        tint = np.zeros_like(slope)
         step = precondition * slope
         length = _dot(slope, step)
         direction = step
-        for _ in range(self.config.iterations):
+        for _ in range(config.iterations):
             if length <= 0:
                 break
-            change = _where_seen(weights.picture(direction), seen)
+            change = self.picture(direction)
             rate = np.float32(length / (_dot(change, change) + damping * _dot(direction, direction)))
             tint = tint + rate * direction
             left = left - rate * change
-            slope = weights.sums(left) - damping * tint
+            slope = self.sums(left) - damping * tint
             step = precondition * slope
             before, length = length, _dot(slope, step)
             direction = step + np.float32(length / before) * direction
         return tint
 
-    def _gain(self, row: int) -> float:
-        """PSNR (dB) that the tints of the knots before and after bring to that of `row`."""
-        frame, (target, seen) = int(self.knots[row]), self.targets[row]
-        weights, picture = self._weights(frame)
-        times = self.scene.cameras.times[self.knots[row - 1 : row + 2]]
-        later = (times[1] - times[0]) / (times[2] - times[0])
-        tint = (1 - later) * self.values[:, row - 1] + later * self.values[:, row + 1]
-        predicted = picture + weights.picture((tint / LEVELS).astype(np.float32))
-        errors = [_error(each, target, seen) for each in (picture, predicted)]
-        return float(10 * np.log10(errors[0] / errors[1]))
-
 
 def tinted_scene(
-    scene: Scene, clip: Clip, config: TintConfig, backend: str = "auto", progress: Progress = silent
+    scene: Scene,
+    clip: Clip,
+    config: TintConfig,
+    masks: Mapping[int, np.ndarray] | None = None,
+    backend: str = "auto",
+    progress: Progress = silent,
 ) -> Scene:
-    """The fitted, unedited scene with colors over time, if the frames of its whole clip ask for them."""
-    if not np.isfinite(config.min_gain):
+    """The fitted, unedited scene with colors over time, if the frames of its whole clip ask for them.
+
+    `masks`: clip frame -> (H,W) bool of what moves, in addition to the dynamic Gaussians.
+    """
+    if config.min_gain == np.inf:
         return scene
     tinting = Tinting(scene, config, backend)
-    tinting.add(clip, 0, progress)
+    tinting.add(clip, masks, 0, progress)
     return tinting.finish()
 
 

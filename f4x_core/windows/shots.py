@@ -24,6 +24,7 @@ from ..fit.config import FitConfig
 from ..fit.covered import completed
 from ..fit.tints import Tinting
 from ..parallel import side_by_side
+from ..priors import Priors
 from ..progress import Progress, silent
 from ..report.fitted import FittedScene
 from ..scene import Scene, read_scene
@@ -97,20 +98,22 @@ def fit_shot(shot: Shot, how: LongFit, folder: Path, progress: Progress = silent
         "saved": "memory that grows with the clip",
     }
     whole = completed(replace(joined, provenance=provenance, needs=(need,)))
-    return _with_tints(whole, shot, how, progress)
+    return _with_tints(whole, shot, how, folder, progress)
 
 
-def _with_tints(scene: Scene, shot: Shot, how: LongFit, progress: Progress) -> Scene:
+def _with_tints(scene: Scene, shot: Shot, how: LongFit, folder: Path, progress: Progress) -> Scene:
     """The joined scene with colors over time, if they pay; frames are read one window at a time, each once."""
     config = how.config
-    if not np.isfinite(config.tints.min_gain):
+    if config.tints.min_gain == np.inf:
         return scene
     starts = [start for start, _ in shot.windows]
     with side_by_side(config.kernels.threads):
         tinting = Tinting(scene, config.tints, config.backend)
         for number, (start, end) in enumerate(pairwise([*starts, shot.end])):
             tell = _part_progress("window", number, len(starts), progress)
-            tinting.add(how.read(start, end), start - shot.start, tell)
+            priors = folder / "windows" / f"{number:03d}" / "priors"
+            masks = Priors.read(priors).moving_masks if priors.exists() else None
+            tinting.add(how.read(start, end), masks, start - shot.start, tell)
         return tinting.finish()
 
 
