@@ -106,7 +106,7 @@ def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -
     if body is None:
         return
     text = job.error if job.state == worker.FAILED else job.text
-    draw_lines(body, context, panel_words(text), max_lines=LINES_SHOWN)
+    draw_lines(body, context, panel_words(text), space=(0, LINES_SHOWN))
     if job.instead:
         body.operator_context = "EXEC_DEFAULT"  # the question needs no dialog
         body.operator("f4x.ask_scene", text="Ask It So", icon="CHECKMARK").question = job.instead

@@ -19,14 +19,14 @@ def draw_lines(
     context: bpy.types.Context,
     text: str,
     icon: str = "NONE",
-    max_lines: int = 100,
-    min_lines: int = 0,
+    space: tuple[int, int] = (0, 100),
     beside: int = 0,
 ) -> None:
-    """Draw text, wrapped to the width of the region, in at most `max_lines` lines and on the space of at least `min_lines`.
+    """Draw text, wrapped to the width of the region.
 
-    `beside`: characters that something in the same row takes.
+    `space`: least lines that are taken, and most lines that are drawn; `beside`: characters that something in the same row takes.
     """
+    min_lines, max_lines = space
     width = int(context.region.width / (LETTER * context.preferences.system.ui_scale))
     lines = [
         part for line in text.splitlines() for part in textwrap.wrap(line, max(width - BESIDE - beside, MIN_CHARACTERS))

@@ -229,7 +229,7 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
             self._draw_readings(layout, context, state)
         if state.answer or not state.readings:
             example = EXAMPLE_OF_STILL if is_still(state.id_data) else EXAMPLE
-            draw_lines(layout, context, state.answer or example, "INFO", min_lines=ANSWER_LINES)
+            draw_lines(layout, context, state.answer or example, "INFO", space=(ANSWER_LINES, 100))
         if state.slower:
             layout.operator("f4x.slow_clip", icon="TIME").speed = state.slower
         if state.instead:

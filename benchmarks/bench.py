@@ -157,8 +157,8 @@ MEANING = {
 
 
 def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    from f4x_core.cli.distilling import clip_of_scene
-    from f4x_core.cli.querying import read_masks
+    from f4x_core.app.distilling import clip_of_scene
+    from f4x_core.app.selecting import read_masks
     from f4x_core.query.labels import encode_labels
     from f4x_core.query.smoothing import LOOKS_ALIKE
     from f4x_core.scene import read_scene
@@ -197,7 +197,7 @@ def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _select(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    from f4x_core.cli.querying import read_masks
+    from f4x_core.app.selecting import read_masks
     from f4x_core.edit.apply import open_scene
     from f4x_core.query.labels import encode_labels
 
@@ -233,7 +233,7 @@ def _select(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    from f4x_core.cli.querying import read_masks
+    from f4x_core.app.selecting import read_masks
     from f4x_core.edit.apply import open_scene
     from f4x_core.query.labels import encode_labels
     from f4x_core.scene import read_scene
@@ -312,7 +312,7 @@ def _images(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progre
 
 def _times(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """A `quick` fit from the frames on, and distilling the scene's teachers into it."""
-    from f4x_core.cli.distilling import maps_of
+    from f4x_core.app.distilling import maps_of
     from f4x_core.fit.config import profile
     from f4x_core.fit.distil_config import DistilConfig
     from f4x_core.fit.pipeline import fit_clip

@@ -14,16 +14,24 @@ __version__ = versions.VERSION
 
 __all__ = [
     "Camera",
+    "ClipOptions",
+    "ExportOptions",
     "FitConfig",
+    "FitOptions",
+    "RenderOptions",
     "Scene",
     "Splats",
     "ask",
     "edit_scene",
+    "export_file",
     "fit_clip",
+    "make_scene",
+    "profile",
     "rasterize",
     "read_clip",
     "read_scene",
     "render",
+    "render_path",
     "select",
     "updating",
     "write_scene",
@@ -31,8 +39,13 @@ __all__ = [
 
 if TYPE_CHECKING:
     from .api import ask, edit_scene, render, select
+    from .app.exporting import ExportOptions, export_file
+    from .app.fit_options import ClipOptions, FitOptions
+    from .app.fitting import make_scene
+    from .app.render_options import RenderOptions
+    from .app.rendering import render_path
     from .clip import read_clip
-    from .fit.config import FitConfig
+    from .fit.config import FitConfig, profile
     from .fit.pipeline import fit_clip
     from .geometry.camera import Camera
     from .geometry.splats import Splats
@@ -42,7 +55,12 @@ else:  # hidden from type checkers, for which it would make every name an attrib
     _MODULES = {
         **dict.fromkeys(("ask", "edit_scene", "render", "select"), ".api"),
         "read_clip": ".clip",
-        "FitConfig": ".fit.config",
+        **dict.fromkeys(("ExportOptions", "export_file"), ".app.exporting"),
+        **dict.fromkeys(("ClipOptions", "FitOptions"), ".app.fit_options"),
+        "make_scene": ".app.fitting",
+        "RenderOptions": ".app.render_options",
+        "render_path": ".app.rendering",
+        **dict.fromkeys(("FitConfig", "profile"), ".fit.config"),
         "fit_clip": ".fit.pipeline",
         "Camera": ".geometry.camera",
         "Splats": ".geometry.splats",

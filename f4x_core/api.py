@@ -78,12 +78,12 @@ def select(
     Raises:
         F4xError: an empty text, a scene without words, a word that nobody knows, or a threshold outside 0..1.
     """
-    from .edit.naming import by_words, together
-    from .query.labels import encode_labels, words_of
+    from .app.selecting import Wanted
+    from .app.selecting import select as select_wanted
+    from .query.labels import words_of
 
-    weighed = None if negatives is None else words_of(negatives)
-    found = by_words(edited(scene), words_of(text), weighed, threshold, encode=encode_labels, span=span)
-    return together(found)
+    weighed = None if negatives is None else tuple(words_of(negatives))
+    return select_wanted(scene, Wanted(tuple(words_of(text)), weighed, threshold=threshold, span=span)).selection
 
 
 def ask(scene: Scene, question: str, selection: Selection | None = None, *, backend: str = "auto") -> Answer:
@@ -101,12 +101,10 @@ def ask(scene: Scene, question: str, selection: Selection | None = None, *, back
     Raises:
         F4xError: an empty question, one that cannot be computed, a word that nobody knows, or a time outside the clip.
     """
-    from .edit.resolve import named
-    from .query.labels import encode_labels
-    from .query.questions import answer
+    from .app.asking import AskOptions
+    from .app.asking import ask as ask_scene
 
-    scene = edited(scene)
-    return answer(scene, question, encode=encode_labels, names=named(scene, selection), backend=backend)
+    return ask_scene(scene, question, AskOptions(selection), backend)
 
 
 def edit_scene(scene: Scene, sentence: str, selection: Selection | None = None, *, time: float = 0.0) -> Scene:
@@ -126,9 +124,9 @@ def edit_scene(scene: Scene, sentence: str, selection: Selection | None = None, 
         F4xError: a sentence that is not understood (it names the nearest commands), nothing that answers to its words, or
             a time outside the clip.
     """
-    from .edit.plan import preview, propose
+    from .app.editing import EditRequest, propose_edit
+    from .edit.plan import preview
     from .edit.resolve import EditorState
-    from .query.labels import encode_labels
 
-    proposal = propose(scene, sentence, EditorState(selection, time), encode=encode_labels)
-    return preview(scene, proposal.chosen)
+    request = EditRequest(sentence, state=EditorState(selection, time))
+    return preview(scene, propose_edit(scene, request).chosen)

@@ -83,7 +83,7 @@ TROUBLES = (
         "F4X-RESUME",
         "What a stopped fit left cannot be continued: it belongs to another clip, setting or version.",
         "Run the command without --resume, or into a new folder.",
-        ("f4x_core.fit.checkpoint", "f4x_core.batch.resuming", "f4x_core.batch.window"),
+        ("f4x_core.fit.checkpoint", "f4x_core.windows.resuming", "f4x_core.windows.window"),
     ),
     Trouble(
         "F4X-FIT",
@@ -95,7 +95,7 @@ TROUBLES = (
         "F4X-WINDOW",
         "The parts of a long clip do not fit together.",
         "Fit the parts with the same --width and profile, in their order; see docs/batch.md.",
-        ("f4x_core.fit.previous_window", "f4x_core.batch.windows", "f4x_core.scene.join"),
+        ("f4x_core.windows",),
     ),
     Trouble(
         "F4X-SCENE",
@@ -125,14 +125,22 @@ TROUBLES = (
             "f4x_core.scene.mesh",
             "f4x_core.scene.posing",
             "f4x_core.scene.view",
-            "f4x_core.cli.rendering",
+            "f4x_core.app.rendering",
+            "f4x_core.app.paths",
+            "f4x_core.app.exporting",
         ),
     ),
     Trouble(
         "F4X-FEATURES",
         "The scene has no features that this needs, or they are of another teacher.",
         "`f4x distill SCENE --teacher text,visual --clip CLIP` adds them.",
-        ("f4x_core.features", "f4x_core.fit.distil", "f4x_core.fit.vocabulary", "f4x_core.cli.distilling"),
+        (
+            "f4x_core.features",
+            "f4x_core.fit.distil",
+            "f4x_core.fit.vocabulary",
+            "f4x_core.app.distilling",
+            "f4x_core.cli.distilling",
+        ),
     ),
     Trouble(
         "F4X-MODEL",
@@ -144,13 +152,19 @@ TROUBLES = (
         "F4X-QUERY",
         "A word, point, box, mask or question finds nothing in this scene, or is not understood.",
         "`f4x info SCENE` lists the words it knows; `--vocabulary` of `f4x distill` adds more.",
-        ("f4x_core.query", "f4x_core.cli.querying", "f4x_core.cli.asking", "f4x_core.features.models.prompt"),
+        (
+            "f4x_core.query",
+            "f4x_core.app.selecting",
+            "f4x_core.cli.querying",
+            "f4x_core.cli.asking",
+            "f4x_core.features.models.prompt",
+        ),
     ),
     Trouble(
         "F4X-EDIT",
         "An edit has a value out of range, does not belong to this scene, or there is nothing to undo.",
         "`f4x history SCENE` shows the edits; docs/edits.md what each takes.",
-        ("f4x_core.edit", "f4x_core.cli.editing", "f4x_core.cli.history"),
+        ("f4x_core.edit", "f4x_core.app.editing", "f4x_core.cli.history"),
     ),
     Trouble(
         "F4X-LANGUAGE",
@@ -199,7 +213,7 @@ TROUBLES = (
         "F4X-OPTION",
         "An option of the command line is missing, contradicts another, or names a file or folder that is not there.",
         "`f4x VERB --help` lists the options of a verb.",
-        ("f4x_core.cli", "f4x_core.files", "f4x_core.troubles"),
+        ("f4x_core.app", "f4x_core.cli", "f4x_core.files", "f4x_core.troubles"),
     ),
     Trouble(
         "F4X-INSTALL",

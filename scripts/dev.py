@@ -43,7 +43,7 @@ VERBS = {
     "blender-5.3": "the Blender tests with Blender 5.3's module, in an environment of Python 3.13 beside the usual one; or SKIPPED",
     "elsewhere": "the core on linux-arm64 (QEMU), windows (Wine) and macos (looked at, not run); all, or those that are named",
     "results": "docs/results.md and all figures from benchmarks/results/, after taking over the report in DIR",
-    "mutants": "formulas of a ROOM (fit, scaffold, …; none: the report's five) broken by mutmut, and which no test notices",
+    "mutants": "formulas of a ROOM (fit, scaffold, …; none: the report's seven) broken by mutmut, and which no test notices",
     "examples": "three rendered clips, fitted, as scenes, pages and Blender files, in DIR (build/examples)",
     "docs": "the documentation site with pages of all docstrings, links checked, in build/site",
     "release": "wheels, extensions, source, notes and checksums from the last commit, in -o DIR; then tries them",

@@ -1,4 +1,4 @@
-"""How far off the path the depth of a scene really carries, by the truth of a rendered clip: the check of `fit.believed`."""
+"""How far off the path the depth of a scene really carries, by the truth of a rendered clip: the check of `metrics.believed`."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from f4x_core.evaluation.truth import TrueClip
-from f4x_core.fit.believed import MAX_DEGREES, TOLERANCE, Believed
 from f4x_core.geometry import trajectory
 from f4x_core.geometry.arrays import evenly_spaced
 from f4x_core.geometry.camera import Camera, CameraPath
+from f4x_core.metrics.believed import MAX_DEGREES, TOLERANCE, Believed
 from f4x_core.priors.synthetic import BACKGROUND_DEPTH, read_passes
 from f4x_core.scene import Scene
 from f4x_core.scene.view import render

@@ -51,25 +51,17 @@ def score_labels(
     result: dict[str, float] = {}
     for kind, views in (("original", original_views), ("novel", novel_views)):
         rows: list[dict[str, float]] = []
-        for camera, time, subject, known in views(scene, clip):
+        for view in views(scene, clip):
             progress(f"{kind} labels", len(rows), 0)
-            rows.append(_score(scene, query, selection, camera, time, subject, known, backend))
+            rows.append(_score(scene, query, selection, view, backend))
         if rows:
             result |= {f"{name}_{kind}": float(np.nanmean([row[name] for row in rows])) for name in rows[0]}
     return result
 
 
-def _score(
-    scene: Scene,
-    query: TextQuery,
-    selection: Selection,
-    camera: Camera,
-    time: float,
-    subject: np.ndarray,
-    known: np.ndarray,
-    backend: str,
-) -> dict[str, float]:
+def _score(scene: Scene, query: TextQuery, selection: Selection, view: View, backend: str) -> dict[str, float]:
     """The figures of one view, over its known pixels."""
+    camera, time, subject, known = view
     truth = subject[known]
     best = text_score_map(scene, query, camera, time, backend)
     found = {

@@ -15,7 +15,7 @@ from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.teachers import TEACHERS
 from f4x_core.fit.distil import distil
 from f4x_core.fit.distil_config import DistilConfig
-from f4x_core.fit.losses import psnr
+from f4x_core.metrics.pictures import psnr
 from f4x_core.progress import Progress, silent
 from f4x_core.query.pixels import head_map
 from f4x_core.query.score import overlap

@@ -261,33 +261,22 @@ def _measure_times(
     return list(zip(medians[:-1:2], medians[1:-1:2], strict=True)), statistics.median(peaks)
 
 
+VIEW = ("means", "quats", "scales", "opacities", "colors", "K", "viewmat", "width", "height")
+"""Names of what is drawn, and from where."""
+
+
 def view_of(scene: Mapping[str, Any]) -> tuple[Splats, Any, Camera]:
     """The first three arguments of `rasterize` for a scene of named arrays, as `make_wavy_scene` returns it."""
     splats = Splats(scene["means"], scene["quats"], scene["scales"], scene["opacities"])
     return splats, scene["colors"], Camera(scene["K"], scene["viewmat"], scene["width"], scene["height"])
 
 
-def draw(
-    *,
-    background: Any = None,
-    config: RasterConfig | None = None,
-    backend: str = "auto",
-    detached_from: int | None = None,
-    mean2d_offset: Any = None,
-    limit: Any = None,
-    rows: slice | None = None,
-    **scene: Any,
-) -> RasterOutput:
-    """`rasterize` of a `scene` of named arrays, see `view_of`."""
+def draw(**given: Any) -> RasterOutput:
+    """`rasterize` of the named arrays of `view_of`; what else is given are its options."""
+    options = {name: value for name, value in given.items() if name not in VIEW}
     return rasterize(
-        *view_of(scene),
-        background=background,
-        config=config,
-        backend=backend,
-        detached_from=detached_from,
-        mean2d_offset=mean2d_offset,
-        limit=limit,
-        rows=rows,
+        *view_of(given),
+        **options,
     )
 
 

@@ -22,6 +22,7 @@ from f4x_core.fit.config import profile
 from f4x_core.fit.frame_native import NativeFrameLosses
 from f4x_core.fit.pipeline import ClipFit
 from f4x_core.fit.trainer import Trainer
+from f4x_core.gaussians import camera_rig
 from f4x_core.gaussians.appearance_native import NativeDrawing
 from f4x_core.native import open_library, shareable_seconds
 from f4x_core.progress import Progress, silent
@@ -36,8 +37,8 @@ PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
     ("deformation", deformation._Deformation, ("backward",)),
     ("activations and colours", model.SceneModel, ("drawn",)),
     ("activations and colours", NativeDrawing, ("backward",)),
-    ("cameras", model.CameraRig, ("camera", "smoothness")),
-    ("cameras", model.CorrectedView, ("backward",)),
+    ("cameras", camera_rig.CameraRig, ("camera", "smoothness")),
+    ("cameras", camera_rig.CorrectedView, ("backward",)),
     ("raster", trainer_module, ("rasterize",)),
     ("raster", raster._Rasterize, ("backward",)),
     ("losses", trainer_module, ("total_loss",)),

@@ -12,7 +12,7 @@ import numpy as np
 
 from f4x_core.clip import Clip, read_clip
 from f4x_core.errors import F4xError
-from f4x_core.evaluation.evaluate import evaluate
+from f4x_core.evaluation.evaluate import Figures, evaluate
 from f4x_core.evaluation.perceptual_distance import lpips_missing
 from f4x_core.features.teachers import extract
 from f4x_core.query.pixels import head_map
@@ -220,7 +220,7 @@ def _measure_davis(context: Context, sequence: Path, teacher: str) -> Row:
 
 
 def _frame_scores(scene: Scene, clip: Clip) -> Row:
-    scores = evaluate(scene, clip, refine_camera=True, baselines=True, perceptual=True)
+    scores = evaluate(scene, clip, Figures(refine_camera=True, baselines=True, perceptual=True))
     columns = {
         "used (dB)": "used_psnr",
         "held out, camera registered (dB)": "held_out_psnr_registered",

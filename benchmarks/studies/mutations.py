@@ -37,7 +37,7 @@ COPIED = (
     *("f4x_core", "addon", "ground_truth", "benchmarks", "docs", "scripts", "tests"),
     *("pyproject.toml", "__init__.py", "README.md"),
 )
-ROOMS = ("fit", "gaussians", "scaffold", "priors", "query")
+ROOMS = ("fit", "gaussians", "scaffold", "priors", "query", "metrics", "windows")
 """Where a wrong formula makes a worse scene that nobody sees is wrong."""
 DRAWN = 60
 """Mutants a room: at 5 % survivors the fraction is known to 3 % (one standard deviation)."""

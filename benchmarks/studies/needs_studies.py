@@ -19,10 +19,10 @@ from f4x_core.features.spectrum import WIDTHS
 from f4x_core.fit.config import FitConfig, ScaffoldConfig
 from f4x_core.fit.distil import distil
 from f4x_core.fit.distil_config import DistilConfig
-from f4x_core.fit.losses import psnr
 from f4x_core.fit.needs import moving_fraction
 from f4x_core.fit.pipeline import finish_fit, start_fit
 from f4x_core.fit.start import moving_tracks
+from f4x_core.metrics.pictures import psnr
 from f4x_core.priors import Priors, build_priors
 from f4x_core.scene import Scene, read_scene, write_scene
 

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from f4x_core.raster import RasterConfig
-from f4x_core.raster.reference import weigh_row
+from f4x_core.raster.reference import pixel_row, weigh_row
 
 from ..speed.raster import Draw
 
@@ -117,7 +117,7 @@ def _list_pairs(
     mean2d, matrix, opacities = (values[order].double() for values in (mean2d, matrix, scene["opacities"]))
     splats, pixels = [], []
     for row in range(scene["height"]):
-        column, place = weigh_row(row, scene["width"], mean2d, matrix, opacities, config).nonzero().unbind(1)
+        column, place = weigh_row(pixel_row(row, scene["width"]), mean2d, matrix, opacities, config).nonzero().unbind(1)
         splats.append(order[place])
         pixels.append(row * scene["width"] + column)
     return torch.cat(splats), torch.cat(pixels)

@@ -21,8 +21,8 @@ from f4x_core.evaluation.perceptual_distance import lpips_bytes, lpips_missing, 
 from f4x_core.evaluation.tracking import keypoint_accuracy
 from f4x_core.evaluation.truth import align_cameras, into_scene
 from f4x_core.fit.config import FitConfig, profile, resolved
-from f4x_core.fit.model import CameraRig
 from f4x_core.fit.pipeline import fit_clip
+from f4x_core.gaussians.camera_rig import CameraRig
 from f4x_core.geometry.camera import Camera, CameraPath
 from f4x_core.scene import Scene, read_scene, write_scene
 from f4x_core.scene.view import render

@@ -16,11 +16,11 @@ from f4x_core.evaluation.perceptual_distance import lpips, lpips_missing
 from f4x_core.evaluation.tracking import track_pixels
 from f4x_core.evaluation.truth import align_cameras, into_scene
 from f4x_core.fit.config import FitConfig, profile
-from f4x_core.fit.losses import psnr, ssim
 from f4x_core.fit.model import SceneModel
 from f4x_core.fit.pipeline import finish_fit, start_fit
 from f4x_core.fit.trainer import Trainer
 from f4x_core.geometry.camera import Camera
+from f4x_core.metrics.pictures import psnr, ssim
 from f4x_core.priors import Priors
 from f4x_core.scene import Scene
 from f4x_core.scene.view import render

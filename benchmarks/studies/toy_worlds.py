@@ -159,7 +159,7 @@ class World:
         corners = [body.triangles_at(self._phase(time)) for body in self.bodies]
         triangles = np.concatenate(corners)
         fine = camera.resized(SUBPIXELS * camera.width, SUBPIXELS * camera.height)
-        depth, index = draw_triangles(triangles, fine.world_to_camera, fine.intrinsics, fine.width, fine.height)
+        depth, index = draw_triangles(triangles, fine)
         owner = np.repeat(np.arange(len(self.bodies)), [len(part) for part in corners])
         hit = index >= 0
         drawn = np.where(hit, owner[index], -1)

@@ -14,17 +14,20 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 import numpy as np
 from pydantic import Field
 
+from ..app import asking, selecting
+from ..app.asking import AskOptions
+from ..app.editing import EditRequest, propose_edit
+from ..app.exporting import ExportOptions
+from ..app.selecting import Wanted
 from ..clip.images import as_bytes
-from ..clip.read import frame_indices
 from ..edit import plan
-from ..edit.apply import open_scene, with_operations
+from ..edit.apply import open_scene
 from ..edit.description import describe
-from ..edit.naming import by_words, together
 from ..edit.operations import Operation, read_operation
 from ..edit.plan import MAX_CANDIDATES
 from ..edit.plan_lines import plan_lines, sizes
 from ..edit.records import read_record
-from ..edit.resolve import EditorState, Resolver, labels_of, named, resolve, rows_of
+from ..edit.resolve import EditorState, Resolver, labels_of, rows_of
 from ..edit.selects import All, Ids, SelectKind
 from ..edit.stack import Edit, EditStack, of, read_stack
 from ..edit.uncovered import takes_away, uncovered
@@ -37,14 +40,13 @@ from ..language.grammar import Doubt
 from ..progress import Progress, silent
 from ..query.inventory import PERSON
 from ..query.labels import encode_labels
+from ..query.marks import Box, Point
 from ..query.people import each_person
 from ..query.pixels import coverage_image, heat_map
-from ..query.prompts import select_by_box, select_by_points
-from ..query.questions import answer
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene, updating
-from ..scene.formats import FORMATS, choose_format, export
+from ..scene.formats import FORMATS, export
 from ..scene.view import render
 from ..scene.visualise import colour_depth, colour_motion, depth_range, labelled_grid
 from .folder import SceneFolder
@@ -97,6 +99,17 @@ OPERATIONS = 'for example [{"op": "recolour", "select": {"by": "moving"}, "rgb":
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
+
+
+class Look(NamedTuple):
+    """What a picture shows, as the arguments of `render_view` say it."""
+
+    frame: float
+    time: float | None = None
+    side: str = ""
+    degrees: float = 8.0
+    camera_path: str = ""
+    width: int = 0
 
 
 class StoredSelection(NamedTuple):
@@ -165,7 +178,7 @@ class Session:
     ) -> ToolResult:
         """A picture of the scene with its edits, from a camera at a moment; depth near is red, motion hue is direction."""
         path, opened = self._open(scene)
-        view = self._view(opened, frame, time, side, degrees, camera_path, width)
+        view = self._view(opened, Look(frame, time, side, degrees, camera_path, width))
         data: dict[str, Any] = {"frame": frame, "time": view.time, "size": [view.camera.width, view.camera.height]}
         maps = render(opened, *view, (channel,) if channel != "rgb" and not selection else ("rgb",), self.backend)
         if selection:
@@ -213,14 +226,13 @@ class Session:
         if len(kinds) != 1:
             raise F4xError(f"Give exactly one of {', '.join(given)}; got {', '.join(kinds) or 'none'}.")
         path, opened = self._open(scene)
-        view = self._view(opened, frame)
-        options: dict[str, Any] = {"threshold": threshold, "backend": self.backend, "progress": self.progress}
-        if text:
-            found = together(by_words(opened, text, negatives, threshold, encode=encode_labels))
-        elif point:
-            found = select_by_points(opened, [point], opened.cameras.frame_at(frame), part=part, **options)
-        elif box:
-            found = select_by_box(opened, box, opened.cameras.frame_at(frame), **options)
+        view = self._view(opened, Look(frame))
+        if select is None:
+            moment = opened.cameras.frame_at(frame)
+            marks = (Point(moment, True, point),) if point else (Box(moment, True, box),) if box else ()
+            weighed = None if negatives is None else tuple(negatives)
+            wanted = Wanted(tuple(text or ()), weighed, marks, part and bool(point), threshold)
+            found = selecting.select(opened, wanted, self.backend, self.progress).selection
         else:
             resolver = Resolver(EditorState(frame=frame), encode_labels)
             resolved = resolver.select(opened, read_record(SelectKind, select, "select"))
@@ -250,8 +262,7 @@ class Session:
         """Ask what is there, where and when, what moves, how far and how fast; answered by computing, and it says so."""
         path, opened = self._open(scene)
         selected = self._selection(path, opened, selection) if selection else None
-        options: dict[str, Any] = {"names": named(opened, selected), "backend": self.backend, "progress": self.progress}
-        found = answer(opened, question, encode=encode_labels, **options)
+        found = asking.ask(opened, question, AskOptions(selected), self.backend, self.progress)
         return ToolResult({"answered_by": found.answered_by}, {"answer": found.text, "evidence": found.evidence})
 
     def propose_edit(
@@ -268,15 +279,12 @@ class Session:
             raise F4xError("Give either a sentence or operations.")
         path, opened = self._open(scene)
         context = EditorState(self._selection(path, opened, selection) if selection else None, frame)
-        if operations:
-            candidate = plan.Candidate(_resolve_operations(opened, operations, context), "as given")
-            proposal = plan.Proposal("", (candidate,), understood_by="operations")
-        else:
-            options: dict[str, Any] = {"encode": encode_labels, "backend": self.backend, "progress": self.progress}
-            try:
-                proposal = plan.propose(opened, sentence, context, candidates=candidates, **options)
-            except Doubt as doubt:
-                raise F4xError(f"{doubt} If that is meant, propose '{doubt.instead}'.") from doubt
+        given = _read_operations(operations or [])
+        request = EditRequest(sentence, given, state=context, candidates=candidates, backend=self.backend)
+        try:
+            proposal = propose_edit(opened, request, self.progress)
+        except Doubt as doubt:
+            raise F4xError(f"{doubt} If that is meant, propose '{doubt.instead}'.") from doubt
         name = self._name("proposal")
         _keep(self._proposed, name, StoredProposal(path, of(opened).edits, proposal), KEPT_PROPOSALS)
         rows = [self._candidate_summary(opened, index, one) for index, one in enumerate(proposal.candidates)]
@@ -294,7 +302,7 @@ class Session:
     ) -> ToolResult:
         """A picture of the scene before and after a candidate. Writes nothing."""
         path, opened, chosen = self._candidate(proposal, candidate)
-        view = self._view(opened, frame, time, side, degrees)
+        view = self._view(opened, Look(frame, time, side, degrees))
         scenes = (opened, plan.preview(opened, chosen))
         images = [as_bytes(render(each, *view, ("rgb",), self.backend)["rgb"]) for each in scenes]
         sheet = labelled_grid([images], [f"{view.time:g}"], ["before", "after"])
@@ -334,15 +342,15 @@ class Session:
         """Write a scene with its edits for other programs: one moment, a folder of moments, or an animated file."""
         path, opened = self._open(scene)
         target = self._output(output)
-        name, _ = choose_format(output, format or None, one_moment=time is not None)
-        count = len(opened.cameras)
-        times = opened.cameras.times[frame_indices(frames or None, count, path)] if time is None else [time]
-        _require_times(opened.cameras, times)
+        if time is not None:
+            _require_times(opened.cameras, [time])
+        options = ExportOptions(format or None, time, frames or None)
+        name, times = options.format_of(output), options.times_of(opened, path)
         numbers = FLOATS_PER_GAUSSIAN + 3 * (opened.sh_degree + 1) ** 2
         if 4 * numbers * len(opened.ids) * len(times) > MAX_EXPORT_BYTES:
             raise F4xError(f"That would be more than {MAX_EXPORT_BYTES >> 30} GiB; export fewer frames.")
         target.parent.mkdir(parents=True, exist_ok=True)
-        done = export(opened, target, [float(time) for time in times], name, progress=self.progress)
+        done = export(opened, target, times, name, progress=self.progress)
         written = {"output": output, "format": name, "moments": len(times), "files": len(done.files)}
         return ToolResult({**written, **({"notes": list(done.notes)} if done.notes else {})})
 
@@ -356,25 +364,17 @@ class Session:
             _keep(self._scenes, key, open_scene(path), KEPT_SCENES)
         return path, self._scenes[key]
 
-    def _view(
-        self,
-        scene: Scene,
-        frame: float,
-        time: float | None = None,
-        side: str = "",
-        degrees: float = 8.0,
-        camera_path: str = "",
-        width: int = 0,
-    ) -> View:
-        cameras = CameraPath.read(self.folder.file(camera_path)) if camera_path else scene.cameras
-        time = frame if time is None else time
-        _require_times(cameras, [frame])
+    def _view(self, scene: Scene, look: Look) -> View:
+        cameras = CameraPath.read(self.folder.file(look.camera_path)) if look.camera_path else scene.cameras
+        time = look.frame if look.time is None else look.time
+        _require_times(cameras, [look.frame])
         _require_times(scene.cameras, [time])
-        camera = cameras.at(frame)
-        if side:
-            camera = trajectory.orbit(cameras, time, degrees, around=frame, count=len(SIDES))[SIDES.index(side)].camera
+        camera = cameras.at(look.frame)
+        if look.side:
+            aside = trajectory.orbit(cameras, time, look.degrees, around=look.frame, count=len(SIDES))
+            camera = aside[SIDES.index(look.side)].camera
         longer_side = max(camera.width, camera.height)
-        scale = width / camera.width if width else min(1.0, DEFAULT_SIDE / longer_side)
+        scale = look.width / camera.width if look.width else min(1.0, DEFAULT_SIDE / longer_side)
         scale = min(scale, MAX_SIDE / longer_side)
         size = [max(1, round(scale * side)) for side in (camera.width, camera.height)]
         return View(camera.resized(*size), float(time))
@@ -437,16 +437,11 @@ def _keep(kept: dict[Key, Value], key: Key, value: Value, max_entries: int) -> N
         del kept[next(iter(kept))]
 
 
-def _resolve_operations(scene: Scene, entries: list[dict[str, Any]], context: EditorState) -> tuple[Operation, ...]:
-    """Read operations from JSON objects and resolve each in the scene that the operations before it leave."""
+def _read_operations(entries: list[dict[str, Any]]) -> tuple[Operation, ...]:
+    """Read operations from JSON objects."""
     if len(entries) > MAX_OPERATIONS:
         raise F4xError(f"{len(entries)} operations are given; give at most {MAX_OPERATIONS} at once.")
-    resolved_operations: list[Operation] = []
-    for number, entry in enumerate(entries, 1):
-        operation = read_operation(entry, f"operation {number}")
-        resolved_operations.append(resolve(scene, operation, context, encode_labels))
-        scene = with_operations(scene, resolved_operations[-1])
-    return tuple(resolved_operations)
+    return tuple(read_operation(entry, f"operation {number}") for number, entry in enumerate(entries, 1))
 
 
 def _with_id_counts(value: Any) -> Any:

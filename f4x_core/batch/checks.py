@@ -14,6 +14,7 @@ from ..errors import F4xError
 from ..fit.vocabulary import EVERYDAY
 from ..geometry.trajectory import read_path
 from ..query.chat import ChatServer
+from ..windows.plan import LENGTHS, plan_windows, usual_overlap
 from .graph import declared_frames
 from .manifest import Row
 
@@ -26,8 +27,6 @@ parse_cached = lru_cache(1024)(parse)
 def require_values(row: Row) -> None:
     """Raise F4xError for values that fail whatever the fit gives: window lengths, frozen frames, sentences, JSON files."""
     if row.window or row.overlap is not None:
-        from .windows import LENGTHS, plan_windows, usual_overlap  # imports the whole fit
-
         length = row.window or LENGTHS[0]
         plan_windows(0, length, length, usual_overlap(length) if row.overlap is None else row.overlap)
     moments = [path for path in row.paths if path.startswith(("frozen:", "bullet:"))]

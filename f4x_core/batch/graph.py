@@ -16,6 +16,7 @@ from ..errors import F4xError
 from ..files import user_path
 from ..scene.formats import FORMATS
 from ..versions import VERSION
+from ..windows.plan import LONG
 from .manifest import Row
 from .storage import URL
 
@@ -31,9 +32,6 @@ RESUME_FILES = {
     "distill": ("features/*/*", "features/.*/*"),
 }
 """Kind -> patterns of the files from which a stopped task resumes."""
-LONG = 360
-"""Clips with more frames are fitted in windows by default; a phone films as many in twelve seconds. 200 and 300 frames fitted at
-once show more from the side than in windows of 60, at a third of the Gaussians."""
 CLIP = "{clip}"
 """Placeholder for the clip in a command, because a clip behind a URL is downloaded first."""
 

@@ -21,13 +21,12 @@ from typing import Any, Protocol
 
 from ..errors import F4xError
 from ..reading import parse_json
+from ..report.input_picture import INPUT
 from .graph import KINDS, Task, tasks_of
 from .manifest import Row
 from .storage import Digests, Store
 from .work import STATE, Outcome, parse_record, record_name
 
-INPUT = "input.jpg"
-"""The image of the clip that `f4x priors` writes, and `f4x fit` if it fits windows."""
 LINKED = {
     "fit": {"diagnostics": "diagnostics.html", "scene": "scene.f4x"},
     "distill": {"scene": "distilled.f4x"},

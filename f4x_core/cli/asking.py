@@ -5,16 +5,14 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..app.asking import AskOptions, ask
+from ..app.paths import trajectory_of
+from ..app.selecting import read_selection
 from ..edit.apply import open_scene
-from ..edit.resolve import named
 from ..errors import F4xError
 from ..progress import Progress
 from ..query.chat import ChatServer
-from ..query.questions import Answer, answer, ask_features
 from .doubts import asking_for_yes
-from .encoding import encoder
-from .querying import read_selection
-from .rendering import trajectory_of
 
 
 def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -26,16 +24,11 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             "--select tells a computed answer what 'it' is; a model sees whole pictures, so leave out one of them."
         )
     selected = None if args.select is None else read_selection(args.select)
-    if args.model is not None:
-        from ..features.models.smolvlm import SmolVlm
-
-        found: Answer = ask_features(scene, args.question, views, SmolVlm(args.model), args.backend, progress)
-    else:
-        server = ChatServer.from_environment(args.endpoint)
-        options: dict[str, Any] = {"encode": encoder(progress), "backend": args.backend, "progress": progress}
-        options |= {"server": server, "names": named(scene, selected), "agreed": args.yes}
-        with asking_for_yes():
-            found = answer(scene, args.question, views, **options)
+    server = ChatServer.from_environment(args.endpoint) if args.model is None else None
+    with asking_for_yes():
+        found = ask(
+            scene, args.question, AskOptions(selected, views, server, args.model, args.yes), args.backend, progress
+        )
     return {
         "answer": found.text,
         "answered_by": found.answered_by,

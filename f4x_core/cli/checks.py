@@ -72,15 +72,6 @@ def require_folder(folder: Path) -> None:
             raise F4xError(f"-o {folder}: {place} is a file; give a folder, which is made where it does not exist.")
 
 
-def require_backend(name: str) -> None:
-    """Raise F4xError when the backend that `--backend` names cannot run here."""
-    from ..raster import why_not
-
-    reason = why_not(name)
-    if reason is not None:
-        raise F4xError(f"--backend {name} cannot run here ({reason}); use --backend auto or torch.")
-
-
 def why_slow() -> str | None:
     """The line about drawing without compiled kernels; None where they are there."""
     from ..raster import why_not

@@ -16,6 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ..app.fitting import fit_at_once, require_settings
+from ..app.paths import times_of
 from ..clip import Clip
 from ..clip.rendered_scenes import ALL, scenes_named
 from ..clip.video import write_video
@@ -29,8 +31,7 @@ from ..progress import Progress
 from ..reading import load_json
 from ..scene import Scene, read_scene
 from ..scene.view import render_trajectory
-from .fitting import clip_of, config_of, fit_to_folder
-from .rendering import times_of
+from .fitting import clip_options_of, config_of, result_at_once
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 # Size of the new path (degrees): a circle seen that far from the middle camera, and the sheet's step to the side.
@@ -73,6 +74,7 @@ def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """
     start = time.perf_counter()
     folder, config = Path(args.output), config_of(args)
+    require_settings(config)
     rendered = args.clip is None
     if rendered:
         if args.frames is not None:
@@ -82,8 +84,8 @@ def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         scenes_named([args.scene])  # an unknown name is refused before anything is rendered
         render_clip(folder / "clip", DemoClip(args.scene, seed=args.seed), progress)
         args.clip = str(folder / "clip" / "images")
-    clip = clip_of(args, progress)
-    fitted = fit_to_folder(clip, folder, config, progress, resume=False)
+    clip = clip_options_of(args).read(args.clip, progress)
+    fitted = result_at_once(fit_at_once(clip, folder, config, progress))
     scene = read_scene(fitted["scene"])
     made = ["scene.f4x", "diagnostics.html", *write_renders(folder, scene, clip, args.backend, progress)]
     lines = [fitted["text"]]

@@ -5,61 +5,53 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from ..edit.apply import base_of, open_scene, with_operations
+from ..app.editing import Edited, EditRequest, edit_file
+from ..app.selecting import read_selection
 from ..edit.json_files import read_operations
-from ..edit.judge import candidate_sheet
 from ..edit.operations import TakeBack
-from ..edit.plan import preview, propose
 from ..edit.plan_lines import plan_lines, sizes
-from ..edit.resolve import EditorState, resolve
-from ..edit.stack import of, write_stack
-from ..edit.uncovered import summary_of, takes_away, uncovered
-from ..errors import F4xError
-from ..files import replace_file, same_file
+from ..edit.resolve import EditorState
+from ..edit.stack import of
+from ..edit.uncovered import summary_of
 from ..progress import Progress
 from ..query.chat import ChatServer
-from ..scene import Scene, updating, write_scene
 from .doubts import asking_for_yes
-from .encoding import encoder
 from .history import count_of
-from .querying import read_selection
 
 
 def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Append the edits of a sentence or of a JSON file to the scene's stack, in place or in another file, or only show them."""
-    if args.output is not None and same_file(args.output, args.scene):
-        args.scene, args.output = args.output, None  # in place, under the name that is to be written
-    if args.output is not None or args.dry_run:
-        return _edit(args, progress)
-    with updating(args.scene):  # what another writes between reading and writing would be lost
-        return _edit(args, progress)
+    with asking_for_yes():
+        edited = edit_file(args.scene, request_of(args), args.output, args.contact_sheet, args.dry_run, progress)
+    return _result(edited, args)
 
 
-def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Read the scene, append the edits and write it where that is asked for."""
-    scene = unedited = open_scene(args.scene)
-    before = len(scene.edits)
-    if args.say is not None:
-        scene, found, lines = _propose(scene, args, progress)
-    else:
-        found, lines = {}, []
-        scene = _with_file(scene, args, progress)
-    new = of(scene).edits[before:]
-    written = args.scene if args.output is None else args.output
-    if args.output is None and not args.dry_run:
-        write_stack(args.scene, of(scene))
-    elif not args.dry_run:
-        write_scene(base_of(scene), args.output)
-    chosen = sizes(scene)
-    plan = plan_lines(unedited, [edit.operation for edit in new], args.frame)
+def request_of(args: argparse.Namespace) -> EditRequest:
+    """The edit that the arguments ask for."""
+    selection = None if args.select is None else read_selection(args.select)
+    state = EditorState(selection, args.frame, agreed=args.yes)
+    if args.say is None:
+        return EditRequest(operations=tuple(read_operations(args.ops)), source=str(args.ops), state=state)
+    server = ChatServer.from_environment(args.endpoint)
+    more = {"candidates": args.candidates, "backend": args.backend}
+    return EditRequest(args.say, state=state, server=server, **more)
+
+
+def _result(edited: Edited, args: argparse.Namespace) -> dict[str, Any]:
+    """What was done, or would be."""
+    scene, new = edited.after, edited.new
+    found, lines = ({}, []) if args.say is None else _readings(edited)
+    chosen, before = sizes(scene), len(edited.before.edits)
+    plan = plan_lines(edited.before, [edit.operation for edit in new], args.frame)
     lines += [
         f"{number} {line}"
         + (f": {' and '.join(f'{n:,}' for n in chosen[edit.id])} Gaussians" if edit.id in chosen else "")
         for number, (edit, line) in enumerate(zip(new, plan, strict=True), before + 1)
     ]
-    shows = uncovered(scene) if takes_away(edit.operation for edit in new) else None
+    shows = edited.uncovered
     lines += filter(None, [summary_of(shows)])
     active = sum(edit.enabled and not isinstance(edit.operation, TakeBack) for edit in of(scene).edits)
+    written = args.scene if args.output is None else args.output
     end = f"{written}: {count_of(active)} in effect; `f4x undo` takes back the last"
     return {
         **found,
@@ -71,34 +63,9 @@ def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     }
 
 
-def _with_file(scene: Scene, args: argparse.Namespace, progress: Progress) -> Scene:
-    """The scene with the operations of the file `--ops`."""
-    context, encode = _context(args), encoder(progress)
-    for number, operation in enumerate(read_operations(args.ops), 1):
-        progress("edit", number - 1, 0, operation.TAG)
-        try:
-            resolved = resolve(scene, operation, context, encode)
-            scene = with_operations(scene, resolved)
-        except F4xError as error:
-            raise F4xError(f"{args.ops}: operation {number} ({operation.TAG}): {error}") from error
-    return scene
-
-
-def _propose(scene: Scene, args: argparse.Namespace, progress: Progress) -> tuple[Scene, dict[str, Any], list[str]]:
-    """(scene with the best reading of `--say`, all readings as JSON, all readings as lines of text)."""
-    server = ChatServer.from_environment(args.endpoint)
-    context = _context(args)
-    options: dict[str, Any] = {
-        "server": server,
-        "encode": encoder(progress),
-        "candidates": args.candidates,
-    }
-    with asking_for_yes():
-        proposal = propose(scene, args.say, context, backend=args.backend, progress=progress, **options)
-    if args.contact_sheet is not None:
-        candidates = [candidate.operations for candidate in proposal.candidates]
-        with replace_file(args.contact_sheet) as file:
-            candidate_sheet(scene, candidates, proposal.best, args.backend).save(file, "PNG")
+def _readings(edited: Edited) -> tuple[dict[str, Any], list[str]]:
+    """(all readings of the sentence as JSON, all readings as lines of text)."""
+    proposal = edited.proposal
     rows: list[dict[str, Any]] = [
         {"why": one.why or "as said", "scores": dict(one.scores)} for one in proposal.candidates
     ]
@@ -113,10 +80,4 @@ def _propose(scene: Scene, args: argparse.Namespace, progress: Progress) -> tupl
     for number, row in enumerate(rows if len(rows) > 1 else (), 1):
         scores = ", ".join(f"{name} {value:.2f}" for name, value in row["scores"].items())
         lines.append(f"{'*' if number - 1 == proposal.best else ' '} {number} {row['why']}: {scores}")
-    return preview(scene, proposal.chosen), found, lines
-
-
-def _context(args: argparse.Namespace) -> EditorState:
-    """The selection and the frame that "it" and "now" in a sentence refer to."""
-    selection = None if args.select is None else read_selection(args.select)
-    return EditorState(selection, args.frame, agreed=args.yes)
+    return found, lines

@@ -6,14 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..clip import read_clip
+from ..app.fit_options import ClipOptions
 from ..errors import F4xError
 from ..features.maps import FeatureMaps
 from ..features.teachers import TEACHERS, extract, require_ready
 from ..features.weights import WEIGHTS, describe, fetch, require_path
 from ..progress import Progress
 from .checks import listed_teachers
-from .fitting import width_of
 
 MEGABYTE = 1e6
 
@@ -27,7 +26,7 @@ def run_features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]
         raise F4xError("--model belongs to one teacher; call `f4x features` once for each.")
     if args.rank is not None and args.rank < 1:
         raise F4xError(f"--rank {args.rank}: give a number above 0.")
-    clip = read_clip(args.clip, args.frames, width_of(args), progress=progress)
+    clip = ClipOptions(args.frames, args.width).read(args.clip, progress)
     rows: list[dict[str, Any]] = []
     for name in names:
         folder = args.output / "features" / name

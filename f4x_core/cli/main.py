@@ -9,13 +9,14 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from ..app.checks import require_backend
 from ..errors import Cancelled, F4xError
 from ..files import json_text
 from ..printing import OUTPUT, one_line, open_streams, print_error, print_text
 from ..processes import EXIT_INTERRUPTED, START, LineProgress, stop_with_parent
 from ..troubles import EXPECTED, with_code
 from ..versions import VERSION
-from .checks import output_folder, require_backend, require_folder, require_given, why_slow
+from .checks import output_folder, require_folder, require_given, why_slow
 from .terminal import TerminalProgress
 
 EXIT_BAD_INPUT = 2
@@ -37,7 +38,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
     """The function behind a verb; imports only what that verb needs."""
     from importlib import import_module
 
-    modules = {"eval": "measuring", "render": "rendering", "export": "rendering"}
+    modules = {"eval": "measuring", "render": "rendering", "export": "exporting"}
     modules |= dict.fromkeys(("fit", "window", "priors"), "fitting")
     modules |= {"open": "opening", "mesh": "meshing", "query": "querying", "name": "querying", "ask": "asking"}
     modules |= {"edit": "editing", "undo": "history", "redo": "history", "bake": "history"}

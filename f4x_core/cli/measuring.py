@@ -10,7 +10,7 @@ from typing import Any
 from ..clip import read_clip
 from ..edit.apply import open_scene
 from ..errors import F4xError
-from ..evaluation.evaluate import evaluate, without_frames
+from ..evaluation.evaluate import Figures, evaluate, without_frames
 from ..evaluation.perceptual_distance import lpips_missing
 from ..evaluation.tracking import joint_accuracy
 from ..evaluation.truth import score_against_truth
@@ -26,16 +26,8 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     clip = read_clip(args.clip, frames=args.frames, width=scene.cameras.width, masks=args.masks)
     if joints is not None and clip.masks is None:
         raise F4xError("--joints needs --masks: the size of the animal sets how near a joint must be.")
-    result = evaluate(
-        scene,
-        clip,
-        refine_camera=args.refine_camera,
-        baselines=args.baselines,
-        perceptual=True,
-        masks=None if clip.masks is None else dict(enumerate(clip.masks)),
-        backend=args.backend,
-        progress=progress,
-    )
+    masks = None if clip.masks is None else dict(enumerate(clip.masks))
+    result = evaluate(scene, clip, Figures(args.refine_camera, args.baselines, True, masks), args.backend, progress)
     if args.truth is not None:
         scores = score_against_truth(
             scene, args.truth, refine_camera=args.refine_camera, backend=args.backend, progress=progress

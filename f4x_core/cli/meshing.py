@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..app.selecting import read_selection, select
 from ..edit.apply import edited, open_scene
 from ..edit.bake import bake
 from ..errors import F4xError
@@ -17,7 +18,7 @@ from ..scene import Scene
 from ..scene.formats.gltf_mesh import require_glb, write_gltf_mesh
 from ..scene.mesh import MeshConfig, SplatMesh, deviation, mesh_of
 from ..scene.posing import require_time
-from .querying import MARKS, chosen_by, read_selection
+from .querying import MARKS, wanted_of
 
 MOMENTS = 30
 """Clip frames at most at which the linear blend of other programs is compared with the scene's own."""
@@ -47,7 +48,7 @@ def _ids_of(scene: Scene, args: argparse.Namespace, progress: Progress) -> np.nd
         selection = read_selection(args.select)
         selection.require_scene(scene)
     elif prompts:
-        selection, _ = chosen_by(scene, args, None, progress)
+        selection = select(scene, wanted_of(scene, args), args.backend, progress).selection
     else:
         return scene.ids
     if not len(selection.chosen_ids):

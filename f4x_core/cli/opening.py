@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..app.encoding import encoder
 from ..edit.apply import base_of, edited
 from ..edit.bake import bake
 from ..edit.naming import by_words
@@ -19,7 +20,6 @@ from ..scene.file import read_scene
 from ..scene.foreign import notes_of, open_any
 from ..scene.formats.web import PageOptions, write_page
 from ..scene.recognise import identify
-from .encoding import encoder
 
 
 def run_open(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

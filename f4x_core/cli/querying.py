@@ -3,38 +3,29 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..clip import write_video
-from ..clip.images import list_images, read_mask
+from ..app.encoding import encoder
+from ..app.paths import Film
+from ..app.selecting import Wanted, mask_of, select, write_selection
 from ..edit.apply import open_scene, with_operations
-from ..edit.json_files import read_json
-from ..edit.naming import by_names, by_words, together
+from ..edit.naming import by_names
 from ..edit.operations import Name
 from ..edit.selects import Ids
 from ..edit.stack import of, write_stack
 from ..errors import F4xError
-from ..files import json_text, replace_file
 from ..language.lexicon import spellings
 from ..progress import Progress
 from ..query.inventory import instead, labels_of
-from ..query.labels import Encode, words_of
+from ..query.labels import words_of
 from ..query.marks import Box, Brush, Lasso, Mark, Mask, Point
-from ..query.pixels import coverage_image, heat_map, mask_video
-from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene, updating
 from ..scene.posing import require_time
-from ..scene.view import render
-from .encoding import encoder
-from .rendering import times_of, trajectory_of
 
-SELECTION = "selection.json"
 MARKS = ("text", "point", "box", "brush", "lasso", "mask")
 """Options that say what is meant, in any mix."""
 ALONE = ("point", "box", "mask")
@@ -47,8 +38,9 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(f"--threshold {args.threshold:g}: give a number from 0 to 1.")
     scene = open_scene(args.scene, args.edits)
     span = _span(scene, args.span) if args.span is not None else None
-    views = trajectory_of(scene, args.path, args.degrees)
-    selection, by_word = chosen_by(scene, args, span, progress)
+    film = Film.along(scene, args.path, args.degrees)
+    found = select(scene, wanted_of(scene, args, span), args.backend, progress)
+    selection, by_word = found.selection, found.by_word
     result: dict[str, Any] = {
         "label": selection.label,
         "chosen": int(selection.chosen.sum()),
@@ -78,9 +70,9 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         lines += absent
         result["note"] = "; ".join(absent)
     if args.output is not None:
-        _write(scene, selection, views, args, progress)
+        write_selection(scene, selection, film, args.output, args.backend, progress)
         result["output"] = str(args.output)
-        lines.append(f"{args.output}: selection.json, mask/ with {len(views)} pictures, heat.mp4")
+        lines.append(f"{args.output}: selection.json, mask/ with {len(film.views)} pictures, heat.mp4")
     return {**result, "text": "\n".join(lines)}
 
 
@@ -98,7 +90,7 @@ def _name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     word = " ".join(args.word.split())
     refuse_as_name(word)
     args.negatives, args.threshold = None, THRESHOLD
-    selection, _ = chosen_by(scene, args, None, progress)
+    selection = select(scene, wanted_of(scene, args), args.backend, progress).selection
     chosen = selection.chosen_ids
     if not len(chosen):
         raise F4xError(_empty_line(selection) + ".")
@@ -112,76 +104,34 @@ def _name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return {"name": word, "chosen": len(chosen), "replaced": replaced, "text": text}
 
 
-def read_masks(folder: Path, scene: Scene) -> dict[int, np.ndarray]:
-    """Clip frame -> (H,W) bool of a folder with one picture for each frame, at the size of the scene's pictures."""
-    files = list_images(folder)
-    if len(files) != len(scene.cameras):
-        raise F4xError(
-            f"--masks {folder}: it has {len(files)} pictures, the clip {len(scene.cameras)} frames; give one each."
-        )
-    return {t: mask_of(file, scene) for t, file in enumerate(files)}
-
-
-def mask_of(file: Path, scene: Scene) -> np.ndarray:
-    """(H,W) bool of the picture `file` at the size of the scene's pictures; F4xError for colours or another aspect."""
-    try:
-        return at_clip_size(read_mask(file, colours=False), scene.cameras)
-    except F4xError as error:
-        message = str(error)
-        raise F4xError(message if message.startswith(str(file)) else f"{file}: {message}") from error
-
-
-def _by_words(
-    scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, encode: Encode
-) -> dict[str, Selection]:
-    """Word of --text -> what it selects."""
-    if args.frame is not None or args.beside is not None:
-        raise F4xError("--frame goes with marks on the thing; words are asked of the whole clip (--span A:B).")
-    negatives = words_of(args.negatives) if args.negatives is not None else None
-    return by_words(scene, words_of(args.text), negatives, args.threshold, encode=encode, span=span)
-
-
-def read_selection(file: Path) -> Selection:
-    """The selection that `f4x query -o DIR` left in a file; F4xError."""
-    data = read_json(file, f"the {SELECTION} that `f4x query SCENE … -o DIR` leaves")
-    try:
-        return Selection.from_json(data)
-    except F4xError as error:
-        raise F4xError(f"{file}: {error}") from error
-
-
-def chosen_by(
-    scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, progress: Progress
-) -> tuple[Selection, dict[str, Selection]]:
-    """What the arguments select, and what each word does where words alone are given."""
+def wanted_of(scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None = None) -> Wanted:
+    """What the arguments mean. Raises F4xError for options that do not go together."""
     given = [name for name in MARKS if getattr(args, name) is not None]
     if not given:
         kinds = ", ".join(f"--{name}" for name in MARKS)
         raise F4xError(f"give at least one of {kinds}, alone or together; got none.")
-    if getattr(args, "part", False) and given != ["point"]:
+    part = getattr(args, "part", False)
+    if part and given != ["point"]:
         raise F4xError("--part goes with --point alone: it selects the part of the person's body there.")
-    if given == ["text"]:
-        by_word = _by_words(scene, args, span, encoder(progress))
-        return together(by_word), by_word
-    if len(given) == 1 and args.beside is None and given[0] in ALONE:
-        return _selection(scene, args, given[0], span, progress), {}
-    return _evidence(scene, args, span, progress), {}
-
-
-def _evidence(
-    scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, progress: Progress
-) -> Selection:
-    """Several kinds of evidence at once: marks on the thing and beside it, and words."""
-    if args.frame is None:
-        raise F4xError("Marks need --frame T: the clip frame that they are on.")
+    only_words = given == ["text"]
+    if only_words and (args.frame is not None or args.beside is not None):
+        raise F4xError("--frame goes with marks on the thing; words are asked of the whole clip (--span A:B).")
     if args.negatives is not None and args.text is None:
         raise F4xError("--not goes with --text; for a pixel on what is not meant say --beside.")
-    words = None
-    if args.text is not None:
-        negatives = words_of(args.negatives) if args.negatives is not None else None
-        words = together(by_words(scene, words_of(args.text), negatives, args.threshold, encode=encoder(progress)))
-    options: dict[str, Any] = {"backend": args.backend, "progress": progress}
-    return select_by_evidence(scene, _marks(scene, args), words, args.threshold, span, **options)
+    if not only_words and args.frame is None:
+        raise F4xError(_needs_frame(given, args))
+    words = () if args.text is None else tuple(words_of(args.text))
+    negatives = None if args.negatives is None else tuple(words_of(args.negatives))
+    marks = () if only_words else tuple(_marks(scene, args))
+    return Wanted(words, negatives, marks, part, args.threshold, span)
+
+
+def _needs_frame(given: list[str], args: argparse.Namespace) -> str:
+    """The sentence about marks without `--frame`."""
+    if len(given) > 1 or args.beside is not None or given[0] not in ALONE:
+        return "Marks need --frame T: the clip frame that they are on."
+    flag = "click" if args.verb == "name" and given == ["point"] else given[0]
+    return f"--{flag} needs --frame T: the clip frame that it belongs to."
 
 
 def _marks(scene: Scene, args: argparse.Namespace) -> list[Mark]:
@@ -206,28 +156,6 @@ def _marks(scene: Scene, args: argparse.Namespace) -> list[Mark]:
 def _line(text: str, flag: str) -> list[list[float]]:
     """[[x, y], ...] of "X,Y X,Y …"."""
     return [_numbers(pair, 2, flag, "'X,Y X,Y …'") for pair in text.split()]
-
-
-def _selection(
-    scene: Scene, args: argparse.Namespace, kind: str, span: tuple[float, float] | None, progress: Progress
-) -> Selection:
-    if args.negatives is not None:
-        raise F4xError("--not goes with --text; for a pixel on what is not meant say --beside.")
-    if args.frame is None:
-        flag = "click" if args.verb == "name" and kind == "point" else kind
-        raise F4xError(f"--{flag} needs --frame T: the clip frame that it belongs to.")
-    options: dict[str, Any] = {
-        "threshold": args.threshold,
-        "span": span,
-        "backend": args.backend,
-        "progress": progress,
-    }
-    if kind == "point":
-        options["part"] = getattr(args, "part", False)
-        return select_by_points(scene, [_numbers(args.point, 2, "--point", "X,Y")], args.frame, **options)
-    if kind == "box":
-        return select_by_box(scene, _numbers(args.box, 4, "--box", "X0,Y0,X1,Y1"), args.frame, **options)
-    return select_by_mask(scene, mask_of(args.mask, scene), args.frame, **options)
 
 
 def _empty_line(selection: Selection, hint: str = "") -> str:
@@ -257,23 +185,3 @@ def _span(scene: Scene, text: str) -> tuple[float, float]:
     if first > last:
         raise F4xError(f"--span {text}: it ends before it starts.")
     return first, last
-
-
-def _write(scene: Scene, selection: Selection, views, args: argparse.Namespace, progress: Progress) -> None:
-    """selection.json, mask/00000.png …, heat.mp4 (scores over the grey picture)."""
-    from PIL import Image
-
-    folder, backend = args.output, args.backend
-    (folder / "mask").mkdir(parents=True, exist_ok=True)
-    with replace_file(folder / SELECTION) as file:
-        file.write(json_text(selection.to_json()).encode())
-
-    def images() -> Iterator[np.ndarray]:
-        for index, weights in enumerate(mask_video(scene, selection, views, backend, progress=progress)):
-            with replace_file(folder / "mask" / f"{index:05d}.png") as file:
-                Image.fromarray((weights > 0.5).astype(np.uint8) * 255).save(file, "PNG")
-            camera, time = views[index]
-            rgb = render(scene, camera, time, ("rgb",), backend)["rgb"]
-            yield heat_map(rgb, coverage_image(scene, selection, camera, time, backend, soft=True))
-
-    write_video(folder / "heat.mp4", images(), scene.fps, times_of(scene, args.path))

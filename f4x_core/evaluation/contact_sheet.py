@@ -11,7 +11,7 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..progress import Progress, silent
 from ..scene import Scene
-from ..scene.moments import ABOVE_DEGREES, RIGHT_DEGREES, draw_moments
+from ..scene.moments import draw_moments
 from ..scene.visualise import colour_depth, colour_motion, depth_range, labelled_grid
 
 COLUMNS = ("input", "render", "depth", "from the right", "from above", "motion")
@@ -20,17 +20,11 @@ FULL_MOTION, MIN_MOTION = 98, 1.0
 
 
 def contact_sheet(
-    scene: Scene,
-    clip: Clip,
-    frames: int = 6,
-    right: float = RIGHT_DEGREES,
-    above: float = ABOVE_DEGREES,
-    backend: str = "auto",
-    progress: Progress = silent,
+    scene: Scene, clip: Clip, frames: int = 6, backend: str = "auto", progress: Progress = silent
 ) -> Image.Image:
     """Return an RGB picture: one row for each of `frames` used moments spread over the clip, one labelled column per `COLUMNS`.
 
-    The views aside are the moment's own camera swung to its `right` and to `above` it by so many degrees about the scene's
+    The views aside are the moment's own camera swung to its right and to above it about the scene's
     centre (`scene.moments`). Colours of depth and motion have one range for the whole sheet.
 
     Raises:
@@ -42,7 +36,7 @@ def contact_sheet(
         )
     used = clip.supervised
     chosen = used[evenly_spaced(len(used), frames)]
-    moments = draw_moments(scene, chosen, right, above, backend, progress)
+    moments = draw_moments(scene, chosen, backend=backend, progress=progress)
     near, far = depth_range(moment.depth for moment in moments)
     largest = _full_motion([moment.motion for moment in moments])
     rows = [

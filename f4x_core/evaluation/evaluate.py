@@ -15,10 +15,10 @@ from torch import Tensor
 from ..clip import Clip
 from ..errors import F4xError
 from ..files import json_text, replace_file
-from ..fit.losses import psnr, ssim
-from ..fit.model import CameraRig
 from ..gaussians import appearance
+from ..gaussians.camera_rig import CameraRig
 from ..geometry.camera import Camera, CameraPath
+from ..metrics.pictures import psnr, ssim
 from ..native.kernels import torch_threads
 from ..parallel import in_threads, side_by_side
 from ..progress import Progress, silent
@@ -73,24 +73,29 @@ class FrozenMoment:
         return out.channels[..., :3].clamp(0, 1), out.channels[..., 3], out.alpha
 
 
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """What `evaluate` measures besides PSNR and SSIM."""
+
+    refine_camera: bool = False
+    """Held-out figures with the camera refined on that very frame; the scene stays as it is."""
+    baselines: bool = False
+    """Held-out figures of two baselines that know no 3D: the nearest used frame, and the half-way blend of its two flow-warped
+    neighbours, also with the registered camera."""
+    perceptual: bool = False
+    """LPIPS, where it can run."""
+    masks: Mapping[int, np.ndarray] | None = None
+    """Clip frame -> (H,W) bool of what moves by the priors or a person: adds `mask_scores`."""
+
+
 def evaluate(
-    scene: Scene,
-    clip: Clip,
-    *,
-    refine_camera: bool = False,
-    baselines: bool = False,
-    perceptual: bool = False,
-    masks: Mapping[int, np.ndarray] | None = None,
-    backend: str = "auto",
-    progress: Progress = silent,
+    scene: Scene, clip: Clip, figures: Figures | None = None, backend: str = "auto", progress: Progress = silent
 ) -> dict[str, Any]:
     """Compare every frame of `clip` with the scene's picture of it.
 
     Returns per-frame and mean PSNR (dB; the mean is over frames) and SSIM for used and held-out frames, PSNR of the moving
-    and of the static region, and the held-out figures with the camera registered by flow and depth (`registration`). On
-    request: held-out figures with the camera refined on that very frame (scene frozen), those of two baselines that know no 3D
-    (the nearest used frame, and the half-way blend of its two flow-warped neighbours, also with the registered camera), and
-    LPIPS where it can run. `masks`, clip frame -> (H,W) bool of what moves by the priors or a person, adds `mask_scores`.
+    and of the static region, the held-out figures with the camera registered by flow and depth (`registration`), and those
+    that `figures` ask for.
 
     Raises:
         F4xError: clip and scene differ in frame count or size.
@@ -102,7 +107,7 @@ def evaluate(
             f"{clip.source}: the clip has {len(clip)} frames of {clip.width}x{clip.height}, the scene {len(cameras)} of"
             f" {cameras.width}x{cameras.height}; give the clip that was fitted{f', with --frames {fitted}' if fitted else ''}."
         )
-    held_out = set(scene.held_out)
+    held_out, figures = set(scene.held_out), figures or Figures()
 
     def scores(index: int) -> dict[str, Any]:
         """Scores of one frame."""
@@ -121,17 +126,17 @@ def evaluate(
             "psnr_moving": psnr(image, target, within(region, seen)),
             "psnr_static": psnr(image, target, within(1 - region, seen)),
         }
-        distance = lpips(image.numpy(), target.numpy()) if perceptual else None
+        distance = lpips(image.numpy(), target.numpy()) if figures.perceptual else None
         if distance is not None:
             row["lpips"] = distance
-        mask = masks.get(index) if masks is not None else None
+        mask = None if figures.masks is None else figures.masks.get(index)
         if row["held_out"]:
-            row |= registered_scores(scene, clip, index, moment, baselines, mask)
+            row |= registered_scores(scene, clip, index, moment, figures.baselines, mask)
         elif mask is not None:
             row |= mask_scores(image, moving, target, mask)
-        if row["held_out"] and refine_camera:
+        if row["held_out"] and figures.refine_camera:
             row["psnr_refined"] = psnr(refine(moment, rig, target)[0], target)
-        if row["held_out"] and baselines:
+        if row["held_out"] and figures.baselines:
             row |= baseline_scores(clip, index, held_out)
         return row
 

@@ -13,9 +13,10 @@ from scipy.ndimage import binary_closing
 
 from ..clip.images import read_color, resize_color, resize_nearest
 from ..errors import F4xError
-from ..fit.losses import psnr, ssim
-from ..fit.model import CameraRig
+from ..gaussians.camera_rig import CameraRig
 from ..geometry.camera import Camera, CameraPath
+from ..geometry.trajectory import View
+from ..metrics.pictures import psnr, ssim
 from ..priors.synthetic import BACKGROUND_DEPTH, read_passes
 from ..progress import Progress, silent
 from ..reading import load_json
@@ -152,7 +153,7 @@ def score_against_truth(
             actual = read_color(extra.images / f"{int(time):05d}.png")
             regions = seen.regions(extra, index, clip.moving_index) if seen else {}
             camera = clip.into_scene(extra.cameras[index], scene)
-            row = _score_view(scene, camera, float(time), actual, regions, refine_camera, backend)
+            row = _score_view(scene, View(camera, float(time)), actual, regions, refine_camera, backend)
             rows.append({"camera": extra.name, "degrees": extra.degrees, "frame": int(time), **row})
         progress("unseen views", len(extra.cameras), len(extra.cameras), extra.name)
     if rows:
@@ -353,15 +354,10 @@ def _landing(camera: Camera, *clouds: np.ndarray) -> np.ndarray:
 
 
 def _score_view(
-    scene: Scene,
-    camera: Camera,
-    time: float,
-    actual: np.ndarray,
-    regions: dict[str, np.ndarray],
-    refine_camera: bool,
-    backend: str,
+    scene: Scene, view: View, actual: np.ndarray, regions: dict[str, np.ndarray], refine_camera: bool, backend: str
 ) -> dict[str, float]:
     """PSNR and SSIM of one extra view: `actual` (H,W,3) uint8, `regions` of the same size as `SeenSurface.regions`."""
+    camera, time = view
     size = camera.width, camera.height
     target = torch.from_numpy(resize_color(actual, *size).astype(np.float32) / 255)
     image = torch.from_numpy(np.clip(render(scene, camera, time, ("rgb",), backend)["rgb"], 0, 1))

@@ -24,7 +24,7 @@ from ..geometry.spherical_harmonics import dc_from_rgb
 from ..geometry.trajectory import View
 from ..raster.blend_weights import blend_weight_sums
 from ..scene import MADE_UP, Scene, StaticSet
-from ..scene.join import followed_by
+from ..scene.concatenation import followed_by
 from ..scene.people import people_of, with_people_by_id, without_people
 from ..scene.view import render
 from .needs import Need

@@ -1,19 +1,15 @@
 """Image losses of the photometric stage. Every loss is 0 on an empty mask instead of dividing by zero."""
 
-import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from ..metrics.pictures import SSIM_C1, SSIM_C2, ssim_map, ssim_window
 from ..native.kernels import TORCH, Kernels
 from .frame_native import FrameMaps, FrameWeights, NativeFrameLosses
 from .picture_native import Comparison, NativePictureLoss
 
-# SSIM's stabilising constants for images in [0, 1] (Wang et al. 2004).
-SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
-SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
 # Composited depth is not divided by less than this.
 MIN_DEPTH = 1e-3
 # Below this many pixels (or this much weight) a masked mean says nothing.
@@ -31,32 +27,6 @@ def masked_l1(image: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     return ((image - target).abs().sum(-1) * weight).sum() / weight.sum().clamp_min(MIN_WEIGHT)
 
 
-@lru_cache(maxsize=8)
-def _window(dtype: torch.dtype) -> Tensor:
-    """(11,) the blur, summing to 1."""
-    offsets = torch.arange(SSIM_WINDOW, dtype=torch.float64) - (SSIM_WINDOW - 1) / 2
-    kernel = torch.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
-    return (kernel / kernel.sum()).to(dtype)
-
-
-def ssim_map(image: Tensor, target: Tensor) -> Tensor:
-    """Structural similarity (C,H,W) of two images (H,W,C): Gaussian window of 11 pixels, zero padding."""
-    x, y = image.permute(2, 0, 1), target.permute(2, 0, 1)  # (C,H,W)
-    channels = len(x)
-    maps = torch.cat([x, y, x * x + y * y, x * y])[None]  # (1,4C,H,W): the two variances are only needed as a sum
-    window = _window(image.dtype)
-    across = window.view(1, 1, 1, -1).repeat(4 * channels, 1, 1, 1)
-    down = across.transpose(2, 3)
-    half = SSIM_WINDOW // 2
-    blurred = torch.nn.functional.conv2d(maps, across, padding=(0, half), groups=4 * channels)
-    blurred = torch.nn.functional.conv2d(blurred, down, padding=(half, 0), groups=4 * channels)[0]
-    mean_x, mean_y, squares, product = blurred.split(channels)
-    mean_squares = mean_x * mean_x + mean_y * mean_y
-    covariance = product - mean_x * mean_y
-    luminance = (2 * mean_x * mean_y + SSIM_C1) / (mean_squares + SSIM_C1)
-    return luminance * (2 * covariance + SSIM_C2) / (squares - mean_squares + SSIM_C2)
-
-
 def rgb_loss(
     image: Tensor,
     target: Tensor,
@@ -70,7 +40,7 @@ def rgb_loss(
     `kernels` say so (float32 on the CPU).
     """
     if kernels.native and ssim_weight:
-        comparison = Comparison(_window(image.dtype), SSIM_C1, SSIM_C2, ssim_weight, kernels.threads)
+        comparison = Comparison(ssim_window(image.dtype), SSIM_C1, SSIM_C2, ssim_weight, kernels.threads)
         total = NativePictureLoss.apply(image, target, weight, comparison)
         return total / weight.sum().clamp_min(MIN_WEIGHT)
     loss = masked_l1(image, target, weight)
@@ -102,7 +72,7 @@ def frame_losses(
     weights = FrameWeights(
         factors.moving, factors.depth, factors.roughness, factors.mask, step, plain=PLAIN, min_depth=MIN_DEPTH
     )
-    comparison = Comparison(_window(torch.float32), SSIM_C1, SSIM_C2, factors.ssim, threads)
+    comparison = Comparison(ssim_window(torch.float32), SSIM_C1, SSIM_C2, factors.ssim, threads)
     return NativeFrameLosses.apply(*rendered, maps, weights, comparison, MIN_WEIGHT)
 
 
@@ -157,21 +127,3 @@ def _three(image: Tensor, axis: int, step: int) -> tuple[Tensor, Tensor, Tensor]
 
 def _second_difference(first: Tensor, middle: Tensor, last: Tensor) -> Tensor:
     return first - 2 * middle + last
-
-
-def psnr(image: Tensor, target: Tensor, weight: Tensor | None = None) -> float:
-    """Peak signal-to-noise ratio in dB of images (H,W,3) in [0,1], over the pixels of `weight` (H,W) when given; NaN if none."""
-    error = ((image - target) ** 2).mean(-1)
-    if weight is None:
-        mse = float(error.mean())
-    else:
-        total = float(weight.sum())
-        if total < 1:
-            return math.nan
-        mse = float((error * weight).sum()) / total
-    return -10 * math.log10(max(mse, 1e-12))
-
-
-def ssim(image: Tensor, target: Tensor) -> float:
-    """Mean structural similarity of two images (H,W,3)."""
-    return float(ssim_map(image, target).mean())

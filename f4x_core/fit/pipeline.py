@@ -14,9 +14,11 @@ import torch
 from ..clip import Clip
 from ..errors import F4xError
 from ..gaussians import StaticGaussians, learnt_before
+from ..gaussians.camera_rig import CameraRig
 from ..geometry import quaternion
 from ..geometry.spherical_harmonics import degree_of
 from ..geometry.splats import Splats
+from ..metrics.believed import believed_degrees, depth_evidence
 from ..native.kernels import torch_threads
 from ..parallel import side_by_side
 from ..priors import Priors, build_priors
@@ -27,12 +29,11 @@ from ..reading import undamaged
 from ..scaffold import Scaffold
 from ..scene import DynamicSet, Scene, StaticSet
 from ..versions import VERSION
-from .believed import believed_degrees, depth_evidence
 from .checkpoint import load_checkpoint
 from .config import SETTINGS, FitConfig, for_motion, resolved
 from .covered import completed
 from .harmonics import GAIN_DB
-from .model import CameraRig, NodeSet, SceneModel
+from .model import NodeSet, SceneModel
 from .needs import Need, Shortage, lack_in_words, moving_fraction
 from .people import with_people_of
 from .spawning import Explained, Spawner

@@ -63,7 +63,7 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Sta
     if len(chosen) < MIN_TRACKS:
         return Start(None, [], priors)
     lifted = lift_tracks(
-        priors.tracks[:, chosen], priors.tracks_visible[:, chosen], priors.depth, None, priors.cameras, times
+        priors.tracks[:, chosen], priors.tracks_visible[:, chosen], priors.depth, priors.cameras, times
     )
     if len(lifted) < MIN_TRACKS:
         return Start(None, [], priors)

@@ -21,6 +21,7 @@ from ..gaussians.spawn import Room
 from ..geometry.arrays import evenly_spaced
 from ..geometry.spherical_harmonics import degree_of
 from ..geometry.splats import Splats
+from ..metrics.pictures import psnr
 from ..priors import Priors
 from ..progress import Progress, silent
 from ..raster import RasterConfig, rasterize
@@ -32,7 +33,6 @@ from .config import FitConfig
 from .frame_data import FrameData, MovingTracks
 from .harmonics import GAIN_DB, next_band
 from .loss_terms import LossTerm, Rendered, loss_terms, total_loss
-from .losses import psnr
 from .model import NodeSet, SceneModel
 from .needs import Need
 from .node_control import add_nodes, drop_nodes

@@ -40,7 +40,7 @@ def rasterize_reference(inputs: RasterInput) -> RasterOutput:
 
     def composite_row(row: int, mean2d: Tensor, conic: Tensor, opacities: Tensor, features: Tensor) -> Tensor:
         seen = None if limit is None else features[:, 1] < limit[row - drawn.start, :, None]
-        weight = weigh_row(row, width, mean2d, conic, opacities, config, seen)
+        weight = weigh_row(pixel_row(row, width).to(mean2d.device), mean2d, conic, opacities, config, seen)
         return torch.cat((weight @ features[:, :detached], weight.detach() @ features[:, detached:]), 1)  # (W, 2 + C)
 
     # Checkpointed by row: autograd keeps no (pixels x N) matrices.
@@ -58,9 +58,14 @@ def rasterize_reference(inputs: RasterInput) -> RasterOutput:
     return RasterOutput(channels, depth, alpha, visible)
 
 
+def pixel_row(row: int, width: int) -> Tensor:
+    """(W, 2) float64 pixel centres of a row of an image."""
+    x = torch.arange(width, dtype=torch.float64) + 0.5
+    return torch.stack((x, torch.full_like(x, row + 0.5)), -1)
+
+
 def weigh_row(
-    row: int,
-    width: int,
+    pixel: Tensor,
     mean2d: Tensor,
     conic: Tensor,
     opacities: Tensor,
@@ -70,23 +75,20 @@ def weigh_row(
     """Blending weights (W, N) of N splats in the pixels of a row by the rules of 3DGS; 0 where one does not contribute.
 
     Args:
-        row: of the image.
-        width: image width in pixels.
+        pixel: (W, 2) centres of the pixels, px, float64.
         mean2d: (N, 2) px, float64; splats are sorted front to back.
         conic: (N, 2, 2) inverse covariances, 1/px^2, float64.
         opacities: (N,) in [0, 1], float64.
         config: its cut and clamp of alpha and its stop.
         seen: (W, N) bool, False where a splat is hidden from a pixel; None = all are seen.
     """
-    x = torch.arange(width, dtype=torch.float64, device=mean2d.device) + 0.5
-    pixel = torch.stack((x, torch.full_like(x, row + 0.5)), -1)
     d = pixel[:, None] - mean2d  # (W, N, 2)
     alpha = opacities * torch.exp(-0.5 * torch.einsum("wni,nij,wnj->wn", d, conic, d))
     alpha = torch.where(alpha < config.alpha_min, 0.0, alpha.clamp_max(config.alpha_max))
     if seen is not None:
         alpha = torch.where(seen, alpha, 0.0)
     light_after = torch.cumprod(1 - alpha, 1)
-    light_before = torch.cat((torch.ones_like(x)[:, None], light_after[:, :-1]), 1)
+    light_before = torch.cat((torch.ones_like(pixel[:, :1]), light_after[:, :-1]), 1)
     return torch.where(light_after > config.transmittance_min, alpha * light_before, 0.0)
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..geometry.camera import Camera
+
 PIXELS = 1 << 21
 """Covered pixels worked on together: about 100 MB of work memory."""
 FLAT = 1e-12
@@ -18,14 +20,7 @@ SLACK = 1e-6
 
 
 def draw_triangles(
-    triangles: np.ndarray,
-    viewmat: np.ndarray,
-    K: np.ndarray,
-    width: int,
-    height: int,
-    *,
-    near: float = 0.01,
-    far: float = np.inf,
+    triangles: np.ndarray, camera: Camera, *, near: float = 0.01, far: float = np.inf
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (depth (H,W) float64 camera z, index (H,W) int64) of the nearest triangle through every pixel centre.
 
@@ -33,13 +28,11 @@ def draw_triangles(
 
     Args:
         triangles: (T, 3, 3) corners, world frame; both sides count.
-        viewmat: (4, 4) world_to_camera, OpenCV axes.
-        K: (3, 3) intrinsics in pixels; pixel centres at +0.5.
-        width: image width in pixels.
-        height: image height in pixels.
+        camera: numpy; where they are seen from, and the size of the image.
         near: least camera z that is seen, above 0.
         far: camera z from which on nothing is seen.
     """
+    viewmat, K, width, height = camera.world_to_camera, camera.intrinsics, camera.width, camera.height
     depth, index = np.full(height * width, np.inf), np.full(height * width, -1)
     local = np.asarray(triangles, np.float64).reshape(-1, 3, 3) @ viewmat[:3, :3].T + viewmat[:3, 3]
     corners = local @ K.T  # (T, 3 corners, 3): u z, v z, z

@@ -54,15 +54,14 @@ def lift_tracks(
     tracks: np.ndarray,
     visible: np.ndarray,
     depth: np.ndarray,
-    depth_valid: np.ndarray | None,
     cameras: CameraPath,
     times: np.ndarray,
     config: LiftingConfig | None = None,
 ) -> LiftedTracks:
     """Lift 2-D tracks to world curves and keep the believable ones.
 
-    `tracks (F, N, 2)` pixels (NaN = unknown), `visible (F, N)` bool, `depth (F, H, W)` z in world units,
-    `depth_valid (F, H, W)` bool or None (then: finite and positive), `times (F,)` clip frames to ask `cameras` for.
+    `tracks (F, N, 2)` pixels (NaN = unknown), `visible (F, N)` bool, `depth (F, H, W)` z in world units, which is
+    known where it is finite and positive, `times (F,)` clip frames to ask `cameras` for.
     Raises F4xError when the frame counts differ.
     """
     config = config or LiftingConfig()
@@ -71,8 +70,6 @@ def lift_tracks(
         listing = ", ".join(f"{name} {count}" for name, count in counts.items())
         raise F4xError(f"tracks and depth should cover the same frames, got {listing}; build the priors again")
     valid = np.isfinite(depth) & (depth > 0)
-    if depth_valid is not None:
-        valid &= depth_valid
     frames, number = tracks.shape[:2]
     xyz = np.zeros((frames, number, 3), np.float64)
     certain = np.zeros((frames, number), bool)

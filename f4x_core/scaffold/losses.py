@@ -45,7 +45,6 @@ class ArapEdges:
         *,
         detach: bool = True,
         dtype: torch.dtype = torch.float32,
-        device: torch.device | str = "cpu",
     ) -> "ArapEdges":
         """Return the edges of `neighbours (M, K)`, `edge_mask (M, K)` (self edges left out) and of coarse `levels`."""
         nodes = len(neighbours)
@@ -53,9 +52,9 @@ class ArapEdges:
         lists = [EdgeLevel(node, neighbours[node, slot], base_weight), *(levels or [])]
         weights = [level.weight / np.bincount(level.node, minlength=nodes)[level.node] / nodes for level in lists]
         return cls(
-            torch.as_tensor(np.concatenate([level.node for level in lists]), device=device),
-            torch.as_tensor(np.concatenate([level.neighbour for level in lists]), device=device),
-            torch.as_tensor(np.concatenate(weights), dtype=dtype, device=device),
+            torch.as_tensor(np.concatenate([level.node for level in lists])),
+            torch.as_tensor(np.concatenate([level.neighbour for level in lists])),
+            torch.as_tensor(np.concatenate(weights), dtype=dtype),
             len(lists[0].node) if detach else sum(len(level.node) for level in lists),
         )
 

@@ -213,7 +213,7 @@ class _Triangles:
         matrix = camera.intrinsics.copy()
         matrix[:2, 2] -= offset
         limits = {"near": self.look.near, "far": self.look.far}
-        depth, hit = draw_triangles(corners, camera.world_to_camera, matrix, camera.width, camera.height, **limits)
+        depth, hit = draw_triangles(corners, replace(camera, intrinsics=matrix), **limits)
         return depth, hit if chosen is None else np.append(chosen, -1)[hit]
 
     def colors(self, hit: np.ndarray, pixels: np.ndarray) -> np.ndarray:

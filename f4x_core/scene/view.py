@@ -101,14 +101,12 @@ def render_trajectory(
     trajectory: Trajectory,
     channels: Sequence[str] = CHANNELS,
     backend: str = "auto",
-    background: Sequence[float] = (0.0, 0.0, 0.0),
-    config: RasterConfig | None = None,
     progress: Progress = silent,
 ) -> Iterator[dict[str, np.ndarray]]:
     """Yield `render` of every view of a `geometry.trajectory`, one at a time; cancelling passes through."""
     for done, (camera, time) in enumerate(trajectory):
         progress("render", done, len(trajectory))
-        yield render(scene, camera, time, channels, backend, background, config=config)
+        yield render(scene, camera, time, channels, backend)
     progress("render", len(trajectory), len(trajectory))
 
 

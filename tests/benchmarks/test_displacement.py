@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.quality.displacement import DepthAgainstTruth, displacement, true_believed_degrees
-from f4x_core.fit.believed import MAX_DEGREES, TOLERANCE, DepthEvidence, believed_degrees
 from f4x_core.geometry.camera import Camera
+from f4x_core.metrics.believed import MAX_DEGREES, TOLERANCE, DepthEvidence, believed_degrees
 
 WIDTH, HEIGHT, FOCAL = 96, 60, 90.0
 

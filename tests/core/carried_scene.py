@@ -3,8 +3,9 @@
 import numpy as np
 import torch
 
-from f4x_core.fit.model import CameraRig, NodeSet, SceneModel
+from f4x_core.fit.model import NodeSet, SceneModel
 from f4x_core.gaussians import SpawnConfig, Spawned, spawn_dynamic, spawn_static
+from f4x_core.gaussians.camera_rig import CameraRig
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.native.kernels import TORCH, Kernels

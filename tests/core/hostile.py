@@ -25,9 +25,9 @@ from PIL import Image
 from random_scene import random_scene
 from warped_clip import texture
 
+from f4x_core.app.selecting import mask_of, read_selection
 from f4x_core.batch.manifest import read_manifest
 from f4x_core.cli.measuring import _read_joints
-from f4x_core.cli.querying import mask_of, read_selection
 from f4x_core.clip import write_video
 from f4x_core.clip.read import read_clip
 from f4x_core.edit.apply import base_of, open_scene

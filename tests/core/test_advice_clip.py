@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from toy import clip_and_priors
 
-from f4x_core.fit.advice import about_room, contradiction, findings
 from f4x_core.fit.needs import Shortage
 from f4x_core.gaussians.spawn import Room
 from f4x_core.priors import PriorsConfig, build_priors
 from f4x_core.priors.depth import GUESSED_MOVERS
+from f4x_core.report.advice import about_room, contradiction, findings
 
 
 def said(priors, picked="") -> str:

@@ -23,6 +23,7 @@ from people_scene import people_scene
 from PIL import Image
 from random_scene import random_scene
 
+from f4x_core.app import asking
 from f4x_core.cli.main import main
 from f4x_core.clip.images import as_bytes
 from f4x_core.edit.stack import read_stack
@@ -497,7 +498,7 @@ def test_views(session):
     _, later = call(session, "render_view", frame=1, time=4)
     np.testing.assert_array_equal(later, as_bytes(render(scene, camera, 4.0, ("rgb",))["rgb"]))
     for side, axis, sign in (("left", 0, -1), ("right", 0, 1), ("up", 1, -1), ("down", 1, 1)):
-        center = session._view(scene, 0.0, side=side, degrees=20.0).camera.center
+        center = session._view(scene, sessions.Look(0.0, side=side, degrees=20.0)).camera.center
         assert center[axis] == pytest.approx(sign * np.tan(np.radians(20)))  # about the middle, at depth 1
         assert (call(session, "render_view", side=side)[1] != call(session, "render_view")[1]).any()
     told, near = call(session, "render_view", channel="depth")
@@ -575,7 +576,7 @@ def test_export(session, place, monkeypatch):
 def test_a_long_call_tells_how_far_it_is_and_ends_with_its_client(session, monkeypatch):
     ended, heard = [], []
 
-    def long(scene, question, *, progress, **_):
+    def long(scene, question, views, *, progress, **_):
         try:
             for step in range(1000):
                 progress("look", step, 1000)
@@ -594,7 +595,7 @@ def test_a_long_call_tells_how_far_it_is_and_ends_with_its_client(session, monke
         assert scope.cancelled_caught
         return (await ask(client, "history"))[0]["edits"]  # in its turn, so the long call is over
 
-    monkeypatch.setattr(sessions, "answer", long)
+    monkeypatch.setattr(asking, "answer", long)
     assert talk(server_of(session), work) == 0 and ended == ["CancelledError"]
     assert heard[0] == (1, "look 0 of 1000") and heard[1][0] == 2 and len(heard) < 5
 

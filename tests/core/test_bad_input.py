@@ -11,6 +11,7 @@ import sys
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,15 @@ from PIL import Image
 from warped_clip import texture
 
 from f4x_core import page
-from f4x_core.cli import fitting, main
+from f4x_core.app import fit_options, fitting
+from f4x_core.app.fit_options import ClipOptions, FitOptions
+from f4x_core.app.fitting import make_scene
+from f4x_core.cli import main
 from f4x_core.cli import main as cli_main
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.clip import write_video
+from f4x_core.errors import Cancelled, F4xError
+from f4x_core.features.teachers import require_ready
 from f4x_core.fit import config as fit_config
 from f4x_core.fit import pipeline
 from f4x_core.priors import Priors, cameras, sfm
@@ -577,6 +583,50 @@ def test_ctrl_c_before_anything_is_saved_promises_nothing(tmp_path, capsys, monk
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("bare_page")
+def test_one_call_from_python_leaves_what_the_command_leaves(tmp_path, fitted):
+    """Stopped in the middle by its own progress function, and continued."""
+    clip, whole = fitted
+    options, out = FitOptions(replace(short_quick(), threads=1)), tmp_path / "out"
+    stages = []
+
+    def stop(stage, done, total, message=""):
+        stages.append(stage)
+        if stage == "photometric" and done > 10:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        make_scene(clip, out, options, stop)
+    assert "cost" in stages and not (out / "scene.f4x").exists()
+    with pytest.raises(F4xError, match="--hold-out 0, not 3"):
+        make_scene(clip, out, replace(options, resume=True, clip=ClipOptions(hold_out=3)))
+    made = make_scene(str(clip), str(out), replace(options, resume=True))
+    assert arrays_of(made.path) == arrays_of(whole / "scene.f4x")
+    wanted = {"scene.f4x", "metrics.json", "diagnostics.html"}
+    assert {file.name for file in out.iterdir()} >= wanted and made.main.page.is_file()
+    assert made.quality and made.verdict and made.cuts is None
+    unknown = replace(options.config, priors=options.config.priors.with_provider("x"))
+    with pytest.raises(F4xError, match="There is no provider 'x'"):
+        make_scene(clip, tmp_path / "other", replace(options, config=unknown))
+    assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("bare_page")
+def test_one_call_from_python_fits_long_clips_in_windows_and_adds_features(tmp_path, fitted):
+    try:
+        require_ready("visual")
+    except F4xError as error:
+        pytest.skip(str(error))
+    more = {"window": 5, "overlap": 2, "linear_light": True, "features": ("visual",)}
+    made = make_scene(fitted[0], tmp_path, FitOptions(replace(short_quick(), threads=1), **more))
+    assert made.main.windows == 2 and made.cuts == () and made.linear_light[0].after > 0
+    scene = read_scene(tmp_path / "scene.f4x")
+    assert len(scene.cameras) == len(made.main) and set(scene.features.names) == set(made.features[0].heads) == {
+        "visual"
+    }
+
+
 @pytest.mark.usefixtures("ctrl_c", "bare_page")
 def test_a_stopped_fit_in_windows_resumes_with_the_same_options_only(tmp_path, capsys, monkeypatch, fitted):
     """Each other one is named before the clip is surveyed; so is a fit at once, and windows where one was stopped."""
@@ -585,7 +635,7 @@ def test_a_stopped_fit_in_windows_resumes_with_the_same_options_only(tmp_path, c
     monkeypatch.setattr(fitting, "fit_long", interrupted)
     assert refuses(capsys, *asked, *part, code=130) == "Stopped."  # no window has saved anything yet
     monkeypatch.setattr(fitting, "survey", None)
-    monkeypatch.setattr(fitting, "read_clip", None)
+    monkeypatch.setattr(fit_options, "read_clip", None)
     for changed, result in {
         ("--window", 6, "--overlap", 2): "--window 5, not 6",
         ("--window", 7, "--overlap", 3): "--window 5, not 7",
@@ -635,7 +685,7 @@ def test_a_new_fit_at_once_where_windows_were_can_be_resumed(tmp_path, capsys, m
     with monkeypatch.context() as patch:
         patch.setattr(fitting, "fit_long", interrupted)
         refuses(capsys, *asked, "--window", 5, "--overlap", 2, code=130)
-        patch.setattr(fitting, "fit_to_folder", interrupted)
+        patch.setattr(fitting, "fit_at_once", interrupted)
         refuses(capsys, *asked, code=130)
     fit(capsys, clip, out, "--resume")
 

@@ -4,14 +4,15 @@ import json
 
 import pytest
 
+from f4x_core.app.rendering import part_of
 from f4x_core.batch.checks import require_values
-from f4x_core.batch.graph import CLIP, LONG, declared_frames, tasks_of
+from f4x_core.batch.graph import CLIP, declared_frames, tasks_of
 from f4x_core.batch.manifest import Row, read_manifest
 from f4x_core.batch.storage import Digests
 from f4x_core.cli.parser import build_parser
-from f4x_core.cli.rendering import part_of
 from f4x_core.errors import F4xError
 from f4x_core.query import chat
+from f4x_core.windows.plan import LONG
 
 
 def write(path, text):

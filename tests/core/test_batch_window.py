@@ -7,13 +7,14 @@ import pytest
 from toy import cameras as cameras_of
 from toy import clip_and_priors
 
-from f4x_core.batch import window
-from f4x_core.batch.windows import Shot, fit_shot
 from f4x_core.clip.model import Picture
 from f4x_core.clip.notes import Remark
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.fit.config import profile
 from f4x_core.scene import read_scene
+from f4x_core.windows import window
+from f4x_core.windows.plan import Shot
+from f4x_core.windows.shots import LongFit, fit_shot
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -62,7 +63,7 @@ def test_what_is_wrong_in_a_window_is_one_sentence(tmp_path):
     config = profile("quick")
     config = dataclasses.replace(config, priors=dataclasses.replace(config.priors, files={"depth": "no.npy"}))
     with pytest.raises(F4xError, match=r"no\.npy[^\n]*\[F4X-[A-Z]+\]$"):
-        fit_shot(Shot(((0, 8),)), lambda *_: clip, tmp_path, config)
+        fit_shot(Shot(((0, 8),)), LongFit(lambda *_: clip, config), tmp_path)
     assert [path.name for path in (tmp_path / "windows" / "000").iterdir() if path.is_file()] == []
 
 

@@ -18,14 +18,13 @@ from scipy import sparse
 from scipy.ndimage import binary_dilation, uniform_filter1d
 from toy import clip_and_priors
 
-from f4x_core.batch import window, windows
-from f4x_core.batch.closing import FittedWindow, close_shot, closing_lines
-from f4x_core.batch.windows import OVERLAP, plan_shots, plan_windows, usual_length, usual_overlap
-from f4x_core.cli.fitting import Cut, fit_windows, windows_of
+from f4x_core.app.fit_options import FitOptions, FitRequest
+from f4x_core.app.fitting import Shots, copy_longest, fit_shots, shots_of
+from f4x_core.cli.fitting import result_in_windows
 from f4x_core.clip import read_clip, write_images
 from f4x_core.clip.stream import ClipStream, Survey, survey
 from f4x_core.errors import F4xError
-from f4x_core.evaluation.evaluate import evaluate
+from f4x_core.evaluation.evaluate import Figures, evaluate
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.fit import budget, pipeline
@@ -33,11 +32,15 @@ from f4x_core.fit.budget import ClipSize
 from f4x_core.fit.config import FitConfig, profile
 from f4x_core.fit.distil import View, _Views, distil
 from f4x_core.fit.distil_config import DistilConfig
-from f4x_core.fit.finding import Finding
-from f4x_core.fit.previous_window import PreviousWindow
 from f4x_core.geometry import pose, quaternion
+from f4x_core.report.finding import Finding
 from f4x_core.scene import DynamicSet, Scene, StaticSet, read_scene
 from f4x_core.scene.view import render
+from f4x_core.windows import shots as windows
+from f4x_core.windows import window
+from f4x_core.windows.closing import FittedWindow, close_shot, closing_lines
+from f4x_core.windows.plan import OVERLAP, plan_shots, plan_windows, usual_length, usual_overlap
+from f4x_core.windows.previous_window import PreviousWindow
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -91,36 +94,21 @@ def test_a_reel_is_the_clip_read_picture_by_picture(tmp_path):
             list(dataclasses.replace(reel, **wrong))
 
 
-def arguments(clip, **changes):
-    return SimpleNamespace(
-        **{
-            "clip": clip,
-            "frames": None,
-            "width": None,
-            "prior": [],
-            "window": None,
-            "overlap": 12,
-            "resume": False,
-            "linear_light": False,
-        }
-        | changes
-    )
-
-
 def test_only_long_clips_are_cut_into_windows(tmp_path):
     clip, _ = clip_and_priors(9)
     write_images(tmp_path / "images", clip.frames)
 
     def windows(**options):
-        given = arguments(tmp_path, **options)
-        return windows_of(given, Cut.of(given, FitConfig()), lambda *_: None)
+        request = FitRequest(tmp_path, tmp_path / "out", FitOptions(**options))
+        return shots_of(request, request.cut())
 
     assert windows() is None
     assert windows(window=0, overlap=90) is None
-    _, shots = windows(window=5, overlap=2)
+    shots = windows(window=5, overlap=2).shots
     assert shots[0].windows == ((0, 4), (2, 7), (5, 9))
     with pytest.raises(F4xError, match="--prior"):
-        windows(window=5, overlap=2, prior=["depth=x"])
+        given = FitConfig(priors=dataclasses.replace(FitConfig().priors, files={"depth": "x"}))
+        windows(window=5, overlap=2, config=given)
 
 
 @pytest.mark.parametrize(
@@ -188,13 +176,13 @@ def shot(tmp_path_factory):
     patch.setattr(pipeline, "build_priors", build)
     patch.setattr(pipeline, "completed", None)  # no window is: a later one may see what it hides
     plan = windows.Shot(((0, 8), (5, 13), (10, 16)))
-    results = windows.fit_long([plan], read, folder, config, fit=window.fit_here)
+    results = windows.fit_long([plan], windows.LongFit(read, config, fit=window.fit_here), folder)
     yield SimpleNamespace(folder=folder, clip=clip, read=read, config=config, plan=plan, result=results[0])
     patch.undo()
 
 
 def test_windows_join_into_one_scene(shot):
-    scene, figures = read_scene(shot.folder / "scene.f4x"), shot.result["metrics"]
+    scene, figures = read_scene(shot.folder / "scene.f4x"), shot.result.metrics
     assert len(scene.cameras) == 16 and scene.provenance["frames"] == "0:16:1"
     parts = [read_scene(shot.folder / "windows" / f"{number:03d}" / "scene.f4x") for number in range(3)]
     assert scene.provenance["believed_degrees"] == min(part.provenance["believed_degrees"] for part in parts)
@@ -220,14 +208,14 @@ def test_every_window_and_the_whole_have_a_page(shot):
 def test_the_joined_scene_closes_like_a_single_one(shot):
     """With the worst window's verdict, why each window is as it is, what it needed, its frames, its angle and its page."""
     parts = [read_scene(shot.folder / "windows" / f"{number:03d}" / "scene.f4x") for number in range(3)]
-    whole, answer = (shot.folder / "diagnostics.html").read_text(), shot.result["metrics"]
+    whole, answer = (shot.folder / "diagnostics.html").read_text(), shot.result.metrics
     worst = min(range(3), key=lambda number: parts[number].metrics["used_psnr"])
     first, end = shot.plan.windows[worst]
     word = answer["quality"]
     assert word and {row["quality"] for row in answer["windows"]} == {word}  # so that the score alone decides
     assert answer["verdict"].startswith(f"The worst of 3 windows, frames {first} to {end - 1}, is {word}: ")
     assert f"{parts[worst].metrics['used_psnr']:.1f} dB" in answer["verdict"] and answer["verdict"] in whole
-    lines = closing_lines(shot.folder, shot.result["needs"], answer)
+    lines = closing_lines(shot.folder, shot.result.needs, answer)
     assert lines[0].startswith("what the clip needed: windows 3; hidden background ")
     assert lines[-1] == f"{answer['verdict']} Why, and what you can supply: {shot.folder / 'diagnostics.html'}"
     kept = json.loads((shot.folder / "metrics.json").read_text())
@@ -296,23 +284,26 @@ def test_the_mover_goes_on(shot):
 def test_what_no_window_shows_is_made_up_in_the_whole_alone(shot, monkeypatch):
     given = []
     monkeypatch.setattr(windows, "completed", lambda scene: given.append(scene) or scene)
-    whole = windows.fit_shot(shot.plan, shot.read, shot.folder, shot.config, resume=True, fit=None)
+    whole = windows.fit_shot(shot.plan, windows.LongFit(shot.read, shot.config, True, None), shot.folder)
     assert [each.static for each in given] == [whole.static]
     assert [need["what"] for need in whole.needs] == ["windows", "colors over time"]
 
 
 def test_finished_windows_are_kept(shot):
     before = [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
-    windows.fit_shot(shot.plan, shot.read, shot.folder, shot.config, resume=True, fit=None)  # nothing is fitted again
+    windows.fit_shot(
+        shot.plan, windows.LongFit(shot.read, shot.config, True, None), shot.folder
+    )  # nothing is fitted again
     assert before == [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
     with pytest.raises(F4xError, match="other settings"):
-        windows.fit_shot(shot.plan, shot.read, shot.folder, dataclasses.replace(shot.config, seed=1), resume=True)
+        other = windows.LongFit(shot.read, dataclasses.replace(shot.config, seed=1), resume=True)
+        windows.fit_shot(shot.plan, other, shot.folder)
 
 
 def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, capsys):
     scene = read_scene(shot.folder / "scene.f4x")
 
-    def fit_shot(plan, read, folder, config, progress, resume, fit):
+    def fit_shot(plan, how, folder, progress):
         progress("photometric", 0, 1, "window 1 of 2")
         folder.mkdir()
         return dataclasses.replace(scene, provenance={"frames": known.part(plan.start, plan.end)})
@@ -326,9 +317,12 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
 
     monkeypatch.setattr(windows, "close_shot", close)
     write_images(tmp_path / "clip" / "images", np.zeros((27, 16, 24, 3), np.uint8))
-    args = arguments(tmp_path / "clip", output=tmp_path, resume=False, masks=None, hold_out=None)
+    request = FitRequest(tmp_path / "clip", tmp_path)
     known = Survey(10, 2, 9, (3,))
-    result = fit_windows(args, known, plan_shots(9, (3,), 60), shot.config, [], lambda *answer: print(*answer))
+    cut = Shots(known, plan_shots(9, (3,), 60))
+    fitted = fit_shots(request, cut, shot.config, lambda *answer: print(*answer))
+    copy_longest(fitted)
+    result = result_in_windows(fitted)
     assert capsys.readouterr().out.splitlines()[1] == "photometric 0 1 shot 2 of 2, window 1 of 2"
     assert "frames 10:15:2 of the source" in (tmp_path / "diagnostics.html").read_text()
     links = re.findall('href="(.*?)"', (tmp_path / "diagnostics.html").read_text())
@@ -440,7 +434,7 @@ def test_to_and_fro_needs_no_more_background(tmp_path, monkeypatch):
     monkeypatch.setattr(pipeline, "build_priors", build)
     config = dataclasses.replace(profile("quick"), steps=120, measure_every=120, checkpoint_every=120, threads=1)
     plan = windows.Shot(tuple((start, start + 8) for start in range(0, 21, 5)))
-    windows.fit_long([plan], read, tmp_path, config, fit=window.fit_here)
+    windows.fit_long([plan], windows.LongFit(read, config, fit=window.fit_here), tmp_path)
     parts = [read_scene(tmp_path / "windows" / f"{number:03d}" / "scene.f4x") for number in range(5)]
     own = [part.provenance["window"]["own"] for part in parts]
     assert own[0] > 300 and sum(own[1:]) < 0.05 * own[0], own
@@ -524,5 +518,5 @@ def test_measuring_a_window_needs_no_background_out_of_view(shot):
     more = dataclasses.replace(scene, static=StaticSet(**arrays))
     near = window.near_path(more)
     assert np.isin(near.static.ids, scene.static.ids).all() and len(near.static) > 0.9 * len(scene.static)
-    figures = [evaluate(each, clip, baselines=True) for each in (more, near)]
+    figures = [evaluate(each, clip, Figures(baselines=True)) for each in (more, near)]
     assert figures[0] == figures[1] and figures[0]["held_out_registered"] == 1

@@ -18,6 +18,9 @@ from PIL import Image
 from toy import clip_and_priors
 
 from f4x_core import __version__
+from f4x_core.app import fitting as app_fitting
+from f4x_core.app.fit_options import FitOptions, FitRequest
+from f4x_core.app.granting import detail_in_words, granted
 from f4x_core.cli import doctor, main, terminal
 from f4x_core.cli import fitting as cli_fitting
 from f4x_core.cli.terminal import TerminalProgress
@@ -59,14 +62,14 @@ def toy_fit(tmp_path, monkeypatch, capsys):
         return dataclasses.replace(full(args), steps=30, threads=1)
 
     monkeypatch.setattr(cli_fitting, "config_of", short)
-    measured = cli_fitting.evaluate
+    measured = app_fitting.evaluate
 
     def evaluate(*given, **more):
         result = measured(*given, **more)
         result["frames"][0]["psnr_moving"] = math.nan  # a frame in which nothing moves
         return result
 
-    monkeypatch.setattr(cli_fitting, "evaluate", evaluate)
+    monkeypatch.setattr(app_fitting, "evaluate", evaluate)
     out = tmp_path / "out"
     assert main(["fit", str(folder), "-o", str(out), "--profile", "quick", "--hold-out", "4", "--json"]) == 0
     return folder, out
@@ -153,18 +156,8 @@ def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):
     folder = write_frames(tmp_path / "clip", rng.integers(0, 255, (2, 54, 960, 3), np.uint8))
     result = {}
     monkeypatch.setattr(MachineSpeed, "measured", lambda threads: MachineSpeed(0.02, 2))
-    args = SimpleNamespace(
-        clip=folder,
-        frames=None,
-        output=tmp_path,
-        resume=False,
-        minutes=None,
-        memory=None,
-        features=None,
-        linear_light=False,
-    )
-    size = ClipSize(2, 480, 27)
-    config = cli_fitting.granted(args, size, profile("quick"), lambda stage, *rest: result.setdefault(stage, rest[-1]))
+    request = FitRequest(folder, tmp_path, FitOptions(profile("quick")))
+    config = granted(request, ClipSize(2, 480, 27), lambda stage, *rest: result.setdefault(stage, rest[-1]))
     assert config is not None and not (tmp_path / "grant.json").exists()
     assert re.fullmatch(
         r"the clip is 960 pixels wide; 480, as now: soft all over \(1\d dB\), [\d.]+ minutes;"
@@ -184,7 +177,7 @@ def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):
     ],
 )
 def test_decibels_are_told_as_what_is_seen(psnr, words):
-    assert re.match(words, cli_fitting.detail_in_words(psnr))
+    assert re.match(words, detail_in_words(psnr))
 
 
 def test_what_is_not_a_number_is_null_for_other_programs(monkeypatch, capsys):

@@ -4,18 +4,16 @@ import json
 import re
 import struct
 from itertools import product
-from types import SimpleNamespace
 
 import av
 import numpy as np
 import pytest
 from PIL import Image
 
-from f4x_core.cli.fitting import clip_of
+from f4x_core.app.fit_options import ClipOptions
 from f4x_core.clip import Clip, read_clip, usual_width, write_images, write_video
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
-from f4x_core.progress import silent
 
 
 def picture(index, width=24, height=16):
@@ -108,10 +106,8 @@ def test_one_frame_grey_palette_and_alpha_pictures_are_read(tmp_path):
 def test_the_usual_size_is_that_of_the_longer_side(tmp_path, size, width):
     write_images(tmp_path / "clip", [np.full((*size, 3), 99, np.uint8)])
     assert usual_width(tmp_path / "clip") == width
-    args = SimpleNamespace(clip=tmp_path / "clip", frames=None, width=None, hold_out=None, masks=None)
-    assert clip_of(args, silent).width == width
-    args.width = 64
-    assert clip_of(args, silent).width == 64
+    assert ClipOptions().read(tmp_path / "clip").width == width
+    assert ClipOptions(width=64).read(tmp_path / "clip").width == 64
 
 
 def test_jpegs_turned_by_the_phone_come_upright(tmp_path):

@@ -13,11 +13,11 @@ from random_scene import random_scene
 
 from f4x_core.clip.notes import Remark
 from f4x_core.errors import F4xError
-from f4x_core.fit.advice import findings, quality, scaffold_coverage, track_survival, verdict
-from f4x_core.fit.diagnostics import ScenePreviews, render_previews, worst_frames, write_diagnostics
-from f4x_core.fit.finding import MOVES, PATH, SCORE, Finding, by_cause
 from f4x_core.fit.needs import Need
 from f4x_core.fit.pipeline import FitResult
+from f4x_core.report.advice import findings, quality, scaffold_coverage, track_survival, verdict
+from f4x_core.report.diagnostics import ScenePreviews, render_previews, worst_frames, write_diagnostics
+from f4x_core.report.finding import MOVES, PATH, SCORE, Finding, by_cause
 from f4x_core.scaffold import Scaffold
 from f4x_core.scene import Scene, StaticSet
 from f4x_core.scene.moments import Moment

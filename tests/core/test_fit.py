@@ -10,11 +10,12 @@ from toy import clip_and_priors
 
 from f4x_core.errors import F4xError
 from f4x_core.fit import pipeline, trainer
-from f4x_core.fit.believed import believed_degrees, depth_evidence
 from f4x_core.fit.checkpoint import load_checkpoint, save_checkpoint
 from f4x_core.fit.config import PROFILES, NodeConfig, profile, resolved
-from f4x_core.fit.losses import depth_loss, masked_l1, psnr, ssim_map
+from f4x_core.fit.losses import depth_loss, masked_l1
 from f4x_core.fit.settings import set_fields
+from f4x_core.metrics.believed import believed_degrees, depth_evidence
+from f4x_core.metrics.pictures import psnr, ssim_map
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

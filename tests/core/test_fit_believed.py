@@ -9,11 +9,17 @@ import pytest
 from test_diagnostics import node_scaffold
 from test_geometry_findings import mirror, orbiting
 
-from f4x_core.fit import viewing_angles
-from f4x_core.fit.believed import DepthEvidence, believed_degrees, depth_evidence
-from f4x_core.fit.viewing_angles import angular_factor, angular_speed, group_views, parallax_degrees, spanned_degrees
-from f4x_core.fit.way_round import WayRound
 from f4x_core.geometry.camera import CameraPath
+from f4x_core.metrics import viewing_angles
+from f4x_core.metrics.believed import DepthEvidence, believed_degrees, depth_evidence
+from f4x_core.metrics.viewing_angles import (
+    angular_factor,
+    angular_speed,
+    group_views,
+    parallax_degrees,
+    spanned_degrees,
+)
+from f4x_core.metrics.way_round import WayRound
 from f4x_core.priors import Priors
 
 # ---- the angle ---------------------------------------------------------------------------------------------------------

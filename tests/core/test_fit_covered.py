@@ -12,7 +12,7 @@ from f4x_core.geometry.camera import CameraPath
 from f4x_core.geometry.trajectory import View
 from f4x_core.query.unseen import unseen_gaussians
 from f4x_core.scene import MADE_UP, DynamicSet, StaticSet
-from f4x_core.scene.join import followed_by
+from f4x_core.scene.concatenation import followed_by
 from f4x_core.scene.people import People, people_of, with_people
 from f4x_core.scene.view import render
 

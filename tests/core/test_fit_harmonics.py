@@ -9,9 +9,10 @@ from toy import clip_and_priors
 
 from f4x_core.fit.config import profile
 from f4x_core.fit.harmonics import GAIN_DB, next_band
-from f4x_core.fit.model import CameraRig, SceneModel
+from f4x_core.fit.model import SceneModel
 from f4x_core.fit.pipeline import finish_fit, start_fit
 from f4x_core.gaussians import SetOptimiser, SpawnConfig, Spawned, spawn_static
+from f4x_core.gaussians.camera_rig import CameraRig
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.geometry.spherical_harmonics import C0, basis

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from f4x_core.fit.losses import depth_loss, depth_roughness, masked_l1, psnr, rgb_loss, ssim, ssim_map
+from f4x_core.fit.losses import depth_loss, depth_roughness, masked_l1, rgb_loss
+from f4x_core.metrics.pictures import psnr, ssim, ssim_map
 
 
 @pytest.fixture

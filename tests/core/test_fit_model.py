@@ -5,9 +5,10 @@ import pytest
 import torch
 from carried_scene import GRAPH, HEIGHT, WIDTH, camera_path, carried_scene, row_of_nodes, spawned_at
 
-from f4x_core.fit.model import CameraRig, CorrectedView, NodeSet, SceneModel
+from f4x_core.fit.model import NodeSet, SceneModel
 from f4x_core.fit.pipeline import _span
 from f4x_core.gaussians import SpawnConfig, spawn_static
+from f4x_core.gaussians.camera_rig import CameraRig, CorrectedView
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.interpolation import presence
 from f4x_core.geometry.splats import Splats

@@ -4,16 +4,9 @@ import pytest
 import torch
 
 from f4x_core.fit.frame_native import FrameMaps
-from f4x_core.fit.losses import (
-    FrameFactors,
-    depth_loss,
-    depth_roughness,
-    frame_losses,
-    masked_l1,
-    rgb_loss,
-    ssim_map,
-)
+from f4x_core.fit.losses import FrameFactors, depth_loss, depth_roughness, frame_losses, masked_l1, rgb_loss
 from f4x_core.gaussians import appearance
+from f4x_core.metrics.pictures import ssim_map
 from f4x_core.native.kernels import Kernels
 
 pytestmark = pytest.mark.usefixtures("native_library")

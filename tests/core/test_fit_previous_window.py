@@ -12,14 +12,14 @@ from scipy.spatial.transform import Rotation
 from toy import cameras, clip_and_priors
 
 from f4x_core.errors import F4xError
-from f4x_core.fit import previous_window
 from f4x_core.fit.config import profile
 from f4x_core.fit.pipeline import ClipFit, FitResult, KnownGround, start_fit
-from f4x_core.fit.previous_window import EarlierBackground, PreviousWindow, WindowFit
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.geometry.splats import Splats
 from f4x_core.raster import RasterConfig, rasterize
 from f4x_core.scene import EARLIER, Scene, StaticSet
+from f4x_core.windows import previous_window
+from f4x_core.windows.previous_window import EarlierBackground, PreviousWindow, WindowFit
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

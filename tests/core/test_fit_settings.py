@@ -11,7 +11,8 @@ from typing import Literal
 import pytest
 from toy import clip_and_priors
 
-from f4x_core.cli import fitting, main
+from f4x_core.app import fitting
+from f4x_core.cli import main
 from f4x_core.clip import write_images
 from f4x_core.errors import F4xError
 from f4x_core.fit.config import PROFILES, FitConfig, for_frames, for_motion, profile
@@ -214,9 +215,14 @@ def test_show_config_needs_no_clip(capsys):
 def test_a_fit_gets_what_was_set_after_all_other_options(tmp_path, monkeypatch, capsys):
     write_images(tmp_path / "clip", clip_and_priors()[0].frames)
     given = []
-    monkeypatch.setattr(fitting, "fit_to_folder", lambda clip, folder, config, *_: given.append(config) or {"text": ""})
+
+    def fit(clip, folder, config, *_):
+        given.append(config)
+        raise F4xError("That is enough.")
+
+    monkeypatch.setattr(fitting, "fit_at_once", fit)
     arguments = ["--seed", "1", "--profile", "quick", "--set", "steps=600", "--set", "seed=2"]
-    assert main(["fit", str(tmp_path / "clip"), "-o", str(tmp_path / "out"), *arguments]) == 0
+    assert main(["fit", str(tmp_path / "clip"), "-o", str(tmp_path / "out"), *arguments]) == 2
     assert given == [replace(profile("quick"), steps=600, seed=2)]
 
 

@@ -9,9 +9,10 @@ from toy import HEIGHT, WIDTH, clip_and_priors
 
 from f4x_core.fit import spawning
 from f4x_core.fit.config import profile
-from f4x_core.fit.model import CameraRig, NodeSet, SceneModel
+from f4x_core.fit.model import NodeSet, SceneModel
 from f4x_core.fit.spawning import Spawner, first_lifetimes, spawn_frames
 from f4x_core.fit.start import start_scaffold
+from f4x_core.gaussians.camera_rig import CameraRig
 from f4x_core.gaussians.spawn import cover
 from f4x_core.progress import silent
 

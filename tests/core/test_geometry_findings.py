@@ -9,20 +9,20 @@ import pytest
 import toy
 from test_diagnostics import node_scaffold
 
-from f4x_core.fit.advice import findings
-from f4x_core.fit.believed import MAX_DEGREES, TOLERANCE, Believed, DepthEvidence, believed_degrees, depth_evidence
-from f4x_core.fit.geometry_findings import ClipGeometry, about_geometry, believed_sentence
-from f4x_core.fit.geometry_section import _over_ground
-from f4x_core.fit.viewing_angles import (
+from f4x_core.geometry import quaternion
+from f4x_core.geometry.camera import CameraPath
+from f4x_core.metrics.believed import MAX_DEGREES, TOLERANCE, Believed, DepthEvidence, believed_degrees, depth_evidence
+from f4x_core.metrics.viewing_angles import (
     angular_factor,
     group_views,
     parallax_degrees,
     spanned_degrees,
     static_view_degrees,
 )
-from f4x_core.fit.way_round import WayRound
-from f4x_core.geometry import quaternion
-from f4x_core.geometry.camera import CameraPath
+from f4x_core.metrics.way_round import WayRound
+from f4x_core.report.advice import findings
+from f4x_core.report.geometry_findings import ClipGeometry, about_geometry, believed_sentence
+from f4x_core.report.geometry_section import _over_ground
 from f4x_core.scaffold.groups import shape_change
 
 CERTAIN = DepthEvidence(
@@ -239,7 +239,7 @@ def test_the_recorded_verdict_wins_and_evidence_is_sorted():
 
 
 def test_measures_need_no_torch():
-    code = "import sys; sys.modules['torch'] = None; import f4x_core.fit.geometry_findings"
+    code = "import sys; sys.modules['torch'] = None; import f4x_core.report.geometry_findings"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

@@ -17,7 +17,6 @@ from hostile import BYTES, KINDS, SECONDS, Outcome, try_all, try_one
 from PIL import Image
 from random_scene import random_scene
 
-from f4x_core.batch.resuming import PLAN, require_same
 from f4x_core.clip import read_clip
 from f4x_core.clip.images import read_color
 from f4x_core.edit.operations import read_operation
@@ -28,6 +27,7 @@ from f4x_core.scene import write_scene
 from f4x_core.scene.file import _scene_arrays
 from f4x_core.scene.formats.spz import HEADER, MAGIC
 from f4x_core.scene.runs import HELD, OF_POSES, unfold
+from f4x_core.windows.resuming import PLAN, require_same
 
 SHORT, LONG = 6, 75
 """Damaged copies of each kind of file: every day, and in the long form."""

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +25,15 @@ ROOMS = (
         "features",
         "people",
         "scene",
-        "fit",
+        "metrics",
         "evaluation",
+        "fit",
+        "report",
+        "windows",
         "query",
         "edit",
     ),
-    *("api", "batch", "agent", "cli"),
+    *("app", "api", "batch", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
 GROUND = ("errors", "files", "progress", "processes", "printing", "installation", "reading", "troubles", "versions")
@@ -38,8 +42,10 @@ SHARED = (*GROUND, "page", "parallel", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
 DOORS = ("f4x_core/__init__.py", "f4x_core/__main__.py")
 """They name rooms: the first one to type checkers alone, to programs lazily."""
-NUMPY_ONLY = ("native", "geometry", "language", "clip", "scene", "query", "edit", "api", *GROUND)
+NUMPY_ONLY = ("native", "geometry", "language", "clip", "scene", "query", "edit", "app", "api", *GROUND)
 """Imported by Blender's own Python: numpy is the only wheel there."""
+FITS = tuple(f"f4x_core/app/{name}.py" for name in ("distilling", "fit_options", "fitting", "granting", "refitting"))
+"""Modules of a room of numpy alone that fit: the worker imports them, Blender does not."""
 TORCH_FREE = (*NUMPY_ONLY, "priors", "people", "batch", "agent", "parallel")
 WHEELS = {"torch", "cv2", "av", "scipy", "PIL", "pycolmap", "matplotlib", "OpenEXR", "rich", "trimesh"}
 UNSAFE_MODULES = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve"}
@@ -67,6 +73,8 @@ class Facts:
 
     imported: tuple[str, ...]
     """Dotted modules of all imports; relative ones made absolute."""
+    used: tuple[str, ...]
+    """Those that running it may import, in functions too: not those for type checkers alone."""
     loaded: frozenset[str]
     """First parts of the modules that importing it imports."""
     wrong_arrows: list[str]
@@ -86,6 +94,7 @@ def facts_of(file: Path) -> Facts:
     package = tuple(name.removesuffix(".py").split("/")[:-1])
     return Facts(
         tuple(module for _, module in imports(nodes.all, package)),
+        tuple(module for _, module in imports(at_import_time(nodes.tree, functions=True), package)),
         frozenset(module.split(".")[0] for _, module in imports(at_import_time(nodes.tree), package)),
         wrong_arrows(nodes, name) if package[0] == "f4x_core" else [],
         laboratory_names(nodes, name),
@@ -125,19 +134,19 @@ def imports(nodes: Iterable[ast.AST], package: tuple[str, ...]) -> Iterator[tupl
             yield from ((node.lineno, ".".join(filter(None, (*base, alias.name)))) for alias in node.names)
 
 
-def at_import_time(node: ast.AST) -> Iterator[ast.stmt]:
-    """Imports that importing the module runs: those in no function, and not for type checkers alone."""
-    for part in ("body", "orelse", "finalbody", "handlers"):
+def at_import_time(node: ast.AST, functions: bool = False) -> Iterator[ast.stmt]:
+    """Imports that importing the module runs: not those for type checkers alone, and those in functions only where asked for."""
+    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
         for inner in getattr(node, part, []):
             if isinstance(inner, ast.Import | ast.ImportFrom):
                 yield inner
             only_checked = isinstance(inner, ast.If) and "TYPE_CHECKING" in ast.dump(inner.test)
-            if not only_checked and not isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef):
-                yield from at_import_time(inner)
+            if not only_checked and (functions or not isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef)):
+                yield from at_import_time(inner, functions)
 
 
 def wrong_arrows(nodes: Nodes, path: str) -> list[str]:
-    """Imports of `path` (inside f4x_core) that point to the right, or name the package absolutely."""
+    """Imports of `path` (inside f4x_core) that point to the right or to the package itself, or name it absolutely."""
     parts = path.removesuffix(".py").split("/")
     room, wrong = parts[1], []
     for line, module in imports(nodes.all, tuple(parts[:-1])):
@@ -146,7 +155,8 @@ def wrong_arrows(nodes: Nodes, path: str) -> list[str]:
             continue
         to_the_right = target[1] in ROOMS and room in ROOMS and ROOMS.index(target[1]) > ROOMS.index(room)
         from_the_ground = target[1] in ROOMS and room in SHARED and path not in DOORS
-        if to_the_right or from_the_ground:
+        from_the_door = target[1] not in (*ROOMS, *SHARED)
+        if to_the_right or from_the_ground or from_the_door:
             wrong.append(f"{path}:{line} imports {module}")
     wrong += [
         f"{path}:{node.lineno} imports the package by its absolute name"
@@ -155,6 +165,26 @@ def wrong_arrows(nodes: Nodes, path: str) -> list[str]:
         or (isinstance(node, ast.ImportFrom) and node.level == 0 and (node.module or "").startswith("f4x_core"))
     ]
     return wrong
+
+
+def module_of(file: Path) -> str:
+    return name_of(file).removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+def circle_in(imported: dict[str, Iterable[str]]) -> list[str]:
+    """Modules that import each other in a circle, the first one again at the end; empty where there is none.
+
+    `imported`: module -> what it imports when it runs, in functions too; names in modules count as their module.
+    """
+    graph: dict[str, set[str]] = {}
+    for module, targets in imported.items():
+        parents = ({target, target.rpartition(".")[0]} & imported.keys() for target in targets)
+        graph[module] = {max(found, key=len) for found in parents if found} - {module}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
 
 
 def laboratory_names(nodes: Nodes, path: str) -> list[str]:
@@ -187,6 +217,24 @@ def test_arrows_point_to_the_left():
     assert faults(CORE, lambda file: facts_of(file).wrong_arrows) == {}
 
 
+@pytest.mark.parametrize("folder", ["f4x_core", "addon", "benchmarks"])
+def test_no_modules_import_each_other_in_a_circle(folder):
+    files = [file for file in EVERYTHING if name_of(file).startswith(f"{folder}/") and name_of(file) not in DOORS]
+    assert circle_in({module_of(file): facts_of(file).used for file in files}) == []
+
+
+@pytest.mark.parametrize(
+    "imported",
+    [
+        {"room.a": ["room.b.name"], "room.b": ["room.c"], "room.c": ["room.a.name"]},
+        {"room": ["room.a.name"], "room.a": ["room"]},
+    ],
+)
+def test_a_circle_would_be_seen(imported):
+    assert circle_in(imported)
+    assert not circle_in({**imported, min(imported): ["numpy.ndarray"]})
+
+
 def test_the_door_for_programs_imports_no_room():
     tree = ast.parse((ROOT / "f4x_core" / "__init__.py").read_text(encoding="utf-8"))
     names = {module.removeprefix("f4x_core.") for _, module in imports(at_import_time(tree), ("f4x_core",))}
@@ -196,7 +244,15 @@ def test_the_door_for_programs_imports_no_room():
 def test_wheels_are_imported_where_they_are_allowed():
     def banned(file: Path) -> set[str]:
         facts, room = facts_of(file), room_of(file)
-        not_here = WHEELS if room in NUMPY_ONLY else {"torch"} if room in TORCH_FREE else set()
+        not_here = (
+            set()
+            if name_of(file) in FITS
+            else WHEELS
+            if room in NUMPY_ONLY
+            else {"torch"}
+            if room in TORCH_FREE
+            else set()
+        )
         return facts.tops & {"bpy"} | facts.loaded & not_here  # bpy lives in the extension
 
     assert faults(CORE, banned) == {}
@@ -229,8 +285,10 @@ def test_nothing_runs_text_or_bytes_as_code():
         ("from ..fit.config import profile", "f4x_core/raster/tiles.py"),
         ("def f():\n    from ..raster import rasterize", "f4x_core/priors/flow.py"),
         ("from ..fit import model", "f4x_core/native/build.py"),
-        ("from .. import evaluation", "f4x_core/fit/model.py"),
+        ("from .. import evaluation", "f4x_core/metrics/pictures.py"),
+        ("from ..report.advice import verdict", "f4x_core/fit/trainer.py"),
         ("from .clip import Clip", "f4x_core/files.py"),
+        ("from .. import __version__", "f4x_core/cli/main.py"),
         ("from f4x_core.errors import F4xError", "f4x_core/fit/model.py"),
         ("import f4x_core", "f4x_core/cli/main.py"),
     ],
@@ -275,6 +333,7 @@ def test_the_trimmed_module_keeps_what_import_runs():
         "import a\nif TYPE_CHECKING:\n    import b\nif c:\n    import d\ndef f():\n    import e\nclass G:\n    import h"
     )
     assert {m for _, m in imports(at_import_time(ast.parse(source)), ())} == {"a", "d", "h"}
+    assert {m for _, m in imports(at_import_time(ast.parse(source), functions=True), ())} == {"a", "d", "e", "h"}
 
 
 def test_readme_names_the_two_commands():

@@ -15,10 +15,10 @@ from labelled_scene import labelled_scene
 from PIL import Image
 from rich.table import Table
 
+from f4x_core.app.paths import trajectory_of
 from f4x_core.cli import serve
 from f4x_core.cli.distilling import read_labels
 from f4x_core.cli.main import EXIT_UNREAD, main
-from f4x_core.cli.rendering import trajectory_of
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.clip import read_clip
 from f4x_core.edit.stack import read_stack

@@ -372,12 +372,13 @@ def values_of_pictures():
     import torch
 
     from f4x_core.fit import losses
+    from f4x_core.metrics import pictures
 
     rng = np.random.default_rng(2)
     shapes = {"image": (21, 33, 3), "target": (21, 33, 3), "weight": (21, 33)}
     given = {name: rng.uniform(size=shape).astype(np.float32) for name, shape in shapes.items()}
-    given["window"] = losses._window(torch.float32).numpy()
-    given["constants"] = np.array([losses.SSIM_C1, losses.SSIM_C2, STRUCTURE])
+    given["window"] = pictures.ssim_window(torch.float32).numpy()
+    given["constants"] = np.array([pictures.SSIM_C1, pictures.SSIM_C2, STRUCTURE])
     image = leaf(given["image"])
     target, weight = (torch.tensor(given[name], dtype=torch.float64) for name in ("target", "weight"))
     total = losses.rgb_loss(image, target, weight, STRUCTURE) * weight.sum()

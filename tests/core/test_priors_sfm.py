@@ -12,11 +12,11 @@ import pytest
 from test_priors_cameras import FOCAL, HEIGHT, PRINCIPAL, WIDTH, observe, project, truth
 
 from f4x_core.errors import F4xError
-from f4x_core.fit.diagnostics import _field_of_view
 from f4x_core.geometry import pose, quaternion
 from f4x_core.priors import sfm as module
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
 from f4x_core.priors.sfm import Solution
+from f4x_core.report.diagnostics import _field_of_view
 
 
 def solution_of(bundle, noise=0.0, registered=None):

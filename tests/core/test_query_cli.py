@@ -10,7 +10,7 @@ import pytest
 from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
 from PIL import Image
 
-from f4x_core.cli import distilling, encoding
+from f4x_core.app import distilling, encoding
 from f4x_core.cli.main import main
 from f4x_core.clip import write_images
 from f4x_core.features.spec import FeatureSpec

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from f4x_core.geometry.camera import Camera
 from f4x_core.raster.triangles import draw_triangles
 
 WIDTH, HEIGHT = 31, 23
 K = np.array([[25.0, 0, 14], [0, 28, 12], [0, 0, 1]])
+CAMERA = Camera(K, np.eye(4), WIDTH, HEIGHT)
 
 
 def draw_by_rays(triangles, near, far):
@@ -28,7 +30,7 @@ def test_agrees_with_rays(seed):
     random = np.random.default_rng(seed)
     triangles = random.uniform(-2, 2, (9, 3, 3))
     triangles[..., 2] = random.uniform(-1.5, 5, (9, 3))
-    depth, index = draw_triangles(triangles, np.eye(4), K, WIDTH, HEIGHT, near=0.3, far=4)
+    depth, index = draw_triangles(triangles, CAMERA, near=0.3, far=4)
     expected, hit = draw_by_rays(triangles, 0.3, 4)
     there = np.isfinite(expected)
     assert 0.02 < there.mean() < 1
@@ -42,16 +44,16 @@ def test_neighbours_leave_no_crack_and_flat_ones_nothing():
     points = np.stack([x, y, 2 + 0.3 * random.random(x.shape)], -1)
     a, b, c, d = points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1]
     sheet = np.concatenate([np.stack(t, 2).reshape(-1, 3, 3) for t in ((a, b, c), (a, c, d))])
-    depth, _ = draw_triangles(sheet, np.eye(4), K, WIDTH, HEIGHT)
+    depth, _ = draw_triangles(sheet, CAMERA)
     assert np.isfinite(depth).all()
     flat = np.stack([points[:-1, 0], points[1:, 0], points[1:, 0]], 1)
-    assert (draw_triangles(flat, np.eye(4), K, WIDTH, HEIGHT)[1] == -1).all()
-    assert (draw_triangles(np.zeros((0, 3, 3)), np.eye(4), K, WIDTH, HEIGHT)[1] == -1).all()
+    assert (draw_triangles(flat, CAMERA)[1] == -1).all()
+    assert (draw_triangles(np.zeros((0, 3, 3)), CAMERA)[1] == -1).all()
 
 
 def test_the_view_matrix_moves_the_camera():
     quad = np.array([[[-1, -1, 0], [1, -1, 0], [0, 1, 0]]], float)
     view = np.eye(4)
     view[2, 3] = 5
-    depth, index = draw_triangles(quad, view, K, WIDTH, HEIGHT)
+    depth, index = draw_triangles(quad, Camera(K, view, WIDTH, HEIGHT))
     assert (index == 0).sum() > 5 and np.allclose(depth[index == 0], 5)

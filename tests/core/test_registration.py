@@ -9,7 +9,7 @@ from random_scene import random_scaffold
 
 from f4x_core.clip import Clip
 from f4x_core.evaluation import evaluate as evaluation
-from f4x_core.evaluation.evaluate import blend_by_flow, evaluate, mask_scores, summary
+from f4x_core.evaluation.evaluate import Figures, blend_by_flow, evaluate, mask_scores, summary
 from f4x_core.evaluation.registration import MIN_POINTS, Registration, halfway_offset, near_used, register_camera
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera, CameraPath
@@ -113,7 +113,7 @@ def test_a_shaken_frame_is_found(moving, one_thread):
 
 def test_scores_at_the_registered_camera_lead(one_thread):
     scene, clip, _ = world(moving=True)
-    metrics = evaluate(scene, clip, baselines=True)
+    metrics = evaluate(scene, clip, Figures(baselines=True))
     row = metrics["frames"][HELD_OUT]
     assert row["registered"] == 1 and row["psnr_registered"] > row["psnr"] + 5
     assert row["psnr_moving_registered"] > row["psnr_moving"] and row["psnr_static_registered"] > row["psnr_static"]
@@ -140,7 +140,7 @@ def test_without_texture_the_interpolated_camera_is_kept(one_thread):
     found = register_camera(scene, clip, HELD_OUT)
     assert not found.found
     np.testing.assert_array_equal(found.camera.world_to_camera, scene.cameras[HELD_OUT].world_to_camera)
-    row = evaluate(scene, clip, baselines=True)["frames"][HELD_OUT]
+    row = evaluate(scene, clip, Figures(baselines=True))["frames"][HELD_OUT]
     assert row["registered"] == 0 and row["psnr_registered"] == row["psnr"]
     assert row["psnr_flow_blend_registered"] == row["psnr_flow_blend"]
 
@@ -174,7 +174,7 @@ def test_at_the_end_of_a_clip_the_blend_is_the_last_frame_moved(one_thread):
     scene, clip, _ = world(shake=False)
     last = FRAMES - 1
     scene = replace(scene, held_out=(last,))
-    row = evaluate(scene, replace(clip, held_out=np.arange(FRAMES) == last), baselines=True)["frames"][last]
+    row = evaluate(scene, replace(clip, held_out=np.arange(FRAMES) == last), Figures(baselines=True))["frames"][last]
     assert "psnr_flow_blend" not in row
     assert row["psnr_flow_blend_registered"] > row["psnr_nearest"] + 3
 
@@ -209,7 +209,7 @@ def test_masks_give_rows_where_they_are(monkeypatch, one_thread):
     monkeypatch.setattr(evaluation, "register_camera", lambda *_: kept)
     mask = np.zeros((HEIGHT, WIDTH), bool)
     mask[20:60, 20:60] = True
-    metrics = evaluate(scene, clip, masks={0: mask, 1: mask})
+    metrics = evaluate(scene, clip, Figures(masks={0: mask, 1: mask}))
     assert [row["frame"] for row in metrics["frames"] if "psnr_mask" in row] == [0, 1]
     assert metrics["used_mover_coverage"] == 0.0  # nothing moves in this scene
     assert "held_out_registration_px" not in summary(metrics["frames"])

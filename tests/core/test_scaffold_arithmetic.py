@@ -13,12 +13,12 @@ from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.deformation.reference import SIGN_BAND, slot_signs
 from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.groups import MAX_GROUPS, rigid_groups
-from f4x_core.scaffold.joining import join_scaffolds
 from f4x_core.scaffold.lifting import LiftedTracks, LiftingConfig, fill_gaps, lift_tracks
 from f4x_core.scaffold.losses import smoothness_losses
 from f4x_core.scaffold.optimise import GeometryConfig, _decay, optimise_geometry
 from f4x_core.scaffold.rotation import initial_rotations
 from f4x_core.scaffold.selection import SelectionConfig, automatic_unit, choose_nodes, track_noise
+from f4x_core.windows.joining import join_scaffolds
 
 
 def cameras(frames: int) -> CameraPath:
@@ -51,7 +51,7 @@ def test_curves_are_kept_from_the_least_fraction_of_frames_on():
         seen[:frames, curve] = True
     tracks = np.tile([[5.2, 5.1], [16.2, 12.1], [20.5, 8.5]], (10, 1, 1))
     path, config = cameras(10), LiftingConfig(min_samples=1, min_fraction=0.5)
-    lifted = lift_tracks(tracks, seen, np.ones((10, 24, 32)), None, path, path.times, config)
+    lifted = lift_tracks(tracks, seen, np.ones((10, 24, 32)), path, path.times, config)
     assert lifted.index.tolist() == [1, 2]
 
 

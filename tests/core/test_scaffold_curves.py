@@ -81,7 +81,7 @@ def test_lifting_returns_the_world_points():
         column, row = np.floor(tracks[f]).astype(int).T
         inside = (column >= 0) & (column < 32) & (row >= 0) & (row < 24)
         depth[f, row[inside], column[inside]] = z[inside]
-    lifted = lift_tracks(tracks, np.ones((6, 30), bool), depth, None, path, path.times, LiftingConfig(search_px=0))
+    lifted = lift_tracks(tracks, np.ones((6, 30), bool), depth, path, path.times, LiftingConfig(search_px=0))
     assert len(lifted) > 20
     error = np.linalg.norm(lifted.xyz - truth[:, lifted.index], axis=-1)
     assert np.median(error) < 1e-6  # two tracks in one pixel share its depth, hence the median
@@ -93,14 +93,14 @@ def test_tracks_without_depth_outside_the_picture_or_unknown_are_not_certain():
     tracks = np.tile(np.array([[16.2, 12.1], [100.0, 5], [np.nan, np.nan], [3.5, 3.5]]), (6, 1, 1))
     depth = np.ones((6, 24, 32))
     depth[:, :8, :8] = np.nan
-    lifted = lift_tracks(tracks, np.ones((6, 4), bool), depth, None, path, path.times)
+    lifted = lift_tracks(tracks, np.ones((6, 4), bool), depth, path, path.times)
     assert lifted.index.tolist() == [0]
-    assert lift_tracks(tracks, np.zeros((6, 4), bool), depth, None, path, path.times).xyz.shape == (6, 0, 3)
+    assert lift_tracks(tracks, np.zeros((6, 4), bool), depth, path, path.times).xyz.shape == (6, 0, 3)
 
 
 def test_frame_counts_must_match():
     with pytest.raises(F4xError, match="same frames"):
-        lift_tracks(np.zeros((6, 1, 2)), np.ones((6, 1), bool), np.ones((5, 24, 32)), None, cameras(), np.arange(6.0))
+        lift_tracks(np.zeros((6, 1, 2)), np.ones((6, 1), bool), np.ones((5, 24, 32)), cameras(), np.arange(6.0))
 
 
 def test_nearest_valid_depth_equals_brute_force():
@@ -170,7 +170,7 @@ def test_shaking_and_outlying_samples_are_dropped():
     depth[3, 10, 15] = 1.5  # one jump in depth of one track
     depth[6, 8, 20] = 40.0
     config = LiftingConfig(search_px=0)
-    lifted = lift_tracks(tracks, np.ones((8, len(grid)), bool), depth, None, path, path.times, config)
+    lifted = lift_tracks(tracks, np.ones((8, len(grid)), bool), depth, path, path.times, config)
     jumping = np.flatnonzero((grid == [15.5, 10.5]).all(1))[0]
     flying = np.flatnonzero((grid == [20.5, 8.5]).all(1))[0]
     place = {track: i for i, track in enumerate(lifted.index)}  # the corners of a grid are outliers in every frame
@@ -184,7 +184,7 @@ def test_shaking_is_measured_in_time():
     path = cameras(frames=8)
     tracks, depth = np.repeat(np.array([[[15.5, 10.5], [16.5, 12.5]]]), 8, 0), np.ones((8, 24, 32))
     depth[3, 10, 15] = 1.5
-    arguments = (tracks, np.ones((8, 2), bool), depth, None, path, path.times)
+    arguments = (tracks, np.ones((8, 2), bool), depth, path, path.times)
     lifted = lift_tracks(*arguments, LiftingConfig(search_px=0))
     # the jump also bends the line through its neighbours
     assert np.flatnonzero(~lifted.certain[:, 0]).tolist() == [2, 3, 4] and lifted.certain[:, 1].all()
@@ -196,7 +196,7 @@ def test_shaking_is_measured_in_time():
 def test_short_clips_lift(frames):
     path = cameras(frames=frames)
     tracks = np.tile(np.array([[16.2, 12.1], [10.0, 5.0]]), (frames, 1, 1))
-    lifted = lift_tracks(tracks, np.ones((frames, 2), bool), np.ones((frames, 24, 32)), None, path, path.times)
+    lifted = lift_tracks(tracks, np.ones((frames, 2), bool), np.ones((frames, 24, 32)), path, path.times)
     assert lifted.xyz.shape == (frames, 2, 3) and lifted.certain.all()
 
 

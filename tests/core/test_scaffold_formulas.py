@@ -12,10 +12,10 @@ from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.control import densify_nodes, largest_weights, prune_nodes, resample_in_time
 from f4x_core.scaffold.distance import curve_distance
 from f4x_core.scaffold.graph import GraphConfig, build_graph, multilevel_edges
-from f4x_core.scaffold.joining import continue_nodes, join_scaffolds
 from f4x_core.scaffold.lifting import LiftingConfig, _outliers, _shaking, complete_curves, lift_tracks
 from f4x_core.scaffold.losses import ArapEdges, arap_losses, smoothness_losses
 from f4x_core.scaffold.optimise import GeometryConfig, Sightlines, optimise_geometry
+from f4x_core.windows.joining import continue_nodes, join_scaffolds
 
 # ---- lifting ---------------------------------------------------------------------------------------------------------
 
@@ -125,7 +125,9 @@ def test_what_is_believed_of_a_track():
 
     def kept(which=None, **changes):
         config = LiftingConfig(search_px=0, **changes)
-        return lift_tracks(tracks, seen, depth, which, path, path.times, config)
+        return lift_tracks(
+            tracks, seen, depth if which is None else np.where(which, depth, np.nan), path, path.times, config
+        )
 
     assert kept().index.tolist() == [0, 3] and kept(allowed).certain.sum(0).tolist() == [6, 4]
     np.testing.assert_allclose(kept().xyz[4], [[-13.5 / 15, -9.5 / 15, 2], [12.5 / 15, 8.5 / 15, 2]], rtol=1e-6)

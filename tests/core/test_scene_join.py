@@ -18,11 +18,11 @@ from f4x_core.geometry.interpolation import presence
 from f4x_core.progress import silent
 from f4x_core.query.not_deleted import not_deleted
 from f4x_core.scaffold import Scaffold
-from f4x_core.scaffold.joining import continue_nodes, join_scaffolds
 from f4x_core.scene import DynamicSet, Scene, StaticSet, read_scene, write_scene
-from f4x_core.scene.join import ALWAYS, _weights, _with_new_ground, join_scenes, spans_of
 from f4x_core.scene.model import faded
 from f4x_core.scene.people import people_of
+from f4x_core.windows.join import ALWAYS, _weights, _with_new_ground, join_scenes, spans_of
+from f4x_core.windows.joining import continue_nodes, join_scaffolds
 
 WIDTH, HEIGHT = 32, 20
 WINDOWS = ((0, 10), (6, 16))

@@ -19,8 +19,11 @@ ROOMS = (
     "scene",
     "query",
     "edit",
+    "app",
     "api",
 )
+FITS = ("distilling", "fit_options", "fitting", "granting", "refitting")
+"""Modules of `app` that fit, for which torch is needed."""
 BLOCKED = ("torch", "cv2", "av", "scipy", "PIL", "pycolmap", "bpy")
 
 PROGRAM = f"""
@@ -29,6 +32,8 @@ for name in {BLOCKED!r}:
     sys.modules[name] = None
 room = importlib.import_module("f4x_core." + sys.argv[1])
 for module in pkgutil.iter_modules(getattr(room, "__path__", [])):
+    if room.__name__ == "f4x_core.app" and module.name in {FITS!r}:
+        continue
     importlib.import_module(room.__name__ + "." + module.name)
 """
 

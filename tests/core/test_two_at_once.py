@@ -15,7 +15,8 @@ from labelled_scene import labelled_scene
 
 from f4x_core.agent.folder import SceneFolder
 from f4x_core.agent.session import Session
-from f4x_core.cli import distilling
+from f4x_core.app import distilling
+from f4x_core.cli.distilling import run_distill
 from f4x_core.cli.main import main
 from f4x_core.cli.parser import build_parser
 from f4x_core.edit.apply import edited, stack_of
@@ -58,7 +59,7 @@ class Encoder:
 
 
 def distill(scene, *options):
-    return distilling.run_distill(build_parser().parse_args(["distill", str(scene), *options]), silent)
+    return run_distill(build_parser().parse_args(["distill", str(scene), *options]), silent)
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ from test_priors_cameras import FOCAL, HEIGHT, WIDTH, clip_and_priors, project
 from test_priors_mirror import ceiling
 
 from f4x_core.fit.config import profile
-from f4x_core.fit.previous_window import PreviousWindow, WindowFit
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.scene import Scene, StaticSet
+from f4x_core.windows.previous_window import PreviousWindow, WindowFit
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

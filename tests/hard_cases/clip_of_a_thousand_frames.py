@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.studies.hard_cases import that, within
-from f4x_core.batch.windows import evaluate_shot, fit_shot, plan_shots
 from f4x_core.clip import Clip
 from f4x_core.scene import read_scene
+from f4x_core.windows.plan import plan_shots
+from f4x_core.windows.shots import LongFit, evaluate_shot, fit_shot
 
 from .common.film import film, mover, room
 from .common.fitting import small
@@ -42,7 +43,7 @@ def check():
 
     (shot,) = plan_shots(FRAMES, [], WINDOW)
     with tempfile.TemporaryDirectory() as folder:
-        scene = fit_shot(shot, read, Path(folder), small())
+        scene = fit_shot(shot, LongFit(read, small()), Path(folder))
         first = read_scene(Path(folder) / "windows/000/scene.f4x")
         reported = evaluate_shot(scene, shot, read)
     psnr = np.array([row["psnr"] for row in reported["frames"]])

@@ -12,7 +12,8 @@ import math
 import torch
 
 from benchmarks.studies.hard_cases import that
-from f4x_core.fit.losses import depth_loss, masked_l1, psnr, rgb_loss
+from f4x_core.fit.losses import depth_loss, masked_l1, rgb_loss
+from f4x_core.metrics.pictures import psnr
 
 STAGE = "losses"
 

@@ -26,11 +26,11 @@ def check():
     depth[:, :, :20], depth[:, :, 20:30] = np.nan, -1
     tracks[3, :5], tracks[4:, 5:8] = np.nan, (90, -3)
     visible = np.ones((8, 30), bool)
-    lifted = lift_tracks(tracks, visible, depth, None, cameras, times)
+    lifted = lift_tracks(tracks, visible, depth, cameras, times)
     started = tracks[0, lifted.index, 0]
     yield that("something is lifted, all of it finite", len(lifted) > 0 and np.isfinite(lifted.xyz).all())
     yield that("nothing where depth is unknown", (started > 30 - 3).all())  # it may take a pixel two columns away
-    unknown = lift_tracks(tracks, visible, np.full_like(depth, np.nan), None, cameras, times)
+    unknown = lift_tracks(tracks, visible, np.full_like(depth, np.nan), cameras, times)
     yield refused(
         "no depth at all", "no track moves visibly with known depth", lambda: choose_nodes(unknown, times, 0.1)
     )

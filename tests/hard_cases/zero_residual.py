@@ -10,7 +10,8 @@ Must hold: the picture losses are least, their gradients finite and, by central 
 import torch
 
 from benchmarks.studies.hard_cases import that, within
-from f4x_core.fit.losses import depth_loss, masked_l1, rgb_loss, ssim_map
+from f4x_core.fit.losses import depth_loss, masked_l1, rgb_loss
+from f4x_core.metrics.pictures import ssim_map
 
 STAGE = "losses"
 

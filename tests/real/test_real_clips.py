@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from f4x_core.clip import read_clip, write_images
-from f4x_core.evaluation.evaluate import evaluate
+from f4x_core.evaluation.evaluate import Figures, evaluate
 from f4x_core.fit.config import profile
 from f4x_core.fit.pipeline import fit_clip
 from f4x_core.geometry import trajectory
@@ -24,7 +24,7 @@ def train(shared, tmp_path_factory):
 
 def test_a_moving_clip_is_rebuilt_and_its_held_out_frames_are_foreseen(train):
     clip, scene = train
-    scores = evaluate(scene, clip, baselines=True)
+    scores = evaluate(scene, clip, Figures(baselines=True))
     assert len(scene.dynamic) > 0 and scene.scaffold is not None
     assert scores["used_psnr"] > 26
     assert scores["held_out_psnr"] > scores["held_out_psnr_nearest"] + 2

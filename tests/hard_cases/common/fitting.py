@@ -12,14 +12,14 @@ import numpy as np
 
 from benchmarks.studies.hard_cases import Check, limited, reported, that, within
 from f4x_core.errors import F4xError
-from f4x_core.evaluation.evaluate import blend_by_flow, evaluate, path_error
+from f4x_core.evaluation.evaluate import Figures, blend_by_flow, evaluate, path_error
 from f4x_core.evaluation.truth import MIN_PATH_SPREAD, align_cameras, into_scene, rotation_error
-from f4x_core.fit.advice import WATCHABLE_PSNR, findings
 from f4x_core.fit.config import FitConfig, profile
 from f4x_core.fit.pipeline import FitResult, fit_clip
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import Camera
 from f4x_core.priors import Priors
+from f4x_core.report.advice import WATCHABLE_PSNR, findings
 from f4x_core.scene import Scene
 from f4x_core.scene.view import render
 
@@ -108,7 +108,7 @@ def fit(film: Film, lens_known: bool = True, **priors: Any) -> Fitted:
         except F4xError as reason:  # without the name of a folder that is another one every time
             raise F4xError(str(reason).replace(folder, "films")) from reason
     scene = result.scene
-    return Fitted(film, result, scene, evaluate(scene, film.clip, baselines=True))
+    return Fitted(film, result, scene, evaluate(scene, film.clip, Figures(baselines=True)))
 
 
 def _file(path: Path, value: Any) -> Path:

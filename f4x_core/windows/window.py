@@ -19,11 +19,10 @@ from ..clip import Clip
 from ..clip.model import Picture
 from ..clip.notes import Remark
 from ..errors import F4xError
-from ..evaluation.evaluate import evaluate, without_frames
+from ..evaluation.evaluate import Figures, evaluate, without_frames
 from ..files import replace_file
 from ..fit.config import FitConfig, resolved
 from ..fit.pipeline import ClipFit, FitResult
-from ..fit.previous_window import PreviousWindow, WindowFit
 from ..fit.settings import list_settings, set_fields
 from ..geometry.camera import CameraPath
 from ..geometry.trajectory import original
@@ -32,6 +31,7 @@ from ..processes import START, run_verb
 from ..progress import Progress
 from ..scene import Scene, read_scene, write_scene
 from ..scene.view import seen_from
+from .previous_window import PreviousWindow, WindowFit
 
 ROOT = Path(__file__).resolve().parents[2]
 """A child that starts here runs this package, installed or not."""
@@ -144,15 +144,15 @@ class WindowRequest:
         clip, folder, backend = self.clip, self.folder, self.config.backend
         result = self._fitted(progress)
         gc.collect()  # the trainer and its actions hold each other
-        from ..fit.diagnostics import (  # matplotlib: a second that the start need not wait
+        from ..report.diagnostics import (  # matplotlib: a second that the start need not wait
             render_previews,
             write_diagnostics,
         )
 
         scene = result.scene
-        masks = result.priors.moving_masks
+        wanted = Figures(baselines=True, masks=result.priors.moving_masks)
         near = near_path(scene)
-        metrics = evaluate(near, clip, baselines=True, masks=masks, backend=backend, progress=progress)
+        metrics = evaluate(near, clip, wanted, backend, progress)
         images = render_previews(near, metrics, backend)
         found = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
         newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))

@@ -10,14 +10,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..clip.notes import Remark
+from ..fit.config import FitConfig
+from ..fit.needs import MUCH_MOTION, Shortage, lack_in_words, moving_fraction
 from ..language.lexicon import plural
 from ..priors import Priors
 from ..priors.depth import GUESSED_MOVERS
 from ..scaffold import Scaffold
-from .config import FitConfig
 from .finding import CAMERAS, MOVES, MOVING_DEPTH, PATH, ROOM, SCORE, UNSEEN, Finding, Weight, by_weight, caused_by
 from .geometry_findings import ClipGeometry, about_geometry, origins_of_moving_depth
-from .needs import MUCH_MOTION, Shortage, lack_in_words, moving_fraction
 
 # Share of frames whose camera meets what stands in them, and the median reprojection error in pixels above which cameras are
 # wrong and not only rough.

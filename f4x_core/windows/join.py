@@ -1,7 +1,7 @@
 """Scenes of overlapping windows of one shot become one scene over its whole length. Needs numpy; draws through `raster`.
 
 The windows are in one world and one space of ids: each began with the background that the one before left, so the same id is
-the same Gaussian or node (`fit.previous_window`). What moves in a window takes turns with its neighbours' amid the frames that they
+the same Gaussian or node (`previous_window`). What moves in a window takes turns with its neighbours' amid the frames that they
 share. A Gaussian of the background is there from the window that made it until the one that did away with it, or learnt it further
 as another one; one that no earlier frame would show, because nobody had looked there, is there from the beginning.
 """
@@ -9,9 +9,8 @@ as another one; one that no earlier frame would show, because nobody had looked 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TypeVar
 
 import numpy as np
 
@@ -21,18 +20,15 @@ from ..geometry.camera import CameraPath
 from ..geometry.interpolation import presence
 from ..progress import Progress, silent
 from ..scaffold import Scaffold
-from ..scaffold.joining import join_scaffolds
+from ..scene.concatenation import ALWAYS, concatenated, within
+from ..scene.model import EARLIER, DynamicSet, Scene, StaticSet
 from .joined_people import JoinedPeople
-from .model import EARLIER, DynamicSet, Scene, StaticSet
-
-Gaussians = TypeVar("Gaussians", bound=StaticSet)
+from .joining import join_scaffolds
 
 FADE = 1.0
 """Frames, in the middle of the shared ones, over which windows take turns. Two pictures of one thing that differ by a fraction
 of a pixel blur: over all twelve a made-up clip loses 1.9 dB there, over four 0.7, over one 0.2. From the side the step from frame
 to frame grows by a twentieth."""
-ALWAYS = (-np.inf, -np.inf, np.inf, np.inf)
-"""The span of what never comes or goes."""
 COMPARED_PER_WINDOW = 12
 """Frames of a window in which it is looked whether they show what windows made. With 4, what comes to light between is left out
 (camel: 2 dB in frame 30); 24 are no better."""
@@ -128,7 +124,7 @@ class _Background:
 
     def finish(self) -> StaticSet:
         """All of it, with when it is there."""
-        return _concatenated(self.parts, self.spans)
+        return concatenated(self.parts, self.spans)
 
 
 @dataclass
@@ -185,7 +181,7 @@ class _Moving:
             )
             for part, own, row in zip(self.parts, self.scaffolds, rows, strict=True)
         ]
-        return _concatenated(parts, [_within(part, span) for part, span in zip(parts, spans, strict=True)]), scaffold
+        return concatenated(parts, [within(part, span) for part, span in zip(parts, spans, strict=True)]), scaffold
 
 
 @dataclass
@@ -219,31 +215,6 @@ class _Path:
         inverse = pose.invert(quaternion.normalize(self.turn), self.centre / self.total[:, None])
         times = self.times[self.windows[0][0] : self.windows[-1][1]]
         return CameraPath(self.intrinsics / self.total[:, None, None], pose.to_matrix(*inverse), times, *self.size)
-
-
-def _concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Gaussians:
-    """One set of several, with their spans; the smaller degrees of harmonics are padded with zeros."""
-    size = max(part.sh.shape[1] for part in parts)
-    whole = {
-        entry.name: [getattr(part, entry.name) for part in parts] for entry in fields(parts[0]) if entry.name != "span"
-    }
-    whole["sh"] = [np.pad(sh, ((0, 0), (0, size - sh.shape[1]), (0, 0))) for sh in whole["sh"]]
-    span = np.concatenate(spans).astype(np.float32)
-    arrays = {name: np.concatenate(values) for name, values in whole.items()}
-    return type(parts[0])(**arrays, span=None if (span == ALWAYS).all() else span)
-
-
-def followed_by(static: StaticSet, more: StaticSet) -> StaticSet:
-    """Both sets as one; what has no span is always there."""
-    return _concatenated([static, more], [_within(part, np.array(ALWAYS)) for part in (static, more)])
-
-
-def _within(part: StaticSet, span: np.ndarray) -> np.ndarray:
-    """(N,4) spans of what is there in its own and in a window's `span (4,)`: it comes with the later and goes with the earlier."""
-    if part.span is None:
-        return np.tile(span, (len(part), 1))
-    both = np.concatenate([np.maximum(part.span[:, :2], span[:2]), np.minimum(part.span[:, 2:], span[2:])], 1)
-    return np.maximum.accumulate(both, axis=1)  # what goes before it comes is never there
 
 
 def _rested(scene: Scene, alone: np.ndarray, shared: np.ndarray) -> DynamicSet:

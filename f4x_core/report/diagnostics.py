@@ -16,7 +16,9 @@ from PIL import Image
 from .. import page
 from ..clip import Clip
 from ..files import replace_file
+from ..fit.pipeline import FitResult
 from ..geometry.arrays import evenly_spaced
+from ..metrics.viewing_angles import parallax_degrees
 from ..priors import STAGES, Priors
 from ..scaffold import Scaffold
 from ..scene import Scene
@@ -26,8 +28,6 @@ from .advice import SHORT_PROFILE, about_reading, about_room, fair_psnr, finding
 from .finding import Finding, by_cause
 from .geometry_findings import ClipGeometry
 from .geometry_section import geometry_section
-from .pipeline import FitResult
-from .viewing_angles import parallax_degrees
 
 # Frames shown for masks, depth and scaffold, and frames shown because they are the worst.
 SHOWN_FRAMES, WORST_FRAMES = 6, 4

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .model import Scene
-from .people import People, people_of, with_people_by_id
-from .view import render
+from ..scene.model import Scene
+from ..scene.people import People, people_of, with_people_by_id
+from ..scene.view import render
 
 FRAMES, COLUMNS = 5, 240
 """Shared frames, evenly spread, in which people are compared, and the width in pixels of their masks."""

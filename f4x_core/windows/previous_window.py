@@ -20,6 +20,9 @@ from scipy.optimize import least_squares
 
 from ..clip import Clip
 from ..errors import F4xError
+from ..fit.pipeline import ClipFit, FitResult, KnownGround, start_fit
+from ..fit.spawning import MASK_MARGIN, Explained, spawn_frames
+from ..fit.trainer import Trainer
 from ..geometry import pose, quaternion
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
@@ -29,13 +32,10 @@ from ..priors.files import camera_kind
 from ..priors.flow import consistent, dis, grey
 from ..raster.blend_weights import blend_weight_sums
 from ..scaffold import Scaffold
-from ..scaffold.joining import continue_nodes
 from ..scene import EARLIER, Scene, StaticSet
-from ..scene.join import followed_by
+from ..scene.concatenation import followed_by
 from ..scene.view import render, seen_from
-from .pipeline import ClipFit, FitResult, KnownGround, start_fit
-from .spawning import MASK_MARGIN, Explained, spawn_frames
-from .trainer import Trainer
+from .joining import continue_nodes
 
 WRONG = 0.08
 """Colours (of 1) differ so much, mean over all channels, that the background does not explain a pixel."""

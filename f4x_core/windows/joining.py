@@ -9,8 +9,8 @@ import numpy as np
 
 from ..geometry import pose, quaternion
 from ..geometry.interpolation import presence
-from .deformation import align_signs
-from .structure import Scaffold
+from ..scaffold.deformation import align_signs
+from ..scaffold.structure import Scaffold
 
 BLOCK = 256
 """Nodes whose poses at all times are worked on at once: a long clip has thousands."""

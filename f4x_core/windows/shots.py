@@ -1,7 +1,7 @@
 """Long clips: shots, then overlapping windows that are fitted one after the other and joined into one scene.
 
 Memory holds one window at a time, in a process of its own (`window`). Each window continues the one before
-(`fit.previous_window`): it uses the same world frame, starts with its background and knows its nodes. Its result is an ordinary
+(`previous_window`): it uses the same world frame, starts with its background and knows its nodes. Its result is an ordinary
 scene in `windows/NNN/scene.f4x`.
 """
 
@@ -18,126 +18,62 @@ from typing import Any
 import numpy as np
 
 from ..clip import Clip
-from ..clip.model import MIN_FRAMES
-from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, keep_measured, summary
 from ..files import replace_file
-from ..fit.budget import ClipSize, has_room
 from ..fit.config import FitConfig
 from ..fit.covered import completed
 from ..fit.tints import Tinting
-from ..language.lexicon import plural
 from ..parallel import side_by_side
 from ..priors import Priors
 from ..progress import Progress, silent
+from ..report.fitted import FittedScene
 from ..scene import Scene, read_scene
-from ..scene.join import join_scenes
 from .closing import close_shot
-from .graph import LONG
+from .join import join_scenes
+from .plan import Shot
 from .window import SCENE, WindowBefore, WindowRequest, fit_apart, near_path
 
-LENGTHS = (LONG, 240, 120, 60)
-"""Frames of a window, where nobody says it: the first of these that memory has room for."""
-OVERLAP = 12
-"""Frames that neighbouring windows share."""
-MIN_OVERLAP = 2
-"""Minimum overlap in frames; with less, a window cannot continue the motion of the one before."""
-
-Window = tuple[int, int]
-"""(first frame, end); the end is excluded."""
 FitWindow = Callable[[Path, Progress], None]
 """Fits the window of a request file (`window`)."""
 
 
 @dataclass(frozen=True)
-class Shot:
-    """The windows of one shot, in frames of the clip."""
+class LongFit:
+    """The fit of a long clip."""
 
-    windows: tuple[Window, ...]
-    """In order, each sharing frames with the next."""
-
-    @property
-    def start(self) -> int:
-        """First frame."""
-        return self.windows[0][0]
-
-    @property
-    def end(self) -> int:
-        """One past the last frame."""
-        return self.windows[-1][1]
+    read: Callable[[int, int], Clip]
+    """`read(start, end)` gives those frames as a clip."""
+    config: FitConfig
+    """Settings of all windows."""
+    resume: bool = False
+    """Windows that are finished are kept."""
+    fit: FitWindow | None = fit_apart
+    """Fits a window; None: all are finished."""
 
 
-def usual_length(size: ClipSize, config: FitConfig, memory: float | None) -> int:
-    """Frames of a window of a clip of `size` where nobody says it, 0 for one that is fitted at once.
-
-    `memory`: gigabytes that are granted, as in `fit.budget.Grant`.
-    """
-    parts = {length: replace(size, frames=min(length, size.frames)) for length in LENGTHS}
-    length = next((length for length, part in parts.items() if has_room(part, config, memory)), LENGTHS[-1])
-    return 0 if size.frames <= length else length
-
-
-def usual_overlap(length: int) -> int:
-    """Frames that windows of `length` share where nobody says it: `OVERLAP`, or fewer where that leaves none of their own."""
-    return min(OVERLAP, (length - 1) // 2)
-
-
-def plan_windows(start: int, end: int, length: int, overlap: int = OVERLAP) -> tuple[Window, ...]:
-    """Cut the frames `start` to `end` into the fewest windows of at most `length` frames that share `overlap` with the next.
-
-    All are equally long up to one frame: a short last one would be fitted worse than the others. Raises F4xError for
-    lengths that leave a window no frame of its own.
-    """
-    if overlap < MIN_OVERLAP or length <= 2 * overlap:
-        raise F4xError(
-            f"windows of {length} {plural('frame', length)} cannot share {overlap}: let --overlap be {MIN_OVERLAP} or more and"
-            " --window more than twice that."
-        )
-    count = max(1, math.ceil((end - start - overlap) / (length - overlap)))
-    edges = start + np.round(np.linspace(0, end - start - overlap, count + 1)).astype(int)
-    return tuple((int(a), int(b) + overlap) for a, b in pairwise(edges))
-
-
-def plan_shots(count: int, cuts: Sequence[int], length: int, overlap: int = OVERLAP) -> tuple[Shot, ...]:
-    """The windows of every shot of a clip of `count` frames that is cut before each of `cuts`.
-
-    Shots too short for any fit are left out.
-    """
-    edges = [0, *cuts, count]
-    shots = [(a, b) for a, b in pairwise(edges) if b - a >= MIN_FRAMES]
-    return tuple(Shot(plan_windows(a, b, length, overlap)) for a, b in shots)
-
-
-def fit_shot(
-    shot: Shot,
-    read: Callable[[int, int], Clip],
-    folder: Path,
-    config: FitConfig,
-    progress: Progress = silent,
-    resume: bool = False,
-    fit: FitWindow = fit_apart,
-) -> Scene:
+def fit_shot(shot: Shot, how: LongFit, folder: Path, progress: Progress = silent) -> Scene:
     """Fit the windows of a shot one after the other and return the joined scene, which has no metrics yet.
 
-    `read(start, end)` gives those frames as a clip. Every window leaves its scene in `folder/windows`; with `resume` finished
-    ones are kept. `fit`: how a request file is fitted. F4xError where settings, pictures or the windows before are not what
+    Every window leaves its scene in `folder/windows`. F4xError where settings, pictures or the windows before are not what
     they were.
     """
+    config = how.config
     paths, picked, believed, times = [], [], [], np.zeros(shot.end - shot.start)
     before: WindowBefore | None = None
     for number, (start, end) in enumerate(shot.windows):
         place = (folder / "windows" / f"{number:03d}").absolute()
-        clip = read(start, end)
+        clip = how.read(start, end)
         clip.require_enough()
         first = start - shot.start  # what it shares with the window before gets the same times again
         times[first : first + len(clip)] = times[first] + clip.times
         picked.append(clip.picked.split(":"))
-        request = WindowRequest(clip, place, config, before, resume)
+        request = WindowRequest(clip, place, config, before, how.resume)
         file = None if request.finished() else request.write()
         del clip, request  # pictures of a window are held once: where they are fitted
         if file is not None:
+            assert how.fit is not None
             try:
-                fit(file, _part_progress("window", number, len(shot.windows), progress))
+                how.fit(file, _part_progress("window", number, len(shot.windows), progress))
             finally:
                 file.unlink()
         paths.append(place / SCENE)
@@ -162,13 +98,12 @@ def fit_shot(
         "saved": "memory that grows with the clip",
     }
     whole = completed(replace(joined, provenance=provenance, needs=(need,)))
-    return _with_tints(whole, shot, read, folder, config, progress)
+    return _with_tints(whole, shot, how, folder, progress)
 
 
-def _with_tints(
-    scene: Scene, shot: Shot, read: Callable[[int, int], Clip], folder: Path, config: FitConfig, progress: Progress
-) -> Scene:
+def _with_tints(scene: Scene, shot: Shot, how: LongFit, folder: Path, progress: Progress) -> Scene:
     """The joined scene with colors over time, if they pay; frames are read one window at a time, each once."""
+    config = how.config
     if config.tints.min_gain == np.inf:
         return scene
     starts = [start for start, _ in shot.windows]
@@ -178,7 +113,7 @@ def _with_tints(
             tell = _part_progress("window", number, len(starts), progress)
             priors = folder / "windows" / f"{number:03d}" / "priors"
             masks = Priors.read(priors).moving_masks if priors.exists() else None
-            tinting.add(read(start, end), masks, start - shot.start, tell)
+            tinting.add(how.read(start, end), masks, start - shot.start, tell)
         return tinting.finish()
 
 
@@ -231,55 +166,34 @@ def evaluate_shot(
     return figures
 
 
-def fit_long(
-    shots: Sequence[Shot],
-    read: Callable[[int, int], Clip],
-    folder: Path,
-    config: FitConfig,
-    progress: Progress = silent,
-    resume: bool = False,
-    fit: FitWindow = fit_apart,
-) -> list[dict[str, Any]]:
+def fit_long(shots: Sequence[Shot], how: LongFit, folder: Path, progress: Progress = silent) -> list[FittedScene]:
     """Fit every shot: `folder/scene.f4x`, `metrics.json` and `diagnostics.html`, or those in `folder/shot_N` where the clip is
     cut, with a `folder/diagnostics.html` that leads to them.
 
-    Returns for each shot `scene` (path), `frames`, `picked` (those of the source), `windows`, `metrics` with what `close_shot`
-    tells, `needs`.
+    Returns a scene for each shot, whose metrics have what `close_shot` tells.
     """
     results = []
     for number, shot in enumerate(shots):
         place = folder if len(shots) == 1 else folder / f"shot_{number + 1}"
         one = _part_progress("shot", number, len(shots), progress)
-        scene = fit_shot(shot, read, place, config, one, resume, fit)
-        metrics = evaluate_shot(scene, shot, read, config.backend, one)
+        scene = fit_shot(shot, how, place, one)
+        metrics = evaluate_shot(scene, shot, how.read, how.config.backend, one)
         local = [(start - shot.start, end - shot.start) for start, end in shot.windows]
         closing = close_shot(place, scene, local, metrics)
         scene, figures = keep_measured(place, scene, metrics, **closing)
-        results.append(
-            {
-                "scene": str(place / "scene.f4x"),
-                "frames": [shot.start, shot.end],
-                "picked": scene.provenance["frames"],
-                "windows": len(shot.windows),
-                "metrics": figures,
-                "needs": list(scene.needs),
-                "static": len(scene.static),
-                "dynamic": len(scene.dynamic),
-                "nodes": 0 if scene.scaffold is None else len(scene.scaffold),
-            }
-        )
+        results.append(FittedScene.of(place / "scene.f4x", scene, figures, (shot.start, shot.end), len(shot.windows)))
     if len(shots) > 1:
         _write_contents(folder, scene.name, results)
     return results
 
 
-def _write_contents(folder: Path, title: str, results: Sequence[dict[str, Any]]) -> None:
+def _write_contents(folder: Path, title: str, results: Sequence[FittedScene]) -> None:
     """Write `diagnostics.html` of a clip with cuts: links to the pages of its shots."""
     from .. import page
 
     lines = [
-        f'<p><a href="shot_{number}/diagnostics.html">shot {number}</a>: frames {shot["picked"]} of the source,'
-        f" PSNR {shot['metrics'].get('used_psnr', math.nan):.2f} dB. {html.escape(shot['metrics']['verdict'])}</p>"
+        f'<p><a href="shot_{number}/diagnostics.html">shot {number}</a>: frames {shot.picked} of the source,'
+        f" PSNR {shot.metrics.get('used_psnr', math.nan):.2f} dB. {html.escape(shot.metrics['verdict'])}</p>"
         for number, shot in enumerate(results, 1)
     ]
     with replace_file(folder / "diagnostics.html") as file:

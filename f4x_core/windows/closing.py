@@ -11,11 +11,11 @@ from typing import Any
 
 from .. import page
 from ..files import replace_file
-from ..fit.advice import fair_score, quality, verdict
-from ..fit.believed import Believed
-from ..fit.finding import Finding
-from ..fit.geometry_findings import believed_sentence
 from ..language.lexicon import plural
+from ..metrics.believed import Believed
+from ..report.advice import fair_score, quality, verdict
+from ..report.finding import Finding
+from ..report.geometry_findings import believed_sentence
 from ..scene import Scene, read_scene
 from .window import SCENE
 
@@ -119,7 +119,7 @@ def _sections(
     shared: Sequence[tuple[int, int]],
 ) -> list[str]:
     """The body of the page, verdict `summary` first; `shared` (first frame, end) are frames of two windows."""
-    from ..fit.diagnostics import finding_boxes, frame_scores, needs_table  # draws: only where a page is made
+    from ..report.diagnostics import finding_boxes, frame_scores, needs_table  # draws: only where a page is made
 
     counted = (
         f"{len(scene.cameras)} frames in {len(parts)} {plural('window', len(parts))} · {len(scene.static):,} static and"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from ..scene.cryptomatte import DEPTH, identify
 from ..scene.exposure import Exposure, Lens, Take, shoot
 from ..scene.layers import named_layers, write_exr
 from ..scene.stage import MATTE, Cloud, DrawSettings
+from .render_options import RenderOptions
 
 MASK = "mask:"
 CRYPTOMATTE = "cryptomatte"
@@ -65,17 +65,17 @@ def passes_of(channels: Sequence[str], exr: bool) -> list[str]:
     return [name for name in channels if name in PASSES and name != "rgb"]
 
 
-def exposure_of(args: argparse.Namespace) -> Exposure:
+def exposure_of(options: RenderOptions) -> Exposure:
     """The exposure that the options ask for."""
-    for name, value, most in (("motion-blur", args.motion_blur, 100.0), ("aperture", args.aperture, 100.0)):
+    for name, value, most in (("motion-blur", options.motion_blur, 100.0), ("aperture", options.aperture, 100.0)):
         if not 0 <= value <= most:
             raise F4xError(f"--{name} {value:g}: give a number from 0 to {most:g}.")
-    if not args.focus > 0:
-        raise F4xError(f"--focus {args.focus:g}: give a depth above 0.")
-    if not 1 <= args.samples <= MAX_SAMPLES:
-        raise F4xError(f"--samples {args.samples}: give a number from 1 to {MAX_SAMPLES}.")
-    lens = Lens(args.aperture, args.focus) if args.aperture else None
-    return Exposure(args.samples, -args.motion_blur / 2, args.motion_blur / 2, lens)
+    if not options.focus > 0:
+        raise F4xError(f"--focus {options.focus:g}: give a depth above 0.")
+    if not 1 <= options.samples <= MAX_SAMPLES:
+        raise F4xError(f"--samples {options.samples}: give a number from 1 to {MAX_SAMPLES}.")
+    lens = Lens(options.aperture, options.focus) if options.aperture else None
+    return Exposure(options.samples, -options.motion_blur / 2, options.motion_blur / 2, lens)
 
 
 def take(

@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from .. import page
+from ..fit.pipeline import FitResult
 from ..geometry.spherical_harmonics import rgb_from_dc
+from ..metrics.way_round import WayRound
 from ..scene.moments import Moment
 from ..scene.visualise import colour_depth, depth_range
 from .geometry_findings import ClipGeometry, believed_sentence
-from .pipeline import FitResult
-from .way_round import WayRound
 
 # Groups of moving nodes in the table, the largest ones.
 NAMED_GROUPS = 8

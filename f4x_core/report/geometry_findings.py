@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..fit.needs import MUCH_MOTION, moving_fraction
+from ..metrics.believed import Believed, believed_degrees, depth_evidence
+from ..metrics.viewing_angles import GroupView, angular_factor, group_views, parallax_degrees, static_view_degrees
+from ..metrics.way_round import WayRound
 from ..priors import Priors
 from ..priors.cameras import static_tracks
 from ..scaffold import Scaffold
-from .believed import Believed, believed_degrees, depth_evidence
 from .finding import MOVING_DEPTH, PATH, Finding, Weight, caused_by
-from .needs import MUCH_MOTION, moving_fraction
-from .viewing_angles import GroupView, angular_factor, group_views, parallax_degrees, static_view_degrees
-from .way_round import WayRound
 
 # Angle (degrees) between the outermost cameras at the median depth. Below the first nothing but the original view can be
 # believed, below the second only views close to the path.

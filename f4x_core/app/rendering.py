@@ -1,0 +1,235 @@
+"""Pictures of a scene along a camera path: channels as PNG, all passes as EXR, videos."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ..clip.images import even_height
+from ..clip.read import frame_indices
+from ..clip.video import write_video
+from ..edit.naming import by_words
+from ..errors import F4xError
+from ..files import replace_file
+from ..geometry.trajectory import Trajectory
+from ..progress import Progress, silent
+from ..query.pixels import coverage_image
+from ..query.unseen import unseen_image
+from ..scene import Scene
+from ..scene.view import COVERED, render
+from ..scene.visualise import colour_depth, colour_motion, depth_range
+from .encoding import encoder
+from .paths import times_of, trajectory_of
+from .render_options import RenderOptions
+
+CHANNELS = ("rgb", "depth", "alpha", "motion")
+UNSEEN = "unseen"
+"""The channel of what no frame of the clip saw, and of where nothing is."""
+MASK = "mask:"
+"""Prefix of the channel `mask:LABEL`: the fraction of each pixel's blend weight that comes from the Gaussians of a label."""
+# Motion of this fraction of the image width per frame gets the full colour.
+FULL_MOTION = 0.02
+WIDTHS = (16, 16384)
+"""Least and greatest width of a picture in pixels."""
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """Pictures that were written."""
+
+    folder: Path
+    """Where they lie, in a folder for each channel."""
+    frames: int
+    """Number of pictures of each channel."""
+    of_all: int
+    """Frames that were chosen before they were parted."""
+    films: tuple[str, ...] = ()
+    """Names of the videos."""
+    black: tuple[str, ...] = ()
+    """Channels `mask:LABEL` of labels that nothing in the scene answers to."""
+
+
+def render_path(scene: Scene, folder: Path, options: RenderOptions, progress: Progress = silent) -> Rendered:
+    """Write `folder/CHANNEL/00000.png` … along a path, as `f4x render` does; depth and motion also as .npy.
+
+    Raises:
+        F4xError: options that are not possible, or a word that nobody knows.
+    """
+    if options.exr or options.motion_blur or options.aperture:
+        return _render_shots(scene, folder, options, progress)
+    channels = options.channels
+    labels = {name: name.removeprefix(MASK) for name in channels if name.startswith(MASK)}
+    _refuse_unknown(scene, [name for name in channels if name not in labels])
+    masks = {name: by_words(scene, [label], encode=encoder(progress))[label] for name, label in labels.items()}
+    mattes: dict[str, Callable[..., np.ndarray]] = {
+        name: partial(coverage_image, scene, mask) for name, mask in masks.items()
+    }
+    if UNSEEN in channels:
+        mattes[UNSEEN] = partial(unseen_image, scene)
+    views, chosen, indices = _views_of(scene, options)
+    folders = {name: folder / file_name(name) for name in channels}
+    for place in folders.values():
+        place.mkdir(parents=True, exist_ok=True)
+    span = depth_span(scene, options.backend) if "depth" in channels else (0.0, 1.0)
+    full_motion = FULL_MOTION * views[0].camera.width
+    videos: dict[str, list[np.ndarray]] = {name: [] for name in channels}
+    for done, index in enumerate(indices):
+        progress("render", done, len(indices))
+        camera, time = views[index]
+        plain = [name for name in channels if name in CHANNELS]
+        wanted = plain if len(plain) + len(mattes) == len(channels) else [*plain, "latent", "alpha"]
+        maps = render(scene, camera, time, channels=wanted, backend=options.backend)
+        images = {
+            name: channel_image(name, maps[name], span, full_motion)
+            if name in plain
+            else channel_image(name, mattes[name](camera, time, options.backend), span, full_motion)
+            if name in mattes
+            else feature_image(scene, name, maps["latent"], maps["alpha"])
+            for name in channels
+        }
+        try:
+            write_frame(folders, index, maps, images)
+        except F4xError as error:
+            raise F4xError(f"{error}; {done} of {len(indices)} frames were written completely.") from error
+        if options.video:
+            for name, image in images.items():
+                videos[name].append(image)
+    progress("render", len(indices), len(indices))
+    films = tuple(f"{file_name(name)}.mp4" for name, frames in videos.items() if frames)
+    for film, frames in zip(films, filter(None, videos.values()), strict=True):
+        write_video(folder / film, np.stack(frames), scene.fps, times_of(scene, options.path, indices))
+    black = tuple(name for name, mask in masks.items() if not mask.chosen.any())
+    return Rendered(folder, len(indices), len(chosen), films, black)
+
+
+def _refuse_unknown(scene: Scene, channels: Sequence[str]) -> None:
+    """F4xError for a channel of which no pictures can be written, and where there is one of that name, how to have it."""
+    from . import shots
+
+    known = (*CHANNELS, UNSEEN, *feature_channels(scene))
+    for name in channels:
+        if name not in known:
+            message = f"there is no channel {name}; choose from {','.join(known)},{MASK}LABEL"
+            if name in (*shots.PASSES, shots.CRYPTOMATTE):
+                message = f"{name} holds numbers that only EXR files can; add --exr"
+            raise F4xError(f"--channels {','.join(channels)}: {message}.")
+
+
+def _views_of(scene: Scene, options: RenderOptions) -> tuple[Trajectory, np.ndarray, np.ndarray]:
+    """(all views of `--path`, `--width` wide, indices that `--frames` chooses, those of them in `--part`)."""
+    if not 0 < options.degrees < 90:
+        raise F4xError(f"--degrees {options.degrees:g}: give a number above 0 and below 90.")
+    views = trajectory_of(scene, options.path, options.degrees)
+    if options.width is not None:
+        if not WIDTHS[0] <= options.width <= WIDTHS[1]:
+            raise F4xError(f"--width {options.width}: give a number of pixels from {WIDTHS[0]} to {WIDTHS[1]}.")
+        height = even_height(views[0].camera.width, views[0].camera.height, options.width)
+        views = [view._replace(camera=view.camera.resized(options.width, height)) for view in views]
+    chosen = frame_indices(options.frames, len(views), f"--path {options.path}")
+    return views, chosen, chosen[part_of(len(chosen), options.part, options.video)]
+
+
+def _render_shots(scene: Scene, folder: Path, options: RenderOptions, progress: Progress) -> Rendered:
+    """Write `folder/00000.exr` … with all passes of a frame, or with motion blur and depth of field `folder/rgb/00000.png` …."""
+    from . import shots
+
+    names = shots.passes_of(options.channels, options.exr)
+    mattes = shots.Mattes.of(scene, options.channels)
+    exposure = shots.exposure_of(options)
+    views, chosen, indices = _views_of(scene, options)
+    for name in () if options.exr else ("rgb", *names):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    videos = []
+    for done, index in enumerate(indices):
+        progress("render", done, len(indices))
+        images = shots.take(scene, views, int(index), exposure, (names, mattes, options.backend))
+        picture = shots.display(images["combined"])
+        if options.exr:
+            shots.write(folder / f"{index:05d}.exr", images, mattes)
+        else:
+            maps = {"rgb": picture, "alpha": (images["alpha"] * 255 + 0.5).astype(np.uint8)}
+            write_frame({name: folder / name for name in ("rgb", *names)}, int(index), {}, maps)
+        if options.video:
+            videos.append(picture)
+    progress("render", len(indices), len(indices))
+    if videos:
+        write_video(folder / "rgb.mp4", np.stack(videos), scene.fps, times_of(scene, options.path, indices))
+    return Rendered(folder, len(indices), len(chosen))
+
+
+def part_of(count: int, part: str | None, video: bool = False) -> range:
+    """The indices that `--part I/N` selects of `count` views; the parts cover every view once and differ by at most one view."""
+    if part is None:
+        return range(count)
+    if video:
+        raise F4xError("--video needs every frame; leave out --part.")
+    which, _, parts = part.partition("/")
+    if not (which.isdecimal() and parts.isdecimal() and 1 <= int(which) <= int(parts)):
+        raise F4xError(f"--part {part}: write I/N with I from 1 to N, for example 2/4.")
+    return range(count * (int(which) - 1) // int(parts), count * int(which) // int(parts))
+
+
+def file_name(channel: str) -> str:
+    """The channel's name as a file name: characters such as those in `mask:polar bear` become _."""
+    return re.sub(r"[^\w.-]", "_", channel)
+
+
+def write_frame(
+    folders: Mapping[str, Path], index: int, maps: Mapping[str, np.ndarray], images: Mapping[str, np.ndarray]
+) -> None:
+    """Write the images of one frame, and arrays of depth and motion: all of the files or none."""
+    from PIL import Image  # Blender has none
+
+    written: list[Path] = []
+    try:
+        for name, folder in folders.items():
+            written.append(folder / f"{index:05d}.png")
+            with replace_file(written[-1]) as file:
+                Image.fromarray(images[name]).save(file, "PNG")
+            if name in ("depth", "motion"):
+                written.append(folder / f"{index:05d}.npy")
+                with replace_file(written[-1]) as file:
+                    np.save(file, maps[name].astype(np.float32))
+    except BaseException:
+        for path in written:
+            path.unlink(missing_ok=True)
+        raise
+
+
+def depth_span(scene: Scene, backend: str = "auto") -> tuple[float, float]:
+    """(near, far) depth in world units for the colours of the depth images; one range for the whole clip."""
+    middle = len(scene.cameras) // 2
+    depth = render(scene, scene.cameras[middle], float(scene.cameras.times[middle]), ("depth",), backend)["depth"]
+    return depth_range([depth])
+
+
+def channel_image(channel: str, values: np.ndarray, span: tuple[float, float], full_motion: float) -> np.ndarray:
+    """An 8-bit image (H,W,3) or (H,W) of a channel; `span` is the range of depth, `full_motion` the pixels with the full colour."""
+    if channel == "depth":
+        return colour_depth(values, *span)
+    if channel == "motion":
+        return colour_motion(values, full_motion)
+    return (np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def feature_channels(scene: Scene) -> tuple[str, ...]:
+    """Channels that show the feature field of `scene`: the latent and every head."""
+    return () if scene.features is None else ("latent", *scene.features.names)
+
+
+def feature_image(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """(H,W,3) uint8 image of the latent, or of the features that a head decodes from `latent (H,W,D)`; black in empty pixels."""
+    field = scene.require_field()
+    if name != "latent":
+        image = field.head(name).to_rgb(latent)
+    elif field.pca is not None:
+        image = field.pca.to_rgb(latent)
+    else:
+        raise F4xError(f"{scene.name}: the latent has no colours; distil a teacher again.")
+    return image * (alpha >= COVERED)[..., None]
