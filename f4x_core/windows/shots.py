@@ -24,14 +24,13 @@ from ..fit.config import FitConfig
 from ..fit.covered import completed
 from ..fit.tints import Tinting
 from ..parallel import side_by_side
-from ..priors import Priors
 from ..progress import Progress, silent
 from ..report.fitted import FittedScene
 from ..scene import Scene, read_scene
 from .closing import close_shot
 from .join import join_scenes
 from .plan import Shot
-from .window import SCENE, WindowBefore, WindowRequest, fit_apart, near_path
+from .window import SCENE, WindowBefore, WindowRequest, fit_apart, masks_of, near_path
 
 FitWindow = Callable[[Path, Progress], None]
 """Fits the window of a request file (`window`)."""
@@ -111,8 +110,7 @@ def _with_tints(scene: Scene, shot: Shot, how: LongFit, folder: Path, progress: 
         tinting = Tinting(scene, config.tints, config.backend)
         for number, (start, end) in enumerate(pairwise([*starts, shot.end])):
             tell = _part_progress("window", number, len(starts), progress)
-            priors = folder / "windows" / f"{number:03d}" / "priors"
-            masks = Priors.read(priors).moving_masks if priors.exists() else None
+            masks = masks_of(folder / "windows" / f"{number:03d}")
             tinting.add(how.read(start, end), masks, start - shot.start, tell)
         return tinting.finish()
 

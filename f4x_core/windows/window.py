@@ -10,6 +10,7 @@ import gc
 import hashlib
 import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -35,7 +36,7 @@ from .previous_window import PreviousWindow, WindowFit
 
 ROOT = Path(__file__).resolve().parents[2]
 """A child that starts here runs this package, installed or not."""
-SCENE = "scene.f4x"
+SCENE, MASKS = "scene.f4x", "masks.npz"
 BESIDE = 1.0
 """Pictures on every side that cameras beside the path may see: those of held-out frames, found again, and views aside."""
 WORDS = ("name", "fps", "source", "picked")
@@ -162,6 +163,7 @@ class WindowRequest:
         window["findings"] = [asdict(finding) for finding in found]
         provenance = {**scene.provenance, "window": window}
         write_scene(replace(scene, metrics=without_frames(metrics), provenance=provenance), folder / SCENE)
+        _write_masks(folder / MASKS, result.priors.moving_masks)
         for done in ("priors", "checkpoints"):  # a long clip would fill the disk with them
             shutil.rmtree(folder / done, ignore_errors=True)
 
@@ -171,6 +173,23 @@ class WindowRequest:
             return ClipFit(self.clip, self.folder, self.config, progress, self.resume, whole=False).run()
         previous = self.before.read()
         return WindowFit(self.clip, self.folder, self.config, progress, self.resume, previous=previous).run()
+
+
+def _write_masks(path: Path, masks: Mapping[int, np.ndarray] | None) -> None:
+    """Keep what moves in the frames of a window, `masks` of (H,W) bool, for the colors of the whole clip."""
+    masks = masks or {}
+    with replace_file(path) as file:
+        stack = np.array([*masks.values()]) if masks else np.zeros((0, 0, 0), bool)
+        np.savez_compressed(file, frames=np.array([*masks], np.int64), masks=stack)
+
+
+def masks_of(folder: Path) -> dict[int, np.ndarray] | None:
+    """Frame of the window in `folder` -> (H,W) bool of what moves there; None where the window left none."""
+    path = folder / MASKS
+    if not path.is_file():
+        return None
+    with np.load(path, allow_pickle=False) as file:
+        return dict(zip(file["frames"].tolist(), file["masks"], strict=True))
 
 
 def near_path(scene: Scene) -> Scene:
