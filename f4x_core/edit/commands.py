@@ -31,9 +31,9 @@ from ..language.amounts import (
     steps,
     stops,
 )
-from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
 from ..language.colour_names import COLOURS
 from ..language.colours import PURE_COLOURS, colour, colourish
+from ..language.courtesies import ASIDE, CALLS, COMMENTS, WISHES
 from ..language.grammar import (
     Mismatch,
     Reading,
@@ -127,9 +127,9 @@ _over = here(lambda reading, at: not reading.word(at).isalpha())
 _goes_on = unless(literal("and|but")) + here(lambda reading, at: reading.word(at).isalpha())
 ADDS_NOTHING = either(
     CALLS,
-    ASKS,
     WISHES,
     COMMENTS,
+    silent(ASIDE),
     literal(f"{_WANTED} (to) ([be|become|get|turn|look|appear|stay|end up|have|been|gone|become])"),
     literal(f"[{_WANTED}] (to) go") + unless(_over),  # what has to go is to be gone
     literal(

@@ -16,9 +16,9 @@ from typing import Any
 
 from ..errors import F4xError
 from ..language.amounts import Amount, any_word, degree, number
-from ..language.asides import ASKS, PURPOSES, WISHES, cut, without_asides
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
+from ..language.courtesies import WISHES
 from ..language.grammar import (
     NAMES_TOO,
     VOCABULARY,
@@ -56,12 +56,10 @@ from ..language.lexicon import (
     word_set,
     written,
 )
-from ..language.paraphrases import closed_up, in_order, opened, paraphrases
 from ..language.times import HALF_WAY, START, Span, TimeExpression, duration, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form
 from . import meaning, qualities
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
-from .corrections import corrected, remarked, without_remarks
 from .description import in_words
 from .graded import QUALITIES, SATURATION
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
@@ -83,7 +81,7 @@ from .operations import (
     Transform,
 )
 from .phrases import SentenceContext, When, familiar, known_noun, known_thing, several_placed, thing, together, whose
-from .qualities import any_look, effect
+from .qualities import effect
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
 from .slots import AGAIN, ENDED, REMARK, TOPIC, Command
@@ -97,13 +95,9 @@ MAX_BARRED = 3
 """Commands that fit a sentence and cannot be carried out, before it is given up."""
 
 
-_polite = keyword("please|could|can|maybe|perhaps|would") | ASKS
+_polite = keyword("please|could|can|maybe|perhaps|would") | WISHES
 _POLITE_BEFORE = 8
 """Words within which a request begins: "okay, now could you"."""
-_PHRASAL = frozenset(
-    tuple(verb.split()) for verbs in VERBS.values() for verb in verbs.split(", ") if verb.count(" ") == 1
-)
-"""Verbs of two words, the second of which may stand behind the thing."""
 _ASKED_FOR = frozenset(
     form for verb in (IMPERATIVES - FUNCTION_WORDS) | {"have", "let"} for form in (verb, *forms(verb))
 )
@@ -144,7 +138,7 @@ def parse(
         found = re.search(barred.pattern, sentence, re.IGNORECASE)
         if found and (not barred.after_removal or (before and _deletes(before[-1]))):
             raise Refusal(barred.reason.format(words=found[0].strip()))
-    read = _read_somehow(sentence, known, settled)
+    read = _read(sentence, known, settled)
     if not read.clauses and _first_asked(read.reading.tokens) in _INTERROGATIVES - IMPERATIVES:
         raise Refusal(_A_QUESTION)
     for rule, doubt in _DOUBTFUL:
@@ -155,7 +149,6 @@ def parse(
     if read.clauses:
         try:
             operations = read.operations or settled(read)
-            _ask_about_purpose(sentence, known, read, operations)
             if _removes_loosely(replace(read, operations=operations)):
                 asked = _without_idle(replace(read, operations=operations))
                 if (strange := _named_besides(read)) and not read.reading.word(read.idle[0] - 1) == "for":
@@ -228,58 +221,16 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
     )
 
 
-def _read_somehow(
+def _read(
     sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle | None = None, guess: bool = False
 ) -> Read:
-    """A sentence with its words and clauses, or another way to say it where that is understood and it is not itself.
+    """A sentence with its words and clauses; a reading counts where `settled` can carry it out.
 
-    A reading counts where `settled` can carry it out: first of the sentence's own words, then of other ways to say it.
     `guess`: words that nobody knows may be left out.
     """
-    plain, _ = _plainly(sentence, known)
-    own = dict.fromkeys((*corrected(sentence, known), *in_order(sentence), plain, sentence))
-    first: Read | Refusal | None = None
-    reason = ""
-    own_readings: list[Reading] = []
-    for as_said in (True, False):
-        if not as_said and (reason or not own_readings):
-            break  # its own words fit, and what they ask for cannot be, or they ask a question
-        ways = own if as_said else dict.fromkeys(way for way in _other_ways(plain, known) if way not in own)
-        readings: list[Reading] = []
-        for way in ways:
-            try:
-                reading = _words_of(way, known)
-            except Refusal as refusal:
-                first = first or refusal
-                continue
-            readings.append(reading)
-            first = first or Read(reading)
-        own_readings = own_readings or readings
-        for reading in sorted(
-            readings, key=lambda reading: (reading.sentence in (plain, sentence)) + (reading.sentence != plain)
-        ):
-            loose, why = _matched(reading, known, settled, guess)
-            reason = reason or why
-            if loose and _removes_loosely(loose) and not guess:
-                surer = (
-                    _matched(_words_of(way, known), known, settled, guess)[0] for way in without_remarks(plain, known)
-                )
-                return next((one for one in surer if one and not _removes_loosely(one)), loose)
-            if loose:
-                return loose
-    if isinstance(first, Refusal):
-        raise first
-    assert first is not None
-    return replace(first, reason=reason)
-
-
-def _other_ways(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
-    """Other ways to say a sentence, likeliest first."""
-    yield from opened(sentence, _ASKED_FOR)
-    yield from remarked(sentence, known)
-    yield from closed_up(sentence, _PHRASAL)
-    yield from paraphrases(sentence, COMMAND_VERBS)
-    yield from without_remarks(sentence, known)
+    reading = _words_of(sentence, known)
+    found, reason = _matched(reading, known, settled, guess)
+    return found or Read(reading, reason=reason)
 
 
 def _matched(
@@ -303,13 +254,6 @@ def _matched(
         tried = frozenset(id(clause.command) for clause in read.clauses)
         reading = replace(reading, barred=reading.barred | tried)  # another command may do
     return None, reason
-
-
-def _plainly(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[str, frozenset[str]]:
-    """The sentence without what adds nothing to it, and the kinds of what was left out."""
-    return without_asides(
-        sentence, known, COMMAND_VERBS, lambda word: 1 in any_look.at(Reading.of(word, tokenise(word), {}), 0)
-    )
 
 
 def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
@@ -340,7 +284,7 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
     typed = read.reading.sentence[wrong.start : wrong.end]
     text = read.reading.sentence if read.clauses else sentence
     instead = re.sub(rf"\b{re.escape(typed)}\b", word, text, count=1)
-    better = _read_somehow(instead, known, settled)
+    better = _read(instead, known, settled)
     whole = bool(better.clauses) and not better.idle
     if whole or _slip(better.reading, False):
         thing = any(word in words for words in known)
@@ -398,6 +342,10 @@ _BARRED = (
         "'{words}' tells what is not wanted; say what is to be done.",
     ),
     _Barred(
+        r"\b(?:cut|mask|key|lift|take|roto|pull)\b.*\b(?:so (?:that )?(?:i|we) can|to comp|for (?:the )?comp)\b",
+        "'{words}' may mean to keep it or to drop it; say 'keep only the dog' or 'remove the dog'.",
+    ),
+    _Barred(
         r"\b(?:crop|trim) (?:down )?(?:the |this |my |whole |entire )*(?:scene|splats?|point cloud|everything)\b",
         "A scene is cropped by a box that you place: Add Crop Box in Blender; 'keep only the dog' keeps one thing.",
     ),
@@ -419,19 +367,9 @@ _CUT = re.compile(r"\b(?:cut|mask|key|lift|crop|take|roto|comp|pull)", re.IGNORE
 """Verbs that take out to keep or to drop, as it is for."""
 
 
-def _ask_about_purpose(
-    sentence: str, known: Mapping[tuple[str, ...], str], read: Read, operations: tuple[Operation, ...]
-) -> None:
-    """Raise `Doubt` where something would be gone and the reason that is given may mean otherwise: "cut it out so I can …"."""
-    plain, left_out = _plainly(sentence, known)
-    gone = any(isinstance(one, Delete | Extract) for one in operations)
-    if gone and left_out & PURPOSES and read.reading.sentence == plain and _CUT.search(plain):
-        raise Doubt(f"I would do: {in_words(operations)}. The reason may mean something else.", plain)
-
-
 def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
     """Raise `Doubt` with what the sentence comes to without the words that nobody knows, where it comes to something."""
-    read = _read_somehow(sentence, known, settled, guess=True)
+    read = _read(sentence, known, settled, guess=True)
     tokens = read.reading.tokens
     if not read.operations or _unsure(read) or 2 * len(read.idle) > sum(token.is_word for token in tokens):
         return
@@ -460,7 +398,7 @@ def _means(
 ) -> bool:
     """Whether a sentence comes to the operations."""
     with suppress(F4xError):
-        read = _read_somehow(sentence, known, settled)
+        read = _read(sentence, known, settled)
         return bool(read.clauses) and (read.operations or settled(read)) == operations
     return False
 
@@ -476,7 +414,15 @@ def _without_idle(read: Read) -> Doubt:
             joined.append((tokens[at].start, tokens[at].end))
     left_out = "', '".join(typed[start:end] for start, end in joined)
     plan = in_words(read.operations)
-    return Doubt(f"I would do: {plan}. I do not know what '{left_out}' adds.", cut(typed, joined))
+    return Doubt(f"I would do: {plan}. I do not know what '{left_out}' adds.", _cut(typed, joined))
+
+
+def _cut(sentence: str, spans: list[tuple[int, int]]) -> str:
+    """The sentence without the characters of `spans`, in order, and without the commas that then stand at its ends."""
+    begins = [0, *(end for _, end in spans)]
+    ends = [*(start for start, _ in spans), len(sentence)]
+    kept = " ".join(" ".join(sentence[a:b] for a, b in zip(begins, ends, strict=True)).split())
+    return re.sub(r"\s+([,.;!?])", r"\1", re.sub(r"^[\s,;.:!?-]+|[\s,;:-]+$", "", kept))
 
 
 def _removes_loosely(read: Read) -> bool:
@@ -603,7 +549,7 @@ def _known(labels: tuple[str, ...], names: tuple[str, ...] = ()) -> Mapping[tupl
 def _clauses_before(earlier: str, known: Mapping[tuple[str, ...], str]) -> Clauses:
     """The clauses of the sentence before; none where there is none or it is not understood."""
     try:
-        return _read_somehow(earlier, known).clauses if earlier else ()
+        return _read(earlier, known).clauses if earlier else ()
     except Refusal:
         return ()
 
@@ -1375,7 +1321,7 @@ MOST_EXAMPLES = 3
 def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     """The commands that are nearest in meaning to a sentence, about the things `there`, if any are given."""
     known = _known(tuple(there))
-    plain = _plainly(written(sentence), known)[0]
+    plain = written(sentence)
     tokens = tokenise(plain)[:MAX_WORDS]
     examples = meaning.nearest(sentence, Reading.of(plain, tokens, known), there) if tokens else ()
     return tuple(islice((one for one in examples if is_command(one, there)), MOST_EXAMPLES))
@@ -1385,7 +1331,7 @@ def is_command(sentence: str, labels: Sequence[str]) -> bool:
     """Return True for a sentence that can be carried out as it stands, in a clip of any length whose scene knows `labels`."""
     clip = SentenceContext(1.0, MOST_FRAMES, selected=True, labels=frozenset(labels))
     with suppress(F4xError):
-        read = _read_somehow(sentence, _known(tuple(labels)), lambda read: _settled(read, clip, None))
+        read = _read(sentence, _known(tuple(labels)), lambda read: _settled(read, clip, None))
         return bool(read.operations) and not read.idle and not _unsure(read)
     return False
 

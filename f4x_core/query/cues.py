@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from ..language.asides import CALLS
+from ..language.courtesies import CALLS
 from ..language.grammar import NOTHING, Rule, alternatives, either, silent, split, table
 from ..language.lexicon import forms, word_set
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import F4xError
-from ..language.asides import without_courtesy
 from ..language.grammar import (
     NOTHING,
     Doubt,
@@ -415,9 +414,7 @@ def plainly(question: str, selected: bool = False) -> str:
         lambda call: f"{call[1]} of {' and '.join(filter(None, call.groups()[1:]))}",
         text,
     )
-    text = without_courtesy(
-        re.sub(r",? or (?:am i|are we|do i|did i|have i|is (?:it|that) (?:just|only) me)\b[^?]*", "", text)
-    )
+    text = re.sub(r",? or (?:am i|are we|do i|did i|have i|is (?:it|that) (?:just|only) me)\b[^?]*", "", text)
     text = re.sub(rf"(?<=[a-z]),? or (?:is|are) (?:he|she|it|they) {_ALONE}", "", text)
     text = re.sub(_IN_ITS_PLACE, "in the picture", text)
     text = re.sub(r"^(?:so |and )?(?:is|was) it (.*? or .*?) (?:that|who|which) (.*?)[?. ]*$", r"which \2, \1", text)
