@@ -34,7 +34,7 @@ from ..language.times import Span, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .commands import ADDS_NOTHING, COMMANDS
 from .phrases import besides, known_thing, spares, thing
-from .slots import AGAIN, ENDED, REMARK, TOPIC, Command
+from .slots import AGAIN, REMARK, TOPIC, Command
 
 
 class Clause(NamedTuple):
@@ -46,8 +46,6 @@ class Clause(NamedTuple):
     """A time before the command; it also holds for what follows with "and"."""
     hard: bool = False
     """It begins a sentence of its own or comes after what was said before: ". ", "then"."""
-    ended: bool = False
-    """It is said when it is over."""
     gapped: bool = False
     """Its verb is that of the clause before: "make the dog red and [the cat blue]"."""
 
@@ -275,7 +273,7 @@ def _commands(found: Found) -> bool:
 
 def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     """Whether the values of a command go together."""
-    if command.make in (REMARK, AGAIN, ENDED):
+    if command.make in (REMARK, AGAIN):
         return not {"nothing", "when"} <= filled.keys()  # "and let it run again at second 2" asks for something
     with suppress(Refusal, Mismatch):
         command.make(**arguments(filled))
@@ -283,7 +281,7 @@ def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     return False
 
 
-OF_ALL = ("who", "when", "slowly", "besides", "spares", "stated", "degree", "lessened")
+OF_ALL = ("who", "when", "slowly", "besides", "spares", "stated", "degree")
 """Slots that every command has."""
 
 

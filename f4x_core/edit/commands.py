@@ -6,7 +6,7 @@ Between the phrases there may be words that add nothing; every other word has to
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -17,7 +17,6 @@ from ..language.amounts import (
     Amount,
     amount,
     any_word,
-    comparison,
     degree,
     distance,
     factor,
@@ -25,22 +24,18 @@ from ..language.amounts import (
     fraction_of,
     multiple,
     number,
-    number_at,
     percent,
     softly,
     steps,
     stops,
 )
-from ..language.colour_names import COLOURS
-from ..language.colours import PURE_COLOURS, colour, colourish
+from ..language.colours import colour, colourish
 from ..language.courtesies import ASIDE, CALLS, COMMENTS, WISHES
 from ..language.grammar import (
     Mismatch,
-    Reading,
     Rule,
     constant,
     either,
-    generated,
     here,
     keyword,
     listed,
@@ -56,7 +51,7 @@ from ..language.lexicon import PICTURE, every_form, singular, word_set
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form, asked_form
 from . import making, qualities
-from .graded import BRIGHTNESS, LENGTH, OPACITY, QUALITIES, SATURATION, SIZE, SPEED, Quality
+from .graded import OPACITY, QUALITIES, SATURATION, SIZE, SPEED, Quality
 from .making import Value
 from .operations import SHOWN
 from .phrases import (
@@ -80,8 +75,6 @@ from .slots import (
     AGAIN,
     ANGLE,
     BESIDE_IT,
-    ENDED,
-    FULL_TURN,
     NAMED,
     OUT,
     QUALITY_WORDS,
@@ -98,7 +91,6 @@ from .slots import (
     Use,
     always,
     as_given,
-    as_long,
 )
 
 COMMANDS: list[Command] = []
@@ -291,14 +283,6 @@ _becoming = either(
     literal("push") + here(lambda reading, at: {"back", "backward"}.isdisjoint(reading.words)),
     _some_verb,
 )
-_COLOURING = {
-    "whiten|whitewash|bleach|white out": "white",
-    "blacken|black out": "black",
-    "redden": "red",
-    "purple up": "purple",
-    "gild": "gold",
-}
-"""Verbs that say of which colour something becomes."""
 _about = ~literal("of|for|on|to|in|with|around|round|about|onto|over|at|from|upon|into|through|across|all over")
 _SEEN_ALONE = word_set("visible seen shown left remain remaining remains there")
 _not_seen_alone = here(lambda reading, at: _SEEN_ALONE.isdisjoint(reading.words))
@@ -321,44 +305,9 @@ def _command(example: str, make: Any, needed: str, use: Use = USUAL) -> Callable
     return add
 
 
-_nobody = Rule(lambda reading, at: {}, frozenset)
-"""Whom a command is for that names nobody."""
-
-
-def _is_last(reading: Reading, at: int) -> bool:
-    return not any(token.is_word for token in reading.tokens[at:])
-
-
 # What stays as it is
 _command("but leave the dog as it is", REMARK, "spared", NAMED)(
     verb=literal(every_form("leave|keep|let|stay|remain")), spared=untouched
-)
-_command("do not touch the dog", REMARK, "spared", NAMED)(
-    spared=literal(
-        "[forget|forget about|ignore|skip|never mind|instead of|rather than]|do not [touch|change|affect|alter|modify|"
-        "edit|include|do it to|do this to|do that to]|without [touching|changing|"
-        "affecting]|no changes to|nothing [to|on|with]|never [touch|change]|do nothing to"
-    )
-    | literal("not") + here(lambda reading, at: thing.at(reading, at))
-)
-_command("and keep it so", REMARK, "nothing", WHOLE)(
-    nothing=literal("[keep|leave|hold|let] (it|that|them|him|her) (so|that way|this way|like that|like this|there)")
-    + here(_is_last)
-)
-_command("make the dog red at second 1 and back to normal at second 2", ENDED, "ended when", WHOLE)(
-    verb=literal(
-        every_form(
-            "go|come|turn|change|switch|return|revert|get|become|make|set|let|be|put|bring|fade|cut|dial|drop|snap|ease|pull|take"
-        )
-    ),
-    who=_nobody,
-    ended=literal("back|stop|off again|no longer")
-    + here(lambda reading, at: not {*reading.words[: at - 1]}.isdisjoint(IMPERATIVES))
-    | ~literal("(back) (to)")
-    + literal(
-        "normal (again)|[the|its|his|her|their] (original|usual|normal|old|former|own) [color|self|state|look|size|speed|original|"
-        "normal]|[as|how|what|the way] [it|he|she|they] [was|were|is] (before)|as before|before"
-    ),
 )
 # Colours and looks
 _command("match the dog to the cat", making.matched, "verb source")(
@@ -368,9 +317,6 @@ _command("match the dog to the cat", making.matched, "verb source")(
     + known_thing
     + ~(literal("['s|'] (color|colors|coloring)")),
     wise=literal("(in) [color|colors]|color wise|in terms of color"),
-)
-_command("shift the hue of the car to red", making.hued, "rgb", NAMED)(
-    who=whose("hue|hues|tone"), verb=literal(any_form("set", "become")), rgb=~keyword("to|toward|into") + colour
 )
 _complaining: dict[str, Rule] = {
     "fix": ~literal("(,|.|;) (so)")
@@ -392,13 +338,6 @@ _complaining: dict[str, Rule] = {
     ),
 }
 """Who is complained of, and what is to be done about it."""
-_command("the wall has a yellow cast", REMARK, "complaint")(
-    **_complaining,
-    complaint=qualities.cast,
-    mended=literal(
-        "(,|.|;) [[neutralize|remove|balance] [it|that|this]|get rid of [it|that]|make [it|this|that] (more) neutral]"
-    ),
-)
 _command("make the dog red", as_given, "values")(
     who=either(
         _whom,
@@ -410,73 +349,13 @@ _command("make the dog red", as_given, "values")(
     rest=literal("[instead of|rather than|not] (a|an|the|that)") + silent(colour) + literal("one|ones"),
     values=listed(_quality + ~_named_again + _instead_of, _joined | _led),
 )
-_command("the colors should pop", as_given, "values")(
-    who=_about + either(whose("color|colors"), ~literal("the|all the|all") + colors),
-    verb=_becoming,
-    values=listed(
-        either(
-            qualities.compared,
-            comparison(SATURATION.changed, "stronger|bolder", "weaker|fainter", "strong|bold", "weak|faint"),
-            qualities.pop,
-            qualities.simply,
-        ),
-        _joined,
-    ),
-)
-_command("whitewash the wall", making.assigned, "rgb")(
-    rgb=table({every_form(verbs): COLOURS[name] for verbs, name in _COLOURING.items()}, reserve=False)
-)
 _command("tint the dog orange", making.faintly, "verb rgb")(
     verb=literal(any_form("tint")),
     rgb=_a + ~_slight + qualities.shade_of + (colour | colourish) + qualities.colored,
     faintly=qualities.hint,
 )
 
-_command("tint the windows dark", as_given, "verb values")(
-    verb=literal(any_form("tint")),
-    values=either(
-        _toward + (BRIGHTNESS.value | qualities.simply),
-        ~literal("in|with|to") + (qualities.any_look >> making.styled) + ~qualities.effect,
-    )
-    >> _alone,
-)
 
-_WITHOUT_NOUN = word_set("out from off on in of")
-"""Words behind a color that stands alone: "the red out of the car"."""
-_GRADING = word_set("up down back reduce lower decrease lessen increase raise boost soften mute")
-"""Words of verbs that make more or less of a color, and nothing of a thing: "turn down the green"."""
-_color_alone = colour + here(
-    lambda reading, at: (
-        reading.word(at - 1) in PURE_COLOURS
-        and (
-            reading.word(at) in _WITHOUT_NOUN
-            or (
-                not _GRADING.isdisjoint(reading.words[:at])
-                and (_over.at(reading, at) or qualities.how_much_colour.at(reading, at))
-            )
-        )
-    )
-)
-_command(
-    "get the yellow out of the car",
-    lambda sign, rgb, times=1.0: making.added(times, (rgb, sign)),
-    "sign rgb",
-    WHOLE,
-)(
-    who=~literal("out of|off|from") + _whom,
-    sign=table(
-        {
-            every_form("remove|kill|take|get|get rid of|lose|knock|neutralize|fix|correct|lay off")
-            + f"|{any_form('less')}|no more|not so much|without": -1,
-            any_form("more"): 1,
-        },
-        reserve=False,
-    ),
-    rgb=~literal("the|that|this|some|some of the|all the")
-    + (colour + literal("tint|cast|tinge|hue|tone|color cast") | _color_alone),
-    times=qualities.how_much_colour,
-    out=literal("out|away"),
-)
 _in_color = literal("in (full|its) [color|colors]|colored")
 _only = literal("only|just|solely") + unless(silent(span))
 _command("only the dog keeps its color", always(making.rest_grayed), "only keeps", NAMED)(
@@ -486,25 +365,6 @@ _command("only the dog keeps its color", always(making.rest_grayed), "only keeps
         "[keeps|keep|retains|stays|stay|remains|remain|has|have] (its|their|his|her) [color|colors|colored|in color]"
     )
     | _in_color,
-)
-_command("remove the color of the house", always(making.GRAYED), "verb colors", WHOLE)(
-    who=(_about | literal("out of")) + thing + ~literal("'s"),
-    verb=literal(
-        every_form(
-            "remove|kill|zap|take|take out|take away|drain|strip|delete|drop|lose|get rid of|erase|suck|knock|pull|wash|"
-            "bleach|leach|wring|squeeze|draw"
-        )
-    ),
-    colors=literal("(all|all of|any) (the|its|their) [color|colors|saturation|coloring]"),
-    out=literal("out|away|off|of it|from it"),
-)
-_command("the dog is gold from second 1 on", as_given, "values state when")(
-    who=thing, state=literal("is|are|was|being"), values=listed(_quality, _joined)
-)
-_command("a bigger dog", as_given, "values", NAMED)(
-    who=known_noun,
-    verb=literal(any_form("become") + "|" + every_form("have|get|want|show|need|see|like|prefer")),
-    values=~literal("a|an|some") + unless(literal("the")) + (qualities.compared | qualities.sized) >> _alone,
 )
 
 _MERELY = word_set("make makes making made get gets got be have has let put set keep")
@@ -641,32 +501,6 @@ _command("lift the dog by half a stop", lambda way, by: making.brightened(factor
     ),
     by=~literal("by|a") + stops,
 )
-_command(
-    "crush the blacks of the dog",
-    lambda verb, tones, how=None: making.contrasted(factor(how, verb is tones)),
-    "verb tones",
-    WHOLE,
-)(
-    who=_about + thing,
-    verb=table(
-        {
-            "[lift|lifts|lifting|raise|raising|brighten|brightening|boost|boosting|open up|bring up|push up|bring "
-            "out|blow out]": False,
-            "[crush|crushing|deepen|deepening|darken|darkening|lower|lowering|drop|dropping|pull down|bring down|press|sink]": True,
-            "[recover|tame|bring down|pull back|tone down|soften]": True,
-        },
-        reserve=False,
-    ),
-    tones=~literal("the|its|all the")
-    + table(
-        {
-            "blacks|darks|lows|shadows|black point|black level|dark tones": True,
-            "whites|highlights|highs|white point": False,
-        },
-        reserve=False,
-    ),
-    how=amount,
-)
 _by_how_much: dict[str, Rule] = {
     "verb": _set,
     "way": _way,
@@ -768,9 +602,6 @@ _command("the dog is too dark", REMARK, "complaint")(
 _command("remove everything except the dog", always(making.extracted), "verb", NAMED)(
     who=everything_but, verb=literal(asked_form("delete") + "|strip|wipe|scrub") + ~OUT
 )
-_command("show everything but the dog", always(making.opacity(0.0)), "verb", NAMED)(
-    who=everything_but, verb=literal(every_form("show|keep|leave|display|see"))
-)
 _command("without the dog", always(making.deleted), "without", NAMED)(
     without=keyword(
         "(the|this) (same) [scene|picture|video|clip|image|shot] ([would be|is|looks|would look] (so|much|a lot|way) [better|"
@@ -788,16 +619,6 @@ _command("without the dog", always(making.deleted), "without", NAMED)(
 _rest_gone = silent(everything_else) + literal(
     "(should|must|has to|can|is to|may) [go|be gone|gone|away|disappear|vanish|out|removed|be removed|be deleted|"
     "deleted|hidden|be hidden|goes]"
-)
-_command("cut out the dog and drop the rest", always(making.extracted), "verb rest", NAMED)(
-    verb=literal(
-        every_form(
-            "cut out|cut|clip out|crop out|lift out|mask out|key out|rotoscope|roto|roto out|take out|keep|leave|save|retain|stay|"
-            "remain"
-        )
-    ),
-    rest=~(_joined | literal(".|;|then|, then|and then|but"))
-    + (literal(asked_form("delete", "hide")) + silent(everything_else) | _rest_gone),
 )
 _command("take the car out", always(making.deleted), "verb out", NAMED)(verb=literal(asked_form("take")), out=OUT)
 _command("delete the car", always(making.deleted), "verb", NAMED)(
@@ -908,16 +729,10 @@ _command("turn the dog around", _turned, "verb around")(
     )
     >> (lambda: True),
 )
-_command("tip the dog over", lambda: making.tilted(90.0), "verb")(verb=literal(any_form("topple")))
 _command("turn the dog to the left", _turned, "verb sense")(
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     sense=_sense,
     how=degree,
-)
-_command("tilt the dog a little", _turned, "verb how")(who=_whom, verb=_TURNING, how=degree)
-_command("a quarter turn to the right for the dog", making.rotated, "angle")(
-    angle=~literal("a|one|by") + FULL_TURN,
-    sense=SENSE,
 )
 # Places
 _STATED_AT = word_set("sits stands hangs lies lives rests is stays")
@@ -1031,28 +846,6 @@ _command("add another dog", making.copied, "times", NAMED)(
     **_copy_place,
 )
 
-_command("three dogs instead of one", lambda times, only: making.copied(times=times - 1), "times only", NAMED)(
-    who=known_noun,
-    times=number,
-    only=literal("(,) [instead of (just|only) (a) (single) one|instead of one|rather than one|not one|out of one]")
-    >> (lambda: True),
-)
-_command("put the dog where the cat is and the cat where the dog is", making.swapped, "other", NAMED)(
-    who=known_thing,
-    verb=literal(any_form("move")),
-    other=literal("where")
-    + known_thing
-    + literal("is|are|stands|was")
-    + _joined
-    + either(
-        silent(~literal(any_form("move")) + known_thing)
-        + literal("where")
-        + silent(known_thing)
-        + literal("is|are|stands|was"),
-        literal("vice versa|the other way (around|round)|the reverse"),
-    ),
-)
-
 
 def _trail(times: float | None = None, shift: TimeExpression = TRAIL_LAG, single: bool = False) -> Any:
     return making.copied(times=times or (1.0 if single else TRAIL_COPIES), shift=shift)
@@ -1123,10 +916,6 @@ _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
 )
 _RESUMED = every_form("go|come|carry|walk|move|run|drive|ride|swim|fly|roll|jump|dance|jog|play|skate|sail")
 _playing = _motion | _about + thing
-_command("start it again at second 2", always(making.retimed(1.0)), "verb again when")(
-    verb=literal(every_form("start|resume|continue|let go|unfreeze|release") + f"|{_RESUMED}"),
-    again=literal("again|on|on again|moving|moving again|as before|normally"),
-)
 _command("play the dog in reverse", always(making.reversed), "verb", WHOLE)(
     who=_playing,
     verb=either(
@@ -1153,67 +942,12 @@ _command("play the dog at 2x", making.retimed, "verb by", TIMED)(
     by=~literal("at|with|in|to") + _x_times
     | literal("at|to") + percent + unless(literal("transparent|visible|opacity|opaque|of")),
 )
-_command("slow motion at 40 %", making.retimed, "lead by", WHOLE)(
-    who=_playing, verb=literal(any_form("run")), lead=qualities.slow_motion, by=_rate
-)
 _command("slow motion, please", as_given, "values", WHOLE)(
     who=_playing,
     verb=literal(any_form("run")),
     values=either(_pace_of, qualities.pace, qualities.backward) >> _alone,
 )
-_in_time = ~literal("last|take|be|run") + (as_long | LENGTH.value) >> _alone
-_command("make the first second 50 % longer", as_given, "values when", TIMED)(
-    who=_nobody,
-    verb=_set | literal(any_form("last")),
-    values=_in_time,
-)
-_command("make the dog take twice as long", as_given, "values", TIMED)(
-    who=_whom + ~literal("('s) (motion|movement|action)"),
-    verb=literal(any_form("last")),
-    values=as_long >> _alone,
-)
-_LASTS = word_set("lasts last takes take into")
 
-
-def _in_the_same_unit(reading: Reading, at: int) -> Iterator[tuple[int, TimeExpression]]:
-    """A number of frames where those were spoken of, else of seconds: "make the first 20 frames last 40"."""
-    frames = {"frame", "frames"} & {*reading.words[:at]}
-    if frames or {"second", "seconds", "it", "they", "this"} & {*reading.words[:at]}:
-        for end, x in number_at(reading, at):
-            yield end, TimeExpression(frames=x) if frames else TimeExpression(seconds=x)
-
-
-_length = ~literal("the|a|its") + literal(LENGTH.noun) >> (lambda: (LENGTH, True))
-_command("halve the length of the clip", _changed, "quality who", NAMED)(
-    who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s") >> _the_clip,
-    quality=_length,
-    **_by_how_much,
-)
-_command("double the length of the first second", _changed, "quality when", TIMED)(
-    who=_nobody,
-    of=literal("of") + here(lambda reading, at: span.at(reading, at)),
-    quality=_length,
-    **_by_how_much,
-)
-_command("play the first second over two seconds", making.lasting, "verb to when", TIMED)(
-    who=_nobody, verb=literal(any_form("run")), to=literal("over|in|within|across|for") + duration
-)
-_command("the movement of the dog should take three seconds", making.lasting, "verb to", WHOLE)(
-    who=_event | ~literal("the") + _whom + ~literal("('s) (motion|movement|action)"),
-    verb=literal(any_form("last")),
-    to=~literal("(so (that)) (it|they|this)")
-    + ~literal(
-        "(lasts|last|takes|take|runs|run|is|goes on|fills|fill) (to|into|over|for|out to|down to|up to|exactly|just)"
-    )
-    + (
-        duration
-        | here(lambda reading, at: reading.word(at - 1) in _LASTS)
-        + generated(_in_the_same_unit)
-        + unless(literal("x|times|%|percent|frame|frames"))
-    )
-    + ~literal("long|in total|instead"),
-    motion=literal("the motion of|the movement of|the duration of|the length of|the action of|the time of"),
-)
 
 # Colours of others, names
 _ENDING = word_set("and then but so please now from")
@@ -1302,20 +1036,8 @@ _command("swap the dog and the cat", making.swapped, "verb", NAMED)(
 
 
 # Opacity that comes and goes
-_BOTH_WAYS = word_set("in out up away")
 
 
-def _below_one(x: float) -> float:
-    if x >= 1:
-        raise Mismatch
-    return x
-
-
-_command("fade the background", lambda by=0.5: making.faded(by), "verb")(
-    verb=literal(every_form("fade")) + here(lambda reading, at: _BOTH_WAYS.isdisjoint(reading.words[at : at + 6])),
-    by=literal("to") + (percent | fraction | number >> _below_one) + ~literal("opacity|visibility")
-    | literal("by") + percent >> (lambda x: 1 - x),
-)
 _fading = ~literal("(a|some) (slow|gentle|soft|quick|smooth|nice|long|short|gradual)")
 _command("fade out the dog", making.faded, "verb", TIMED)(
     verb=_fading + literal(any_form("vanish")),
@@ -1362,19 +1084,6 @@ _command("the cat too", AGAIN, "again", NAMED)(
         "on]|too|as well|also|the same|same|likewise|the same thing|same thing|the same way|same again"
     )
     | literal("then|and then") + here(lambda reading, at: not {*reading.words[: at - 1]}.isdisjoint(IMPERATIVES)),
-)
-_more_again = ~literal("but|just|now|and|make it|go|do it|even|still|yet")
-_command("a bit more", AGAIN, "again")(
-    again=_more_again + literal("more|further|[some|even|still] more|once more|stronger") + here(_is_last)
-    >> (lambda: True),
-    degree=degree,
-)
-_command("a bit less", AGAIN, "lessened")(
-    lessened=_more_again
-    + literal("less|not (quite) [so|that] much|back|weaker|too [much|far|strong]|that [is|was] too [much|far|strong]")
-    + here(_is_last)
-    >> (lambda: True),
-    degree=degree,
 )
 _command("and nothing else", REMARK, "nothing", WHOLE)(
     nothing=literal(

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from itertools import islice
 from typing import Any
 
 from ..errors import F4xError
@@ -34,6 +33,7 @@ from ..language.grammar import (
     here,
     keyword,
     literal,
+    matches_of,
     silent,
     table,
     tokenise,
@@ -58,20 +58,18 @@ from ..language.lexicon import (
 )
 from ..language.times import HALF_WAY, START, Span, TimeExpression, duration, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form
-from . import meaning, qualities
+from . import qualities
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
+from .commands import COMMANDS
 from .description import in_words
 from .graded import QUALITIES, SATURATION
 from .making import BESIDE, COPY_DISTANCE, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
 from .operations import (
     SHOWN,
-    Blur,
     Delete,
     Duplicate,
     Extract,
     Freeze,
-    Glow,
-    Grade,
     Match,
     Opacity,
     Operation,
@@ -84,9 +82,8 @@ from .phrases import SentenceContext, When, familiar, known_noun, known_thing, s
 from .qualities import effect
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
-from .slots import AGAIN, ENDED, REMARK, TOPIC, Command
+from .slots import AGAIN, REMARK, TOPIC, Command
 from .styles import STYLES
-from .taking_back import taken_back, turned_round
 from .which import removes
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
@@ -161,8 +158,6 @@ def parse(
             raise Refusal(refusal.reason, nearest(sentence, request.labels)) from refusal
         except F4xError as error:
             raise Refusal(f"That is not possible: {error}", nearest(sentence, request.labels)) from error
-    if taken := taken_back(read.reading):
-        raise taken
     if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
         _ask_to_leave_out(sentence, known, settled)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
@@ -294,7 +289,7 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
 
 def _deletes(clause: Clause) -> bool:
     """Whether a clause of the sentence before removed something."""
-    return clause.command.make not in (REMARK, AGAIN, ENDED) and clause.command.make(**arguments(clause.slots)) in (
+    return clause.command.make not in (REMARK, AGAIN) and clause.command.make(**arguments(clause.slots)) in (
         deleted,
         extracted,
     )
@@ -464,7 +459,6 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
         describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
-        describes = describes or turned_round(token.text) is not None
         if (
             token.is_word
             and not describes
@@ -565,7 +559,7 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Said | None:
         context.last, context.they = then.last, then.they
         if isinstance(context.last, Named) and context.last.name in then.copies:
             context.last = next(reversed([*context.earlier]), then.copies[context.last.name])
-    done = [clause for clause in clauses if clause.command.make not in (REMARK, AGAIN, ENDED)]
+    done = [clause for clause in clauses if clause.command.make not in (REMARK, AGAIN)]
     return (done[-1].command, done[-1].slots) if done else None
 
 
@@ -604,11 +598,6 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         time = own or front or _time_behind(clauses, at)
         settled = When.of(time, context, slowly="slowly" in piece, soft=piece.get("slowly", False))
         for operation in _made(command, piece, who, settled, context, assumed):
-            lasts = isinstance(operation, Recolour | Opacity | Style | Grade | Blur | Glow | Freeze)
-            if clause.ended and (not lasts or removes(operation)):
-                raise Refusal(
-                    "It is not said what becomes of it then; say for example 'move it back to the right at second 2'."
-                )
             if operation.select == THE_COPY and context.last is not None:
                 operation = replace(operation, select=context.last)  # type: ignore[arg-type]  # of a copy
             elif isinstance(operation, Duplicate):
@@ -660,18 +649,18 @@ def _made(
     made = command.make(**arguments(piece))
     values = made if isinstance(made, tuple) else ((made,),)
     operations = _compatible([value(who, when, context) for (value,) in values])
-    if "degree" in piece or "lessened" in piece:
-        operations = [_by_degree(one, piece.get("degree"), "lessened" in piece) for one in operations]
+    if "degree" in piece:
+        operations = [_by_degree(one, piece["degree"]) for one in operations]
     of_all = who == All() and not all(map(is_of_a_picture, operations))
     if assumed and (of_all or any(isinstance(one, Match | Delete | Extract) for one in operations)):
         raise Refusal("It is not said whom or what the command is for; name a thing, or say 'it' for what is selected.")
     return operations
 
 
-def _by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operation:
+def _by_degree(one: Operation, how: Amount | None) -> Operation:
     """As `by_degree`; Refusal where there are no degrees."""
     try:
-        return by_degree(one, how, back)
+        return by_degree(one, how)
     except Mismatch:
         raise Refusal("That is there or not, and comes by no degrees; leave out how much.") from None
 
@@ -683,13 +672,6 @@ def _shared(clauses: Clauses) -> Clauses:
         if "who" in clause.slots or (clause.hard and at > 1):
             break
         shared[at] = clause._replace(slots={**clause.slots, "who": shared[0].slots["who"]})
-    for at in range(len(shared) - 1, 0, -1):  # "red at second 1 and back to normal at second 2"
-        before, over = shared[at - 1], shared[at]
-        if over.command.make is ENDED:
-            begun = before.slots.get("when") or before.front
-            when = Span(begun.start if begun else START, over.slots["when"].start)
-            shared[at - 1] = before._replace(slots={**before.slots, "when": when}, front=None, ended=True)
-            del shared[at]
     for at in range(len(shared) - 1, 0, -1):
         verb, following = shared[at - 1], shared[at]
         # "double the saturation and halve the contrast of the sky"
@@ -1319,21 +1301,39 @@ MOST_EXAMPLES = 3
 
 
 def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
-    """The commands that are nearest in meaning to a sentence, about the things `there`, if any are given."""
+    """Commands of which the sentence says all but for whom, about what it names or else what is `there`; none removes unasked."""
     known = _known(tuple(there))
-    plain = written(sentence)
-    tokens = tokenise(plain)[:MAX_WORDS]
-    examples = meaning.nearest(sentence, Reading.of(plain, tokens, known), there) if tokens else ()
-    return tuple(islice((one for one in examples if is_command(one, there)), MOST_EXAMPLES))
+    text = written(sentence)
+    reading = Reading.of(text, tokenise(text)[:MAX_WORDS], known)
+    named = [
+        label
+        for label in there
+        if any(_holds(literal(form), reading) for form in dict.fromkeys((label, singular(label))))
+    ]
+    examples = [
+        about_there(f"'{command.example}'", "", named or there)[1:-1]
+        for command in COMMANDS
+        if (needed := command.needed - {"who"})
+        and command.make not in (REMARK, AGAIN)
+        and matches_of(command.slots, needed, reading)
+    ]
+    done = {example: _done_by(example, there) for example in examples}
+    fitting = [example for example, does in done.items() if does and (named or not any(map(removes, does)))]
+    return tuple(fitting[:MOST_EXAMPLES])
 
 
 def is_command(sentence: str, labels: Sequence[str]) -> bool:
     """Return True for a sentence that can be carried out as it stands, in a clip of any length whose scene knows `labels`."""
+    return bool(_done_by(sentence, labels))
+
+
+def _done_by(sentence: str, labels: Sequence[str]) -> tuple[Operation, ...]:
+    """What such a sentence does; nothing where it cannot be carried out or can be meant in two ways."""
     clip = SentenceContext(1.0, MOST_FRAMES, selected=True, labels=frozenset(labels))
     with suppress(F4xError):
         read = _read(sentence, _known(tuple(labels)), lambda read: _settled(read, clip, None))
-        return bool(read.operations) and not read.idle and not _unsure(read)
-    return False
+        return () if read.idle or _unsure(read) else read.operations
+    return ()
 
 
 _EXAMPLE = re.compile(r"(?<!\w)'[^']*'")

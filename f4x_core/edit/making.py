@@ -448,19 +448,19 @@ def lasting(to: TimeExpression) -> Value:
     return value
 
 
-def by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operation:
-    """A bit of an operation or much of it, or that much `back`: "a touch less"; Mismatch where there is no such thing."""
+def by_degree(one: Operation, how: Amount | None) -> Operation:
+    """A bit of an operation or much of it; Mismatch where there is no such thing."""
 
     def again(x: float) -> float:
-        return x if x == 1 else round(factor(how, (x > 1) != back), PLACES)
+        return x if x == 1 else round(factor(how, x > 1), PLACES)
 
-    degree, sign = degree_of(how), -1 if back else 1
+    degree = degree_of(how)
     if degree is None:  # of factors alone
         plain = isinstance(one, Retime | Grade) or (isinstance(one, Recolour) and one.mode == "multiply")
         if not plain and not (isinstance(one, Transform) and not any((*one.translate, *one.rotate))):
             raise Mismatch
         degree = DEGREES["usual"]
-    share = sign * degree.share
+    share = degree.share
     if isinstance(one, Recolour) and one.mode == "multiply":
         return replace(one, rgb=(again(one.rgb[0]),) * 3)
     if isinstance(one, Grade):
@@ -473,11 +473,9 @@ def by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operati
     if isinstance(one, Retime):
         return replace(one, speed=again(one.speed))
     if isinstance(one, Transform) and one.beside is None and (one.unit == "size" or not any(one.translate)):
-        x, y, z = (sign * degree.widths * step for step in one.translate)
+        x, y, z = (degree.widths * step for step in one.translate)
         pitch, yaw, roll = (share * angle for angle in one.rotate)
         return replace(one, translate=(x, y, z), rotate=(pitch, yaw, roll), scale=again(one.scale))
-    if back:
-        raise Mismatch
     if isinstance(one, Recolour | Style):
         return replace(one, strength=min(1.0, degree.share))
     if isinstance(one, Blur):
