@@ -181,7 +181,7 @@ class Search:
         for order, command, needed, matches in self.commands:
             lent = {"verb": before.slots["verb"]} if before and _lends(before, command) else None
             for given in ({}, lent) if lent else ({},):
-                price = order / 1000 + bool(given)
+                price = order / 500 + bool(given)
                 for end, found in covers(matches, needed - given.keys(), self.gaps, start).items():
                     limit = best[end].cost - price if end in best else math.inf
                     if fitting := _first_made(found, limit, command, given, needed):
