@@ -289,7 +289,8 @@ def _is_a_verb(reading: Reading, at: int) -> bool:
 def _without_idle(read: Read) -> Doubt:
     """What a sentence comes to without its idle words, to be asked."""
     tokens, typed = read.reading.tokens, read.reading.sentence
-    kept, begin, left_out = "", 0, []
+    kept, begin = "", 0
+    left_out: list[str] = []
     for at in read.idle:
         start, end = tokens[at].start, tokens[at].end
         between = typed[begin:start]

@@ -154,7 +154,10 @@ NO_EDIT: tuple[tuple[Rule, str], ...] = (
         "`orbit`, a FILE), and so do cameras in Blender.",
     ),
     (
-        literal("cut|remove|delete|trim|drop|chop|lose|clip|shave|shorten|keep only") + ~literal("off|out|to|the|just|only") + _length + _end,
+        literal("cut|remove|delete|trim|drop|chop|lose|clip|shave|shorten|keep only")
+        + ~literal("off|out|to|the|just|only")
+        + _length
+        + _end,
         "A clip keeps its length, so no time is cut out of it; `f4x render --frames` writes a part of it, and 'hide the "
         "dog until second 2' hides what is seen then.",
     ),

@@ -34,7 +34,6 @@ from ..language.lexicon import (
     CONTRACTIONS,
     FUNCTION_WORDS,
     PEOPLE,
-    SETTING,
     SPELLING,
     forms,
     is_adverb,
@@ -42,7 +41,6 @@ from ..language.lexicon import (
     label_of,
     misspelt,
     singular,
-    spellings,
     word_set,
     written,
 )
@@ -96,35 +94,27 @@ class Asked:
         return "" if not self.polar else "Yes" if so != self.negated else "No"
 
 
-_GAZE = (
-    r"\b(?:which|what) (?:way|direction|side)\b.*\b(?:look|fac|point|turned|orient)|\bwhere (?:is|are|do|does|did)\b.*\b(?:look|"
-    r"fac)(?:s|es|ing|ed)?\b|\b(?:look|fac)(?:s|es|ing|e)? (?:to|toward|at|left|right|away|up|down|forward|back|us|me|the camera)\b"
-)
-_NO_GAZE = r"\b(?:i|we|you)\b|\blook(?:s|ing)? (?:for|like)\b"
-_BEYOND = (
-    (_GAZE, "which way something looks or faces, only which way it moves"),
-    (r"\bpaint|\btexture|\bmade of\b|\bmaterial", "what material a thing has"),
-    (r"\bfocal|\biso\b|\baperture|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
-    (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
-    (r"\bweather|\brain|\bsnow|\bwind|\btemperature|\bsunny", "what the weather is"),
-    (r"\bhow old\b|\bage\b", "how old something is"),
-    (r"\bheavy|\bweigh", "what something weighs"),
-    (r"\bbreed|\bbrand|\bspecies\b|\bwhat make\b", "of which make or breed something is"),
-    (r"\bthink|\bfeel", "what somebody thinks or feels"),
-    (r"\bsay\b|\bsays\b|\bsound|\bhear|\bwrit", "what is said or written"),
-    (r"\bwhat will\b|\bhappens? next\b|\btomorrow\b", "what comes after the clip"),
-    (r"\bwearing\b|\bholding\b|\bcarrying\b|\beating\b", "what somebody wears, holds or eats"),
-    (r"\bdoing\b|^what (?:does|do|did) \S", "what somebody does beyond moving"),
-)
-"""(pattern, what it asks for that nobody can compute)."""
 SUBJECTS = (
-    *_BEYOND,
-    (r"\bcamera|\blens", "what the camera did or was set to"),
+    (
+        r"\b(?:look|fac)(?:s|es|ing|ed)? (?:to|toward|at|left|right|away|up|down|us|me)\b",
+        "which way something looks or faces, only which way it moves",
+    ),
+    (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
+    (
+        r"\bpaint|\btexture|\bmade of\b|\bmaterial|\bheavy|\bweigh|\bhow old\b|\bbrand|\bbreed",
+        "what something is made of, weighs or is called",
+    ),
+    (r"\bcamera|\blens|\bfocal|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
+    (r"\bthink|\bfeel|\bsay\b|\bsays\b|\bsound|\bhear|\bwrit", "what is thought, said or written"),
+    (r"\bwhat will\b|\bhappens? next\b|\btomorrow\b", "what comes after the clip"),
+    (
+        r"\bwearing\b|\bholding\b|\bcarrying\b|\beating\b|\bdoing\b|^what (?:does|do|did|is|are) \S",
+        "what somebody does beyond moving",
+    ),
     (r"^(?:and )?who\b|\bwhose\b|\bname\b", "who somebody is"),
     (r"\bhow many\b|\bnumber of\b|\bcount\b", "how many of a kind there are"),
-    (r"^what (?:is|are) \S", "what somebody does beyond moving"),
 )
-"""And what a question may ask for that is not understood; the first that fits is told."""
+"""(pattern, what it asks for that nobody can compute); the first that fits is told."""
 
 _NO_NAMES = (
     FUNCTION_WORDS
@@ -385,7 +375,6 @@ _ROWS = tuple(_rows())
 _EMPTY, _LOOSELY, _UNKNOWN = 3, 20, 100
 """Costs of a word that adds nothing, of such a word, and of any word."""
 _aside = generated(_aside_at)
-_adds_nothing = either(CUES["filler"], _aside)
 _BESIDE = {"in front of": "in_front", "left of": "left_of", "right of": "right_of", "near": "neighbours"}
 """Relation -> the kind of question what stands so to a thing."""
 _MANY = word_set("nearest farthest biggest brightest most_moving compare_speed order count_moving still motion")
@@ -393,12 +382,6 @@ _MANY = word_set("nearest farthest biggest brightest most_moving compare_speed o
 ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "path", "when_turns", "stops")
 """Kinds that are answered for each of several things."""
 _TWO = word_set("relation compare_size compare_speed")
-_ALONE = r"(?:all )?(?:alone|(?:by|on) \w+(?: own)?|not|(?:standing )?still|standing|at rest)\b"
-_IN_ITS_PLACE = (
-    rf"\b(?:in|inside|within|across|around) (?:the|this|my|our) (?:{SETTING})"
-    r"(?= *(?:$|[?,.]|(?:is|are|at|from|and|or|does|do|in|when|during|between|after|until)\b))"
-)
-"""Where all that is seen is: it tells no thing from another."""
 _NEGATION = r"\b(?:no|not|never)\b"
 _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in which|at what|at which)"
 _ASKING_WORDS = {*_NO_NAMES, *SPELLING} - {"looking"}  # in "what am I looking at?" alone
@@ -408,24 +391,8 @@ def plainly(question: str, selected: bool = False) -> str:
     """A question in lower case, in the language's own spelling and without courtesies; `selected`: "the selection" is it."""
     text = " ".join(written(question).lower().replace("’", "'").split())
     text = re.sub(r"[a-z]+", lambda word: " ".join(CONTRACTIONS.get(word[0], (SPELLING.get(word[0], word[0]),))), text)
-    text = re.sub(r"\bhow much (?=(?:far|big|large|fast|quick|long|high|tall|close|near|many)\b)", "how ", text)
-    text = re.sub(
-        r"\b([a-z]+) ?\(([a-z ]+)(?:, *([a-z ]+))?\)",
-        lambda call: f"{call[1]} of {' and '.join(filter(None, call.groups()[1:]))}",
-        text,
-    )
-    text = re.sub(r",? or (?:am i|are we|do i|did i|have i|is (?:it|that) (?:just|only) me)\b[^?]*", "", text)
-    text = re.sub(rf"(?<=[a-z]),? or (?:is|are) (?:he|she|it|they) {_ALONE}", "", text)
-    text = re.sub(_IN_ITS_PLACE, "in the picture", text)
-    text = re.sub(r"^(?:so |and )?(?:is|was) it (.*? or .*?) (?:that|who|which) (.*?)[?. ]*$", r"which \2, \1", text)
-    text = re.sub(
-        r"\bwhere (?:did|has|have) (.+?) (?:go|gone|got to|get to|gone to|ended up|wound up)\b",
-        r"where does \1 end up",
-        text,
-    )
     text = _THE_SELECTION.sub("it", text) if selected else text
-    text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
-    return re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
+    return re.sub(r"[?!.,;:\s]+$", "", text)
 
 
 def read_question(
@@ -444,70 +411,23 @@ def read_question(
     clip = _Shown(fps, frames, known={words_of_label(label): label for label in labels})
     text = plainly(question, bool(selected))
     parts = re.split(rf"[?!;]+ *|\. |,?(?<!^who) and (?={_ASKING}\b)", text)
-    parts = [part for part in parts if not (_matches(_adds_nothing, part) or _SAID_AFTER.match(part))] or parts
     understood: list[Asked] = []
-    for number, part in enumerate(parts):
-        it: tuple[str, ...] = (selected,) if selected else ()
+    for part in parts:
+        it = (understood[-1].things if understood else ()) or ((selected,) if selected else ())
         topic, part = _topic(part)
-        if number + 1 < len(parts) and (end := _END.search(parts[number + 1])) and not _END.search(part):
-            whole = f"{part} {end[0]}"  # "how far and how fast does the car drive"
-            part = whole if _understood(whole, clip, ()) else part
-        if (
-            not it and number + 1 < len(parts) and _IT.isdisjoint(part.split())
-        ):  # "how fast and how far does the dog run?"
-            ahead = _understood(parts[number + 1], clip, ())
-            it = ahead.things if ahead else ()
-        if understood:
-            it = understood[-1].things or it
-        it = topic or it
-        follow_up = (
-            re.fullmatch(r"(?:and|or|what about|how about|and what about)(?: for)? (.+)", part) if understood else None
-        )
-        more = _things_alone(follow_up[1]) if follow_up else ()
-        if more:
-            understood.append(replace(understood[-1], things=(*more, *understood[-1].things[len(more) :])))
-        elif understood and (_matches(CUES["when"], part) or _THEN_WHEN.fullmatch(part)):
-            moment = _MOMENT.get((understood[-1].kind, understood[-1].extreme), "")
-            if moment or understood[-1].kind not in _TELLS_WHEN:
-                last = replace(understood[-1], polar=False, negated=False)
-                understood.append(replace(last, kind=moment, extreme="") if moment else last)
-        else:
-            try:
-                more_asked = _read(part, clip, it)
-            except Doubt as doubt:
-                raise type(doubt)(doubt.reason, text.replace(part, doubt.instead)) from doubt
-            if understood and more_asked[0].kind == "fast" and "then" in part.split():
-                extreme = _THEN.get(understood[-1].kind, more_asked[0].extreme)
-                more_asked = [replace(more_asked[0], extreme=extreme)]
-            understood += more_asked
+        try:
+            understood += _read(part, clip, topic or it)
+        except Doubt as doubt:
+            raise type(doubt)(doubt.reason, text.replace(part, doubt.instead)) from doubt
     understood = [
         replace(asked, things=called(asked.things), other=called(asked.other), but=called(asked.but))
         for asked in understood
     ]
-    _doubt_swapped(text, {word for asked in understood for thing in asked.things for word in thing.split()}, labels)
     return tuple(understood)
 
 
-_SAID_AFTER = re.compile(
-    r"(?:i|we|my|can not|cannot|could not|do not)\b(?!.*\b(?:when|where|how|what|which|who|if|whether|tell me|know)\b)"
-)
-"""A sentence beside the question: "I can't quite tell"."""
-_THEN_WHEN = re.compile(
-    r"(?:at )?(?:when|(?:which|what) (?:time|moment|second|frame|point)) (?:is|was|does|did|do) (?:that|this|it|he|she|they)"
-    r"(?: (?:happen|occur|take place|(?:reach|hit|get to|attain|have|get there)(?: (?:it|that|this))?))?"
-)
-"""When what was asked before is so: "when does he reach it"."""
-_MOMENT = {
-    ("fast", "max"): "fastest_moment", ("fast", "min"): "slowest_moment", ("distance", "min"): "nearest_moment",
-    ("distance", "max"): "farthest_moment", ("rise", ""): "highest_moment", ("rise", "max"): "highest_moment",
-}  # fmt: skip
-"""(kind, extreme) of a question about how much -> the kind of when it is so."""
-_THEN = {"fastest_moment": "max", "slowest_moment": "min"}
-"""Kind of a question about a moment -> the speed that "how fast is it then?" asks for."""
 _TOPIC = re.compile(rf"(?P<topic>[^,:]+)[,:-] *(?:so |and |but )?(?P<question>(?:tell me |say )?{_ASKING}\b.*)")
 _TOPIC_BEHIND = re.compile(r"(?P<question>.*\b(?:it|they|he|she)\b.*?), *(?P<topic>(?:the|my|our|this|that) [^,]*)")
-_END = re.compile(r"\b(?:do|does|did|is|are|was|were|has|have|had|can)\b.*")
-"""What two questions have in common."""
 
 
 def _topic(text: str) -> tuple[tuple[str, ...], str]:
@@ -521,40 +441,8 @@ def _topic(text: str) -> tuple[tuple[str, ...], str]:
     return (named[0], match["question"]) if named else ((), text)
 
 
-def _matches(rule: Rule, text: str) -> bool:
-    """Whether the rule matches the whole text."""
-    reading = Reading.of(text, tokenise(text), {})
-    return len(reading.tokens) in rule.at(reading, 0)
-
-
-def _doubt_swapped(text: str, words: Collection[str], labels: Collection[str]) -> None:
-    """Raise Doubt where one of the `words` is a label with its letters in another order."""
-    known = {form for label in labels for form in spellings(label)}
-    for word in words:
-        meant = next((label for label in sorted(known) if sorted(label) == sorted(word)), word)
-        if known.isdisjoint(spellings(word)) and meant != word:
-            raise Doubt(f"Nothing is called '{word}'; did you mean '{meant}'?", text.replace(word, meant))
-
-
-def _things_alone(text: str) -> tuple[str, ...]:
-    """The things of a text that names nothing else."""
-    reading = Reading.of(text, tokenise(text), {})
-    (names,) = _names.at(reading, 0).get(len(reading.tokens), ((),))
-    return names
-
-
 def _read(text: str, clip: _Shown, it: tuple[str, ...]) -> list[Asked]:
-    if re.search(_GAZE, text) and not re.search(_NO_GAZE, text):  # to look is not to move
-        raise _refusal(text, clip, it)
-    asked = (
-        _understood(text, clip, it)
-        or _either_or(text, clip, it)
-        or (_understood(f"{text} it", clip, it) if it else None)
-    )
-    if asked is None:
-        asked = next(filter(None, (_understood(rest, clip, it) for rest in _behind_remarks(text))), None)
-    if asked is None and (plain := _REASON.sub("", text)) != text:
-        asked = _understood(plain, clip, it)
+    asked = _understood(text, clip, it) or (_understood(f"{text} it", clip, it) if it else None)
     if asked is None:
         instead = re.sub(r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else _mended(m[0]), text)
         if instead != text and _understood(instead, clip, it, _LOOSELY):
@@ -574,33 +462,12 @@ def _mended(word: str) -> str:
     return word if meant is None or word in (meant + "y", meant + "ing", meant + "ed", meant + "er") else meant
 
 
-_REASON = re.compile(r",? (?:please,? )?for (?:the|my|our|a|an|your) [a-z]+(?: [a-z]+)?$")
-"""What the answer is for: "for the brand guide"."""
-_REMARK_END = re.compile(rf"(?:[,:;]|\s-|\bbut\b|\band\b)\s*(?:(?:i )?(?:was|am) wondering )?(?={_ASKING}\b)")
-_REMARKING = re.compile(
-    r"(?:(?:so|ok|okay|hello|hi|hey|well|just|and|but|quick)\b[ ,]*)*(?:i|we|my|our|this|it|sorry|pardon|out of|for (?:the|my|our)|"
-    r"one|(?:(?:noob|newbie|stupid|silly|dumb|basic|random|weird|odd|simple|small|another|last) )?(?:q|question)|correct me)\b"
-)
-"""How a remark begins."""
-
-
-def _behind_remarks(text: str) -> Iterator[str]:
-    """What is asked behind a remark: "sorry to bother you, but where is the lamp"; a time is none."""
-    for end in _REMARK_END.finditer(text):
-        head = Reading.of(text[: end.start()], tokenise(text[: end.start()]), {})
-        if _REMARKING.match(text) and not any(True for at in range(len(head.tokens)) for _ in _span_at(head, at)):
-            yield text[end.end() :]
-
-
 def _understood(text: str, clip: _Shown, it: tuple[str, ...], below: int = _UNKNOWN) -> Asked | None:
     """The likeliest question, of those that cost less than `below`."""
     text = re.sub(r"^((?:and |but |so )?(?:is|are|was|were|do|does|did|has|have|can|could))n't\b", r"\1", text)
     tokens = tokenise(text)  # "Isn't it moving?" wants the same yes as "Is it moving?"
     reading = Reading.of(text, tokens, clip.known)
-    cost, asked = next(readings := _readings(reading, clip, it), (below, None))
-    for same, other in readings if asked and asked.kind in ASKED_FOR else ():
-        if asked and same == cost and not any({asked.kind, other.kind} <= alike for alike in ({asked.kind}, *_ALIKE)):
-            raise Unanswerable(f"This can be meant in two ways. Do you ask {_in_words(asked)}, or {_in_words(other)}?")
+    cost, asked = next(_readings(reading, clip, it), (below, None))
     verb = asked and any(
         re.search(rf"\b(?:do|does|did) (?:\w+ )?{re.escape(thing)}$", text) for thing in asked.things if " " in thing
     )
@@ -634,24 +501,6 @@ def _gaps(reading: Reading, at: int) -> dict[int, int]:
     if word in BINDING and not asks and not (word in PREPOSITIONS and _name.at(reading, at + 1)):
         ends.setdefault(at + 1, _LOOSELY)
     return ends | dict.fromkeys(CUES["inside"].at(reading, at), 1)
-
-
-def _either_or(text: str, clip: _Shown, it: tuple[str, ...]) -> Asked | None:
-    """The question that two ask, of which the second says only what is other: "Is the dog moving or standing still?"."""
-    for joint in re.finditer(r",? or ", text):
-        first, rest = _understood(text[: joint.start()], clip, it), text[joint.end() :]
-        if first is None or not first.things:
-            continue
-        than = first.other[0] if first.other else ""  # "is the dog behind the bush or in front?"
-        placed = re.sub(r" (?:it|them|him|her)$", "", rest)
-        named = re.sub(r"\b(?:it|them|him|her)\b", than, rest)
-        for second in (rest, f"{rest} it", f"it {placed} {than}", f"it {placed} of {than}", f"it {named}"):
-            other = _understood(second, clip, first.things[:-1] if than else first.things)
-            if other and other.things == first.things and len({first.kind, other.kind} - {"motion"}) < 2:
-                both = f"{first.manner} or {other.manner}" if first.kind == "colour" else first.manner
-                span = first.span or other.span
-                return replace(first, polar=False, negated=False, side="", manner=both, span=span)
-    return None
 
 
 def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) -> Asked | None:
@@ -741,11 +590,7 @@ _NEEDS_A_THING = word_set(
     "@place neighbours between near relation size colour count compare_size biggest seen seeing lasting"
 )
 """Kinds that nothing stands in for where "it" stands for nothing."""
-_ALIKE = ({"motion", "stops"}, {"seen", "always"})
-"""Kinds of which the first that fits answers for the other."""
 _MOST = ("fastest", "slowest")
-_TELLS_WHEN = ("motion", "stops", "enter", "leave")
-"""Kinds whose answer to yes or no says when, too."""
 
 
 _SURFACES = word_set("fur coat skin hide feathers plumage fleece wool paint paintwork body exterior surface")
