@@ -24,7 +24,6 @@ from ..language.grammar import (
     generated,
     here,
     matches_of,
-    silent,
     table,
     tokenise,
     words_of_label,
@@ -35,7 +34,6 @@ from ..language.lexicon import (
     FUNCTION_WORDS,
     PEOPLE,
     SPELLING,
-    forms,
     is_adverb,
     is_slip,
     label_of,
@@ -46,15 +44,9 @@ from ..language.lexicon import (
 )
 from ..language.times import END, START, Clip, Span, no_such_time, span
 from ..language.verbs import IMPERATIVES
-from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
+from .cues import COLOURS, CUES, ROWS, WORDS, cue
 
-CAN = (
-    "can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
-    " what moves first, when it is nearest, farthest, highest or fastest, how far two things are apart, what colour a thing has,"
-    " how many there are and move, their order from left to right or in depth, what there is at a second or frame, and how long"
-    " the clip is (more by a model: --endpoint or --model)"
-)
-INSTEAD = f"computing from the scene {CAN}"
+INSTEAD = "a scene tells where, when, how far, how fast, how big, how many, of which color and in which order (a model: --endpoint)"
 """What a refusal says."""
 
 
@@ -327,13 +319,6 @@ _slots: dict[str, Rule] = {
         CUES["closing"] + ~cue("each other|one another|together") >> (lambda how: (how, ())),
     ),
     "compared-to": _beside("compared"),
-    "wears": cue("is|are|was|were|does|do|did|has|have")
-    + silent(_name)
-    + table(
-        {"|".join((verb, *forms(verb))): verb for verb in ("wear", "carry", "hold", "clutch", "sport")}, words_of=WORDS
-    )
-    + _names
-    >> (lambda verb, names: (verb, names)),
 }
 
 
@@ -382,7 +367,6 @@ _MANY = word_set("nearest farthest biggest brightest most_moving compare_speed o
 ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "path", "when_turns", "stops")
 """Kinds that are answered for each of several things."""
 _TWO = word_set("relation compare_size compare_speed")
-_NEGATION = r"\b(?:no|not|never)\b"
 _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in which|at what|at which)"
 _ASKING_WORDS = {*_NO_NAMES, *SPELLING} - {"looking"}  # in "what am I looking at?" alone
 
@@ -474,13 +458,10 @@ def _understood(text: str, clip: _Shown, it: tuple[str, ...], below: int = _UNKN
     return asked if cost < below and not verb else None  # "the man live" is no name: "does" needs a verb
 
 
-def _readings(
-    reading: Reading, clip: _Shown, it: tuple[str, ...], whatever: bool = False
-) -> Iterator[tuple[float, Asked]]:
-    """(cost, question) of every row that covers the sentence, the cheapest first; `whatever`: any words may be left out."""
-    tokens = range(len(reading.tokens))
+def _readings(reading: Reading, clip: _Shown, it: tuple[str, ...]) -> Iterator[tuple[float, Asked]]:
+    """(cost, question) of every row that covers the sentence, the cheapest first."""
     matches = matches_of(_slots, frozenset(), reading)
-    gaps = [_gaps(reading, at) | ({at + 1: _UNKNOWN} if whatever else {}) for at in tokens]
+    gaps = [_gaps(reading, at) for at in range(len(reading.tokens))]
     found_by = (
         (row, covers({slot: matches[slot] for slot in row.slots if slot in matches}, row.needed, gaps)) for row in _ROWS
     )
@@ -575,11 +556,10 @@ def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) 
     )
 
 
-_JOINED = ["wears", "near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
+_JOINED = ["near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
 _MANNERS = (
     *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
     "farther-aside",
-    "grows",
     "doing",
     "spot",
 )
@@ -611,40 +591,19 @@ def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _in_words(asked: Asked) -> str:
-    """What a question asks for: "where the dog is"."""
-    things = " and ".join(f"the {thing}" for thing in asked.things) or "it"
-    return ASKED_FOR[asked.kind].format(things)
-
-
-def _nearest_kinds(text: str, clip: _Shown, it: tuple[str, ...]) -> str:
-    """What questions that the scene answers are like `text`; nothing where too many of its words would be left out."""
-    reading = Reading.of(text, tokenise(text), {})
-    near: dict[str, str] = {}
-    for cost, asked in _readings(reading, _Shown(clip.fps, 10**6), it, whatever=True):  # times are another matter
-        if cost < _UNKNOWN * len(reading.tokens) / 2 and asked.kind in ASKED_FOR:
-            near.setdefault(asked.kind, _in_words(asked))
-    return f" Do you ask {', or '.join([*near.values()][:2])}?" if near else ""
-
-
 def _refusal(text: str, clip: _Shown, it: tuple[str, ...]) -> F4xError:
-    """Why nothing is computed: the word that is not known, or what the question is about; and what may be meant."""
+    """Why nothing is computed: the word that is not known, or what the question is about."""
     words = re.findall(r"[^\W\d_]+", text)
-    subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
-    unnamed = not it and not _PRONOUNS.isdisjoint(words)
-    if unnamed and _understood(text, clip, ("it",)):
-        return Unanswerable(f"I do not know what is meant here, as nothing is selected or was named before; {INSTEAD}.")
-    limit = re.search(rf"{_NEGATION}|\bonly\b", text)
-    if limit and subject == "that":
-        subject = f"what '{limit[0]}' asks for here"
-    strange = next((word for word in words if is_adverb(word)), "")
+    if not it and not _PRONOUNS.isdisjoint(words) and _understood(text, clip, ("it",)):
+        return Unanswerable(f"Nothing is selected or was named before that 'it' could be; {INSTEAD}.")
+    subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "")
+    if limit := re.search(r"\b(?:no|not|never|only)\b", text):
+        subject = subject or f"what '{limit[0]}' asks for here"
     last = [word for word in words if word not in _ASKING_WORDS][-1:]
-    if not strange and last and re.search(rf"(?<!\ba )(?<!\ban )(?<!\bthe )\b{last[0]}$", text):
-        strange = last[0]
-    why, what_can = f"Computing from the scene cannot tell {subject}", f"it {CAN}"
-    if subject == "that" and strange:
-        why, what_can = f"I do not know what '{strange}' means here", INSTEAD
-    return Unanswerable(f"{why}; {what_can}.{_nearest_kinds(text, clip, it)}")
+    strange = next((word for word in words if is_adverb(word)), last[0] if last and text.endswith(last[0]) else "")
+    if not subject and strange:
+        return Unanswerable(f"I do not know what '{strange}' means here; {INSTEAD}.")
+    return Unanswerable(f"Computing from the scene cannot tell {subject or 'that'}; {INSTEAD}.")
 
 
 def _frames(span: Span, clip: _Shown) -> tuple[float, float]:
