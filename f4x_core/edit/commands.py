@@ -7,7 +7,6 @@ Between the phrases there may be words that add nothing; every other word has to
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 from typing import Any
 
 from ..language.amounts import (
@@ -44,9 +43,7 @@ from ..language.grammar import (
     silent,
     table,
     unless,
-    word_if,
 )
-from ..language.idle import is_strange
 from ..language.lexicon import PICTURE, every_form, singular, word_set
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form, asked_form
@@ -203,15 +200,6 @@ _noun_of_colour = either(
     colour + literal("fur|coat|skin|feathers|plumage|hide|wool|paintwork|body|bodywork|exterior|surface")
     >> making.assigned,
 )
-_instead_of = ~(
-    literal("(,) [instead of|rather than|and not|not] (in)")
-    + silent(
-        colour | colourish | literal("this|that|smaller|bigger|darker|brighter|lighter|slower|faster|warmer|cooler")
-    )
-    | literal("from") + silent(colour)
-)
-_named_again = here(lambda reading, at: reading.word(at) in reading.words[:at]) + silent(known_noun)
-"""The thing behind what becomes of it: "make the car a blue car"."""
 _article = ~literal("a|an|some|the|pure|solid|that|this|made of|made out of|in|being|real")
 _looked = either(
     _toward + ~literal("pure|solid") + qualities.any_look + ~qualities.effect >> making.styled,
@@ -237,7 +225,6 @@ _pace_of = either(
     literal("(in) [fast forward|fast motion]|time lapse|timelapse") >> (lambda: making.retimed(2.0)),
 )
 _quality = either(
-    qualities.transformed,
     qualities.given_look,
     _toward
     + qualities.made
@@ -265,23 +252,10 @@ _quality = either(
 )
 _LIGHT = any_form("become", "apply", "leave")
 """Verbs that only carry what a noun or a value says: "stick a glow on it", "trim the contrast to 80 %"."""
-_some_verb = word_if(
-    lambda reading, at: (
-        is_strange(reading.word(at), {words[-1] for words in reading.known} | COMMAND_VERBS)
-        and reading.word(at - 1) in BEFORE_VERBS
-        and any(
-            word in ("to", "into") or (word == "in" and (value == "the" or colour.at(reading, i)))
-            for i, (word, value) in enumerate(pairwise(reading.words[at + 2 :]), at + 3)
-        )
-    )
-)
-"""A verb that nobody knows, where something comes "to" a value: "lerp the color to yellow"."""
 _has_to_go = literal("go|goes|gone") + _over
 _becoming = either(
-    unless(literal("tones|shades|looks|seems|feels") | qualities.cast | _has_to_go)
-    + literal(any_form("match") + "|" + _LIGHT),
+    unless(literal("tones|shades|looks|seems|feels") | _has_to_go) + literal(any_form("match") + "|" + _LIGHT),
     literal("push") + here(lambda reading, at: {"back", "backward"}.isdisjoint(reading.words)),
-    _some_verb,
 )
 _about = ~literal("of|for|on|to|in|with|around|round|about|onto|over|at|from|upon|into|through|across|all over")
 _SEEN_ALONE = word_set("visible seen shown left remain remaining remains there")
@@ -347,12 +321,11 @@ _command("make the dog red", as_given, "values")(
     verb=_becoming,
     more=literal("still|even|even more|a step|one more time"),
     rest=literal("[instead of|rather than|not] (a|an|the|that)") + silent(colour) + literal("one|ones"),
-    values=listed(_quality + ~_named_again + _instead_of, _joined | _led),
+    values=listed(_quality, _joined | _led),
 )
 _command("tint the dog orange", making.faintly, "verb rgb")(
     verb=literal(any_form("tint")),
     rgb=_a + ~_slight + qualities.shade_of + (colour | colourish) + qualities.colored,
-    faintly=qualities.hint,
 )
 
 
@@ -369,20 +342,6 @@ _command("only the dog keeps its color", always(making.rest_grayed), "only keeps
 
 _MERELY = word_set("make makes making made get gets got be have has let put set keep")
 """Of the verbs of playing those that do not say that it is about speed."""
-_EVENTS = word_set(
-    "landing jump leap kick fall crash throw catch dive trick stunt freeze twirl routine figure takeoff liftoff kickoff blastoff "
-    "touchdown pushoff impact moment part bit section segment stretch portion passage action collision splash somersault backflip "
-    "approach arrival exit entrance climax peak lap hit"
-)
-_event_noun = ~word_if(lambda reading, at: is_strange(reading.word(at), {w[-1] for w in reading.known})) + word_if(
-    lambda reading, at: (
-        reading.word(at) in _EVENTS
-        and reading.word(at + 1) not in ("of", "'s")
-        and any(span.at(reading, i) for i in range(len(reading.tokens)))
-    )
-)
-_event = literal("[the|that|this] (run up to the)") + _event_noun >> _the_clip
-"""What happens at a time that the sentence tells: "the landing"."""
 # More and less of a quality
 _nouns = table(
     {quality.noun: (quality, True) for quality in QUALITIES}
@@ -489,7 +448,7 @@ def _by_number(x: float) -> Amount:
     return Amount("times", x) if x < LEAST_PERCENTS else Amount("fraction", _percents(x))
 
 
-_set = unless(literal("add|adds|adding|added")) + literal(any_form("set", "become", "apply")) | _some_verb
+_set = unless(literal("add|adds|adding|added")) + literal(any_form("set", "become", "apply"))
 _command("lift the dog by half a stop", lambda way, by: making.brightened(factor(by, way)), "way by")(
     verb=_set,
     way=table(
@@ -561,7 +520,6 @@ def _more(verb: tuple[making.Graded, bool | None], how: Amount | None = None, to
 
 
 _command("darken the sky", _more, "verb")(
-    who=~literal("on|of|at|in|during|over") + _event | _whom,
     verb=either(*(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items())),
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)),
     to=either(
@@ -893,11 +851,10 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
 )
 
 # Time
-_motion = _event | whose(
+_motion = whose(
     "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall|kick|leap|hop"
 )
 _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
-    event=literal("(right) [at|on|in|during] (the|its|his|her)") + _event_noun + ~literal(",|-"),
     who=_about + thing
     | literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement") >> _the_clip,
     lead=literal(

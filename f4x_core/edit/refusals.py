@@ -162,7 +162,7 @@ NO_EDIT: tuple[tuple[Rule, str], ...] = (
         "dog until second 2' hides what is seen then.",
     ),
     (literal("sound|music|audio|song|voice|bark|talk|sing|mute|unmute"), "A scene has no sound."),
-    (literal("text|title|caption|captions|subtitle|subtitles|watermark|rain|snow|fog|confetti|sparks|hail|hat"), _NEW),
+    (literal("text|title|caption|captions|subtitle|subtitles|watermark|rain|snow|fog|confetti|sparks|hail"), _NEW),
     (literal("[add|insert|create|draw|write|put|place|give it|give me] [a|an|some]|replace|substitute"), _NEW),
     (literal("relight|relighting|sun|sunlight|spotlight|backlight"),
      "The light is as it was filmed; it can be made brighter, darker, warmer or cooler."),
