@@ -707,10 +707,9 @@ _ONLY_WHEN = keyword(
 
 def _unknown_word(reading: Reading) -> str:
     """The sentence about the first word that is in no lexicon; nothing when there is none."""
-    farthest = reading.farthest + (reading.word(reading.farthest) == "'s")  # of "dog's tail" the tail is unknown
     parts = {word for words in reading.known for word in words}
     vocabulary = VOCABULARY | FUNCTION_WORDS | NO_THINGS | EMPTY | COMMAND_VERBS | COLOURS.keys() | SHADES.keys()
-    for at, token in enumerate(reading.tokens[: farthest + 1]):
+    for at, token in enumerate(reading.tokens):
         if token.is_word and not {token.text, singular(token.text)} & (vocabulary | parts):
             word = reading.text_of(at, at + 1)
             close = misspelt(token.text, VOCABULARY | COLOURS.keys() | parts)
