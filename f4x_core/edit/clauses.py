@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from ..language.amounts import Amount, degree, number, percent
+from ..language.amounts import number
 from ..language.grammar import (
     NOTHING,
     Cover,
@@ -26,7 +26,6 @@ from ..language.grammar import (
     sign,
     silent,
     table,
-    unless,
 )
 from ..language.idle import EMPTY, idle_gaps
 from ..language.lexicon import FUNCTION_WORDS, word_set
@@ -68,26 +67,6 @@ _slowly = ~keyword(",") + table(
     }
 )
 """That it comes little by little, and whether at both ends."""
-_afterthought = either(
-    ~keyword(",|-|(") + keyword("(but|though|if|and|or) [only|just|merely|barely|(even) if only]") + degree,
-    keyword(",|(|-|but") + ~keyword("maybe|perhaps|say") + degree,
-    keyword(",|(|-|but|and")
-    + keyword(
-        "(but) [go easy (on it)|take it easy|gently (please)|do not overdo it|not overdone|with restraint|keep it "
-        "subtle|subtle|subtly]"
-    )
-    >> (lambda: Amount("small")),
-    keyword(",|(|-")
-    + ~literal("by|like|say|maybe|about|around|roughly|approximately|perhaps|something like")
-    + percent
-    + unless(
-        literal(
-            "of|opacity|opaque|transparent|speed|size|brighter|darker|bigger|smaller|faster|slower|visible|more|less"
-        )
-    )
-    >> (lambda x: Amount("fraction", x)),
-)
-"""How much, said behind what is done: "make it red, only slightly"."""
 _filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
 _SOFT, _HARD = (
     ", and also|, and|and also|and|as well as|, as well as|,|but|, but|plus|+|while|, while|whereas|, whereas",
@@ -135,7 +114,6 @@ _any_order: list[tuple[Command, dict[str, Rule], frozenset[str]]] = [
         command,
         {
             "who": command.who,
-            "degree": _afterthought,
             **command.slots,
             "when": _when,
             "slowly": _slowly,
@@ -281,7 +259,7 @@ def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     return False
 
 
-OF_ALL = ("who", "when", "slowly", "besides", "spares", "stated", "degree")
+OF_ALL = ("who", "when", "slowly", "besides", "spares")
 """Slots that every command has."""
 
 

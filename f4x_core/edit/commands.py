@@ -54,7 +54,6 @@ from .operations import SHOWN
 from .phrases import (
     colors,
     everything_but,
-    everything_else,
     familiar,
     known_noun,
     known_thing,
@@ -290,18 +289,8 @@ _command("match the dog to the cat", making.matched, "verb source")(
     source=literal("[to|with|and|from] (the [color|colors|coloring|look] of|that of|those of)")
     + known_thing
     + ~(literal("['s|'] (color|colors|coloring)")),
-    wise=literal("(in) [color|colors]|color wise|in terms of color"),
 )
 _complaining: dict[str, Rule] = {
-    "fix": ~literal("(,|.|;) (so)")
-    + literal(
-        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push|pump|boost|raise|lift|ramp] "
-        "(it|that|this|them|him|her) (down|up|back)"
-    )
-    + optional(amount),
-    "extent": ~literal("is|are|was|looks|look|seems|seem|feels|appears")
-    + degree
-    + here(lambda reading, at: reading.word(at) == "too"),
     "who": either(
         literal("it|this|that|its")
         >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
@@ -319,8 +308,6 @@ _command("make the dog red", as_given, "values")(
         + whose("color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint"),
     ),
     verb=_becoming,
-    more=literal("still|even|even more|a step|one more time"),
-    rest=literal("[instead of|rather than|not] (a|an|the|that)") + silent(colour) + literal("one|ones"),
     values=listed(_quality, _joined | _led),
 )
 _command("tint the dog orange", making.faintly, "verb rgb")(
@@ -376,14 +363,6 @@ _times_as_much = table(
     },
     reserve=False,
 )
-_too = ~literal("far|way|much|a bit|a little|rather|really|still|just") + table(
-    {
-        "too [high|much|strong|big|large|great|heavy|intense]": False,
-        "too [low|little|weak|small|faint]": True,
-        "not [high|much|strong|big|large] enough|not enough|lacks|lack|lacking|is short of|is missing|misses": True,
-    },
-    reserve=False,
-)
 _to_value = (
     unless(here(lambda reading, at: any(end > at for i in range(max(at - 5, 0), at) for end in span.at(reading, i))))
     + literal("[to|at|=|:|be|of|is] (about|around|exactly|only)")
@@ -398,19 +377,13 @@ def _changed(
     way: bool | None = None,
     how: Amount | None = None,
     to: float | None = None,
-    too: bool | None = None,
     times: float | None = None,
     particle: bool | None = None,
     level: float | None = None,
-    off: float | None = None,
 ) -> Value:
     changed, of_it = quality[0].changed, quality[1]
-    if off is not None:  # "take 20 % off the speed"
-        if (way, how, to, too, times, particle, level) != (None,) * 7:
-            raise Mismatch
-        return changed(Amount("fraction", off), not of_it)
     if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
-        if (how, to, too, times) != (None, None, None, None):
+        if (how, to, times) != (None, None, None):
             raise Mismatch
         if level > 1 and (way, particle) != (None, None):  # 150 % more is rarely meant
             raise Mismatch
@@ -418,10 +391,10 @@ def _changed(
         way = particle if way is None else way
     if particle is not None and particle is not way:
         raise Mismatch
-    if times is None and how is not None and how.kind == "times" and way is too is to is None:
+    if times is None and how is not None and how.kind == "times" and way is to is None:
         times = how.value  # "twice the size"
     if times is not None:
-        if (way, too, to) != (None, None, None):
+        if (way, to) != (None, None):
             raise Mismatch
         return changed(Amount("as", times), of_it)
     if to is not None:
@@ -431,10 +404,9 @@ def _changed(
         if (way is not None and how is not None) or to > SHOWN:
             raise Mismatch
         return changed(Amount("as", to if of_it else 1 - to), True)
-    upward = way if way is not None else too
-    if upward is None:
+    if way is None:
         raise Mismatch
-    return changed(how, upward is of_it)
+    return changed(how, way is of_it)
 
 
 def _percents(x: float) -> float:
@@ -467,11 +439,9 @@ _by_how_much: dict[str, Rule] = {
     | here(lambda reading, at: reading.word(at - 1) != "to") + number + unless(literal("x|times|stop|stops"))
     >> _percents,
     "how": amount | literal("by") + number >> _by_number | literal("way") >> (lambda: Amount("large")),
-    "off": (percent | fraction) + literal("off|off of|away from"),
     "to": _to_value,
     "particle": table({"up": True, "down": False}, reserve=False),
     "times": _times_as_much,
-    "too": ~literal("is|are|has|have|looks") + _too,
 }
 """How much more or less of a quality there is to be, or to what it comes."""
 _command("increase the contrast of the dog", _changed, "quality", WHOLE)(
@@ -574,10 +544,6 @@ _command("without the dog", always(making.deleted), "without", NAMED)(
     )
     | literal("should not be there|is not to be there|there [should|must|shall|may] not be|is no longer there"),
 )
-_rest_gone = silent(everything_else) + literal(
-    "(should|must|has to|can|is to|may) [go|be gone|gone|away|disappear|vanish|out|removed|be removed|be deleted|"
-    "deleted|hidden|be hidden|goes]"
-)
 _command("take the car out", always(making.deleted), "verb out", NAMED)(verb=literal(asked_form("take")), out=OUT)
 _command("delete the car", always(making.deleted), "verb", NAMED)(
     verb=literal(
@@ -600,9 +566,6 @@ _command("hide the car from second 1 on", always(making.opacity(0.0)), "verb", N
         + "|away|go away|goes away|off|invisible|hidden|out of sight|do not show|not (to) (be) [visible|shown|seen]|"
         "[nobody|no one|none] (should|must|can|may|shall) [see|sees|notice|notices]"
     ),
-    fully=literal(
-        "from [view|sight]|into thin air|completely|entirely|fully|totally|for good|permanently|any more|anymore|any longer"
-    ),
 )
 _LEAVING = frozenset(every_form("leave|let").split("|"))
 _command("keep only the dog", always(making.extracted), "only", NAMED)(
@@ -618,13 +581,6 @@ _command("keep only the dog", always(making.extracted), "only", NAMED)(
         "soloed|in isolation|isolated|nothing else|and nothing else|no one else|and nobody else|exclusively"
     )
     | literal("alone") + here(lambda reading, at: _LEAVING.isdisjoint(reading.words)),
-    on=literal(
-        "[on|onto|over|against] (a|an) (plain|empty|blank|black|white|transparent|clean) "
-        "[background|black|nothing|alpha]|with alpha"
-    ),
-    rest=_rest_gone
-    | literal("from|(,) without (any of)")
-    + (silent(everything_else) | literal(f"the [background|surroundings|{PICTURE}]")),
 )
 
 # Showing again
@@ -668,7 +624,7 @@ def _turned(
     return verb(angle, sense or 1)
 
 
-_command("rotate the dog", always(making.spun), "verb")(verb=literal(any_form("rotate")), axis=_axis)
+_command("rotate the dog", always(making.spun), "verb")(verb=literal(any_form("rotate")))
 _command("turn the dog by 20 degrees", _turned, "verb angle")(
     verb=_TURNING,
     angle=ANGLE,
@@ -767,10 +723,6 @@ _copy_noun = literal(
     "[copy|copies|clone|clones|duplicate|duplicates|replica|replicas|double|twin|doubles|twins|duplication|instances|"
     "version|versions] (of)"
 )
-_changed_copy = BESIDE_IT["changed"] + unless(literal("to|bit|further|more")) | ~literal("a|another|one") + either(
-    qualities.compared, qualities.sized, qualities.colour_value
-) + unless(unless(literal("copy|clone|duplicate|one|twin")))
-_copy_place = {**BESIDE_IT, "changed": _changed_copy}
 _command("copy the dog to the left", making.copied, "copy")(
     who=~literal("of|for") + thing,
     copy=either(
@@ -784,14 +736,14 @@ _command("copy the dog to the left", making.copied, "copy")(
     ),
     verb=literal(any_form("add")),
     times=_times,
-    **_copy_place,
+    **BESIDE_IT,
 )
 _command("one dog more", making.copied, "times extra", NAMED)(
     who=known_noun,
     verb=literal(any_form("add") + "|there is|there are|be there"),
     times=number,
     extra=literal("[more|extra|additional|again|further] (of the same (kind|sort)|like it|like that)"),
-    **_copy_place,
+    **BESIDE_IT,
 )
 _command("add another dog", making.copied, "times", NAMED)(
     who=~literal("of") + known_thing,
@@ -801,7 +753,7 @@ _command("add another dog", making.copied, "times", NAMED)(
         literal("another|one more|a second|an extra|an additional|a further") >> (lambda: 1.0),
         literal("the same|same") + unless(unless(silent(familiar))) >> (lambda: 1.0),
     ),
-    **_copy_place,
+    **BESIDE_IT,
 )
 
 
@@ -859,12 +811,8 @@ _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
     | literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement") >> _the_clip,
     lead=literal(
         every_form("bring|come|hang|stand|stay|sit|remain|float|hover")
-        + "|(in) [his|her|its|their|the|that|this] [pose|position|posture|stance|posing|gesture]"
+        + "|as a [still|freeze frame]|(in) [his|her|its|their|the|that|this] [pose|position|posture|stance|posing|gesture]"
     ),
-    spot=literal(
-        "where [it|he|she] [is|stands]|where they are|in the air|in mid air|in place|on the spot|in [its|his|her|their] tracks"
-    ),
-    as_what=literal("as a [still|freeze frame|still frame|still image|photo]"),
     verb=literal(
         any_form("freeze")
         + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no "
@@ -1006,23 +954,9 @@ _command("fade out the dog", making.faded, "verb", TIMED)(
         },
         reserve=False,
     ),
-    by=literal("to") + (percent | fraction)
-    | literal("until [one|you|we|i] can [barely|hardly|only just|just about] [see|make] [it|him|her|them] (out)")
-    >> (lambda: 0.2),
-    gone=literal(
-        "from (fully|completely) [opaque|visible|solid|100 %] to [nothing|invisible|transparent|zero|0 %|0]|until [it|"
-        "he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|"
-        "vanishes]|until nothing is left|into thin air|more and more"
-    )
-    >> (lambda: True),
 )
 _command("fade in the dog from second 1 to 2", always(making.appearing), "verb", TIMED)(
     verb=_fading + literal(any_form("appear")),
-    only=literal("only|just"),
-    gone=literal(
-        "from (being) (fully|completely|totally) [invisible|nothing|zero|nowhere|transparent|black|hidden|0 (%)|nothingness|"
-        "thin air]|(up) to (full|fully|completely|100 %) [visible|visibility|opacity|opaque|solid|view]"
-    ),
 )
 
 _command("fade to black at the end", making.fading_to, "verb rgb", WHOLE)(

@@ -14,7 +14,6 @@ from functools import cache, lru_cache
 from typing import Any
 
 from ..errors import F4xError
-from ..language.amounts import Amount
 from ..language.colour_names import COLOURS, SHADES
 from ..language.courtesies import WISHES
 from ..language.grammar import (
@@ -22,7 +21,6 @@ from ..language.grammar import (
     VOCABULARY,
     Doubt,
     Final,
-    Mismatch,
     Reading,
     Refusal,
     Rule,
@@ -51,7 +49,7 @@ from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .clauses import OF_ALL, Clauses, Search, arguments
 from .commands import COMMANDS
 from .description import in_words
-from .making import BESIDE, COPY_DISTANCE, THE_COPY, by_degree, is_of_a_clip, is_of_a_picture
+from .making import BESIDE, COPY_DISTANCE, is_of_a_clip, is_of_a_picture
 from .operations import (
     SHOWN,
     Delete,
@@ -456,8 +454,6 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         elif own and clause.front:
             raise Refusal("Two times are said for one command; leave one out.")
         who, assumed = _whom(command, piece, context, timed=front is not None)
-        if "stated" in piece and not (own or front):
-            raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
         if command.make is REMARK:
             if assumed and not _of_a_clip(command, piece):
                 raise Refusal("It is not said who is so; name a thing, or say 'it' for what is selected.")
@@ -474,9 +470,7 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         time = own or front or _time_behind(clauses, at)
         settled = When.of(time, context, slowly="slowly" in piece, soft=piece.get("slowly", False))
         for operation in _made(command, piece, who, settled, context, assumed):
-            if operation.select == THE_COPY and context.last is not None:
-                operation = replace(operation, select=context.last)  # type: ignore[arg-type]  # of a copy
-            elif isinstance(operation, Duplicate):
+            if isinstance(operation, Duplicate):
                 operation, topics[-1] = context.copied(operation)
             yield operation
         context.they = together(topics)
@@ -525,20 +519,10 @@ def _made(
     made = command.make(**arguments(piece))
     values = made if isinstance(made, tuple) else ((made,),)
     operations = _compatible([value(who, when, context) for (value,) in values])
-    if "degree" in piece:
-        operations = [_by_degree(one, piece["degree"]) for one in operations]
     of_all = who == All() and not all(map(is_of_a_picture, operations))
     if assumed and (of_all or any(isinstance(one, Match | Delete | Extract) for one in operations)):
         raise Refusal("It is not said whom or what the command is for; name a thing, or say 'it' for what is selected.")
     return operations
-
-
-def _by_degree(one: Operation, how: Amount | None) -> Operation:
-    """As `by_degree`; Refusal where there are no degrees."""
-    try:
-        return by_degree(one, how)
-    except Mismatch:
-        raise Refusal("That is there or not, and comes by no degrees; leave out how much.") from None
 
 
 def _shared(clauses: Clauses) -> Clauses:
@@ -587,8 +571,6 @@ def _remarked(who: SelectKind, piece: Mapping[str, Any], when: When, context: Se
     if piece.get("complaint"):
         context.last = who
         helps = piece["complaint"](who, when, context)
-        for degree in filter(None, (piece.get("extent"), piece.get("fix"))):
-            helps = _by_degree(helps, degree)
         if who == All() and isinstance(helps, Transform):
             raise Refusal("The clip itself has no size and no place to change; say which thing is meant.")
         context.complaints.append(helps)

@@ -10,9 +10,8 @@ from ..language.amounts import Distance, distance, number, signed, steps
 from ..language.grammar import Mismatch, Rule, either, here, keyword, table
 from ..language.lexicon import PICTURE
 from ..language.times import TimeExpression, duration
-from . import qualities
 from .making import Value
-from .phrases import beside_itself, name, place, thing
+from .phrases import beside_itself, place, thing
 
 
 def REMARK() -> Value:  # it stands for what is said and asks for nothing
@@ -155,25 +154,12 @@ SHIFT = either(
     _copies + keyword("[a bit|a little|slightly] [late|later|behind|delayed]") >> (lambda: TRAIL_LAG),
     ~keyword(",") + _following + ~keyword("on the same path") >> (lambda: TRAIL_LAG),
 )
-_in_a_row = keyword(
-    "in a row|in a line|side by side|next to each other|one after another|one after the other|beside each other"
-)
-_called_so = keyword("(,) [called|named|by the name of]") + name
 _apart = distance + keyword("apart") | ~keyword("by") + number + keyword("apart") >> Distance
-_another_size = ~keyword("(,) (but|and|only|that is|at)") + either(
-    qualities.compared,
-    qualities.sized,
-    qualities.opacity_value,
-    ~keyword("in") + qualities.colour_value,
-)
 BESIDE_IT: dict[str, Any] = {
-    "changed": _another_size,
     "own": beside_itself | place,
     "way": ~keyword(",") + steps,
     "far": ~keyword(",") + _apart | distance,
-    "row": _in_a_row,
     "shift": SHIFT,
-    "called": _called_so,
 }
 
 
