@@ -282,6 +282,9 @@ def _command(example: str, make: Any, needed: str, use: Use = USUAL) -> Callable
 _command("but leave the dog as it is", REMARK, "spared", NAMED)(
     verb=literal(every_form("leave|keep|let|stay|remain")), spared=untouched
 )
+_command("do not touch the dog", REMARK, "spared", NAMED)(
+    spared=literal("do not [touch|change|affect|alter]|without [touching|changing]|[ignore|skip]|never [touch|change]")
+)
 # Colours and looks
 _command("match the dog to the cat", making.matched, "verb source")(
     who=whose("color|colors|coloring|look") | thing,
@@ -954,6 +957,7 @@ _command("fade out the dog", making.faded, "verb", TIMED)(
         },
         reserve=False,
     ),
+    by=literal("to") + (percent | fraction),
 )
 _command("fade in the dog from second 1 to 2", always(making.appearing), "verb", TIMED)(
     verb=_fading + literal(any_form("appear")),

@@ -76,7 +76,7 @@ MAX_BARRED = 3
 """Commands that fit a sentence and cannot be carried out, before it is given up."""
 
 
-_polite = keyword("please|could|can|maybe|perhaps|would") | WISHES
+_polite = keyword("please|could|can|maybe|perhaps|would|possible|mind|chance")
 _POLITE_BEFORE = 8
 """Words within which a request begins: "okay, now could you"."""
 _ASKED_FOR = frozenset(
@@ -607,6 +607,10 @@ def _placed(operations: list[Operation]) -> list[Operation]:
             raise Refusal("It is not said whether the copies are to be copied, too; name the thing to copy.")
         if isinstance(made, Opacity) and one == Opacity(made.select, SHOWN) and made.frames and made.frames[1]:
             continue  # "hide it for a second, then it is back"
+        if isinstance(made, Transform) and isinstance(one, Transform) and any(one.translate):
+            back = (-made.translate[0], -made.translate[1], -made.translate[2])
+            if one == replace(made, translate=back):
+                raise Refusal("Two of the directions are on one line; say one of them.")
         if isinstance(made, Delete | Extract) and removes(one):
             if one.select == made.select or (isinstance(made, Extract) and one.select == Not(made.select)):
                 continue  # "keep only the dog and delete the rest"
@@ -641,7 +645,7 @@ def _is_overridden(made: Any, one: Any) -> bool:
         return (made.select, made.frames) == (one.select, one.frames)
     if isinstance(one, Extract):
         return made is not None and removes(made) and made.select == Not(one.select)
-    if isinstance(made, Opacity) and isinstance(one, Opacity) and not made.frames:
+    if isinstance(made, Opacity) and isinstance(one, Opacity) and one.frames and not made.frames:
         return made.select == one.select  # "start with the boat invisible and let it fade in"
     timed = type(made) is type(one) and hasattr(made, "ease") and made.frames is None and one.frames is not None
     return timed and one == replace(made, frames=one.frames, ease=one.ease)

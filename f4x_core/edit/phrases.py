@@ -354,18 +354,8 @@ def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 yield end, f"{part} {reading.text_of(middle, whole).lower()} {label}"
 
 
-_OF_WHOLE = word_set("the a an that this my all every any")
 _CAST = word_set("shadow shadows reflection reflections")
 """What is cast: it may stand without an article, "shadow of dog"."""
-
-
-def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """A part that no label has of a known whole: "legs of the dog"."""
-    for middle, part in (*_stranger_at(reading, at), *_strangers_at(reading, at), *_modified_at(reading, at)):
-        whole = middle + 1 + (reading.word(middle + 1) in _OF_WHOLE)
-        if reading.word(middle) == "of" and (whole > middle + 1 or part in _CAST):
-            for end, label in _known_at(reading, whole + (reading.word(whole) in ("the", "these", "those"))):
-                yield end, f"{label}'s {part}"
 
 
 def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -506,7 +496,6 @@ def _so_many(count: int, noun: Who) -> Who:
     return who
 
 
-_part_of_known = (_article | here(lambda reading, at: reading.word(at) in _CAST)) + _things(_part_of_known_at)
 familiar = either(_part, _known, _modified, _everybody)
 """A noun that the scene knows."""
 _noun = either(_part, _known, _modified, _stranger)
@@ -551,38 +540,6 @@ def _plural_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
     yield from ((end, who) for end, (who,) in _noun.at(reading, at).items() if _is_plural(reading, end - 1))
 
 
-def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """A known thing by what it does: "man who rides the scooter", "car that is drifting", "person jumping over there"."""
-    for middle, label in (*_known_at(reading, at), *_modified_at(reading, at)):
-        start = middle + (reading.word(middle) in ("who", "that", "which"))
-        relative = start > middle
-        start += relative and reading.word(start) in ("is", "are")
-        for end in colour.at(reading, start) if start > middle + 1 else ():
-            yield end, f"{reading.text_of(start, end).lower()} {label}"
-        verb = reading.word(start)
-        form = verb.endswith("ing") or (relative and verb.endswith("s") and verb not in ("is", "was", "has", "does"))
-        object_follows = reading.word(start + 1) in _ARTICLES and (
-            any(_known_at(reading, start + 2)) or any(_stranger_at(reading, start + 2))
-        )
-        if (
-            not form
-            or len(verb) < 5
-            or verb in FUNCTION_WORDS
-            or (verb in VOCABULARY and not (relative or object_follows))
-        ):
-            continue
-        ends = [start + 1]
-        after = start + 1 + (reading.word(start + 1) in ("on", "in", "with", "over", "through", "at", "along", "past"))
-        after += reading.word(after) in ("the", "a", "an", "his", "her", "its", "their")
-        ends += (
-            [end for end, _ in (*_known_at(reading, after), *_stranger_at(reading, after))] if after > start + 1 else []
-        )
-        ends += [start + 3] if (reading.word(start + 1), reading.word(start + 2)) == ("over", "there") else []
-        for end in dict.fromkeys(ends):
-            yield end, f"{label} {reading.text_of(middle, end).lower()}"
-
-
-_doing = ~_article + _things(_relative_at)
 _wearing = ~_article + _things(_wearing_at)
 _all_that = keyword(
     "what|whatever|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
@@ -821,7 +778,7 @@ _stood = _kind_and_number + _stands + (
 _whole_thing: Rule = either(
     familiar, _determined, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
 )
-_one_thing: Rule = either(familiar, _determined, _instance, _it, _copy, _part_of_known)
+_one_thing: Rule = either(familiar, _determined, _instance, _it, _copy)
 _definite = (
     either(
         _placed,
@@ -835,7 +792,6 @@ _definite = (
         _determined,
         _instance,
         _moving_noun,
-        _part_of_known,
         _named_at_length,
         _wearing,
         _everything >> _always(All()),
@@ -844,7 +800,6 @@ _definite = (
         _copy,
         _around,
         _other_one,
-        _doing,
         _stood,
     )
     + _in_scene

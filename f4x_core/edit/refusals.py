@@ -22,6 +22,7 @@ _WHOLE = (
 )
 
 _end = here(lambda reading, at: at >= len(reading.tokens) or not reading.tokens[at].is_word)
+_will = here(lambda reading, at: not {"will", "might", "could", "may"}.isdisjoint(reading.words[at:]))
 _begin = here(lambda reading, at: at == 0 or not reading.word(at - 1).isalpha())
 _comparatives = literal("|".join(f"{one.more}|{one.less}" for one in QUALITIES))
 _plain = literal("|".join(f"{one.much}|{one.little}" for one in QUALITIES))
@@ -33,6 +34,8 @@ _changing = here(
         in IMPERATIVES - {"add", "put", "want", "need", "have", "get", "give", "show", "see", "like"}
     )
 )
+
+_LAMPS = literal("lamp|light|lights|lantern|candle|headlights|sign|screen|tv")
 
 UNSURE: tuple[tuple[Rule, str], ...] = (
     (
@@ -58,13 +61,14 @@ UNSURE: tuple[tuple[Rule, str], ...] = (
     ),
     (
         literal(
-            "[hate|refuse|decline|object|hesitate|afraid|forbidden|prohibited|allowed] to|refrain from|[hate|"
+            "[hate|refuse|decline|object|hesitate|afraid|forbidden|prohibited|allowed] to|refrain from|[hate|wrong|"
             "mistake|shame|pity|crime|sin|foolish|idea] [to|if|that]|hate it [if|when]|[avoid|against] "
             "[removing|hiding|deleting|changing|making|touching|painting|moving]|doubt [that|if|whether]|"
             "hardly [anyone|anybody]|[nobody|no one|none of us] [wants|asked|would want]|nothing should|"
             "neither|would not want|would never want|could not want|not an option|keep [me|you|us] from|last "
             "thing (that) [i|we]|god forbid|used to [be|have|look|stand|move]"
-        ),
+        )
+        | literal("[i am|we are] afraid|i fear") + _will,
         "'{words}' tells what is not wanted, or how it was; say what is to be done.",
     ),
     (
@@ -125,8 +129,10 @@ UNSURE: tuple[tuple[Rule, str], ...] = (
         "That may mean to move, to go away or to be gone; say 'raise the bird', 'move the bird away' or 'remove the bird'.",
     ),
     (
-        literal("[turn|switch|kill|cut] (off) (the|all the|that|this) [lamp|light|lights|lantern|candle|"
-                "headlights|sign|screen|tv] (off)")
+        (
+            literal("[turn|switch|kill|cut] (off) (the|all the|that|this)") + _LAMPS + ~literal("off")
+            | ~literal("turn|switch") + _LAMPS + literal("off")
+        )
         + _end,
         "That may mean dark or gone; say 'make the lamp darker' or 'hide the lamp'.",
     ),

@@ -3,8 +3,6 @@
 import pytest
 
 from f4x_core.errors import F4xError
-from f4x_core.features import phrasings
-from f4x_core.query.cues import ASKED_FOR, ROWS
 from f4x_core.query.wording import Asked, Unanswerable, read_question
 
 FPS, FRAMES = 24.0, 72
@@ -178,9 +176,8 @@ def test_what_may_be_misspelt_is_asked_about():
 
 
 @pytest.mark.parametrize("word", ["blorbly", "blork"])
-def test_no_word_of_a_question_is_ignored(word, monkeypatch):
+def test_no_word_of_a_question_is_ignored(word):
     """A word that nobody knows is part of a name, which the scene then lacks, or the question is refused."""
-    monkeypatch.setattr(phrasings, "_network", lambda: None)  # which only chooses what a refusal asks back
     for question, *_ in WAYS:
         for text in (f"{question.rstrip('?')} {word}", f"{word} {question}"):
             try:
@@ -265,24 +262,3 @@ def test_a_part_without_a_thing_is_about_that_of_its_neighbour():
     assert (when.kind, fast.extreme) == ("fastest_moment", "max")
     where, fast = read_question("where is the dog, and what's its speed?", FPS, FRAMES)
     assert (where.kind, fast.kind, fast.things) == ("where", "fast", ("dog",))
-
-
-def test_what_fits_two_kinds_equally_well_is_asked_back():
-    with pytest.raises(Unanswerable, match="Do you ask how long the clip is, or how big the train is"):
-        read_question("how long is it", FPS, FRAMES, "train")
-    assert read_question("how long is it", FPS, FRAMES)[0].kind == "long"
-
-
-def test_a_refusal_names_the_nearest_kinds():
-    with pytest.raises(Unanswerable, match=r"Do you ask where the dog is.*\?"):
-        read_question("where will the dog be tomorrow", FPS, FRAMES)
-    with pytest.raises(Unanswerable, match="nothing is selected or was named"):
-        read_question("what is near it", FPS, FRAMES)
-    with pytest.raises(Unanswerable, match="'live'"):
-        read_question("where does the man live", FPS, FRAMES)
-
-
-def test_every_kind_can_be_asked_back():
-    kinds = {line.partition(":")[0].split()[-1] for line in ROWS.replace("\n    ", " ").strip().splitlines()}
-    plain = {kind for kind in kinds if "=" not in kind} - {"@place", "near", "what_is"}
-    assert plain <= ASKED_FOR.keys()
