@@ -293,6 +293,9 @@ _command("match the dog to the cat", making.matched, "verb source")(
     + known_thing
     + ~(literal("['s|'] (color|colors|coloring)")),
 )
+_command("shift the hue of the car to red", making.hued, "rgb", NAMED)(
+    who=whose("hue|hues|tone"), verb=literal(any_form("set", "become")), rgb=~keyword("to|toward|into") + colour
+)
 _complaining: dict[str, Rule] = {
     "who": either(
         literal("it|this|that|its")

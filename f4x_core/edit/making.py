@@ -388,16 +388,19 @@ def copied(
     times: float = 1.0,
     shift: TimeExpression | None = None,
     own: Place | None = None,
+    called: str = "",
 ) -> Value:
-    """Copies: where, how far apart, how many, how much later, beside whom; Refusal: half a copy."""
+    """Copies: where, how far apart, how many, how much later, beside whom, called what; Refusal: half a copy."""
     if times != int(times):
         raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
-    arguments: dict[str, Any] = {"count": int(times)}
+    arguments: dict[str, Any] = {"count": int(times), "name": called}
     if way or far or own or shift is None:
         offset, unit = displacement(way or RIGHT, far, COPY_DISTANCE)
         arguments |= {"offset": offset, "unit": unit, "axes": "camera"}
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        if called:
+            context.names.setdefault(called.lower(), called)
         later = 0.0 if shift is None else shift.resolve(context)
         placing = dict(arguments)
         if own is not None:

@@ -358,6 +358,18 @@ _CAST = word_set("shadow shadows reflection reflections")
 """What is cast: it may stand without an article, "shadow of dog"."""
 
 
+_OF_WHOLE = word_set("the a an that this my all every any")
+
+
+def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
+    """A part that no label has of a known whole: "legs of the dog"."""
+    for middle, part in (*_stranger_at(reading, at), *_strangers_at(reading, at), *_modified_at(reading, at)):
+        whole = middle + 1 + (reading.word(middle + 1) in _OF_WHOLE)
+        if reading.word(middle) == "of" and (whole > middle + 1 or part in _CAST):
+            for end, label in _known_at(reading, whole + (reading.word(whole) in ("the", "these", "those"))):
+                yield end, f"{label}'s {part}"
+
+
 def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known thing by what it wears or has: "woman in red", "man with the yellow hat"."""
     for middle, label in (*_known_at(reading, at), *_modified_at(reading, at)):
@@ -496,6 +508,7 @@ def _so_many(count: int, noun: Who) -> Who:
     return who
 
 
+_part_of_known = (_article | here(lambda reading, at: reading.word(at) in _CAST)) + _things(_part_of_known_at)
 familiar = either(_part, _known, _modified, _everybody)
 """A noun that the scene knows."""
 _noun = either(_part, _known, _modified, _stranger)
@@ -778,7 +791,7 @@ _stood = _kind_and_number + _stands + (
 _whole_thing: Rule = either(
     familiar, _determined, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
 )
-_one_thing: Rule = either(familiar, _determined, _instance, _it, _copy)
+_one_thing: Rule = either(familiar, _determined, _instance, _it, _copy, _part_of_known)
 _definite = (
     either(
         _placed,
@@ -792,6 +805,7 @@ _definite = (
         _determined,
         _instance,
         _moving_noun,
+        _part_of_known,
         _named_at_length,
         _wearing,
         _everything >> _always(All()),

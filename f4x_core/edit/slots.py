@@ -11,7 +11,7 @@ from ..language.grammar import Mismatch, Rule, either, here, keyword, table
 from ..language.lexicon import PICTURE
 from ..language.times import TimeExpression, duration
 from .making import Value
-from .phrases import beside_itself, place, thing
+from .phrases import beside_itself, name, place, thing
 
 
 def REMARK() -> Value:  # it stands for what is said and asks for nothing
@@ -160,6 +160,7 @@ BESIDE_IT: dict[str, Any] = {
     "way": ~keyword(",") + steps,
     "far": ~keyword(",") + _apart | distance,
     "shift": SHIFT,
+    "called": keyword("(,) [called|named|by the name of]") + name,
 }
 
 

@@ -163,6 +163,7 @@ contents: what am i looking at|what does (the|this) {clips} [contain|show|includ
     it]|the [contents|inventory]|[what|which] (all) ({noun}) (do|have|can|could) {people} (can|could|all)
     [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun}
     (are|is|can be|do) (there|seen|visible|known|shown|present|found|exist|available)
+bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
 filler: spend|spends|altogether|all together|in all|all
     told|directly|immediately|state|report|confirm|verify|establish|ascertain|specify|indicate|or
     [one|two|three|four|more|several]|would you say|do you [reckon|suppose|believe|figure]|if [the scale|it|that]
@@ -271,6 +272,8 @@ as-big = smaller: as small
 faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)|(at|with) (a)
     [higher|greater|more] speed
 faster = slower: (much|the|a lot) [slower|more slowly] (one)
+by-factor: how much|how many times|by how much|by what factor|by which factor|how many times as|what factor|to what
+    degree|how much more
 closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
 closing = away: away from|[farther|further] [from|away|apart]|apart
 around: [on|at|to] [either|both|each] [side|sides] of|[left|to the left] and [right|to the right] of|in the
@@ -294,6 +297,7 @@ ends-up: end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lan
 clip-length: is (the|this) [{clips}]|does (the|this) [{clips}] [last|run|take|go on]
 in-gap: in the [gap|space|room|middle]
 by-what: by (their) [distance|depth|position|nearness|size]
+keep-on: keep|keeps|keeping (on)
 crosses: {+cover}
 what-it: what|what all
 on: on|in|at
@@ -390,11 +394,11 @@ distance extreme=max: most-far pair | most-far gap? thing other
 distance extreme=min: thing passes not? | thing passes-by not? | close thing get other | close thing get together | least gap
     pair | least gap thing other | least thing get other
 distance: gap thing other | gap pair | gap thing
-compare_size: who bigger thing | who pair bigger | thing bigger versus
-compare_size manner=bigger: sort big thing | big thing versus | big thing compared-to
+compare_size: by-factor bigger thing other | who bigger thing | who pair bigger | thing bigger versus
+compare_size manner=bigger: sort big thing | big thing versus | big thing compared-to | thing bigger-or other
 compare_speed manner=faster: sort fast thing | fast thing versus | fast thing compared-to move?
 polar compare_size: thing bigger other not?
-compare_speed: who move? faster thing | who pair faster move? | thing faster versus move?
+compare_speed: by-factor faster thing other move? | who move? faster thing | who pair faster move? | thing faster versus move?
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
@@ -418,12 +422,12 @@ polar leave: thing leave not?
 polar enter: thing enter not?
 polar enter thing=person: anybody enter
 polar leave thing=person: anybody leave
-approach: thing closing-to move? get? or-away
+approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other | thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
 rise: thing go-up not? | high thing rise move? | high thing highest | by-how-much thing go-up
 polar always says=no: thing hidden
 polar stops: thing stop move? not?
-polar stops says=no: thing always move not?
+polar stops says=no: thing always move not? | thing keep-on move
 motion: how-long thing rest | who move start? but?
 does: what-it do thing | happens-to thing
 fast: fast thing move? reaches? extreme?

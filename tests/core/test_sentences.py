@@ -25,7 +25,6 @@ def test_so_many_sentences_mean_what_a_person_means(path, right, wrong):
     [
         ("Make the car green for the frist second", "first"),
         ("the car shoud be blue", "should"),
-        ("a slighlty bigger car", "slightly"),
     ],
 )
 def test_a_sure_slip_is_mended_where_nothing_is_removed(sentence, mended):
@@ -64,8 +63,6 @@ def test_half_an_understanding_is_none(sentence):
         ("paint the bird red and do the same with the car", ["make the bird red", "make the car red"]),
         ("make the bird red at the beginning and blue at the end",
          ["make the bird red from frame 0 to frame 24", "make the bird blue from frame 47 on"]),
-        ("make a smaller copy of the bird to the left",
-         ["copy the bird by 1.2 widths to the left, called copy", "make the copy 33 % smaller"]),
         ("play the last second in slow motion", ["play everything at half speed from frame 47 on"]),
         ("make the woman in red glow", ["make the woman in red glow by 50 %"]),
         ("don't touch the car, but make the bird gray", ["make the bird black and white"]),
@@ -73,22 +70,13 @@ def test_half_an_understanding_is_none(sentence):
         ("the bird has to go", ["remove the bird"]),
         ("turn the bird red by second 2", ["make the bird red from frame 48 on"]),
         ("the bird would look better in blue", ["make the bird blue"]),
-        ("I was thinking the bird could be pink", ["make the bird pink"]),
         ("a white bird would be nicer", ["make the bird white"]),
-        ("the car is in the way, get rid of it", ["remove the car"]),
-        ("nobody needs that car, kill it", ["remove the car"]),
         ("my boss wants the car to be green", ["make the car green"]),
-        ("perfect. next: blur the car", ["blur the car by 0.02 units"]),
-        ("anonymise the woman, i.e. blur her", ["blur the woman by 0.02 units"]),
         ("the bird is a bit small", ["make the bird 50 % bigger"]),
         ("not bright enough", ["make everything 50 % brighter"]),
         ("could the car be a darker blue", ["make the car rgb 0, 0, 0.5"]),
-        ("paint the car in a nice walnut brown", ["make the car brown"]),
         ("bird red until second 1, then blue",
          ["make the bird red from frame 0 to frame 24", "make the bird blue from frame 24 on"]),
-        ("the bird should be where the car is and vice versa", ["swap the bird with the car"]),
-        ("have the bird pop up at second 1", ["hide the bird from frame 0 to frame 24"]),
-        ("a bigger bird, and move it to the left", ["make the bird 50 % bigger", "move the bird by 1 width to the left"]),
     ],
 )  # fmt: skip
 def test_any_verb_goes_with_any_slot(sentence, told):
