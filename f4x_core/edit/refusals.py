@@ -79,7 +79,7 @@ UNSURE: tuple[tuple[Rule, str], ...] = (
         "That may mean to keep it or to drop it; say 'keep only the dog' or 'remove the dog'.",
     ),
     (
-        (literal("as") + _plain + literal("as") | _comparatives + literal("than"))
+        (literal("as") + _plain + literal("as") | (_comparatives | literal("more|less") + _plain) + literal("than"))
         + (~literal("the|a|an|my|that|this") + silent(known_noun) | literal("the|a|an|my") + word_if(lambda *_: True)),
         "Things are not measured against one another; say how much it is to be, for example 'twice as big' or '20 % brighter'.",
     ),

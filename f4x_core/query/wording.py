@@ -39,6 +39,7 @@ from ..language.lexicon import (
     label_of,
     misspelt,
     singular,
+    spellings,
     word_set,
     written,
 )
@@ -46,7 +47,10 @@ from ..language.times import END, START, Clip, Span, no_such_time, span
 from ..language.verbs import IMPERATIVES
 from .cues import COLOURS, CUES, ROWS, WORDS, cue
 
-INSTEAD = "a scene tells where, when, how far, how fast, how big, how many, of which color and in which order (a model: --endpoint)"
+INSTEAD = (
+    "a scene can tell where, when, how far, how fast, how big, how many, of which color and in which order (more by a model: "
+    "--endpoint or --model)"
+)
 """What a refusal says."""
 
 
@@ -86,11 +90,12 @@ class Asked:
         return "" if not self.polar else "Yes" if so != self.negated else "No"
 
 
+_GAZE = (
+    r"\b(?:which|what) (?:way|direction|side)\b.*\b(?:look|fac|point)|\bwhere (?:is|are|does)\b.*\b(?:look|"
+    r"fac)(?:s|es|ing|ed)?\b|\b(?:look|fac)(?:s|es|ing|ed)? (?:to|toward|at|left|right|away|up|down|us|me)\b"
+)
 SUBJECTS = (
-    (
-        r"\b(?:look|fac)(?:s|es|ing|ed)? (?:to|toward|at|left|right|away|up|down|us|me)\b",
-        "which way something looks or faces, only which way it moves",
-    ),
+    (_GAZE, "which way something looks or faces, only which way it moves"),
     (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
     (
         r"\bpaint|\btexture|\bmade of\b|\bmaterial|\bheavy|\bweigh|\bhow old\b|\bbrand|\bbreed",
@@ -407,7 +412,17 @@ def read_question(
         replace(asked, things=called(asked.things), other=called(asked.other), but=called(asked.but))
         for asked in understood
     ]
+    _doubt_swapped(text, {word for asked in understood for thing in asked.things for word in thing.split()}, labels)
     return tuple(understood)
+
+
+def _doubt_swapped(text: str, words: Collection[str], labels: Collection[str]) -> None:
+    """Raise Doubt where one of the `words` is a label with its letters in another order."""
+    known = {form for label in labels for form in spellings(label)}
+    for word in words:
+        meant = next((label for label in sorted(known) if sorted(label) == sorted(word)), word)
+        if known.isdisjoint(spellings(word)) and meant != word:
+            raise Doubt(f"Nothing is called '{word}'; did you mean '{meant}'?", text.replace(word, meant))
 
 
 _TOPIC = re.compile(rf"(?P<topic>[^,:]+)[,:-] *(?:so |and |but )?(?P<question>(?:tell me |say )?{_ASKING}\b.*)")
@@ -426,6 +441,8 @@ def _topic(text: str) -> tuple[tuple[str, ...], str]:
 
 
 def _read(text: str, clip: _Shown, it: tuple[str, ...]) -> list[Asked]:
+    if re.search(_GAZE, text) and not re.search(r"\b(?:i|we|you)\b", text):  # to look is not to move
+        raise _refusal(text, clip, it)
     asked = _understood(text, clip, it) or (_understood(f"{text} it", clip, it) if it else None)
     if asked is None:
         instead = re.sub(r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else _mended(m[0]), text)
@@ -599,7 +616,8 @@ def _refusal(text: str, clip: _Shown, it: tuple[str, ...]) -> F4xError:
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "")
     if limit := re.search(r"\b(?:no|not|never|only)\b", text):
         subject = subject or f"what '{limit[0]}' asks for here"
-    last = [word for word in words if word not in _ASKING_WORDS][-1:]
+    known = {word for label in clip.known for word in label}
+    last = [word for word in words if word not in _ASKING_WORDS | known][-1:]
     strange = next((word for word in words if is_adverb(word)), last[0] if last and text.endswith(last[0]) else "")
     if not subject and strange:
         return Unanswerable(f"I do not know what '{strange}' means here; {INSTEAD}.")
