@@ -15,7 +15,6 @@ from ..language.amounts import (
     LEAST_PERCENTS,
     Amount,
     amount,
-    any_word,
     degree,
     distance,
     factor,
@@ -44,9 +43,9 @@ from ..language.grammar import (
     table,
     unless,
 )
-from ..language.lexicon import PICTURE, every_form, singular, word_set
+from ..language.lexicon import PICTURE, every_form, word_set
 from ..language.times import TimeExpression, duration, span
-from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form, asked_form
+from ..language.verbs import COMMAND_VERBS, IMPERATIVES, any_form, asked_form
 from . import making, qualities
 from .graded import OPACITY, QUALITIES, SATURATION, SIZE, SPEED, Quality
 from .making import Value
@@ -133,29 +132,15 @@ ADDS_NOTHING = either(
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("to") + here(lambda reading, at: reading.word(at) in IMPERATIVES),
     literal("instead") + unless(literal("of")),
-    here(lambda reading, at: reading.word(at - 1) in COMMAND_VERBS)
-    + literal("[layer|modifier|plugin|preset|node] (on|to)"),
     literal("afterward|after that|from then on|thereafter") + here(lambda reading, at: at == len(reading.tokens)),
-    literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
-    + here(lambda reading, at: not reading.word(at).isalpha()),
-    literal("too") + unless(_goes_on),
-    here(lambda reading, at: reading.word(at - 1) in _RUNNING)
-    + literal("past|by|along|on by")
-    + unless(number | thing),
-    literal("(over|right) after [him|her|them]"),
-    literal("[while|as|when] [he|she|it|they] (is|are|was|were)")
-    + any_word
-    + here(
-        lambda reading, at: span.at(reading, at + (reading.word(at) == ","))
-    ),  # "while she spins from second 1 to 2" says what is seen then
+    literal("(up|down) [on|around|about|to|with] [it|him|her|them]") + _over,
     literal(
-        "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its|his|her|their) [base|bottom|feet|ground|floor]|(,) (with) (the|"
-        "its) [color space|mode|pivot] [=|:] [base|bottom]"
+        "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its|his|her|their) [base|bottom|feet|ground|floor]|(around|about) "
+        "(the|its) (own) [up|vertical] (axis)"
     ),
+    literal("too") + unless(_goes_on),
     literal("both") + unless(silent(two_of_them_behind)),
     literal("[about|around] (the) [up|vertical] (axis)"),
-    here(lambda reading, at: singular(reading.word(at - 1)) in {words[-1] for words in reading.known})
-    + literal("itself|himself|herself|themselves"),
     literal(every_form("give|do|perform"))
     + here(
         lambda reading, at: any(
@@ -190,14 +175,6 @@ _noun_of_colour = either(
     )
     >> making.assigned,
     literal("(with|in|to|of|as) (the|a) color (:|=|of|to)") + colour >> making.assigned,
-    ~literal("as")
-    + colour
-    + literal("as (a|an|the)")
-    + unless(literal(f"soon|{any_form(*VERBS)}") | silent(familiar))
-    + any_word
-    >> making.assigned,
-    colour + literal("fur|coat|skin|feathers|plumage|hide|wool|paintwork|body|bodywork|exterior|surface")
-    >> making.assigned,
 )
 _article = ~literal("a|an|some|the|pure|solid|that|this|made of|made out of|in|being|real")
 _looked = either(
@@ -985,17 +962,10 @@ _command("the cat too", AGAIN, "again", NAMED)(
 )
 _command("and nothing else", REMARK, "nothing", WHOLE)(
     nothing=literal(
-        "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
-        "colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change]) ([in|on|"
-        "within] (the|this) [" + PICTURE + "]|left|visible|there)|nobody else|no one else|nothing more|that is all|"
-        "that is it|only that|[keep|leave] [the rest|everything else]|the [rest|other [one|ones|two|three|four]|others] "
-        "([can|may|should|must|shall]) [stay|stays|remain|remains|is|are] (there|put|fine|good|okay|in|as [it|they] "
-        "[is|are])|(its|the|their) [location|position|place|size|color|colors|speed|"
-        "look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let [it|him|her|"
-        f"them] ([go|keep]) [continue|resume|{_RESUMED}] (on|again|as before)|"
-        f"(then) [it|he|she|they] ([is|are|can|may|will|should|must]) [continue|continues|be|back|{_RESUMED}] (back|on|again|as "
-        "before)|(,) (then|and then) (back to) normal (again) (afterward|after that)|then back|hold (it|that) [to|until] the "
-        "end|([normal|full|in]) color [for the rest|afterward|after that|again]|(and) (then) [carry|go|move|play|run|"
-        "continue] on|(and) then [continue|resume|continues|resumes]|i mean it|not more|not less|that is enough"
+        "[keep|keeping|retain|without changing|do not change|leave] [its|the|their] (original|current|own) [color|colors|size|"
+        "shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change])|nothing more|that is [all|it]|"
+        "only that|[keep|leave] the rest|the [rest|others] ([can|may|should|must]) [stay|stays|remain|remains|is|are] (there|fine|"
+        "as [it|they] [is|are])|(its|the|their) [position|place|size|color|colors|speed|look] [stays|remains] [untouched|unchanged|"
+        f"the same|as it is]|(then) let [it|him|her|them] ([go|keep]) [continue|resume|{_RESUMED}] (on|again|as before)"
     )
 )
