@@ -167,7 +167,7 @@ NO_EDIT: tuple[tuple[Rule, str], ...] = (
         "A clip keeps its length, so no time is cut out of it; `f4x render --frames` writes a part of it, and 'hide the "
         "dog until second 2' hides what is seen then.",
     ),
-    (literal("sound|music|audio|song|voice|bark|talk|sing|mute|unmute"), "A scene has no sound."),
+    (literal("sound|music|audio|song|voice|bark|talk|sing|mute|unmute"), "No edit makes '{words}': a scene has no sound."),
     (literal("text|title|caption|captions|subtitle|subtitles|watermark|rain|snow|fog|confetti|sparks|hail"), _NEW),
     (literal("[add|insert|create|draw|write|put|place|give it|give me] [a|an|some]|replace|substitute"), _NEW),
     (literal("relight|relighting|sun|sunlight|spotlight|backlight"),
