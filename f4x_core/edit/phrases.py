@@ -418,7 +418,7 @@ def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     name that the sentence gave before."""
     earlier_words = {token.text for token in reading.tokens[:at]}
     for end, name in _stranger_at(reading, at) if reading.word(at - 1) not in _SUBJECTS else ():
-        if not reading.known or name != reading.word(at) or name in earlier_words:
+        if not reading.known or _is_plural(reading, at) or name in earlier_words:
             yield end, name
 
 

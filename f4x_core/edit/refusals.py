@@ -56,6 +56,14 @@ UNSURE: tuple[tuple[Rule, str], ...] = (
         UNDO,
     ),
     (
+        literal("[tone|dial|take|knock|turn] [it|that|them|this] (down|back) [a notch|a bit|a touch|a little|a tad]"),
+        "'{words}' may be a place or an amount; say for example '20 % darker', or 'a bit down'.",
+    ),
+    (
+        literal("[start|resume|continue|unfreeze|release] [it|them|him|her] (again)"),
+        "'{words}' is for what was stopped; say for example 'freeze the dog from second 1 to 2'.",
+    ),
+    (
         keyword("[mute|silence|unmute]") + silent(known_thing) + _end,
         "A scene has no sound; say for example 'desaturate the car' if its colors are meant.",
     ),

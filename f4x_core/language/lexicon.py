@@ -355,8 +355,8 @@ NO_THINGS = word_set(
 FUNCTION_WORDS = word_set(
     "a an the and or but nor so if when while because unless whether though although as than that which who whom whose "
     "what where why how is are was were be been being am do does did done doing have has had having will would shall "
-    "should can could may might must ought not no never none i you we he she they me him us them my your our his her its "
-    "their mine yours ours this these those there here to of in on at by for from with without into onto over under "
+    "should can could may might must ought not no never none nothing nobody i you we he she they me him us them my your our "
+    "his her its their mine yours ours this these those there here to of in on at by for from with without into onto over under "
     "above below between among behind beside beneath through across along around about against toward up down out off "
     "away back left right upon near next again also too very really quite rather just only even still already yet ever "
     "always almost maybe perhaps please some any every each all both either neither more most less least much many few "

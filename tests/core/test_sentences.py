@@ -49,6 +49,11 @@ def test_a_sure_slip_is_mended_where_nothing_is_removed(sentence, mended):
         "move the bird with the car to the left",
         "make the bird dance",
         "play the bird twice",
+        "make the bird red, nothing blue",
+        "stop the bird after one second and start it again at two seconds",
+        "too much contrast, take it down a notch",
+        "does the bird look big",
+        "I'm afraid the bird will be removed",
     ],
 )
 def test_half_an_understanding_is_none(sentence):
