@@ -8,7 +8,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 ROOMS = {
-    "edit": "clauses commands corrections graded language making meaning phrases qualities slots taking_back which",
+    "edit": "clauses commands graded language making phrases qualities refusals slots which",
     "language": "*",
     "query": "cues people wording",
 }

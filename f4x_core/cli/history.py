@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
+from ..edit.apply import with_operations
 from ..edit.bake import bake, needs_time
-from ..edit.description import describe
+from ..edit.description import SCENE_AXES, describe
 from ..edit.operations import Name
+from ..edit.plan_lines import as_seen
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo
 from ..errors import F4xError
 from ..files import same_file
@@ -20,8 +24,9 @@ from ..scene import Scene, read_scene, updating, write_scene
 def run_history(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """List the edits of a scene, and the undone edits that `redo` would restore."""
     stack = read_stack(args.scene)
-    lines = [edit_line(edit) for edit in stack.edits] + [
-        f"{edit_line(edit)} [undone]" for edit in reversed(stack.undone)
+    words = _in_words(args.scene, stack)
+    lines = [edit_line(edit, words[edit.id]) for edit in stack.edits] + [
+        f"{edit_line(edit, words[edit.id])} [undone]" for edit in reversed(stack.undone)
     ]
     lines = [f"{number} {line}" for number, line in enumerate(lines, 1)]
     return {
@@ -83,9 +88,21 @@ def _why_not_folded(scene: Scene) -> str:
     return "the nodes of a scaffold cannot hold their moments exactly"
 
 
-def edit_line(edit: Edit) -> str:
-    """One line: the edit in words and the sentence that it came from."""
-    does = describe(edit.operation)
+def _in_words(path: str, stack: EditStack) -> dict[int, str]:
+    """Id of an edit -> what it does; what is kept along the axes of the scene is told as the camera sees it."""
+    edits = (*stack.edits, *reversed(stack.undone))
+    words = {edit.id: describe(edit.operation) for edit in edits}
+    if any(SCENE_AXES in does for does in words.values()):
+        scene = replace(read_scene(path), edits=())
+        with suppress(F4xError):  # edits behind one that cannot be applied are told as they are kept
+            for edit in edits:
+                words[edit.id] = as_seen(scene, edit.operation)
+                scene = with_operations(scene, edit.operation) if edit.enabled else scene
+    return words
+
+
+def edit_line(edit: Edit, does: str) -> str:
+    """One line: what the edit does and the sentence that it came from."""
     sentence = f' ("{edit.sentence}")' if edit.sentence not in ("", does) else ""
     return one_line(f"{does}{sentence}{'' if edit.enabled else ' [off]'}")
 

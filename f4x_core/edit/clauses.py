@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from ..language.amounts import Amount, degree, number, percent
+from ..language.amounts import number
 from ..language.grammar import (
     NOTHING,
     Cover,
@@ -26,7 +26,6 @@ from ..language.grammar import (
     sign,
     silent,
     table,
-    unless,
 )
 from ..language.idle import EMPTY, idle_gaps
 from ..language.lexicon import FUNCTION_WORDS, word_set
@@ -34,7 +33,7 @@ from ..language.times import Span, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .commands import ADDS_NOTHING, COMMANDS
 from .phrases import besides, known_thing, spares, thing
-from .slots import AGAIN, ENDED, REMARK, TOPIC, Command
+from .slots import AGAIN, REMARK, TOPIC, Command
 
 
 class Clause(NamedTuple):
@@ -46,8 +45,6 @@ class Clause(NamedTuple):
     """A time before the command; it also holds for what follows with "and"."""
     hard: bool = False
     """It begins a sentence of its own or comes after what was said before: ". ", "then"."""
-    ended: bool = False
-    """It is said when it is over."""
     gapped: bool = False
     """Its verb is that of the clause before: "make the dog red and [the cat blue]"."""
 
@@ -70,26 +67,6 @@ _slowly = ~keyword(",") + table(
     }
 )
 """That it comes little by little, and whether at both ends."""
-_afterthought = either(
-    ~keyword(",|-|(") + keyword("(but|though|if|and|or) [only|just|merely|barely|(even) if only]") + degree,
-    keyword(",|(|-|but") + ~keyword("maybe|perhaps|say") + degree,
-    keyword(",|(|-|but|and")
-    + keyword(
-        "(but) [go easy (on it)|take it easy|gently (please)|do not overdo it|not overdone|with restraint|keep it "
-        "subtle|subtle|subtly]"
-    )
-    >> (lambda: Amount("small")),
-    keyword(",|(|-")
-    + ~literal("by|like|say|maybe|about|around|roughly|approximately|perhaps|something like")
-    + percent
-    + unless(
-        literal(
-            "of|opacity|opaque|transparent|speed|size|brighter|darker|bigger|smaller|faster|slower|visible|more|less"
-        )
-    )
-    >> (lambda x: Amount("fraction", x)),
-)
-"""How much, said behind what is done: "make it red, only slightly"."""
 _filler = silent(~listed(ADDS_NOTHING | keyword("clean up"), keyword(",") | NOTHING))
 _SOFT, _HARD = (
     ", and also|, and|and also|and|as well as|, as well as|,|but|, but|plus|+|while|, while|whereas|, whereas",
@@ -137,7 +114,6 @@ _any_order: list[tuple[Command, dict[str, Rule], frozenset[str]]] = [
         command,
         {
             "who": command.who,
-            "degree": _afterthought,
             **command.slots,
             "when": _when,
             "slowly": _slowly,
@@ -183,7 +159,7 @@ class Search:
         for order, command, needed, matches in self.commands:
             lent = {"verb": before.slots["verb"]} if before and _lends(before, command) else None
             for given in ({}, lent) if lent else ({},):
-                price = order / 1000 + bool(given)
+                price = order / 500 + bool(given)
                 for end, found in covers(matches, needed - given.keys(), self.gaps, start).items():
                     limit = best[end].cost - price if end in best else math.inf
                     if fitting := _first_made(found, limit, command, given, needed):
@@ -275,7 +251,7 @@ def _commands(found: Found) -> bool:
 
 def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     """Whether the values of a command go together."""
-    if command.make in (REMARK, AGAIN, ENDED):
+    if command.make in (REMARK, AGAIN):
         return not {"nothing", "when"} <= filled.keys()  # "and let it run again at second 2" asks for something
     with suppress(Refusal, Mismatch):
         command.make(**arguments(filled))
@@ -283,7 +259,7 @@ def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     return False
 
 
-OF_ALL = ("who", "when", "slowly", "besides", "spares", "stated", "degree", "lessened")
+OF_ALL = ("who", "when", "slowly", "besides", "spares")
 """Slots that every command has."""
 
 

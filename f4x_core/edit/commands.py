@@ -6,8 +6,7 @@ Between the phrases there may be words that add nothing; every other word has to
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from itertools import pairwise
+from collections.abc import Callable
 from typing import Any
 
 from ..language.amounts import (
@@ -16,8 +15,6 @@ from ..language.amounts import (
     LEAST_PERCENTS,
     Amount,
     amount,
-    any_word,
-    comparison,
     degree,
     distance,
     factor,
@@ -25,22 +22,18 @@ from ..language.amounts import (
     fraction_of,
     multiple,
     number,
-    number_at,
     percent,
     softly,
     steps,
     stops,
 )
-from ..language.asides import ASKS, CALLS, COMMENTS, WISHES
-from ..language.colour_names import COLOURS
-from ..language.colours import PURE_COLOURS, colour, colourish
+from ..language.colours import colour, colourish
+from ..language.courtesies import ASIDE, CALLS, COMMENTS, WISHES
 from ..language.grammar import (
     Mismatch,
-    Reading,
     Rule,
     constant,
     either,
-    generated,
     here,
     keyword,
     listed,
@@ -49,20 +42,17 @@ from ..language.grammar import (
     silent,
     table,
     unless,
-    word_if,
 )
-from ..language.idle import is_strange
-from ..language.lexicon import PICTURE, every_form, singular, word_set
+from ..language.lexicon import PICTURE, every_form, word_set
 from ..language.times import TimeExpression, duration, span
-from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form, asked_form
+from ..language.verbs import COMMAND_VERBS, IMPERATIVES, any_form, asked_form
 from . import making, qualities
-from .graded import BRIGHTNESS, LENGTH, OPACITY, QUALITIES, SATURATION, SIZE, SPEED, Quality
+from .graded import OPACITY, QUALITIES, SATURATION, SIZE, SPEED, Quality
 from .making import Value
 from .operations import SHOWN
 from .phrases import (
     colors,
     everything_but,
-    everything_else,
     familiar,
     known_noun,
     known_thing,
@@ -80,8 +70,6 @@ from .slots import (
     AGAIN,
     ANGLE,
     BESIDE_IT,
-    ENDED,
-    FULL_TURN,
     NAMED,
     OUT,
     QUALITY_WORDS,
@@ -98,7 +86,6 @@ from .slots import (
     Use,
     always,
     as_given,
-    as_long,
 )
 
 COMMANDS: list[Command] = []
@@ -127,9 +114,9 @@ _over = here(lambda reading, at: not reading.word(at).isalpha())
 _goes_on = unless(literal("and|but")) + here(lambda reading, at: reading.word(at).isalpha())
 ADDS_NOTHING = either(
     CALLS,
-    ASKS,
     WISHES,
     COMMENTS,
+    silent(ASIDE),
     literal(f"{_WANTED} (to) ([be|become|get|turn|look|appear|stay|end up|have|been|gone|become])"),
     literal(f"[{_WANTED}] (to) go") + unless(_over),  # what has to go is to be gone
     literal(
@@ -145,29 +132,15 @@ ADDS_NOTHING = either(
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("to") + here(lambda reading, at: reading.word(at) in IMPERATIVES),
     literal("instead") + unless(literal("of")),
-    here(lambda reading, at: reading.word(at - 1) in COMMAND_VERBS)
-    + literal("[layer|modifier|plugin|preset|node] (on|to)"),
     literal("afterward|after that|from then on|thereafter") + here(lambda reading, at: at == len(reading.tokens)),
-    literal("(up|down) [on|around|about|to|with] [it|him|her|them]")
-    + here(lambda reading, at: not reading.word(at).isalpha()),
-    literal("too") + unless(_goes_on),
-    here(lambda reading, at: reading.word(at - 1) in _RUNNING)
-    + literal("past|by|along|on by")
-    + unless(number | thing),
-    literal("(over|right) after [him|her|them]"),
-    literal("[while|as|when] [he|she|it|they] (is|are|was|were)")
-    + any_word
-    + here(
-        lambda reading, at: span.at(reading, at + (reading.word(at) == ","))
-    ),  # "while she spins from second 1 to 2" says what is seen then
+    literal("(up|down) [on|around|about|to|with] [it|him|her|them]") + _over,
     literal(
-        "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its|his|her|their) [base|bottom|feet|ground|floor]|(,) (with) (the|"
-        "its) [color space|mode|pivot] [=|:] [base|bottom]"
+        "(,) (with) (the|its) pivot (point) (is|at|on|=|:) (the|its|his|her|their) [base|bottom|feet|ground|floor]|(around|about) "
+        "(the|its) (own) [up|vertical] (axis)"
     ),
+    literal("too") + unless(_goes_on),
     literal("both") + unless(silent(two_of_them_behind)),
     literal("[about|around] (the) [up|vertical] (axis)"),
-    here(lambda reading, at: singular(reading.word(at - 1)) in {words[-1] for words in reading.known})
-    + literal("itself|himself|herself|themselves"),
     literal(every_form("give|do|perform"))
     + here(
         lambda reading, at: any(
@@ -202,24 +175,7 @@ _noun_of_colour = either(
     )
     >> making.assigned,
     literal("(with|in|to|of|as) (the|a) color (:|=|of|to)") + colour >> making.assigned,
-    ~literal("as")
-    + colour
-    + literal("as (a|an|the)")
-    + unless(literal(f"soon|{any_form(*VERBS)}") | silent(familiar))
-    + any_word
-    >> making.assigned,
-    colour + literal("fur|coat|skin|feathers|plumage|hide|wool|paintwork|body|bodywork|exterior|surface")
-    >> making.assigned,
 )
-_instead_of = ~(
-    literal("(,) [instead of|rather than|and not|not] (in)")
-    + silent(
-        colour | colourish | literal("this|that|smaller|bigger|darker|brighter|lighter|slower|faster|warmer|cooler")
-    )
-    | literal("from") + silent(colour)
-)
-_named_again = here(lambda reading, at: reading.word(at) in reading.words[:at]) + silent(known_noun)
-"""The thing behind what becomes of it: "make the car a blue car"."""
 _article = ~literal("a|an|some|the|pure|solid|that|this|made of|made out of|in|being|real")
 _looked = either(
     _toward + ~literal("pure|solid") + qualities.any_look + ~qualities.effect >> making.styled,
@@ -245,7 +201,6 @@ _pace_of = either(
     literal("(in) [fast forward|fast motion]|time lapse|timelapse") >> (lambda: making.retimed(2.0)),
 )
 _quality = either(
-    qualities.transformed,
     qualities.given_look,
     _toward
     + qualities.made
@@ -273,32 +228,11 @@ _quality = either(
 )
 _LIGHT = any_form("become", "apply", "leave")
 """Verbs that only carry what a noun or a value says: "stick a glow on it", "trim the contrast to 80 %"."""
-_some_verb = word_if(
-    lambda reading, at: (
-        is_strange(reading.word(at), {words[-1] for words in reading.known} | COMMAND_VERBS)
-        and reading.word(at - 1) in BEFORE_VERBS
-        and any(
-            word in ("to", "into") or (word == "in" and (value == "the" or colour.at(reading, i)))
-            for i, (word, value) in enumerate(pairwise(reading.words[at + 2 :]), at + 3)
-        )
-    )
-)
-"""A verb that nobody knows, where something comes "to" a value: "lerp the color to yellow"."""
 _has_to_go = literal("go|goes|gone") + _over
 _becoming = either(
-    unless(literal("tones|shades|looks|seems|feels") | qualities.cast | _has_to_go)
-    + literal(any_form("match") + "|" + _LIGHT),
+    unless(literal("tones|shades|looks|seems|feels") | _has_to_go) + literal(any_form("match") + "|" + _LIGHT),
     literal("push") + here(lambda reading, at: {"back", "backward"}.isdisjoint(reading.words)),
-    _some_verb,
 )
-_COLOURING = {
-    "whiten|whitewash|bleach|white out": "white",
-    "blacken|black out": "black",
-    "redden": "red",
-    "purple up": "purple",
-    "gild": "gold",
-}
-"""Verbs that say of which colour something becomes."""
 _about = ~literal("of|for|on|to|in|with|around|round|about|onto|over|at|from|upon|into|through|across|all over")
 _SEEN_ALONE = word_set("visible seen shown left remain remaining remains there")
 _not_seen_alone = here(lambda reading, at: _SEEN_ALONE.isdisjoint(reading.words))
@@ -321,44 +255,12 @@ def _command(example: str, make: Any, needed: str, use: Use = USUAL) -> Callable
     return add
 
 
-_nobody = Rule(lambda reading, at: {}, frozenset)
-"""Whom a command is for that names nobody."""
-
-
-def _is_last(reading: Reading, at: int) -> bool:
-    return not any(token.is_word for token in reading.tokens[at:])
-
-
 # What stays as it is
 _command("but leave the dog as it is", REMARK, "spared", NAMED)(
     verb=literal(every_form("leave|keep|let|stay|remain")), spared=untouched
 )
 _command("do not touch the dog", REMARK, "spared", NAMED)(
-    spared=literal(
-        "[forget|forget about|ignore|skip|never mind|instead of|rather than]|do not [touch|change|affect|alter|modify|"
-        "edit|include|do it to|do this to|do that to]|without [touching|changing|"
-        "affecting]|no changes to|nothing [to|on|with]|never [touch|change]|do nothing to"
-    )
-    | literal("not") + here(lambda reading, at: thing.at(reading, at))
-)
-_command("and keep it so", REMARK, "nothing", WHOLE)(
-    nothing=literal("[keep|leave|hold|let] (it|that|them|him|her) (so|that way|this way|like that|like this|there)")
-    + here(_is_last)
-)
-_command("make the dog red at second 1 and back to normal at second 2", ENDED, "ended when", WHOLE)(
-    verb=literal(
-        every_form(
-            "go|come|turn|change|switch|return|revert|get|become|make|set|let|be|put|bring|fade|cut|dial|drop|snap|ease|pull|take"
-        )
-    ),
-    who=_nobody,
-    ended=literal("back|stop|off again|no longer")
-    + here(lambda reading, at: not {*reading.words[: at - 1]}.isdisjoint(IMPERATIVES))
-    | ~literal("(back) (to)")
-    + literal(
-        "normal (again)|[the|its|his|her|their] (original|usual|normal|old|former|own) [color|self|state|look|size|speed|original|"
-        "normal]|[as|how|what|the way] [it|he|she|they] [was|were|is] (before)|as before|before"
-    ),
+    spared=literal("do not [touch|change|affect|alter]|without [touching|changing]|[ignore|skip]|never [touch|change]")
 )
 # Colours and looks
 _command("match the dog to the cat", making.matched, "verb source")(
@@ -367,21 +269,11 @@ _command("match the dog to the cat", making.matched, "verb source")(
     source=literal("[to|with|and|from] (the [color|colors|coloring|look] of|that of|those of)")
     + known_thing
     + ~(literal("['s|'] (color|colors|coloring)")),
-    wise=literal("(in) [color|colors]|color wise|in terms of color"),
 )
 _command("shift the hue of the car to red", making.hued, "rgb", NAMED)(
     who=whose("hue|hues|tone"), verb=literal(any_form("set", "become")), rgb=~keyword("to|toward|into") + colour
 )
 _complaining: dict[str, Rule] = {
-    "fix": ~literal("(,|.|;) (so)")
-    + literal(
-        "[tone|turn|bring|dial|take|fix|correct|change|lower|reduce|adjust|crank|pull|knock|push|pump|boost|raise|lift|ramp] "
-        "(it|that|this|them|him|her) (down|up|back)"
-    )
-    + optional(amount),
-    "extent": ~literal("is|are|was|looks|look|seems|seem|feels|appears")
-    + degree
-    + here(lambda reading, at: reading.word(at) == "too"),
     "who": either(
         literal("it|this|that|its")
         >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
@@ -392,13 +284,6 @@ _complaining: dict[str, Rule] = {
     ),
 }
 """Who is complained of, and what is to be done about it."""
-_command("the wall has a yellow cast", REMARK, "complaint")(
-    **_complaining,
-    complaint=qualities.cast,
-    mended=literal(
-        "(,|.|;) [[neutralize|remove|balance] [it|that|this]|get rid of [it|that]|make [it|this|that] (more) neutral]"
-    ),
-)
 _command("make the dog red", as_given, "values")(
     who=either(
         _whom,
@@ -406,77 +291,14 @@ _command("make the dog red", as_given, "values")(
         + whose("color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint"),
     ),
     verb=_becoming,
-    more=literal("still|even|even more|a step|one more time"),
-    rest=literal("[instead of|rather than|not] (a|an|the|that)") + silent(colour) + literal("one|ones"),
-    values=listed(_quality + ~_named_again + _instead_of, _joined | _led),
-)
-_command("the colors should pop", as_given, "values")(
-    who=_about + either(whose("color|colors"), ~literal("the|all the|all") + colors),
-    verb=_becoming,
-    values=listed(
-        either(
-            qualities.compared,
-            comparison(SATURATION.changed, "stronger|bolder", "weaker|fainter", "strong|bold", "weak|faint"),
-            qualities.pop,
-            qualities.simply,
-        ),
-        _joined,
-    ),
-)
-_command("whitewash the wall", making.assigned, "rgb")(
-    rgb=table({every_form(verbs): COLOURS[name] for verbs, name in _COLOURING.items()}, reserve=False)
+    values=listed(_quality, _joined | _led),
 )
 _command("tint the dog orange", making.faintly, "verb rgb")(
     verb=literal(any_form("tint")),
     rgb=_a + ~_slight + qualities.shade_of + (colour | colourish) + qualities.colored,
-    faintly=qualities.hint,
 )
 
-_command("tint the windows dark", as_given, "verb values")(
-    verb=literal(any_form("tint")),
-    values=either(
-        _toward + (BRIGHTNESS.value | qualities.simply),
-        ~literal("in|with|to") + (qualities.any_look >> making.styled) + ~qualities.effect,
-    )
-    >> _alone,
-)
 
-_WITHOUT_NOUN = word_set("out from off on in of")
-"""Words behind a color that stands alone: "the red out of the car"."""
-_GRADING = word_set("up down back reduce lower decrease lessen increase raise boost soften mute")
-"""Words of verbs that make more or less of a color, and nothing of a thing: "turn down the green"."""
-_color_alone = colour + here(
-    lambda reading, at: (
-        reading.word(at - 1) in PURE_COLOURS
-        and (
-            reading.word(at) in _WITHOUT_NOUN
-            or (
-                not _GRADING.isdisjoint(reading.words[:at])
-                and (_over.at(reading, at) or qualities.how_much_colour.at(reading, at))
-            )
-        )
-    )
-)
-_command(
-    "get the yellow out of the car",
-    lambda sign, rgb, times=1.0: making.added(times, (rgb, sign)),
-    "sign rgb",
-    WHOLE,
-)(
-    who=~literal("out of|off|from") + _whom,
-    sign=table(
-        {
-            every_form("remove|kill|take|get|get rid of|lose|knock|neutralize|fix|correct|lay off")
-            + f"|{any_form('less')}|no more|not so much|without": -1,
-            any_form("more"): 1,
-        },
-        reserve=False,
-    ),
-    rgb=~literal("the|that|this|some|some of the|all the")
-    + (colour + literal("tint|cast|tinge|hue|tone|color cast") | _color_alone),
-    times=qualities.how_much_colour,
-    out=literal("out|away"),
-)
 _in_color = literal("in (full|its) [color|colors]|colored")
 _only = literal("only|just|solely") + unless(silent(span))
 _command("only the dog keeps its color", always(making.rest_grayed), "only keeps", NAMED)(
@@ -487,42 +309,9 @@ _command("only the dog keeps its color", always(making.rest_grayed), "only keeps
     )
     | _in_color,
 )
-_command("remove the color of the house", always(making.GRAYED), "verb colors", WHOLE)(
-    who=(_about | literal("out of")) + thing + ~literal("'s"),
-    verb=literal(
-        every_form(
-            "remove|kill|zap|take|take out|take away|drain|strip|delete|drop|lose|get rid of|erase|suck|knock|pull|wash|"
-            "bleach|leach|wring|squeeze|draw"
-        )
-    ),
-    colors=literal("(all|all of|any) (the|its|their) [color|colors|saturation|coloring]"),
-    out=literal("out|away|off|of it|from it"),
-)
-_command("the dog is gold from second 1 on", as_given, "values state when")(
-    who=thing, state=literal("is|are|was|being"), values=listed(_quality, _joined)
-)
-_command("a bigger dog", as_given, "values", NAMED)(
-    who=known_noun,
-    verb=literal(any_form("become") + "|" + every_form("have|get|want|show|need|see|like|prefer")),
-    values=~literal("a|an|some") + unless(literal("the")) + (qualities.compared | qualities.sized) >> _alone,
-)
 
 _MERELY = word_set("make makes making made get gets got be have has let put set keep")
 """Of the verbs of playing those that do not say that it is about speed."""
-_EVENTS = word_set(
-    "landing jump leap kick fall crash throw catch dive trick stunt freeze twirl routine figure takeoff liftoff kickoff blastoff "
-    "touchdown pushoff impact moment part bit section segment stretch portion passage action collision splash somersault backflip "
-    "approach arrival exit entrance climax peak lap hit"
-)
-_event_noun = ~word_if(lambda reading, at: is_strange(reading.word(at), {w[-1] for w in reading.known})) + word_if(
-    lambda reading, at: (
-        reading.word(at) in _EVENTS
-        and reading.word(at + 1) not in ("of", "'s")
-        and any(span.at(reading, i) for i in range(len(reading.tokens)))
-    )
-)
-_event = literal("[the|that|this] (run up to the)") + _event_noun >> _the_clip
-"""What happens at a time that the sentence tells: "the landing"."""
 # More and less of a quality
 _nouns = table(
     {quality.noun: (quality, True) for quality in QUALITIES}
@@ -557,14 +346,6 @@ _times_as_much = table(
     },
     reserve=False,
 )
-_too = ~literal("far|way|much|a bit|a little|rather|really|still|just") + table(
-    {
-        "too [high|much|strong|big|large|great|heavy|intense]": False,
-        "too [low|little|weak|small|faint]": True,
-        "not [high|much|strong|big|large] enough|not enough|lacks|lack|lacking|is short of|is missing|misses": True,
-    },
-    reserve=False,
-)
 _to_value = (
     unless(here(lambda reading, at: any(end > at for i in range(max(at - 5, 0), at) for end in span.at(reading, i))))
     + literal("[to|at|=|:|be|of|is] (about|around|exactly|only)")
@@ -579,19 +360,13 @@ def _changed(
     way: bool | None = None,
     how: Amount | None = None,
     to: float | None = None,
-    too: bool | None = None,
     times: float | None = None,
     particle: bool | None = None,
     level: float | None = None,
-    off: float | None = None,
 ) -> Value:
     changed, of_it = quality[0].changed, quality[1]
-    if off is not None:  # "take 20 % off the speed"
-        if (way, how, to, too, times, particle, level) != (None,) * 7:
-            raise Mismatch
-        return changed(Amount("fraction", off), not of_it)
     if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
-        if (how, to, too, times) != (None, None, None, None):
+        if (how, to, times) != (None, None, None):
             raise Mismatch
         if level > 1 and (way, particle) != (None, None):  # 150 % more is rarely meant
             raise Mismatch
@@ -599,10 +374,10 @@ def _changed(
         way = particle if way is None else way
     if particle is not None and particle is not way:
         raise Mismatch
-    if times is None and how is not None and how.kind == "times" and way is too is to is None:
+    if times is None and how is not None and how.kind == "times" and way is to is None:
         times = how.value  # "twice the size"
     if times is not None:
-        if (way, too, to) != (None, None, None):
+        if (way, to) != (None, None):
             raise Mismatch
         return changed(Amount("as", times), of_it)
     if to is not None:
@@ -612,10 +387,9 @@ def _changed(
         if (way is not None and how is not None) or to > SHOWN:
             raise Mismatch
         return changed(Amount("as", to if of_it else 1 - to), True)
-    upward = way if way is not None else too
-    if upward is None:
+    if way is None:
         raise Mismatch
-    return changed(how, upward is of_it)
+    return changed(how, way is of_it)
 
 
 def _percents(x: float) -> float:
@@ -629,7 +403,7 @@ def _by_number(x: float) -> Amount:
     return Amount("times", x) if x < LEAST_PERCENTS else Amount("fraction", _percents(x))
 
 
-_set = unless(literal("add|adds|adding|added")) + literal(any_form("set", "become", "apply")) | _some_verb
+_set = unless(literal("add|adds|adding|added")) + literal(any_form("set", "become", "apply"))
 _command("lift the dog by half a stop", lambda way, by: making.brightened(factor(by, way)), "way by")(
     verb=_set,
     way=table(
@@ -641,32 +415,6 @@ _command("lift the dog by half a stop", lambda way, by: making.brightened(factor
     ),
     by=~literal("by|a") + stops,
 )
-_command(
-    "crush the blacks of the dog",
-    lambda verb, tones, how=None: making.contrasted(factor(how, verb is tones)),
-    "verb tones",
-    WHOLE,
-)(
-    who=_about + thing,
-    verb=table(
-        {
-            "[lift|lifts|lifting|raise|raising|brighten|brightening|boost|boosting|open up|bring up|push up|bring "
-            "out|blow out]": False,
-            "[crush|crushing|deepen|deepening|darken|darkening|lower|lowering|drop|dropping|pull down|bring down|press|sink]": True,
-            "[recover|tame|bring down|pull back|tone down|soften]": True,
-        },
-        reserve=False,
-    ),
-    tones=~literal("the|its|all the")
-    + table(
-        {
-            "blacks|darks|lows|shadows|black point|black level|dark tones": True,
-            "whites|highlights|highs|white point": False,
-        },
-        reserve=False,
-    ),
-    how=amount,
-)
 _by_how_much: dict[str, Rule] = {
     "verb": _set,
     "way": _way,
@@ -674,11 +422,9 @@ _by_how_much: dict[str, Rule] = {
     | here(lambda reading, at: reading.word(at - 1) != "to") + number + unless(literal("x|times|stop|stops"))
     >> _percents,
     "how": amount | literal("by") + number >> _by_number | literal("way") >> (lambda: Amount("large")),
-    "off": (percent | fraction) + literal("off|off of|away from"),
     "to": _to_value,
     "particle": table({"up": True, "down": False}, reserve=False),
     "times": _times_as_much,
-    "too": ~literal("is|are|has|have|looks") + _too,
 }
 """How much more or less of a quality there is to be, or to what it comes."""
 _command("increase the contrast of the dog", _changed, "quality", WHOLE)(
@@ -727,7 +473,6 @@ def _more(verb: tuple[making.Graded, bool | None], how: Amount | None = None, to
 
 
 _command("darken the sky", _more, "verb")(
-    who=~literal("on|of|at|in|during|over") + _event | _whom,
     verb=either(*(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items())),
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)),
     to=either(
@@ -768,9 +513,6 @@ _command("the dog is too dark", REMARK, "complaint")(
 _command("remove everything except the dog", always(making.extracted), "verb", NAMED)(
     who=everything_but, verb=literal(asked_form("delete") + "|strip|wipe|scrub") + ~OUT
 )
-_command("show everything but the dog", always(making.opacity(0.0)), "verb", NAMED)(
-    who=everything_but, verb=literal(every_form("show|keep|leave|display|see"))
-)
 _command("without the dog", always(making.deleted), "without", NAMED)(
     without=keyword(
         "(the|this) (same) [scene|picture|video|clip|image|shot] ([would be|is|looks|would look] (so|much|a lot|way) [better|"
@@ -784,20 +526,6 @@ _command("without the dog", always(making.deleted), "without", NAMED)(
         "[here|there|the picture|the shot|the scene|the frame|the video|the clip|this shot]"
     )
     | literal("should not be there|is not to be there|there [should|must|shall|may] not be|is no longer there"),
-)
-_rest_gone = silent(everything_else) + literal(
-    "(should|must|has to|can|is to|may) [go|be gone|gone|away|disappear|vanish|out|removed|be removed|be deleted|"
-    "deleted|hidden|be hidden|goes]"
-)
-_command("cut out the dog and drop the rest", always(making.extracted), "verb rest", NAMED)(
-    verb=literal(
-        every_form(
-            "cut out|cut|clip out|crop out|lift out|mask out|key out|rotoscope|roto|roto out|take out|keep|leave|save|retain|stay|"
-            "remain"
-        )
-    ),
-    rest=~(_joined | literal(".|;|then|, then|and then|but"))
-    + (literal(asked_form("delete", "hide")) + silent(everything_else) | _rest_gone),
 )
 _command("take the car out", always(making.deleted), "verb out", NAMED)(verb=literal(asked_form("take")), out=OUT)
 _command("delete the car", always(making.deleted), "verb", NAMED)(
@@ -821,9 +549,6 @@ _command("hide the car from second 1 on", always(making.opacity(0.0)), "verb", N
         + "|away|go away|goes away|off|invisible|hidden|out of sight|do not show|not (to) (be) [visible|shown|seen]|"
         "[nobody|no one|none] (should|must|can|may|shall) [see|sees|notice|notices]"
     ),
-    fully=literal(
-        "from [view|sight]|into thin air|completely|entirely|fully|totally|for good|permanently|any more|anymore|any longer"
-    ),
 )
 _LEAVING = frozenset(every_form("leave|let").split("|"))
 _command("keep only the dog", always(making.extracted), "only", NAMED)(
@@ -839,13 +564,6 @@ _command("keep only the dog", always(making.extracted), "only", NAMED)(
         "soloed|in isolation|isolated|nothing else|and nothing else|no one else|and nobody else|exclusively"
     )
     | literal("alone") + here(lambda reading, at: _LEAVING.isdisjoint(reading.words)),
-    on=literal(
-        "[on|onto|over|against] (a|an) (plain|empty|blank|black|white|transparent|clean) "
-        "[background|black|nothing|alpha]|with alpha"
-    ),
-    rest=_rest_gone
-    | literal("from|(,) without (any of)")
-    + (silent(everything_else) | literal(f"the [background|surroundings|{PICTURE}]")),
 )
 
 # Showing again
@@ -889,7 +607,7 @@ def _turned(
     return verb(angle, sense or 1)
 
 
-_command("rotate the dog", always(making.spun), "verb")(verb=literal(any_form("rotate")), axis=_axis)
+_command("rotate the dog", always(making.spun), "verb")(verb=literal(any_form("rotate")))
 _command("turn the dog by 20 degrees", _turned, "verb angle")(
     verb=_TURNING,
     angle=ANGLE,
@@ -908,16 +626,10 @@ _command("turn the dog around", _turned, "verb around")(
     )
     >> (lambda: True),
 )
-_command("tip the dog over", lambda: making.tilted(90.0), "verb")(verb=literal(any_form("topple")))
 _command("turn the dog to the left", _turned, "verb sense")(
     verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     sense=_sense,
     how=degree,
-)
-_command("tilt the dog a little", _turned, "verb how")(who=_whom, verb=_TURNING, how=degree)
-_command("a quarter turn to the right for the dog", making.rotated, "angle")(
-    angle=~literal("a|one|by") + FULL_TURN,
-    sense=SENSE,
 )
 # Places
 _STATED_AT = word_set("sits stands hangs lies lives rests is stays")
@@ -994,10 +706,6 @@ _copy_noun = literal(
     "[copy|copies|clone|clones|duplicate|duplicates|replica|replicas|double|twin|doubles|twins|duplication|instances|"
     "version|versions] (of)"
 )
-_changed_copy = BESIDE_IT["changed"] + unless(literal("to|bit|further|more")) | ~literal("a|another|one") + either(
-    qualities.compared, qualities.sized, qualities.colour_value
-) + unless(unless(literal("copy|clone|duplicate|one|twin")))
-_copy_place = {**BESIDE_IT, "changed": _changed_copy}
 _command("copy the dog to the left", making.copied, "copy")(
     who=~literal("of|for") + thing,
     copy=either(
@@ -1011,14 +719,14 @@ _command("copy the dog to the left", making.copied, "copy")(
     ),
     verb=literal(any_form("add")),
     times=_times,
-    **_copy_place,
+    **BESIDE_IT,
 )
 _command("one dog more", making.copied, "times extra", NAMED)(
     who=known_noun,
     verb=literal(any_form("add") + "|there is|there are|be there"),
     times=number,
     extra=literal("[more|extra|additional|again|further] (of the same (kind|sort)|like it|like that)"),
-    **_copy_place,
+    **BESIDE_IT,
 )
 _command("add another dog", making.copied, "times", NAMED)(
     who=~literal("of") + known_thing,
@@ -1028,29 +736,7 @@ _command("add another dog", making.copied, "times", NAMED)(
         literal("another|one more|a second|an extra|an additional|a further") >> (lambda: 1.0),
         literal("the same|same") + unless(unless(silent(familiar))) >> (lambda: 1.0),
     ),
-    **_copy_place,
-)
-
-_command("three dogs instead of one", lambda times, only: making.copied(times=times - 1), "times only", NAMED)(
-    who=known_noun,
-    times=number,
-    only=literal("(,) [instead of (just|only) (a) (single) one|instead of one|rather than one|not one|out of one]")
-    >> (lambda: True),
-)
-_command("put the dog where the cat is and the cat where the dog is", making.swapped, "other", NAMED)(
-    who=known_thing,
-    verb=literal(any_form("move")),
-    other=literal("where")
-    + known_thing
-    + literal("is|are|stands|was")
-    + _joined
-    + either(
-        silent(~literal(any_form("move")) + known_thing)
-        + literal("where")
-        + silent(known_thing)
-        + literal("is|are|stands|was"),
-        literal("vice versa|the other way (around|round)|the reverse"),
-    ),
+    **BESIDE_IT,
 )
 
 
@@ -1100,21 +786,16 @@ _command("let a copy follow the dog half a second behind", _trail, "trail", NAME
 )
 
 # Time
-_motion = _event | whose(
+_motion = whose(
     "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall|kick|leap|hop"
 )
 _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
-    event=literal("(right) [at|on|in|during] (the|its|his|her)") + _event_noun + ~literal(",|-"),
     who=_about + thing
     | literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement") >> _the_clip,
     lead=literal(
         every_form("bring|come|hang|stand|stay|sit|remain|float|hover")
-        + "|(in) [his|her|its|their|the|that|this] [pose|position|posture|stance|posing|gesture]"
+        + "|as a [still|freeze frame]|(in) [his|her|its|their|the|that|this] [pose|position|posture|stance|posing|gesture]"
     ),
-    spot=literal(
-        "where [it|he|she] [is|stands]|where they are|in the air|in mid air|in place|on the spot|in [its|his|her|their] tracks"
-    ),
-    as_what=literal("as a [still|freeze frame|still frame|still image|photo]"),
     verb=literal(
         any_form("freeze")
         + "|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no "
@@ -1123,10 +804,6 @@ _command("freeze the dog at frame 30", always(making.frozen), "verb", WHOLE)(
 )
 _RESUMED = every_form("go|come|carry|walk|move|run|drive|ride|swim|fly|roll|jump|dance|jog|play|skate|sail")
 _playing = _motion | _about + thing
-_command("start it again at second 2", always(making.retimed(1.0)), "verb again when")(
-    verb=literal(every_form("start|resume|continue|let go|unfreeze|release") + f"|{_RESUMED}"),
-    again=literal("again|on|on again|moving|moving again|as before|normally"),
-)
 _command("play the dog in reverse", always(making.reversed), "verb", WHOLE)(
     who=_playing,
     verb=either(
@@ -1153,67 +830,12 @@ _command("play the dog at 2x", making.retimed, "verb by", TIMED)(
     by=~literal("at|with|in|to") + _x_times
     | literal("at|to") + percent + unless(literal("transparent|visible|opacity|opaque|of")),
 )
-_command("slow motion at 40 %", making.retimed, "lead by", WHOLE)(
-    who=_playing, verb=literal(any_form("run")), lead=qualities.slow_motion, by=_rate
-)
 _command("slow motion, please", as_given, "values", WHOLE)(
     who=_playing,
     verb=literal(any_form("run")),
     values=either(_pace_of, qualities.pace, qualities.backward) >> _alone,
 )
-_in_time = ~literal("last|take|be|run") + (as_long | LENGTH.value) >> _alone
-_command("make the first second 50 % longer", as_given, "values when", TIMED)(
-    who=_nobody,
-    verb=_set | literal(any_form("last")),
-    values=_in_time,
-)
-_command("make the dog take twice as long", as_given, "values", TIMED)(
-    who=_whom + ~literal("('s) (motion|movement|action)"),
-    verb=literal(any_form("last")),
-    values=as_long >> _alone,
-)
-_LASTS = word_set("lasts last takes take into")
 
-
-def _in_the_same_unit(reading: Reading, at: int) -> Iterator[tuple[int, TimeExpression]]:
-    """A number of frames where those were spoken of, else of seconds: "make the first 20 frames last 40"."""
-    frames = {"frame", "frames"} & {*reading.words[:at]}
-    if frames or {"second", "seconds", "it", "they", "this"} & {*reading.words[:at]}:
-        for end, x in number_at(reading, at):
-            yield end, TimeExpression(frames=x) if frames else TimeExpression(seconds=x)
-
-
-_length = ~literal("the|a|its") + literal(LENGTH.noun) >> (lambda: (LENGTH, True))
-_command("halve the length of the clip", _changed, "quality who", NAMED)(
-    who=literal(f"(of) [the|this|my|our] (whole|entire) [{PICTURE}]") + ~literal("'s") >> _the_clip,
-    quality=_length,
-    **_by_how_much,
-)
-_command("double the length of the first second", _changed, "quality when", TIMED)(
-    who=_nobody,
-    of=literal("of") + here(lambda reading, at: span.at(reading, at)),
-    quality=_length,
-    **_by_how_much,
-)
-_command("play the first second over two seconds", making.lasting, "verb to when", TIMED)(
-    who=_nobody, verb=literal(any_form("run")), to=literal("over|in|within|across|for") + duration
-)
-_command("the movement of the dog should take three seconds", making.lasting, "verb to", WHOLE)(
-    who=_event | ~literal("the") + _whom + ~literal("('s) (motion|movement|action)"),
-    verb=literal(any_form("last")),
-    to=~literal("(so (that)) (it|they|this)")
-    + ~literal(
-        "(lasts|last|takes|take|runs|run|is|goes on|fills|fill) (to|into|over|for|out to|down to|up to|exactly|just)"
-    )
-    + (
-        duration
-        | here(lambda reading, at: reading.word(at - 1) in _LASTS)
-        + generated(_in_the_same_unit)
-        + unless(literal("x|times|%|percent|frame|frames"))
-    )
-    + ~literal("long|in total|instead"),
-    motion=literal("the motion of|the movement of|the duration of|the length of|the action of|the time of"),
-)
 
 # Colours of others, names
 _ENDING = word_set("and then but so please now from")
@@ -1302,20 +924,8 @@ _command("swap the dog and the cat", making.swapped, "verb", NAMED)(
 
 
 # Opacity that comes and goes
-_BOTH_WAYS = word_set("in out up away")
 
 
-def _below_one(x: float) -> float:
-    if x >= 1:
-        raise Mismatch
-    return x
-
-
-_command("fade the background", lambda by=0.5: making.faded(by), "verb")(
-    verb=literal(every_form("fade")) + here(lambda reading, at: _BOTH_WAYS.isdisjoint(reading.words[at : at + 6])),
-    by=literal("to") + (percent | fraction | number >> _below_one) + ~literal("opacity|visibility")
-    | literal("by") + percent >> (lambda x: 1 - x),
-)
 _fading = ~literal("(a|some) (slow|gentle|soft|quick|smooth|nice|long|short|gradual)")
 _command("fade out the dog", making.faded, "verb", TIMED)(
     verb=_fading + literal(any_form("vanish")),
@@ -1327,23 +937,10 @@ _command("fade out the dog", making.faded, "verb", TIMED)(
         },
         reserve=False,
     ),
-    by=literal("to") + (percent | fraction)
-    | literal("until [one|you|we|i] can [barely|hardly|only just|just about] [see|make] [it|him|her|them] (out)")
-    >> (lambda: 0.2),
-    gone=literal(
-        "from (fully|completely) [opaque|visible|solid|100 %] to [nothing|invisible|transparent|zero|0 %|0]|until [it|"
-        "he|she|they] [is|are] (completely|totally) [gone|invisible]|until [it|he|she|they] [disappears|"
-        "vanishes]|until nothing is left|into thin air|more and more"
-    )
-    >> (lambda: True),
+    by=literal("to") + (percent | fraction),
 )
 _command("fade in the dog from second 1 to 2", always(making.appearing), "verb", TIMED)(
     verb=_fading + literal(any_form("appear")),
-    only=literal("only|just"),
-    gone=literal(
-        "from (being) (fully|completely|totally) [invisible|nothing|zero|nowhere|transparent|black|hidden|0 (%)|nothingness|"
-        "thin air]|(up) to (full|fully|completely|100 %) [visible|visibility|opacity|opaque|solid|view]"
-    ),
 )
 
 _command("fade to black at the end", making.fading_to, "verb rgb", WHOLE)(
@@ -1363,32 +960,12 @@ _command("the cat too", AGAIN, "again", NAMED)(
     )
     | literal("then|and then") + here(lambda reading, at: not {*reading.words[: at - 1]}.isdisjoint(IMPERATIVES)),
 )
-_more_again = ~literal("but|just|now|and|make it|go|do it|even|still|yet")
-_command("a bit more", AGAIN, "again")(
-    again=_more_again + literal("more|further|[some|even|still] more|once more|stronger") + here(_is_last)
-    >> (lambda: True),
-    degree=degree,
-)
-_command("a bit less", AGAIN, "lessened")(
-    lessened=_more_again
-    + literal("less|not (quite) [so|that] much|back|weaker|too [much|far|strong]|that [is|was] too [much|far|strong]")
-    + here(_is_last)
-    >> (lambda: True),
-    degree=degree,
-)
 _command("and nothing else", REMARK, "nothing", WHOLE)(
     nothing=literal(
-        "[keep|keeping|retain|preserve|without changing|do not change|leave] [its|the|their] (original|current|own) [color|"
-        "colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change]) ([in|on|"
-        "within] (the|this) [" + PICTURE + "]|left|visible|there)|nobody else|no one else|nothing more|that is all|"
-        "that is it|only that|[keep|leave] [the rest|everything else]|the [rest|other [one|ones|two|three|four]|others] "
-        "([can|may|should|must|shall]) [stay|stays|remain|remains|is|are] (there|put|fine|good|okay|in|as [it|they] "
-        "[is|are])|(its|the|their) [location|position|place|size|color|colors|speed|"
-        "look] (is|stays|stay|remains) [untouched|unchanged|the same|as it is|as is|intact]|(then) let [it|him|her|"
-        f"them] ([go|keep]) [continue|resume|{_RESUMED}] (on|again|as before)|"
-        f"(then) [it|he|she|they] ([is|are|can|may|will|should|must]) [continue|continues|be|back|{_RESUMED}] (back|on|again|as "
-        "before)|(,) (then|and then) (back to) normal (again) (afterward|after that)|then back|hold (it|that) [to|until] the "
-        "end|([normal|full|in]) color [for the rest|afterward|after that|again]|(and) (then) [carry|go|move|play|run|"
-        "continue] on|(and) then [continue|resume|continues|resumes]|i mean it|not more|not less|that is enough"
+        "[keep|keeping|retain|without changing|do not change|leave] [its|the|their] (original|current|own) [color|colors|size|"
+        "shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change])|nothing more|that is [all|it]|"
+        "only that|[keep|leave] the rest|the [rest|others] ([can|may|should|must]) [stay|stays|remain|remains|is|are] (there|fine|"
+        "as [it|they] [is|are])|(its|the|their) [position|place|size|color|colors|speed|look] [stays|remains] [untouched|unchanged|"
+        f"the same|as it is]|(then) let [it|him|her|them] ([go|keep]) [continue|resume|{_RESUMED}] (on|again|as before)"
     )
 )

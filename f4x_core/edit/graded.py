@@ -189,14 +189,5 @@ GLOW = Quality(
     little="",
     noun="glow|halo",
 )
-LENGTH = Quality(
-    making.graded(making.stretched, gone=False),
-    more="longer",
-    less="shorter|briefer",
-    much="long",
-    little="short|brief",
-    noun="length|duration|running time|runtime|run time",
-)
-"""How long a stretch of time lasts; of a thing nobody speaks of so."""
 QUALITIES = (BRIGHTNESS, GAMMA, CONTRAST, SATURATION, WARMTH, BLUR, GLOW, SIZE, SPEED, OPACITY)
 """What things are more or less of."""

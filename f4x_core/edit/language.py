@@ -11,69 +11,50 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from itertools import islice
 from typing import Any
 
 from ..errors import F4xError
-from ..language.amounts import Amount, any_word, degree, number
-from ..language.asides import ASKS, PURPOSES, WISHES, cut, without_asides
 from ..language.colour_names import COLOURS, SHADES
-from ..language.colours import PURE_COLOURS, colour
+from ..language.courtesies import WISHES
 from ..language.grammar import (
     NAMES_TOO,
     VOCABULARY,
     Doubt,
     Final,
-    Mismatch,
     Reading,
     Refusal,
     Rule,
     Slip,
     Token,
-    either,
-    here,
     keyword,
     literal,
-    silent,
-    table,
+    matches_of,
     tokenise,
-    unless,
-    word_if,
     words_of_label,
 )
 from ..language.idle import EMPTY, UNKNOWN
 from ..language.lexicon import (
     FUNCTION_WORDS,
     NO_THINGS,
-    PICTURE,
     SYNONYMS,
-    every_form,
     forms,
-    inflected,
     is_slip,
     misspelt,
     singular,
     word_set,
     written,
 )
-from ..language.paraphrases import closed_up, in_order, opened, paraphrases
-from ..language.times import HALF_WAY, START, Span, TimeExpression, duration, span
-from ..language.verbs import COMMAND_VERBS, IMPERATIVES, VERBS, any_form
-from . import meaning, qualities
-from .clauses import OF_ALL, Clause, Clauses, Search, arguments
-from .corrections import corrected, remarked, without_remarks
+from ..language.times import HALF_WAY, START, Span, TimeExpression
+from ..language.verbs import COMMAND_VERBS, IMPERATIVES
+from .clauses import OF_ALL, Clauses, Search, arguments
+from .commands import COMMANDS
 from .description import in_words
-from .graded import QUALITIES, SATURATION
-from .making import BESIDE, COPY_DISTANCE, THE_COPY, by_degree, deleted, extracted, is_of_a_clip, is_of_a_picture
+from .making import BESIDE, COPY_DISTANCE, is_of_a_clip, is_of_a_picture
 from .operations import (
     SHOWN,
-    Blur,
     Delete,
     Duplicate,
     Extract,
-    Freeze,
-    Glow,
-    Grade,
     Match,
     Opacity,
     Operation,
@@ -82,13 +63,11 @@ from .operations import (
     Style,
     Transform,
 )
-from .phrases import SentenceContext, When, familiar, known_noun, known_thing, several_placed, thing, together, whose
-from .qualities import any_look, effect
+from .phrases import SentenceContext, When, several_placed, together
+from .refusals import NO_EDIT, UNCLEAR, UNSURE, reason_of
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
-from .slots import AGAIN, ENDED, REMARK, TOPIC, Command
-from .styles import STYLES
-from .taking_back import taken_back, turned_round
+from .slots import AGAIN, REMARK, TOPIC, Command
 from .which import removes
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
@@ -97,13 +76,9 @@ MAX_BARRED = 3
 """Commands that fit a sentence and cannot be carried out, before it is given up."""
 
 
-_polite = keyword("please|could|can|maybe|perhaps|would") | ASKS
+_polite = keyword("please|could|can|maybe|perhaps|would|possible|mind|chance")
 _POLITE_BEFORE = 8
 """Words within which a request begins: "okay, now could you"."""
-_PHRASAL = frozenset(
-    tuple(verb.split()) for verbs in VERBS.values() for verb in verbs.split(", ") if verb.count(" ") == 1
-)
-"""Verbs of two words, the second of which may stand behind the thing."""
 _ASKED_FOR = frozenset(
     form for verb in (IMPERATIVES - FUNCTION_WORDS) | {"have", "let"} for form in (verb, *forms(verb))
 )
@@ -140,40 +115,27 @@ def parse(
         return _settled(read, context, _recalled(before, context))
 
     before = _clauses_before(earlier, known)
-    for barred in _BARRED:
-        found = re.search(barred.pattern, sentence, re.IGNORECASE)
-        if found and (not barred.after_removal or (before and _deletes(before[-1]))):
-            raise Refusal(barred.reason.format(words=found[0].strip()))
-    read = _read_somehow(sentence, known, settled)
+    read = _read(sentence, known, settled)
     if not read.clauses and _first_asked(read.reading.tokens) in _INTERROGATIVES - IMPERATIVES:
         raise Refusal(_A_QUESTION)
-    for rule, doubt in _DOUBTFUL:
-        if _holds(rule, read.reading):
-            raise Refusal(doubt)
+    if reason := reason_of(UNSURE, read.reading):
+        raise Refusal(reason)
     if request.labels or not read.clauses:
         _ask_about_slips(read, sentence, known, settled)
     if read.clauses:
-        try:
-            operations = read.operations or settled(read)
-            _ask_about_purpose(sentence, known, read, operations)
-            if _removes_loosely(replace(read, operations=operations)):
-                asked = _without_idle(replace(read, operations=operations))
-                if (strange := _named_besides(read)) and not read.reading.word(read.idle[0] - 1) == "for":
-                    raise Refusal(f"I do not know what '{strange}' is, so nothing is removed.")
-                raise asked if _means(asked.instead, operations, known, settled) else Refusal(asked.reason)
-            return operations
-        except Doubt:
-            raise
-        except Refusal as refusal:
-            raise Refusal(refusal.reason, nearest(sentence, request.labels)) from refusal
-        except F4xError as error:
-            raise Refusal(f"That is not possible: {error}", nearest(sentence, request.labels)) from error
-    if taken := taken_back(read.reading):
-        raise taken
-    if not (_new_thing(read.reading) or _no_edit(read.reading) or _impossible(read.reading)):
+        if _removes_loosely(read):
+            if strange := _named_besides(read):
+                raise Refusal(f"I do not know what '{strange}' is, so nothing is removed.")
+            raise _without_idle(read)
+        return read.operations
+    reason = _SHOWN_ONLY_THEN if read.only_then else read.reason or reason_of(NO_EDIT, read.reading)
+    if not reason:
         _ask_to_leave_out(sentence, known, settled)
-    reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read)
-    raise Refusal(reason, nearest(sentence, request.labels) if answer else ())
+    reason = reason or _unknown_word(read.reading) or reason_of(UNCLEAR, read.reading) or _NO_COMMAND
+    raise Refusal(reason, nearest(sentence, request.labels))
+
+
+_NO_COMMAND = "No command fits that; name a thing and what is to become of it, for example 'make the dog red'."
 
 
 @dataclass(frozen=True)
@@ -228,58 +190,16 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
     )
 
 
-def _read_somehow(
+def _read(
     sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle | None = None, guess: bool = False
 ) -> Read:
-    """A sentence with its words and clauses, or another way to say it where that is understood and it is not itself.
+    """A sentence with its words and clauses; a reading counts where `settled` can carry it out.
 
-    A reading counts where `settled` can carry it out: first of the sentence's own words, then of other ways to say it.
     `guess`: words that nobody knows may be left out.
     """
-    plain, _ = _plainly(sentence, known)
-    own = dict.fromkeys((*corrected(sentence, known), *in_order(sentence), plain, sentence))
-    first: Read | Refusal | None = None
-    reason = ""
-    own_readings: list[Reading] = []
-    for as_said in (True, False):
-        if not as_said and (reason or not own_readings):
-            break  # its own words fit, and what they ask for cannot be, or they ask a question
-        ways = own if as_said else dict.fromkeys(way for way in _other_ways(plain, known) if way not in own)
-        readings: list[Reading] = []
-        for way in ways:
-            try:
-                reading = _words_of(way, known)
-            except Refusal as refusal:
-                first = first or refusal
-                continue
-            readings.append(reading)
-            first = first or Read(reading)
-        own_readings = own_readings or readings
-        for reading in sorted(
-            readings, key=lambda reading: (reading.sentence in (plain, sentence)) + (reading.sentence != plain)
-        ):
-            loose, why = _matched(reading, known, settled, guess)
-            reason = reason or why
-            if loose and _removes_loosely(loose) and not guess:
-                surer = (
-                    _matched(_words_of(way, known), known, settled, guess)[0] for way in without_remarks(plain, known)
-                )
-                return next((one for one in surer if one and not _removes_loosely(one)), loose)
-            if loose:
-                return loose
-    if isinstance(first, Refusal):
-        raise first
-    assert first is not None
-    return replace(first, reason=reason)
-
-
-def _other_ways(sentence: str, known: Mapping[tuple[str, ...], str]) -> Iterator[str]:
-    """Other ways to say a sentence, likeliest first."""
-    yield from opened(sentence, _ASKED_FOR)
-    yield from remarked(sentence, known)
-    yield from closed_up(sentence, _PHRASAL)
-    yield from paraphrases(sentence, COMMAND_VERBS)
-    yield from without_remarks(sentence, known)
+    reading = _words_of(sentence, known)
+    found, reason = _matched(reading, known, settled, guess)
+    return found or Read(reading, reason=reason)
 
 
 def _matched(
@@ -305,13 +225,6 @@ def _matched(
     return None, reason
 
 
-def _plainly(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[str, frozenset[str]]:
-    """The sentence without what adds nothing to it, and the kinds of what was left out."""
-    return without_asides(
-        sentence, known, COMMAND_VERBS, lambda word: 1 in any_look.at(Reading.of(word, tokenise(word), {}), 0)
-    )
-
-
 def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
     """The words of a sentence; Refusal where it is a question, too long or empty."""
     tokens = [
@@ -332,15 +245,14 @@ def _is_picture(token: Token) -> bool:
 
 
 def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
-    """Raise `Doubt` where a word is probably misspelt; `sentence`: what was typed, where `read` is another way to say it."""
+    """Raise `Doubt` where a word is probably misspelt, `Slip` where it is one of the language's own and nothing is removed."""
     slip = _slip(read.reading, bool(read.clauses))
     if slip is None:
         return
     wrong, word = slip
-    typed = read.reading.sentence[wrong.start : wrong.end]
-    text = read.reading.sentence if read.clauses else sentence
-    instead = re.sub(rf"\b{re.escape(typed)}\b", word, text, count=1)
-    better = _read_somehow(instead, known, settled)
+    typed = sentence[wrong.start : wrong.end]
+    instead = sentence[: wrong.start] + word + sentence[wrong.end :]
+    better = _read(instead, known, settled)
     whole = bool(better.clauses) and not better.idle
     if whole or _slip(better.reading, False):
         thing = any(word in words for words in known)
@@ -348,101 +260,18 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
         raise (Slip if sure else Doubt)(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
-def _deletes(clause: Clause) -> bool:
-    """Whether a clause of the sentence before removed something."""
-    return clause.command.make not in (REMARK, AGAIN, ENDED) and clause.command.make(**arguments(clause.slots)) in (
-        deleted,
-        extracted,
-    )
-
-
-@dataclass(frozen=True)
-class _Barred:
-    """Words with which a sentence is refused before anything else of it is read."""
-
-    pattern: str
-    """The words, wherever they stand, in capitals or not."""
-    reason: str
-    """What is told; `{words}`: what was said."""
-    after_removal: bool = False
-    """Only where the sentence before removed something."""
-
-
-_UNDO = "That may be an undoing: use `f4x undo SCENE`, or the button for it, or say what is to be removed."
-_BARRED = (
-    _Barred(  # what may speak of the sentence before: "scratch that"
-        r"\A\s*(?:(?:oh|no|wait|nah|actually|ok|okay|please|and)\b[ ,.!]*)*(?:scratch|strike|scrap|drop|forget|cancel|kill|lose|"
-        r"undo|axe|ditch|discard|never ?mind) (?:that|this)(?: one| again)?(?: please)?[ .!]*\s*\Z",
-        _UNDO,
-    ),
-    _Barred(  # an end with which all is taken back: "make it red, forget it"
-        r"[,.;!?–—-]\s*(?:oh |no |well |actually |and |but |just |on second thoughts?,? )*(?:(?:forget|scrap|ignore|cancel|undo|"
-        r"scratch|strike) (?:it|that|this|all that|about (?:it|that))|never ?mind(?: that| it)?|rather not|better not|kidding|"
-        r"joking|jk|not (?:that|it)(?: one)?|leave it)[ .!]*$",
-        _UNDO,
-    ),
-    _Barred(
-        r"\b(?:bring|put|get|give|have|want|need|take|add)\b.*\bback\b|\b(?:restore|undelete|unremove|come back)\b|"
-        r"\b(?:show|see)\b.*\bagain\b",
-        "What was removed comes back by undoing it: use `f4x undo SCENE`, or the button for it.",
-        after_removal=True,
-    ),
-    _Barred(  # what a sentence says of something that is not to be done, in front of it
-        r"\b(?:hate (?:to|it (?:if|when)|for|seeing|having)|(?:wrong|mistake|shame|pity|crime|sin|disaster|foolish|(?:bad|terrible|"
-        r"awful|horrible|poor|stupid) idea) (?:to|if|that|for)|(?:refuse|decline|(?:i|we|not|would|strongly) object|hesitate) to|"
-        r"refrain from|(?:avoid|against) \w+ing|(?:forbidden|prohibited|not allowed|afraid) to|doubt (?:that|if|whether)|i(?: a|"
-        r"')m afraid .*\b(?:will|might|could|may|going to) (?!have to)|do you think (?:i|we|any\w+) wants? |(?:hardly|scarcely) "
-        r"any(?:one|body)|(?:nobody|no one|none of us) (?!(?:\w+ )?(?:should|to see|would miss|needs))|nothing should|neither .* "
-        r"nor |(?:would|could)(?:n't| not| never) want |not an option|no sense|keep (?:me|you|us|them) from|last thing (?:i|we|you|"
-        r"any\w+) wants?|(?:heaven|god) forbid)",
-        "'{words}' tells what is not wanted; say what is to be done.",
-    ),
-    _Barred(
-        r"\b(?:crop|trim) (?:down )?(?:the |this |my |whole |entire )*(?:scene|splats?|point cloud|everything)\b",
-        "A scene is cropped by a box that you place: Add Crop Box in Blender; 'keep only the dog' keeps one thing.",
-    ),
-    _Barred(
-        r"\b(?:scale|resize|convert|set|bring|make)\b.*\b(?:scene|everything|world)\b.*\b(?:met(?:er|re)s?|(?:real|true|life)"
-        r"[- ](?:world )?(?:scale|size))\s*[.!]*\s*\Z",
-        "A clip does not tell how long a meter is; Scale to Length in Blender scales the scene to a length that you know.",
-    ),
-    _Barred(
-        r"\b(?:(?:put|place|set|stand|drop|bring) (?:the (?:whole )?scene|everything)|(?:align|level|snap) (?:it|the (?:whole )?"
-        r"scene|everything)) (?:flat )?(?:on|onto|to|with) the (?:floor|ground)\b",
-        "The scene's floor comes to lie on Blender's ground by Align to Floor; a sentence moves things within the scene.",
-    ),
-)
-"""Sentences that take back, bring back, ask for a tool or say what is not to be done: the first that fits is the answer."""
-
-
-_CUT = re.compile(r"\b(?:cut|mask|key|lift|crop|take|roto|comp|pull)", re.IGNORECASE)
-"""Verbs that take out to keep or to drop, as it is for."""
-
-
-def _ask_about_purpose(
-    sentence: str, known: Mapping[tuple[str, ...], str], read: Read, operations: tuple[Operation, ...]
-) -> None:
-    """Raise `Doubt` where something would be gone and the reason that is given may mean otherwise: "cut it out so I can …"."""
-    plain, left_out = _plainly(sentence, known)
-    gone = any(isinstance(one, Delete | Extract) for one in operations)
-    if gone and left_out & PURPOSES and read.reading.sentence == plain and _CUT.search(plain):
-        raise Doubt(f"I would do: {in_words(operations)}. The reason may mean something else.", plain)
-
-
 def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
-    """Raise `Doubt` with what the sentence comes to without the words that nobody knows, where it comes to something."""
-    read = _read_somehow(sentence, known, settled, guess=True)
-    tokens = read.reading.tokens
-    if not read.operations or _unsure(read) or 2 * len(read.idle) > sum(token.is_word for token in tokens):
+    """Raise `Doubt` with what the sentence comes to without the words that nobody knows; nothing that removes is guessed."""
+    read = _read(sentence, known, settled, guess=True)
+    words = sum(token.is_word for token in read.reading.tokens)
+    if not read.operations or reason_of(UNSURE, read.reading) or 2 * len(read.idle) > words:
         return
-    if any(_is_a_verb(read.reading, at) for at in read.idle):
-        return
-    if any(map(removes, read.operations)) and _named_besides(read):
+    if any(map(removes, read.operations)) or any(_is_a_verb(read.reading, at) for at in read.idle):
         return
     if "who" not in read.clauses[0].slots:
         return  # whom it is for may be what was left out
     doubt = _without_idle(read)
-    if _means(doubt.instead, read.operations, known, settled):
+    if _read(doubt.instead, known, settled).operations == read.operations:
         raise doubt
 
 
@@ -455,38 +284,29 @@ def _is_a_verb(reading: Reading, at: int) -> bool:
     return reading.word(at + 1) in ("the", "my", "that", "it", "him", "her", "them")
 
 
-def _means(
-    sentence: str, operations: tuple[Operation, ...], known: Mapping[tuple[str, ...], str], settled: Settle
-) -> bool:
-    """Whether a sentence comes to the operations."""
-    with suppress(F4xError):
-        read = _read_somehow(sentence, known, settled)
-        return bool(read.clauses) and (read.operations or settled(read)) == operations
-    return False
-
-
 def _without_idle(read: Read) -> Doubt:
     """What a sentence comes to without its idle words, to be asked."""
     tokens, typed = read.reading.tokens, read.reading.sentence
-    joined: list[tuple[int, int]] = []
+    kept, begin = "", 0
+    left_out: list[str] = []
     for at in read.idle:
-        if joined and not typed[joined[-1][1] : tokens[at].start].strip():
-            joined[-1] = joined[-1][0], tokens[at].end
+        start, end = tokens[at].start, tokens[at].end
+        between = typed[begin:start]
+        if left_out and not between.strip():
+            left_out[-1] += between + typed[start:end]
         else:
-            joined.append((tokens[at].start, tokens[at].end))
-    left_out = "', '".join(typed[start:end] for start, end in joined)
-    plan = in_words(read.operations)
-    return Doubt(f"I would do: {plan}. I do not know what '{left_out}' adds.", cut(typed, joined))
+            left_out.append(typed[start:end])
+        kept, begin = kept + between, end
+    kept = " ".join((kept + typed[begin:]).split())
+    instead = re.sub(r"\s+([,.;!?])", r"\1", re.sub(r"^[\s,;.:!?-]+|[\s,;:-]+$", "", kept))
+    words = "', '".join(left_out)
+    return Doubt(f"I would do: {in_words(read.operations)}. I do not know what '{words}' adds.", instead)
 
 
 def _removes_loosely(read: Read) -> bool:
     """Whether something is no longer seen and a word is left unexplained that may say whether or what."""
-    harmless = EMPTY | {"the"}
-    words = [read.reading.word(at) for at in read.idle]
-    what_for = words[:1] == ["for"] and not any(token.is_word for token in read.reading.tokens[read.idle[-1] + 1 :])
-    if what_for and not _CUT.search(read.reading.sentence):
-        return False
-    return any(map(removes, read.operations)) and any(word not in harmless for word in words)
+    words = {read.reading.word(at) for at in read.idle}
+    return any(map(removes, read.operations)) and not words <= EMPTY | {"the"}
 
 
 def _named_besides(read: Read) -> str:
@@ -494,11 +314,6 @@ def _named_besides(read: Read) -> str:
     words = read.reading.words
     at = next((at for at in read.idle if words[at] in ("the", "my", "that", "those") and at + 1 in read.idle), None)
     return "" if at is None or words[at + 2] == "'s" else read.reading.text_of(at, at + 2)
-
-
-def _unsure(read: Read) -> bool:
-    """Whether a sentence can be meant in two ways."""
-    return any(_holds(rule, read.reading) for rule, _ in _DOUBTFUL)
 
 
 _SPOKEN_OF = word_set(
@@ -518,7 +333,6 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
         describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
-        describes = describes or turned_round(token.text) is not None
         if (
             token.is_word
             and not describes
@@ -534,7 +348,7 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
 @cache
 def _lexicon() -> frozenset[str]:
     """Every word that means something in whatever sentence."""
-    return frozenset().union(VOCABULARY, NAMES_TOO, FUNCTION_WORDS, NO_THINGS, EMPTY, COLOURS, SHADES, _IMPOSSIBLE)
+    return frozenset().union(VOCABULARY, NAMES_TOO, FUNCTION_WORDS, NO_THINGS, EMPTY, COLOURS, SHADES)
 
 
 def _selected(operation: Operation) -> Iterator[SelectKind]:
@@ -603,7 +417,7 @@ def _known(labels: tuple[str, ...], names: tuple[str, ...] = ()) -> Mapping[tupl
 def _clauses_before(earlier: str, known: Mapping[tuple[str, ...], str]) -> Clauses:
     """The clauses of the sentence before; none where there is none or it is not understood."""
     try:
-        return _read_somehow(earlier, known).clauses if earlier else ()
+        return _read(earlier, known).clauses if earlier else ()
     except Refusal:
         return ()
 
@@ -619,7 +433,7 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Said | None:
         context.last, context.they = then.last, then.they
         if isinstance(context.last, Named) and context.last.name in then.copies:
             context.last = next(reversed([*context.earlier]), then.copies[context.last.name])
-    done = [clause for clause in clauses if clause.command.make not in (REMARK, AGAIN, ENDED)]
+    done = [clause for clause in clauses if clause.command.make not in (REMARK, AGAIN)]
     return (done[-1].command, done[-1].slots) if done else None
 
 
@@ -640,8 +454,6 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         elif own and clause.front:
             raise Refusal("Two times are said for one command; leave one out.")
         who, assumed = _whom(command, piece, context, timed=front is not None)
-        if "stated" in piece and not (own or front):
-            raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
         if command.make is REMARK:
             if assumed and not _of_a_clip(command, piece):
                 raise Refusal("It is not said who is so; name a thing, or say 'it' for what is selected.")
@@ -658,14 +470,7 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         time = own or front or _time_behind(clauses, at)
         settled = When.of(time, context, slowly="slowly" in piece, soft=piece.get("slowly", False))
         for operation in _made(command, piece, who, settled, context, assumed):
-            lasts = isinstance(operation, Recolour | Opacity | Style | Grade | Blur | Glow | Freeze)
-            if clause.ended and (not lasts or removes(operation)):
-                raise Refusal(
-                    "It is not said what becomes of it then; say for example 'move it back to the right at second 2'."
-                )
-            if operation.select == THE_COPY and context.last is not None:
-                operation = replace(operation, select=context.last)  # type: ignore[arg-type]  # of a copy
-            elif isinstance(operation, Duplicate):
+            if isinstance(operation, Duplicate):
                 operation, topics[-1] = context.copied(operation)
             yield operation
         context.they = together(topics)
@@ -714,20 +519,10 @@ def _made(
     made = command.make(**arguments(piece))
     values = made if isinstance(made, tuple) else ((made,),)
     operations = _compatible([value(who, when, context) for (value,) in values])
-    if "degree" in piece or "lessened" in piece:
-        operations = [_by_degree(one, piece.get("degree"), "lessened" in piece) for one in operations]
     of_all = who == All() and not all(map(is_of_a_picture, operations))
     if assumed and (of_all or any(isinstance(one, Match | Delete | Extract) for one in operations)):
         raise Refusal("It is not said whom or what the command is for; name a thing, or say 'it' for what is selected.")
     return operations
-
-
-def _by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operation:
-    """As `by_degree`; Refusal where there are no degrees."""
-    try:
-        return by_degree(one, how, back)
-    except Mismatch:
-        raise Refusal("That is there or not, and comes by no degrees; leave out how much.") from None
 
 
 def _shared(clauses: Clauses) -> Clauses:
@@ -737,13 +532,6 @@ def _shared(clauses: Clauses) -> Clauses:
         if "who" in clause.slots or (clause.hard and at > 1):
             break
         shared[at] = clause._replace(slots={**clause.slots, "who": shared[0].slots["who"]})
-    for at in range(len(shared) - 1, 0, -1):  # "red at second 1 and back to normal at second 2"
-        before, over = shared[at - 1], shared[at]
-        if over.command.make is ENDED:
-            begun = before.slots.get("when") or before.front
-            when = Span(begun.start if begun else START, over.slots["when"].start)
-            shared[at - 1] = before._replace(slots={**before.slots, "when": when}, front=None, ended=True)
-            del shared[at]
     for at in range(len(shared) - 1, 0, -1):
         verb, following = shared[at - 1], shared[at]
         # "double the saturation and halve the contrast of the sky"
@@ -783,8 +571,6 @@ def _remarked(who: SelectKind, piece: Mapping[str, Any], when: When, context: Se
     if piece.get("complaint"):
         context.last = who
         helps = piece["complaint"](who, when, context)
-        for degree in filter(None, (piece.get("extent"), piece.get("fix"))):
-            helps = _by_degree(helps, degree)
         if who == All() and isinstance(helps, Transform):
             raise Refusal("The clip itself has no size and no place to change; say which thing is meant.")
         context.complaints.append(helps)
@@ -817,45 +603,21 @@ def _placed(operations: list[Operation]) -> list[Operation]:
                 if x or z:
                     placed[-1] = replace(made, offset=(x, y, z), unit=one.unit)
                     continue
-        if (
-            isinstance(made, Duplicate)
-            and isinstance(one, Duplicate)
-            and Named(made.name) in [*parts_of(one.select)][1:]
-        ):
+        if isinstance(made, Duplicate) and _copies_of(made, one):
             raise Refusal("It is not said whether the copies are to be copied, too; name the thing to copy.")
-        if isinstance(made, Freeze) and isinstance(one, Retime) and one.speed == 1 and one.select == made.select:
-            placed[-1] = replace(made, until=one.frames[0] if one.frames else None)
-            continue
-        if (
-            isinstance(made, Duplicate)
-            and isinstance(one, Transform)
-            and one.select == Named(made.name)
-            and made.offset != BESIDE
-            and any(a * b < 0 for a, b in zip(made.offset, one.translate, strict=True))
-        ):
-            raise Refusal(
-                "Two ways are said for one copy; say for example 'copy the dog to the left, and the dog to the right'."
-            )
-        if _says_no_more(made, one):
-            continue
-        if (
-            isinstance(made, Delete)
-            and isinstance(one, Delete | Opacity)
-            and one.select == Not(made.select)
-            and removes(one)
-        ):
-            raise Refusal("Nothing would be left; say for example 'keep only the dog' if the rest is to go.")
+        if isinstance(made, Opacity) and one == Opacity(made.select, SHOWN) and made.frames and made.frames[1]:
+            continue  # "hide it for a second, then it is back"
+        if isinstance(made, Transform) and isinstance(one, Transform) and any(one.translate):
+            back = (-made.translate[0], -made.translate[1], -made.translate[2])
+            if one == replace(made, translate=back):
+                raise Refusal("Two of the directions are on one line; say one of them.")
+        if isinstance(made, Delete | Extract) and removes(one):
+            if one.select == made.select or (isinstance(made, Extract) and one.select == Not(made.select)):
+                continue  # "keep only the dog and delete the rest"
+            if isinstance(made, Delete) and one.select == Not(made.select):
+                raise Refusal("Nothing would be left; say for example 'keep only the dog' if the rest is to go.")
         if one != made and _is_overridden(made, one):
             placed.pop()
-        opposite = (
-            isinstance(made, Transform)
-            and isinstance(one, Transform)
-            and any(one.translate)
-            and one == replace(made, translate=one.translate)
-            and all(a == -b for a, b in zip(made.translate, one.translate, strict=True))
-        )
-        if opposite:
-            raise Refusal("Two of the directions are on one line; say one of them.")
         if (
             isinstance(made, Recolour | Retime)
             and type(one) is type(made)
@@ -870,33 +632,22 @@ def _placed(operations: list[Operation]) -> list[Operation]:
     return placed
 
 
-def _says_no_more(made: Any, one: Operation) -> bool:
-    """Whether an operation does nothing that the one before it did not: "keep only the dog and delete the rest"."""
-    if isinstance(made, Opacity) and isinstance(one, Opacity) and made.frames and made.frames[1] and not one.frames:
-        return made.select == one.select and one.factor == SHOWN  # "hide it for a second, then it is back"
-    if isinstance(made, Delete) and removes(one):  # "I don't like the bush, make it go away"
-        return made.select == getattr(one, "select", None) and made.frames == getattr(one, "frames", None)
-    if isinstance(made, Recolour) and isinstance(one, Recolour) and made.frames and made.frames[1] is None:
-        return one == replace(made, frames=None, ease=one.ease)  # "red from second 2 on, and keep it red"
-    return (
-        isinstance(made, Extract)
-        and isinstance(one, Delete | Opacity)
-        and one.select == Not(made.select)
-        and removes(one)
-    )
+def _copies_of(made: Duplicate, one: Operation) -> bool:
+    """Whether copies of a thing and of its copies are made."""
+    return isinstance(one, Duplicate) and Named(made.name) in [*parts_of(one.select)][1:]
 
 
 def _is_overridden(made: Any, one: Any) -> bool:
-    """Whether the next operation says all that this one does, or undoes it: "hide the dog, and let it show up after a second"."""
-    if isinstance(made, Delete | Opacity) and isinstance(one, Extract):
-        return removes(made) and made.select == Not(one.select)
+    """Whether the next operation says all that this one does: "it is too dark, make it twice as bright"."""
     if isinstance(made, Style | Recolour) and isinstance(one, Recolour) and one.mode == "assign" and one.strength == 1:
         return getattr(made, "mode", "assign") == "assign" and (made.select, made.frames) == (one.select, one.frames)
     if isinstance(made, Retime) and isinstance(one, Retime):  # "speed it up so that it only takes a second"
         return (made.select, made.frames) == (one.select, one.frames)
+    if isinstance(one, Extract):
+        return made is not None and removes(made) and made.select == Not(one.select)
+    if isinstance(made, Opacity) and isinstance(one, Opacity) and one.frames and not made.frames:
+        return made.select == one.select  # "start with the boat invisible and let it fade in"
     timed = type(made) is type(one) and hasattr(made, "ease") and made.frames is None and one.frames is not None
-    if isinstance(one, Opacity) and one.inward:  # "start with the boat invisible and let it fade in"
-        made = replace(made, inward=True) if isinstance(made, Opacity) else made
     return timed and one == replace(made, frames=one.frames, ease=one.ease)
 
 
@@ -933,436 +684,22 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
     return operations
 
 
-_UNDOING = keyword(
-    "[go|step|jump|roll] [back|backward] (by) ([the last|one|two|three|a|some|a few|1|2|3|4|5]) [steps|step|state|states|edit|"
-    "edits|version|versions] (in (the|my) history)|go [one|two|three|a] [step|steps] back|[put|take|bring] [it|that|this|them] "
-    "back [how|to how|the way|as|like|where|to where] [it|they] [was|were] (before)|how it was before|[go|take me|take us|get] "
-    "back to [how|the way|what] [it|this|that|they|everything|things] [was|were] (before)|back to the (original|normal) state|did "
-    "not like that|take that back|step back|restore the original|reset everything|[ctrl|control|cmd|command] (+|-) z|[take|roll|"
-    "turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|[scratch|strike|axe|belay] [that|this|it]|"
-    "[scrap|scratch|forget|cancel|drop|lose|discard|take back|strike|remove|delete|reverse|roll back|undo] [my|the|that|this|your] "
-    "(very) [last|previous] (two|three|four|few|couple of|2|3|4|5) [change|edit|step|command|one|changes|edits|steps|commands|"
-    "things]|[scrap|forget|cancel|revoke] (that|this|the last)|reset (it|that|this|everything|all)|put everything back|[start over|"
-    "start again|back to square one]|[forget|revoke|nevermind|never mind] (about) [that|the last|this] ([change|edit|step|one])"
-)
-_ELSEWHERE = {
-    **dict.fromkeys(("undo", "deleted", "removed", "revert"), "undo"),
-    **dict.fromkeys(("redo", "undid", "undone"), "redo"),
-}
-"""Word -> verb of `f4x` that does it."""
-_NO_OPERATION = """
-sound music audio song voice bark meow talk sing hello volume mute: a scene has no sound.
-text title caption captions subtitle subtitles watermark: nothing can be written into a scene.
-relight relighting relit sun sunlight sunshine spotlight backlight: the light is as it was filmed; it can be made brighter,
-    darker, warmer or cooler.
-mirror mirrored horizontally vertically flop: nothing is mirrored; 'turn the dog around' lets it face the other way.
-taller longer wider thinner shorter fatter slimmer stretched squash squashed narrower thicker: a thing grows as a whole; say for
-    example 'make the dog bigger'.
-shiny shinier shininess glossy glossier gloss matte: how a surface shines is not changed; a glow is light around it.
-sharpen sharper crisper denoise deblur unblur upscale resolution artifacts quality: a scene does not become sharper; `f4x fit`
-    with a finer profile may.
-rain snow fog rainbow lightning confetti sparks hail storm: nothing new can be made; a copy of what is there can.
-wave dance smile blink wink laugh eat sleep fight kiss hug breathe limp pirouette somersault backflip cartwheel handstand
-    headstand moonwalk frontflip curtsy bow clap nod juggle sneeze yawn cry: a thing moves as it was filmed; its motion can be
-    slowed, reversed, frozen or moved along with it.
-morph crossfade: one thing cannot turn into another; 'swap the dog and the cat' changes their places.
-ring phone email remind tell schedule buy: nothing but the scene is changed here.
-export save render download: `f4x export`, `f4x render` and `f4x open` write files.
-better nicer pretty prettier beautiful cinematic moody epic awesome interesting stylish professional different fancy: it is not
-    said what is to change, a color, brightness, contrast, size, place or speed?
-"""
-"""Words of wishes that no operation fulfils, and what is said about them."""
-_IMPOSSIBLE = {
-    word: reason
-    for words, reason in (row.split(": ", 1) for row in _NO_OPERATION.replace("\n    ", " ").strip().splitlines())
-    for word in words.split()
-}
-_the_clip = literal(f"[the|this|my] (whole|entire) [{PICTURE}]")
-_cut_in_time = (
-    either(
-        literal("(only|just) [keep|keeping|show|leave|use] (only|just)")
-        + here(lambda reading, at: not {"only", "just"}.isdisjoint(reading.words[:at])),
-        literal(
-            every_form(
-                "cut|remove|delete|trim|drop|chop|lose|throw away|snip|crop|clip|shave|discard|erase|get rid of|shorten"
-            )
-        ),
-    )
-    + ~literal("off|out|away|down")
-    + ~literal("just|only|everything")
-    + ~_the_clip
-    + ~literal("to|in|at|by|after|from")
-    + ~literal("the|a")
-    + silent(span | duration | literal("half"))
-    + ~literal("off|out|away|again")
-    + ~(literal("of|from|off") + _the_clip)
-    + here(lambda reading, at: not reading.word(at).isalpha())
-)
-"""What would make the clip shorter: "remove the second half of the clip", "trim the last two seconds off"."""
-_either = either(keyword("either"), silent(familiar) + keyword("or (the|a|an)") + silent(familiar))
-_last = here(lambda reading, at: at >= len(reading.tokens) or not reading.tokens[at].is_word)
 _SHOWN_ONLY_THEN = "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'."
 _ONLY_WHEN = keyword(
     "only [after|from|until|before|between|during|for|since|while]|"
     "only [in|at|on|over|within] (the) [first|last|second|frame|frames|seconds|beginning|end|middle]"
 )
-_LENGTH = silent(number | keyword("half a")) + literal(
-    "m|cm|mm|ft|meter|meters|centimeter|centimeters|inch|inches|foot|feet|yard|yards"
-)
-_named_like_a_thing = word_if(lambda reading, at: reading.word(at) in COLOURS.keys() - PURE_COLOURS)
-_plain = literal("|".join(f"{one.much}|{one.little}" for one in QUALITIES))
-_than_another = (
-    literal("as") + _plain + literal("as")
-    | (literal("[more|less]") + _plain | literal("|".join(f"{one.more}|{one.less}" for one in QUALITIES)))
-    + literal("than")
-    | literal("the (exact) same [" + "|".join(one.noun for one in QUALITIES if one is not SATURATION) + "] as")
-) + (~literal("the|a|an|my|that|this") + silent(known_noun) | literal("the|a|an|my") + any_word)
-_the_same = literal("the (exact) same [size|speed|brightness|height|width|length]") + unless(literal("as|again"))
-_ALONE = PURE_COLOURS - {"black", "white"}
-"""Colors of which the plural is all that has them: "the reds"."""
-_LAMPS = "lamp|light|lights|lantern|candle|headlights|sign|screen|tv"
-_CHANGING = IMPERATIVES - word_set("add put want need have get give show see like")
-"""Verbs that do something to what there is: "two of them" behind these are some of it."""
-_DOUBTFUL = (
-    (
-        _than_another,
-        "Things are not measured against one another; say how much it is to be, for example 'twice as big' or '20 % brighter'.",
-    ),
-    (
-        literal("[around|about|on|along|in] (the|its) [x|y|pitch] (axis)"),
-        "Which way an axis points is another matter in every program; say 'to the left' or 'to the right', which is about the "
-        "vertical, or 'tilt'.",
-    ),
-    (
-        literal(any_form("tilt")) + ~silent(known_thing) + ~silent(degree) + literal("forward|backward|back"),
-        "Which way is forward for a thing is not known, so it tilts to the left or to the right; say for example 'tilt the dog to"
-        " the left'.",
-    ),
-    (
-        word_if(lambda reading, at: reading.word(at)[-1:] == "s" and reading.word(at)[:-1] in _ALONE),
-        "The colors of one kind are not changed alone; say for example 'make the dog less red'.",
-    ),
-    (
-        here(lambda reading, at: reading.word(at - 1) not in ("to", "until", "through", "before"))
-        + literal("the (very) [last|final|end] frame")
-        + ~literal("of the clip|still")
-        + ~silent(span)
-        + here(
-            lambda reading, at: (
-                at > 0 and not {"hold", "freeze", "pause", "linger", "stay"}.isdisjoint(reading.words[:at])
-            )
-        )
-        + _last,
-        "Nothing comes behind the last frame, as a clip keeps its length; 'freeze everything from second 2' holds an earlier frame "
-        "to the end.",
-    ),
-    (
-        literal(
-            "[the|a] [next|previous|following] [shot|scene|clip|take|cut|image|slide]|cross [dissolve|fade]|crossfade|wipe to"
-        ),
-        "A scene is one shot, so there is no other to go to; 'fade everything out at the end' ends it.",
-    ),
-    (_the_same, "It is not said what it was or whose it is; say how much it is to be, for example 'twice as big'."),
-    (
-        _LENGTH,
-        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example 'two widths "
-        "to the left' or 'half its width up'.",
-    ),
-    (
-        keyword("[put|take|bring|get|turn] [that|this|it|them|him|her] back (again|please)") + _last,
-        "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
-    ),
-    (
-        keyword("[add|insert|create|draw|put] (a|an|some)")
-        + literal("ice|fire|lava|night|sunset|autumn|grass|ocean|chocolate|marble|ghost")
-        + unless(effect)
-        | keyword("[add|insert|create|draw] (a|an|some)")
-        + _named_like_a_thing
-        + unless(effect | qualities.colored_noun),
-        "Nothing new can be made; say for example 'make the dog look like ice', or 'a sunset look for everything'.",
-    ),
-    (
-        keyword("[and|then|and then] (move|go|moves|goes|bring) (it|him|her|them) back (again)") + _last,
-        "'Back' may mean away from the camera or to where it was; say for example 'then move it to the right'.",
-    ),
-    (
-        either(
-            literal("[put|place|stick|hang|add] [a|an|some]") + ~silent(colour) + silent(familiar) + literal("on|onto"),
-            literal("[add|adds|adding|insert|create|spawn|place] [a|an|some|another]")
-            + literal("bigger|larger|smaller|taller|brighter|darker|lighter|big|large|small|tiny|huge|little")
-            + silent(familiar),
-            literal("[grow|plant|build|raise up] [a|an|some]") + silent(familiar),
-        ),
-        "Nothing new can be made; say for example 'copy the hat and put the copy above the dog'.",
-    ),
-    (
-        keyword("hide|hides|hiding")
-        + unless(keyword("everything|anything|all|whatever|what"))
-        + silent(known_thing)
-        + literal("behind|under|underneath|beneath|inside|below"),
-        "'Hide' may mean to place or to make invisible; say 'put the dog behind the bush' or 'make the dog invisible'.",
-    ),
-    (
-        literal("drop|drops|dropping|clear|cut|cutting|scratch|strike|dump|break|smash|burn|shoot|tear|rip")
-        + silent(
-            (familiar | ~keyword("a|the|that|this|my") + familiar)
-            + here(lambda reading, at: singular(reading.word(at - 1)) not in ("shadow", "reflection"))
-        )
-        + unless(literal("'s|out|away|off|from|loose|free|apart|down|entirely|completely|altogether")),
-        "That may mean to remove or to do something else; say 'remove the ball' if it should be gone, or 'move the ball down'.",
-    ),
-    (
-        literal("[jump|jumps|leap|leaps|hop|hops|fly|flies] [higher|farther|further]"),
-        "A thing moves as it was filmed; say for example 'move the dog up' or 'play the dog twice as fast'.",
-    ),
-    (
-        literal("[take|takes|taking] off|[fly|flies|flying] [off|away]")
-        + unless(~literal("the|its|his|her|that|all") + thing),
-        "That may mean to rise, to go away or to be gone; say 'raise the bird', 'move the bird away' or 'remove the bird'.",
-    ),
-    (
-        keyword("[clear|empty|clean|strip] (out|up) (the|my|this|that)")
-        + literal(
-            "room|bedroom|street|road|table|desk|floor|stage|yard|garden|beach|field|house|scene|place|set|shelf|track"
-        ),
-        "That may mean to remove the place itself or all that is in it; say 'remove' with what has to go.",
-    ),
-    (
-        keyword(
-            f"([turn|switch]) (the|all the|that|this) [{_LAMPS}] off|[turn|switch] off (the|all the|that|this) [{_LAMPS}]|"
-            f"[kill|cut] (the|that|this|all the) [{_LAMPS}]"
-        ),
-        "That may mean dark or gone; say 'make the lamp darker' or 'hide the lamp'.",
-    ),
-    (
-        keyword("[mute|silence|unmute]")
-        + silent(
-            ~keyword("all")
-            + unless(literal("(the|its|all|all the) [color|colors|tone|tones|saturation]"))
-            + known_thing
-        ),
-        "A scene has no sound; say for example 'desaturate the car' if its colors are meant.",
-    ),
-    (
-        literal(every_form("spin|rotate|revolve|twirl|whirl"))
-        + ~literal("around|round")
-        + ~silent(known_thing)
-        + literal("(to|in|into) the [other|opposite|reverse] [way|direction] (around|round)"),
-        "That may mean to play it backward or to turn it around; say 'play the dog in reverse' or 'turn the dog around'.",
-    ),
-    (
-        literal("used to [be|have|look|stand|move]"),
-        "That says how it was; say what is to be done, for example 'make the dog red'.",
-    ),
-    (
-        keyword("put") + (silent(known_thing) | keyword("[it|him|her|them|that|this]")) + keyword("away") + _last
-        | keyword("put away") + silent(known_thing),
-        "'Put away' may mean to move or to remove; say 'move it back' or 'remove it'.",
-    ),
-    (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
-    (
-        keyword("some [of|other]|a few (of)")
-        | here(lambda reading, at: reading.word(at - 1) not in ("without", "no", "not")) + keyword("any of")
-        | here(lambda reading, at: reading.word(at - 1) in _CHANGING)
-        + silent(number)
-        + literal("of [the|these|those|my|them]")
-        + here(lambda reading, at: reading.word(at - 1) == "them" or known_noun.at(reading, at))
-        | keyword("couple of") + ~literal("the|my|these|those") + silent(known_noun),
-        "Which of them is not said; say for example 'the left one' or 'all of them'.",
-    ),
-)
-"""Phrases that can be meant in two ways, or that nobody can measure, and what is asked instead of doing anything."""
-_strange_word = word_if(
-    lambda reading, at: (
-        reading.word(at).isalpha()
-        and not {reading.word(at), singular(reading.word(at))} & (VOCABULARY | FUNCTION_WORDS | COLOURS.keys())
-    )
-)
-_a_new = either(
-    keyword("[add|insert|create|draw|write] (a|an|some)"),
-    keyword("[put|place|stick|hang|give it|give me] [a|an|some]"),
-)
-_replacing = (
-    keyword("replace|substitute|swap out|exchange|trade") + silent(thing) + keyword("[with|by|for] (a|an|some|the)")
-)
-_NEW_THING = either(
-    (_a_new | _replacing) + (_strange_word + ~_strange_word | silent(familiar)),
-    keyword("swap") + silent(thing) + literal("for a|for an|for some") + silent(familiar),
-)
-_shade = keyword("[darker|lighter|brighter|deeper]") + silent(colour)
-"""A color by what it is darker than, which may mean either."""
-_UNKNOWN_WAYS = (
-    (keyword("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
-    (
-        keyword("[half|part|parts|most|some|a third|a quarter] of"),
-        "Things are changed as a whole, so '{words}' means nobody.",
-    ),
-    (
-        _shade,
-        "'{words}' is no color; give its name, for example 'dark red'.",
-    ),
-    (
-        keyword(
-            "cartoon|cartoons|oil painting|painting|sketch|pencil|pencil sketch|anime|watercolor|pixel|pixels|pixelate|comic|"
-            "manga|vintage|retro|vhs|noir|impressionist|drawing|hologram|plastic|wood|wooden|stone|clay|lego|cyberpunk|vaporwave"
-        ),
-        f"There is no look '{{words}}'; there are {', '.join(STYLES)}, and black and white.",
-    ),
-    (
-        keyword("[i|we] [want|need]|[i|we] would like|make [it|that|them]|give me|there should be")
-        + silent(number)
-        + familiar,
-        "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for "
-        "example 'copy the dog twice'.",
-    ),
-    (
-        keyword("the [first|second|third|fourth|fifth|last|next|other]") + familiar,
-        "Things are not counted, so nobody is '{words}'; say for example 'the left one' or 'the biggest one'.",
-    ),
-    (
-        keyword("behind|beside|near|under|underneath|above|below|next to|in front of|between|on top of"),
-        "It is not said what is '{words}' what; say for example 'the bush behind the dog', or 'the nearest one'.",
-    ),
-)
-"""Phrases that no command has, and the reason given for each; the words before which reading ended are no fault of their own."""
-
-
-def _not_understood(read: Read) -> tuple[str, bool]:
-    """The sentence about the words that nobody knows, or at which every way to read ended; whether examples help."""
-    reading = Reading.of(read.reading.sentence, read.reading.tokens, read.reading.known, thorough=True)
-    Search(reading, {words[-1] for words in reading.known}).sentence()
-    if reason := _no_edit(reading) or _new_thing(reading):
-        return reason, False
-    lacking = _lacking(reading)
-    if unknown := _impossible(reading) or (not lacking and read.reason) or _unknown_word(reading):
-        return unknown, True
-    for rule, reason in _UNKNOWN_WAYS:
-        for at in range(len(reading.tokens)):
-            if ends := rule.at(reading, at):
-                negated = rule is _UNKNOWN_WAYS[0][0]
-                return reason.format(words=reading.text_of(at, max(ends))), not negated
-    end = len(reading.tokens)
-    if lacking:
-        return f"The command is not complete: {lacking}.", True
-    if reading.farthest >= end:
-        return "No command fits that; name a thing and what is to become of it, for example 'make the dog red'.", True
-    return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
-
-
-_CAMERA = table(
-    {
-        "stabilize|stabilise|stabilization|deshake|steady|steadier|steadied|steadicam|gimbal|(less|too|so|not (so)) [shaky|shaking|"
-        "jittery|bumpy|jerky]|[shake|wobble|jitter] (the) (camera|cam) less|(camera|hand) [shake|wobble|jitter]|smoother "
-        "[camera|cam|shot|footage]": "The camera's way is kept as it was filmed; `f4x render SCENE -o DIR --path stabilise` writes "
-        "pictures as by a calm hand, and so does a camera of *Add Camera* in Blender.",
-        "with (the|my|a) [camera|cam]|(the|my) [camera|cam] ([to|should|must|has to]) [follow|follows|track|tracks|"
-        "chase|stay on|stays on]|"
-        "centered|recenter|recentre|reframe|in [frame|shot] all the time|[pan|tracking] [with|shot]": "No camera follows a thing "
-        "by itself: in Blender a camera can be made to track it, and `f4x render SCENE -o DIR --path FILE` goes along any path of "
-        "cameras.",
-        "zoom|zooms|zooming|dolly|[push|punch] in|close up|[closer|wider|tighter] [shot|crop|framing|view]|wide angle|crop|fov|"
-        "focal length|lens": "No camera is edited: in Blender, and with `f4x render SCENE -o DIR --path FILE`, a camera of your "
-        "own may stand nearer or have another lens; 'make the dog bigger' changes the thing itself.",
-        "pan|orbit|[move|turn|swing|tilt|rotate|raise|lower|fly|lift|bring|put|place|set|point|aim|take] (the|my) "
-        "[camera|cam]|from [another|a different|the "
-        "other|a new] [side|angle|view|viewpoint|perspective]|[top|side|aerial|back] view|camera [angle|move|path|movement]": "No "
-        "camera is edited: `f4x render SCENE -o DIR --path orbit --degrees 10` looks from around, `--path FILE` from anywhere, and "
-        "so do cameras in Blender.",
-    },
-    reserve=False,
-)
-"""Wishes about the camera -> what can be done: steadier, following, nearer, elsewhere."""
-
-
-def _no_edit(reading: Reading) -> str:
-    """The sentence about a wish that another command of `f4x` fulfils; nothing where there is none."""
-    for at in range(len(reading.tokens)):
-        if camera := _CAMERA.at(reading, at):
-            return next(iter(camera.values()))[0]
-    if _holds(_UNDOING, reading):
-        return "That is no edit; use `f4x undo SCENE`, or the button for it."
-    if _holds(_cut_in_time, reading):
-        return (
-            "A clip keeps its length, so no time is cut out of it; `f4x render --frames` writes a part of it, and 'hide the dog"
-            " until second 2' hides what is seen then."
-        )
-    verb = next((_ELSEWHERE[token.text] for token in reading.tokens if token.text in _ELSEWHERE), "")
-    return verb and f"That is no edit; use `f4x {verb} SCENE`, or the button for it."
-
-
-def _impossible(reading: Reading) -> str:
-    """The sentence about a wish that no operation fulfils; nothing where there is none."""
-    known = {words[-1] for words in reading.known}
-    word = next((token.text for token in reading.tokens if token.text in _IMPOSSIBLE.keys() - known), "")
-    return word and f"There is no edit for '{word}': {_IMPOSSIBLE[word]}"
-
-
-def _new_thing(reading: Reading) -> str:
-    """The sentence about a thing that would have to be made; nothing where there is none."""
-    ends = {at: max(found) for at in range(len(reading.tokens)) if (found := _NEW_THING.at(reading, at))}
-    words = next((reading.text_of(at, end) for at, end in ends.items()), "")
-    return (
-        words and f"Nothing new can be made, as '{words}' would; a copy of what is there can, as in 'add another dog'."
-    )
 
 
 def _unknown_word(reading: Reading) -> str:
     """The sentence about the first word that is in no lexicon; nothing when there is none."""
-    farthest = reading.farthest + (reading.word(reading.farthest) == "'s")  # of "dog's tail" the tail is unknown
     parts = {word for words in reading.known for word in words}
     vocabulary = VOCABULARY | FUNCTION_WORDS | NO_THINGS | EMPTY | COMMAND_VERBS | COLOURS.keys() | SHADES.keys()
-    for at, token in enumerate(reading.tokens[: farthest + 1]):
+    for at, token in enumerate(reading.tokens):
         if token.is_word and not {token.text, singular(token.text)} & (vocabulary | parts):
             word = reading.text_of(at, at + 1)
             close = misspelt(token.text, VOCABULARY | COLOURS.keys() | parts)
             return f"I do not understand '{word}'" + (f"; did you mean '{close}'?" if close else ".")
-    return ""
-
-
-_UNSAID = {
-    "who": "whom or what it is for",
-    "values": "what becomes of it",
-    "rgb": "which color",
-    "colors": "to which color",
-    "by": "how much",
-    "place": "where",
-    "way": "which way",
-    "sense": "which way",
-    "angle": "by how many degrees",
-    "source": "what it is to look like",
-    "called": "which name it gets",
-}
-"""What is missing where a slot of a command was not filled."""
-
-
-_SAID_HALF = (
-    ("change the color of the car to black", "change, set, make, turn, alter, swap", "colors", whose("color|colors")),
-    ("paint the car blue", VERBS["become"], "values", thing),
-    ("scale the dog by 2", VERBS["scale"], "by", thing),
-    ("turn the dog to the left", VERBS["turn"], "sense", thing),
-    ("move the dog to the left", VERBS["move"], "way", thing),
-    ("put the dog behind the bush", VERBS["move"], "place", thing),
-    ("match the dog to the cat", "match", "source", thing),
-    ("call the dog rex", "call, name, label, tag", "called", thing),
-)
-"""(Example, verbs, slot that is needed, whom it is for) of commands that are read in any order."""
-_beginnings = [
-    (example, slot, verb, verb + who)
-    for example, verbs, slot, who in _SAID_HALF
-    for verb in [keyword("|".join(inflected(verbs.replace(", ", "|"), 1)))]
-]
-"""Examples with the slot that is needed and the rules of their verb, and of the verb and whom it is for."""
-
-
-def _lacking(reading: Reading) -> str:
-    """Return what the last command of a sentence lacks, as part of a message; nothing where it lacks nothing that has a name."""
-    end = len(reading.tokens)
-    for at in range(end):
-        for example, slot, verb, verb_and_who in _beginnings:
-            whole = end in verb_and_who.at(reading, at)
-            if whole or end in verb.at(reading, at):
-                unsaid = _UNSAID[slot if whole else "who"]
-                return f"after '{reading.text_of(at, end)}' it is not said {unsaid}, as in '{example}'"
     return ""
 
 
@@ -1373,21 +710,39 @@ MOST_EXAMPLES = 3
 
 
 def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
-    """The commands that are nearest in meaning to a sentence, about the things `there`, if any are given."""
+    """Commands of which the sentence says all but for whom, about what it names or else what is `there`; none that removes."""
     known = _known(tuple(there))
-    plain = _plainly(written(sentence), known)[0]
-    tokens = tokenise(plain)[:MAX_WORDS]
-    examples = meaning.nearest(sentence, Reading.of(plain, tokens, known), there) if tokens else ()
-    return tuple(islice((one for one in examples if is_command(one, there)), MOST_EXAMPLES))
+    text = written(sentence)
+    reading = Reading.of(text, tokenise(text)[:MAX_WORDS], known)
+    named = [
+        label
+        for label in there
+        if any(_holds(literal(form), reading) for form in dict.fromkeys((label, singular(label))))
+    ]
+    examples = [
+        about_there(f"'{command.example}'", "", named or there)[1:-1]
+        for command in COMMANDS
+        if (needed := command.needed - {"who"})
+        and command.make not in (REMARK, AGAIN)
+        and matches_of(command.slots, needed, reading)
+    ]
+    done = {example: _done_by(example, there) for example in examples}
+    fitting = [example for example, does in done.items() if does and not any(map(removes, does))]
+    return tuple(fitting[:MOST_EXAMPLES])
 
 
 def is_command(sentence: str, labels: Sequence[str]) -> bool:
     """Return True for a sentence that can be carried out as it stands, in a clip of any length whose scene knows `labels`."""
+    return bool(_done_by(sentence, labels))
+
+
+def _done_by(sentence: str, labels: Sequence[str]) -> tuple[Operation, ...]:
+    """What such a sentence does; nothing where it cannot be carried out or can be meant in two ways."""
     clip = SentenceContext(1.0, MOST_FRAMES, selected=True, labels=frozenset(labels))
     with suppress(F4xError):
-        read = _read_somehow(sentence, _known(tuple(labels)), lambda read: _settled(read, clip, None))
-        return bool(read.operations) and not read.idle and not _unsure(read)
-    return False
+        read = _read(sentence, _known(tuple(labels)), lambda read: _settled(read, clip, None))
+        return () if read.idle or reason_of(UNSURE, read.reading) else read.operations
+    return ()
 
 
 _EXAMPLE = re.compile(r"(?<!\w)'[^']*'")

@@ -74,8 +74,6 @@ TILT = 30.0
 
 
 # Values: what follows "make the dog …" --------------------------------------------------------------------------------
-THE_COPY = Named("\0")
-"""What an operation before it makes, until that has a name."""
 UPSIDE_DOWN = (0.0, 0.0, 180.0)
 """Degrees about the camera's axes."""
 LEFT, RIGHT, UP, DOWN = (((None, way, None),) for way in ((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0)))
@@ -389,11 +387,10 @@ def copied(
     far: Distance | None = None,
     times: float = 1.0,
     shift: TimeExpression | None = None,
-    called: str = "",
     own: Place | None = None,
-    changed: Value | None = None,
-) -> Value | tuple[tuple[Value], ...]:
-    """Copies: where, how far apart, how many, how much later, called what, beside whom, looking how; Refusal: half a copy."""
+    called: str = "",
+) -> Value:
+    """Copies: where, how far apart, how many, how much later, beside whom, called what; Refusal: half a copy."""
     if times != int(times):
         raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
     arguments: dict[str, Any] = {"count": int(times), "name": called}
@@ -416,8 +413,6 @@ def copied(
         context.last = who
         return Duplicate(who, time_shift=later, **placing, **when.none("A copy"))
 
-    if changed is not None:
-        return (value,), (lambda who, when, context: changed(THE_COPY, when, context),)
     return value
 
 
@@ -446,47 +441,6 @@ def lasting(to: TimeExpression) -> Value:
         return stretched(to.resolve(context) / length)(who, when, context)
 
     return value
-
-
-def by_degree(one: Operation, how: Amount | None, back: bool = False) -> Operation:
-    """A bit of an operation or much of it, or that much `back`: "a touch less"; Mismatch where there is no such thing."""
-
-    def again(x: float) -> float:
-        return x if x == 1 else round(factor(how, (x > 1) != back), PLACES)
-
-    degree, sign = degree_of(how), -1 if back else 1
-    if degree is None:  # of factors alone
-        plain = isinstance(one, Retime | Grade) or (isinstance(one, Recolour) and one.mode == "multiply")
-        if not plain and not (isinstance(one, Transform) and not any((*one.translate, *one.rotate))):
-            raise Mismatch
-        degree = DEGREES["usual"]
-    share = sign * degree.share
-    if isinstance(one, Recolour) and one.mode == "multiply":
-        return replace(one, rgb=(again(one.rgb[0]),) * 3)
-    if isinstance(one, Grade):
-        return replace(
-            one,
-            contrast=again(one.contrast),
-            saturation=again(one.saturation),
-            warmth=max(-1.0, min(1.0, share * one.warmth)),
-        )
-    if isinstance(one, Retime):
-        return replace(one, speed=again(one.speed))
-    if isinstance(one, Transform) and one.beside is None and (one.unit == "size" or not any(one.translate)):
-        x, y, z = (sign * degree.widths * step for step in one.translate)
-        pitch, yaw, roll = (share * angle for angle in one.rotate)
-        return replace(one, translate=(x, y, z), rotate=(pitch, yaw, roll), scale=again(one.scale))
-    if back:
-        raise Mismatch
-    if isinstance(one, Recolour | Style):
-        return replace(one, strength=min(1.0, degree.share))
-    if isinstance(one, Blur):
-        return replace(one, radius=share * one.radius)
-    if isinstance(one, Glow):
-        return replace(one, strength=min(1.0, share * one.strength))
-    if isinstance(one, Opacity) and 0 < one.factor < 1:
-        return replace(one, factor=degree.opacity[1])
-    raise Mismatch
 
 
 def noted(context: SentenceContext, who: SelectKind) -> SelectKind:

@@ -354,9 +354,11 @@ def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 yield end, f"{part} {reading.text_of(middle, whole).lower()} {label}"
 
 
-_OF_WHOLE = word_set("the a an that this my all every any")
 _CAST = word_set("shadow shadows reflection reflections")
 """What is cast: it may stand without an article, "shadow of dog"."""
+
+
+_OF_WHOLE = word_set("the a an that this my all every any")
 
 
 def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -385,22 +387,6 @@ def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 yield end, f"{label} {reading.text_of(middle, end).lower()}"
 
 
-def _worn_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """What somebody wears or has: "hat that the man is wearing", "hat worn by the man", "hat on the man"."""
-    for middle, label in (*_known_at(reading, at), *_stranger_at(reading, at)):
-        start = middle + (reading.word(middle) in ("that", "which"))
-        by = reading.words[start : start + 2] in (["worn", "by"], ["held", "by"], ["carried", "by"])
-        on = reading.word(middle) == "on" and label in _WORN
-        start += 2 * by + on
-        start += reading.word(start) in _ARTICLES
-        for end, owner in _known_at(reading, start) if start > middle else ():
-            last = end + (reading.word(end) == "is") + 1
-            has = start + 1 > middle + 1 and reading.word(last - 1) in _HAS and not (by or on)
-            if has or by or (on and re.match(PEOPLE, owner)):
-                yield (last if has else end), f"{owner}'s {label}"
-
-
-_HAS = word_set("wears wearing has holds holding carries carrying owns")
 _WORN = word_set(
     "hat cap helmet shirt jacket coat dress sweater jersey pullover hoodie scarf trousers jeans shorts pants skirt suit "
     "uniform vest boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail horn collar "
@@ -432,7 +418,7 @@ def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     name that the sentence gave before."""
     earlier_words = {token.text for token in reading.tokens[:at]}
     for end, name in _stranger_at(reading, at) if reading.word(at - 1) not in _SUBJECTS else ():
-        if not reading.known or name != reading.word(at) or name in earlier_words:
+        if not reading.known or _is_plural(reading, at) or name in earlier_words:
             yield end, name
 
 
@@ -567,39 +553,6 @@ def _plural_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
     yield from ((end, who) for end, (who,) in _noun.at(reading, at).items() if _is_plural(reading, end - 1))
 
 
-def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """A known thing by what it does: "man who rides the scooter", "car that is drifting", "person jumping over there"."""
-    for middle, label in (*_known_at(reading, at), *_modified_at(reading, at)):
-        start = middle + (reading.word(middle) in ("who", "that", "which"))
-        relative = start > middle
-        start += relative and reading.word(start) in ("is", "are")
-        for end in colour.at(reading, start) if start > middle + 1 else ():
-            yield end, f"{reading.text_of(start, end).lower()} {label}"
-        verb = reading.word(start)
-        form = verb.endswith("ing") or (relative and verb.endswith("s") and verb not in ("is", "was", "has", "does"))
-        object_follows = reading.word(start + 1) in _ARTICLES and (
-            any(_known_at(reading, start + 2)) or any(_stranger_at(reading, start + 2))
-        )
-        if (
-            not form
-            or len(verb) < 5
-            or verb in FUNCTION_WORDS
-            or (verb in VOCABULARY and not (relative or object_follows))
-        ):
-            continue
-        ends = [start + 1]
-        after = start + 1 + (reading.word(start + 1) in ("on", "in", "with", "over", "through", "at", "along", "past"))
-        after += reading.word(after) in ("the", "a", "an", "his", "her", "its", "their")
-        ends += (
-            [end for end, _ in (*_known_at(reading, after), *_stranger_at(reading, after))] if after > start + 1 else []
-        )
-        ends += [start + 3] if (reading.word(start + 1), reading.word(start + 2)) == ("over", "there") else []
-        for end in dict.fromkeys(ends):
-            yield end, f"{label} {reading.text_of(middle, end).lower()}"
-
-
-_doing = ~_article + _things(_relative_at)
-_worn = _article + _things(_worn_at)
 _wearing = ~_article + _things(_wearing_at)
 _all_that = keyword(
     "what|whatever|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
@@ -631,9 +584,6 @@ _moving_noun = either(
     (~_article + _noun | _everybody)
     + keyword("[that|which|who] [is moving|are moving|moves|move|is in motion|are in motion]"),
 ) >> (lambda noun: lambda context: And((noun(context), Moving())))
-_still_noun = ~_article + _noun + keyword(
-    "[that|which|who] [[is|are] not moving|[does|do] not move|[is|are] standing still|[stands|stand] still|never [moves|move]]"
-) >> (lambda noun: lambda context: And((noun(context), Not(Moving()))))
 _WHICH = {
     "left|leftmost|left most|left hand|far left": "left",
     "right|rightmost|right most|right hand|far right": "right",
@@ -768,15 +718,6 @@ def _the_copy(context: SentenceContext) -> SelectKind:
     return next(iter(context.earlier))
 
 
-_new_one = keyword("[the|that|this] [new|copied|cloned|duplicated]") + silent(familiar) >> (lambda: _the_copy)
-_original = keyword("the original (one)") >> (lambda: _the_original)
-
-
-def _the_original(context: SentenceContext) -> SelectKind:
-    copy = _the_copy(context)
-    return context.copies[copy.name] if context.copies and isinstance(copy, Named) else context.earlier[copy]
-
-
 _current = either(
     keyword("(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected"),
     keyword("(the|my|our|this|these|those|all) (the) (currently) selected") + _objects,
@@ -793,6 +734,8 @@ _everything = silent(
         ),
     )
 )
+
+
 _around = keyword(
     "(the) [world|scene|surroundings] around|(the|all the) things around|everything around|all around|(the) space around"
 ) + _neighbour >> (lambda who: lambda context: Not(who(context)))
@@ -807,22 +750,6 @@ def _the_other(context: SentenceContext, noun: Who | None) -> SelectKind:
     return context.last
 
 
-_lies = literal(
-    "[on|in|across|over] (the|its) [ground|floor|water|wall|walls|street|road|grass|snow|sand|ice|lake|river|pond|sea|"
-    "pavement|sidewalk|window|mirror|puddle|glass]"
-)
-_CAST_BEFORE = 5
-"""How many words before its end what is cast may stand: "the reflection of the swan"."""
-_cast = either(
-    keyword("the|its|his|her|their")
-    + table({"shadow|shadows": "shadow", "reflection|reflections": "reflection"}, reserve=False)
-    + (literal("[under|below|beneath|beside|behind|of] [it|him|her|them]") | _lies)
-    >> (lambda label: _thing(label, False)),
-    (~_article + _noun | _part_of_known)
-    + here(lambda reading, at: _CAST & {*reading.words[max(at - _CAST_BEFORE, 0) : at]})
-    + _lies,
-)
-"""What a thing casts, told by where it lies."""
 _other_one = keyword("[the|that] other (one)|the other [ones|two|three]") + optional(familiar) + unless(
     literal("[can|may|should|must] [stay|remain]|stays|stay|remains|remain")
 ) >> (lambda noun: lambda context: _the_other(context, noun))
@@ -830,9 +757,6 @@ everything_else = keyword(
     f"[everything|all|anything] else|all the rest|the (whole) [rest|remainder] (of [it|them|the world|the [{PICTURE}]])|"
     "all others|(all (of)) the others|all (the) other [things|objects|stuff]|the other [things|objects]"
 ) >> (lambda *_: lambda context: Not(context.it("'else'")))
-_everybody_else = _everybody + keyword("else") >> (
-    lambda everybody: lambda context: And((everybody(context), Not(context.it("'else'"))))
-)
 _in_scene = ~literal(f"in [the|this|our] [{SETTING}]") + ~keyword(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]|out of the "
     f"[{PICTURE}]|[over|out|back|up|down] there|over here"
@@ -867,12 +791,11 @@ _stood = _kind_and_number + _stands + (
 _whole_thing: Rule = either(
     familiar, _determined, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
 )
-_one_thing: Rule = either(familiar, _determined, _instance, _it, _copy, _original, _part_of_known)
+_one_thing: Rule = either(familiar, _determined, _instance, _it, _copy, _part_of_known)
 _definite = (
     either(
         _placed,
         everything_else,
-        _everybody_else,
         _current,
         _moving,
         _static,
@@ -882,21 +805,15 @@ _definite = (
         _determined,
         _instance,
         _moving_noun,
-        _still_noun,
         _part_of_known,
         _named_at_length,
         _wearing,
-        _worn,
         _everything >> _always(All()),
         _it,
         _they,
         _copy,
-        _new_one,
-        _original,
-        _cast,
         _around,
         _other_one,
-        _doing,
         _stood,
     )
     + _in_scene
@@ -1042,8 +959,8 @@ spares = (
 )
 """Whom a command for everything or several leaves as they are, said in a clause of its own: "but keep the dog"."""
 everything_but = either(
-    (_everything | silent(everything_else)) + _in_scene + (_besides | spares | keyword("not") + _union),
     _everywhere_else + _union,
+    (_everything | silent(everything_else)) + _in_scene + (_besides | spares | keyword("not") + _union),
     keyword("[what|whatever|all that|anything that] is not") + _union,
 )
 """What is spared in "everything except the dog": a `Who`."""
@@ -1144,7 +1061,6 @@ _no_name = either(
         _it,
         _they,
         _copy,
-        _original,
         colour,
         _which,
     ),

@@ -30,7 +30,6 @@ from .selects import All, Ids, SelectKind, Text
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
 from .stack import undo as undo
-from .taking_back import TakenBack
 from .which import Several
 
 GRAMMAR = "grammar"
@@ -162,10 +161,7 @@ def read_sentence(
     earlier, copies = next((edit.sentence for edit in reversed(of(scene).edits) if edit.enabled), ""), _copies(scene)
 
     def read(text: str) -> tuple[Operation, ...]:
-        try:
-            return language.parse(replace(request, sentence=text), copies=copies, earlier=earlier)
-        except TakenBack as taken:
-            return (taken.operation(of(scene)),)
+        return language.parse(replace(request, sentence=text), copies=copies, earlier=earlier)
 
     try:
         understood, mended = read_as_meant(read, sentence, context.agreed)

@@ -24,7 +24,7 @@ def plan_lines(scene: Scene, operations: Sequence[Operation], frame: float = 0.0
     """One line for each of the resolved `operations`, as the camera at its first frame, else at `frame`, sees it."""
     scene, fps = edited(scene), scene.fps
     for operation in operations:
-        line = _line(scene, operation, frame) + _share(scene, operation)
+        line = as_seen(scene, operation, frame) + _share(scene, operation)
         yield re.sub(r"\bframe ([\d.]*\d)", lambda found: f"frame {found[1]} ({float(found[1]) / fps:.1f} s)", line)
         scene = with_operations(scene, operation)
 
@@ -50,7 +50,8 @@ def sizes(scene: Scene) -> dict[int, tuple[int, ...]]:
     }
 
 
-def _line(scene: Scene, operation: Operation, frame: float) -> str:
+def as_seen(scene: Scene, operation: Operation, frame: float = 0.0) -> str:
+    """A resolved operation in words, its ways in widths of the thing and its turns as the camera at that frame sees them."""
     if not isinstance(operation, Transform | Duplicate | Swap | Blur):
         return describe(operation)
     span = None if isinstance(operation, Duplicate) else operation.frames

@@ -27,17 +27,14 @@ from ..language.grammar import (
     silent,
     table,
     unless,
-    word_if,
 )
-from ..language.idle import is_strange
-from ..language.lexicon import FUNCTION_WORDS, word_set
+from ..language.lexicon import FUNCTION_WORDS
 from . import making
 from .graded import BLUR, BRIGHTNESS, CONTRAST, GLOW, OPACITY, QUALITIES, SATURATION, SPEED, WARMTH
 from .operations import SHOWN
 from .phrases import known_thing
 from .styles import STYLES
 
-_BEFORE_SHADES = word_set("in to a an into nice lovely some with")
 _small = degree >> (lambda how: min(1.0, DEGREES[how.kind].share))
 
 
@@ -59,16 +56,6 @@ shade_of = ~keyword(
     "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire engine|blood|cherry|ice|icy|baby|"
     "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|crimson|cute"
 )
-_named_shade = word_if(
-    lambda reading, at: (
-        reading.word(at - 1) in _BEFORE_SHADES
-        and is_strange(reading.word(at), {word for words in reading.known for word in words})
-        and colour.at(reading, at + 1)
-        and not colour.at(reading, at)
-    )
-)
-"""A word that says which shade of a colour: "in a nice chestnut brown"."""
-shade_of = shade_of + ~_named_shade
 _shade_of = shade_of + ~(keyword("from") + silent(colour) + ~keyword("to|into"))
 _fully = ~keyword("all|completely|fully|entirely|totally|wholly")
 colored = ~keyword("(in) color|colored|tone") + unless(keyword("tint|filter"))
@@ -183,9 +170,6 @@ look_name = table(
     | {"flames|flame": "fire", "the night|night time|nighttime|moonlight": "night"},
     reserve=False,
 )
-_of_matter = table(
-    {look: look for look in ("gold", "silver", "copper", "ice", "fire", "lava", "marble", "chocolate")}, reserve=False
-)
 _MAX_DESCRIBING = 2
 _look_adjective = table(
     {
@@ -235,22 +219,10 @@ described = ~silent(
     )
 )
 """Adjectives before the name of a look, which says it all: "old photo sepia"."""
-transformed = (
-    literal(
-        "[into|to] (a|an|pure|solid|real|some) (molten|liquid|solid|pure|shiny|glittering|glowing|polished|burning)"
-    )
-    + _of_matter
-    + ~literal("statue|block|sculpture|figure|figurine|bar")
-    >> making.styled
-)
-"""What a thing turns to: matter, not a colour that is named like it."""
 liveliness = literal(
     "[some|a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|oomph|zing|life|pep|"
     "pizzazz|(a) (little) pop of color|more color|some color"
 ) >> (lambda: making.saturated(factor(None, True)))
-hint = ~literal("(,) (but|only|just)") + literal(
-    "(just|only) a [hint|touch|bit|little|tad|shade|trace] (of it)|[slightly|subtly|faintly|softly|gently] (so)"
-)
 _strongly = optional(_small | _share, 1.0)
 _seem = ~keyword("look|looking|looks|looked|appear|seem|feel")
 _new_thing = literal("a|an|some")
@@ -286,19 +258,12 @@ source = (
     + known_thing
     + ~keyword("'s (color|colors)")
 )
-same_as = (
-    keyword("the (exact) same")
-    + (silent(colour) | ~keyword("color|colors|coloring|look|tone|tones|shade|hue|tint"))
-    + keyword("as|like|to")
-    + source
-    | keyword("(a|the) similar color [as|like|to]") + source
-) >> making.matched
 colour_of = (
     _article + keyword("[color scheme|color palette|color|colors|coloring|palette|look|appearance] [of|from]") + source
     >> making.matched
 )
 _possessed = known_thing + keyword("['s|'] [color|colors|coloring|look|appearance]") >> making.matched
-same_colour = same_as | colour_of | _possessed
+same_colour = colour_of | _possessed
 alike = _seem + keyword("like|similar to|the same as") + source >> making.matched
 made = either(
     colour_value,
@@ -360,15 +325,6 @@ rather = (
     + _too
 )
 """What is done about "it is a bit dark"."""
-_WISHES = word_set("should to could must may can let make would")
-cast = (
-    here(lambda reading, at: reading.word(at - 1) not in _WISHES)
-    + literal("[has|have] (got) (a|an|some|this|that|such a|too much of a)")
-    + ~literal("slight|strong|ugly|nasty|weird|strange|heavy|faint|bad|terrible")
-    + (colour | colourish)
-    + literal("cast|tint|tinge|color cast|hue")
-) >> (lambda rgb: making.added(1.0, (rgb, -1)))
-"""What is done about "it has a yellow cast"."""
 simply = optional(degree) + ~literal("more|really|very|rather|quite") + table(
     {words: (quality, upward) for quality in (BRIGHTNESS, CONTRAST, SATURATION, WARMTH, SPEED)
      for words, upward in ((quality.much, True), (quality.little, False))}

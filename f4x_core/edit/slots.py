@@ -6,12 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..language.amounts import Amount, Distance, amount, distance, fraction_of, multiple, number, signed, steps
+from ..language.amounts import Distance, distance, number, signed, steps
 from ..language.grammar import Mismatch, Rule, either, here, keyword, table
-from ..language.lexicon import PICTURE, every_form
+from ..language.lexicon import PICTURE
 from ..language.times import TimeExpression, duration
-from . import qualities
-from .graded import LENGTH
 from .making import Value
 from .phrases import beside_itself, name, place, thing
 
@@ -23,11 +21,6 @@ def REMARK() -> Value:  # it stands for what is said and asks for nothing
 
 def AGAIN() -> Value:  # likewise for the command before
     """Make what was said before: "do the same with the cat"."""
-    raise Mismatch
-
-
-def ENDED() -> Value:  # likewise for the time at which the command before is over
-    """Make the command before end: "and back to normal at second 2"."""
     raise Mismatch
 
 
@@ -80,21 +73,6 @@ def as_given(values: Given) -> Given:
     return values
 
 
-_SHORTENING = frozenset(every_form("shorten|compress|condense|squeeze|squash|squish|cram|abridge|cut|speed").split("|"))
-"""Verbs of `last` that make it take less time."""
-_STRETCHING = frozenset(every_form("stretch|stretch out|extend|expand|lengthen|prolong|elongate|protract").split("|"))
-_shortened = here(lambda reading, at: not _SHORTENING.isdisjoint(reading.words))
-_stretched = here(lambda reading, at: reading.word(at) == "by" or not _STRETCHING.isdisjoint(reading.words))
-_by_amount = amount | keyword("by") + number >> (lambda x: Amount("times", x))
-as_long = either(
-    ~keyword("so (that) [it|they] [takes|take|lasts|last|runs|is|are]") + multiple + keyword("as long") >> LENGTH.times,
-    ~keyword("(to|by) (a factor of)")
-    + (fraction_of(LENGTH.noun) | multiple + keyword("the time|its time|as much time"))
-    >> LENGTH.times,
-    _shortened + _by_amount >> (lambda how: LENGTH.changed(how, False)),
-    _stretched + _by_amount >> (lambda how: LENGTH.changed(how, True)),
-)
-"""How long a thing takes for what it does."""
 OUT = keyword(
     f"out|away|off|[off|out of|away from] [the|this|my|our] (whole|entire) [{PICTURE}]|out of [there|here|sight]|from "
     f"[sight|view]|from [the|this|my|our] (whole|entire) [{PICTURE}]"
@@ -176,25 +154,13 @@ SHIFT = either(
     _copies + keyword("[a bit|a little|slightly] [late|later|behind|delayed]") >> (lambda: TRAIL_LAG),
     ~keyword(",") + _following + ~keyword("on the same path") >> (lambda: TRAIL_LAG),
 )
-_in_a_row = keyword(
-    "in a row|in a line|side by side|next to each other|one after another|one after the other|beside each other"
-)
-_called_so = keyword("(,) [called|named|by the name of]") + name
 _apart = distance + keyword("apart") | ~keyword("by") + number + keyword("apart") >> Distance
-_another_size = ~keyword("(,) (but|and|only|that is|at)") + either(
-    qualities.compared,
-    qualities.sized,
-    qualities.opacity_value,
-    ~keyword("in") + qualities.colour_value,
-)
 BESIDE_IT: dict[str, Any] = {
-    "changed": _another_size,
     "own": beside_itself | place,
     "way": ~keyword(",") + steps,
     "far": ~keyword(",") + _apart | distance,
-    "row": _in_a_row,
     "shift": SHIFT,
-    "called": _called_so,
+    "called": keyword("(,) [called|named|by the name of]") + name,
 }
 
 

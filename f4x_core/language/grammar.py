@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
-from itertools import count, groupby
+from itertools import count
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeVar
 
 from ..errors import F4xError
-from .lexicon import CONTRACTIONS, FUNCTION_WORDS, SPELLING, word_set
+from .lexicon import CONTRACTIONS, SPELLING
 
 Meaning = TypeVar("Meaning")
 Ways = dict[int, tuple[Any, ...]]
@@ -54,7 +54,7 @@ def tokenise(sentence: str) -> list[Token]:
     for match in _TOKEN.finditer(_RANGE.sub(" ", lowered)):
         text, start, end = match.group(), match.start(), match.end()
         if ("'" not in text or len(text) == 1) and text not in CONTRACTIONS:
-            tokens.append(Token(SPELLING.get(text) or _unstretched(text), start, end))
+            tokens.append(Token(SPELLING.get(text, text), start, end))
             continue
         parts = CONTRACTIONS.get(text)
         if parts:
@@ -62,34 +62,13 @@ def tokenise(sentence: str) -> list[Token]:
         else:
             cut = text.index("'")
             tokens += [Token(text[:cut], start, start + cut), Token(text[cut:], start + cut, end)]
-    runs = [list(run) for _, run in groupby(tokens, key=lambda token: token.text)]
-    return [t for run in runs for t in ([replace(run[0], end=run[-1].end)] if _is_stressed(run) else run)]
+    return tokens
 
 
 @lru_cache(4096)  # of the everyday words, which most scenes have
 def words_of_label(label: str) -> tuple[str, ...]:
     """The tokens of a label or name."""
     return tuple(token.text for token in tokenise(label))
-
-
-def _is_stressed(run: list[Token]) -> bool:
-    """Whether a word is said several times over: "up up up", "very very"."""
-    return run[0].is_word and len(run) > (1 if run[0].text in _SAID_TWICE else 2)
-
-
-_SAID_TWICE = word_set("very really so please much super way far tiny big huge small little bright dark fast slow")
-_STRETCHED = re.compile(r"([a-z])\1{2,}")
-
-
-def _unstretched(word: str) -> str:
-    """The word that is drawn out: "huuuge", "soooo"."""
-    if not _STRETCHED.search(word):
-        return word
-    known = VOCABULARY | NAMES_TOO | FUNCTION_WORDS
-    return next(
-        (w for w in (_STRETCHED.sub(r"\1\1", word), _STRETCHED.sub(r"\1", word)) if w in known),
-        _STRETCHED.sub(r"\1", word),
-    )
 
 
 _PLAIN = str.maketrans(
@@ -125,8 +104,6 @@ class Reading:
     """Words of a label or name -> as it is spelled."""
     longest: int = 1
     """Words of the longest of them."""
-    thorough: bool = False
-    """Rules are asked as far as they match, also those that lack a word, which tells where a sentence goes wrong."""
     memo: dict[int, Ways] = field(default_factory=dict)
     """Number of a rule plus a word -> the ways to match it there."""
     places: dict[int, dict[int, list[tuple[int, Any]]]] = field(default_factory=dict)
@@ -143,8 +120,6 @@ class Reading:
     """The same as `opener` has them."""
     opens: frozenset[str] = field(init=False)
     """The same, each once."""
-    farthest: int = 0
-    """Last word that some rule was asked at: of a `thorough` reading where nothing matches, the one that was not understood."""
 
     def __post_init__(self) -> None:
         """List the words."""
@@ -153,11 +128,9 @@ class Reading:
         self.opens = frozenset(self.openers)
 
     @classmethod
-    def of(
-        cls, sentence: str, tokens: list[Token], known: Mapping[tuple[str, ...], str], thorough: bool = False
-    ) -> Reading:
+    def of(cls, sentence: str, tokens: list[Token], known: Mapping[tuple[str, ...], str]) -> Reading:
         """A reading of `tokens`."""
-        return cls(sentence, tokens, known, max(map(len, known), default=1), thorough)
+        return cls(sentence, tokens, known, max(map(len, known), default=1))
 
     def word(self, at: int) -> str:
         """Text of a token; nothing behind the last."""
@@ -225,16 +198,13 @@ class Rule:
         """True where a sentence has the words without which this matches nowhere in it."""
         known = reading.possible.get(self.number)
         if known is None:
-            sets = self.needed if not reading.thorough else [] if self.opening is None else [self.opening]
-            known = reading.possible[self.number] = not any(map(reading.opens.isdisjoint, sets))
+            known = reading.possible[self.number] = not any(map(reading.opens.isdisjoint, self.needed))
         return known
 
     def at(self, reading: Reading, at: int) -> Ways:
         """The ways to match at word `at`, best first."""
         opening = self.opening
         if opening is not None and reading.openers[at] not in opening:  # most, at most words
-            if at > reading.farthest:
-                reading.farthest = at
             return {}
         return self.behind_opening(reading, at)
 
@@ -261,8 +231,6 @@ class Rule:
                         for end, more in rule.behind_opening(reading, middle).items():
                             if end not in longer:
                                 longer[end] = values + more
-                    elif middle > reading.farthest:
-                        reading.farthest = middle
                     if may_be_absent and middle not in longer:
                         longer[middle] = values
                 ways = longer
@@ -395,7 +363,6 @@ class _Table:
     def match(self, reading: Reading, at: int) -> Ways:
         """The ends of the phrases at word `at`, the last first, with the value of the first entry that has it."""
         ways: Ways = {}
-        reading.farthest = max(reading.farthest, at)
         for phrase, values in self.rows.get(reading.words[at], ()):
             for end in _ends(phrase, reading, at):
                 ways.setdefault(end, values)
@@ -497,9 +464,7 @@ def _ends(phrase: Phrase, reading: Reading, at: int) -> set[int]:
             }
             ends = ends | further if part.may_be_empty else further
         if not ends:
-            return ends
-        if (last := max(ends)) > reading.farthest:
-            reading.farthest = last
+            break
     return ends - {at} if at in ends else ends
 
 
@@ -525,16 +490,12 @@ def either(*rules: Rule) -> Rule:
         if asked is None:  # most rules begin with words that the sentence does not have
             asked = [(rule.opening, rule) for rule in rules if rule.can_match(reading)]
             reading.asked[one_of_them.number] = asked
-        word, all_asked, ways = reading.openers[at], len(asked) == len(rules), {}
+        word, ways = reading.openers[at], {}
         for opening, rule in asked:
             if opening is None or word in opening:
                 for end, values in rule.behind_opening(reading, at).items():
                     if end not in ways:
                         ways[end] = values
-            else:
-                all_asked = False
-        if not all_asked and at > reading.farthest:
-            reading.farthest = at
         return ways
 
     one_of_them = Rule(match, lambda: _any_of(rules), any(rule.may_be_empty for rule in rules))
@@ -664,7 +625,6 @@ def generated(
     """A rule from a generator of (end, value), best first; `first_words` as those of a rule."""
 
     def all_ways(reading: Reading, at: int) -> Ways:
-        reading.farthest = max(reading.farthest, at)
         ways: Ways = {}
         for end, found in match(reading, at):
             ways.setdefault(end, (found,))

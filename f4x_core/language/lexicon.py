@@ -36,18 +36,9 @@ SPELLING = _table(
 """Common slips and British spelling -> the spelling that the grammar uses."""
 
 _WRITTEN: tuple[tuple[str, str], ...] = (
-    (r"[,.]?\s*\b(?:comma)\b", ","),
-    (r"[.]?\s*\b(?:full stop|new line|new paragraph|newline)\b|\s+period(?=[\s.]*$)", "."),
-    (r"[?]?\s*\bquestion mark\b", "?"),
-    (r"[!]?\s*\bexclamation (?:mark|point)\b", "!"),
     (r"\b((?!over\b|ever\b|fainter\b)\w+er) and \1\b", r"gradually \1"),
-    (r"\b(more|less) and \1 (?!transparent|see)", r"gradually \1 "),
     (r"^(\W*)(?:(can)['’]?t|(could|should|would)n['’]?t) (?=(?:we|you|i|the|it|they|my|that|this)\b)", r"\1\2\3 "),
-    (r"^(\w+)\.(\w+)\(([^()]*)\)", r"\2 the \1 \3"),
-    (r"^(?!distance|gap|compare|relation)(?:set_?)?(\w+)\(\W*(\w+)\W*,\W*([\w. ]+?)\W*\)", r"make the \1 of the \2 \3"),
-    (r"^(\w+)\(\W*(\w+)\W*\)", r"\1 the \2"),
     (r"\breappear(s|ed|ing)?\b", r"come\1 back"),
-    (r"\bits (?=(?:way|too|so|really|not|just|super|far|much|kind of|a (?:bit|little|tad)) )", "it is "),
     (r"(?<=\d)½", ".5"),
     (
         r"^(\W*)nothing (?:else )?(should|must|may|shall|is to|can) (.+?),? (?:except|but|other than|besides|apart from)(?: for)? "
@@ -55,58 +46,21 @@ _WRITTEN: tuple[tuple[str, str], ...] = (
         r"\1only \4 \2 \3",
     ),
     (
-        r"^(\W*)(.+?) (?:should be|is|has to be|must be|shall be) the only (?:(\w+) )?(?:thing|one|object|person)s?\b"
-        r"(?: (?:that|which|who)(?: is|'s|’s)?)?",
-        r"\1only \2 should be \3",
-    ),
-    (r"\bnot (?:only|just) (.+?),? but (?:also |too )?(?:the |a )?(?=\w)", r"\1 and the "),
-    (r"\b(the \w+)['’]s and (the \w+)['’]s (\w+)", r"the \3 of \1 and \2"),
-    (
         r"\b(no|without(?: any| a| the)?|(?:do not|don['’]?t) (?:want|need|like)(?: to see)?) ([\w ]{2,40}?) n?or (?!not\b)",
         r"\1 \2 and ",
     ),
-    (r"\b(the \w+) and (the \w+) ([^,]+?) and ([^,]+?),? respectively\b", r"\1 \3 and \2 \4"),
     (r"\b(?:hex|html)(?: colou?r| code)?:? *#?(?=[0-9a-f]{6}\b)", "#"),
-    (r"\b(to|toward|towards|on) the (?:write|rite|wright)\b", r"\1 the right"),
-    (r"\b(un|de|non)-(?=[a-z]{3})", r"\1"),
-    (r"\b(\w+),? (?:u+h+m*|u+m+|e+rm*|h+m+),? \1\b", r"\1"),
-    (
-        r"^\W*(?:(?:right|okay|ok|so|well|yeah|yes)\b[ ,.]*)?(?:u+h+m*|u+m+|e+rm*|h+m+)\b[ ,.…-]*|"
-        r"(?<=\w) (?:u+h+m*|u+m+|e+rm*|h+m+)(?= \w)",
-        "",
-    ),
+    (r"\b(?:nobody|no ?one|nothing|none)(?: else| other)? (?:but|except(?: for)?|than|besides|apart from)\b", "only"),
     (r"\b(the|a|my|to|is|it|in|on|of|and|i|we) \1\b", r"\1"),
-    (
-        r"\b(?:nobody|no ?one|nothing|none|not any(?:one|body|thing))(?: else| other)? (?:but|except(?: for)?|than|besides|"
-        r"apart from|save(?: for)?)\b",
-        "only",
-    ),
-    (
-        r"\b(take|lift|kick|blast|push|touch)-(off|down)\b|\b((?:the|his|her|its|their) (?:take|lift|kick)) (off)\b",
-        r"\1\2\3\4",
-    ),
-    (r"\b(?:number|registration|reg)[ -]?plate(s?)\b", r"license plate\1"),
-    (r",? *\b(?:you know|y'know),? (?=(?:the|a|my|that|this)\b)", " "),
-    (r"\btl;? ?dr\b[:,;]?", ""),
-    (r"^\W*\[[\w ]+\]\W*", ""),
     (r"[, ]+(?:and )?(?:the |its |his |her )?(shadow|reflection)s? (?:included|inclusive|and all)\b", r" with its \1"),
-    (r"\b(gone|away|out|removed|deleted),? ((?:and|with|including) its (?:shadow|reflection))\b", r"\2 \1"),
-    (r"\bmost near\b", "nearest"),
-    (r"\bmost close\b", "closest"),
-    (r"\btoo (?=the\b|my\b|its\b)", "to "),
-    (
-        r"(?<![\w.])(?:the )?([a-z_]+)[.](?=(?:colou?r|opacity|alpha|scale|size|speed|brightness|saturation|contrast|hue)\b)",
-        r"the \1's ",
-    ),
 )
-
-
+"""(pattern, what is read instead): "½", "nothing but the dog", "shadow included"."""
 _RGB = re.compile(r"(?:\brgb\b[ :=]*\(?|\() *(\d{1,3})[ ,;]+(\d{1,3})[ ,;]+(\d{1,3})\b *\)?", re.IGNORECASE)
 """A colour in three numbers: "rgb(255, 0, 0)"."""
 
 
 def written(sentence: str) -> str:
-    """The sentence with signs for those that were dictated ("comma"), and with what was typed for "to" or "the car's" in words."""
+    """The sentence with colors in three numbers as one, and with a few constructions in other words."""
     sentence = _RGB.sub(lambda found: "#" + bytes(min(int(part), 255) for part in found.groups()).hex(), sentence)
     for pattern, instead in _WRITTEN:
         sentence = re.sub(pattern, instead, sentence, flags=re.IGNORECASE)
@@ -401,8 +355,8 @@ NO_THINGS = word_set(
 FUNCTION_WORDS = word_set(
     "a an the and or but nor so if when while because unless whether though although as than that which who whom whose "
     "what where why how is are was were be been being am do does did done doing have has had having will would shall "
-    "should can could may might must ought not no never none i you we he she they me him us them my your our his her its "
-    "their mine yours ours this these those there here to of in on at by for from with without into onto over under "
+    "should can could may might must ought not no never none nothing nobody i you we he she they me him us them my your our "
+    "his her its their mine yours ours this these those there here to of in on at by for from with without into onto over under "
     "above below between among behind beside beneath through across along around about against toward up down out off "
     "away back left right upon near next again also too very really quite rather just only even still already yet ever "
     "always almost maybe perhaps please some any every each all both either neither more most less least much many few "

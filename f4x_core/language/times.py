@@ -80,21 +80,10 @@ def _times(x: float, unit: TimeExpression) -> TimeExpression:
     return TimeExpression().plus(unit, x)
 
 
-_of_one = fraction + keyword("of a|of an|of one") + _unit >> _times
-_and_a_half = _unit + keyword("and") + fraction >> (lambda unit, part: _times(1 + part, unit))
 duration = either(
     number + _unit >> _times,
-    table(
-        {
-            "half (a)|half of a": 0.5,
-            "(a) quarter (of) (a)": 0.25,
-            "[a|one] (full|whole)|an": 1.0,
-        }
-    )
-    + _unit
-    >> _times,
-    ~keyword("a|one") + _and_a_half,
-    _of_one,
+    table({"half (a)": 0.5, "(a) quarter (of) (a)": 0.25, "[a|one] (full|whole)|an": 1.0}) + _unit >> _times,
+    ~keyword("a|one") + _unit + keyword("and") + fraction >> (lambda unit, part: _times(1 + part, unit)),
 )
 _edge = table(
     {
@@ -112,6 +101,8 @@ _clock = either(
 )
 _through = keyword("(of the way) [through|in|into|along]|of the way") + ~keyword(f"the (whole) [{PICTURE}]|it")
 _of_it = keyword(f"of the [{PICTURE}]|of it")
+_share = table({**FRACTIONS, "two thirds": 2 / 3, "three quarters": 0.75}) + ~_of_it
+_middle_point = keyword(f"the middle (of the [{PICTURE}])|halfway|half way") >> (lambda: HALF_WAY)
 _part_way = either(
     keyword("halfway|half way|midway|mid way")
     + unless(keyword("around|round"))
@@ -129,215 +120,103 @@ _part_way = either(
 """Moments that are told by how much of the clip is over."""
 _counted = ~keyword("the") + _unit + ~keyword("number|no|#") + number >> (lambda unit, x: _times(x, unit))
 _frame_number = keyword("[frame|f|fr] (number|no|#)") + number >> (lambda x: TimeExpression(frames=x))
-_inside = f"in|into (the) [{PICTURE}]|into it|in the [{PICTURE}]"
-_at_t = literal("t (=)|time =") + number + ~keyword("s|sec") >> (lambda x: TimeExpression(seconds=x))
-_measured = _at_t | (
-    either(number + _unit + ~keyword(f"{_inside}|mark"), keyword("the") + number + _unit + keyword("mark|point"))
-    >> _times
+_measured = either(
+    literal("t (=)|time =") + number + ~keyword("s|sec") >> (lambda x: TimeExpression(seconds=x)),
+    ~keyword("the") + number + _unit + ~keyword(f"in|into (the) [{PICTURE}]|into it|mark|point") >> _times,
+    table({"half a": 0.5, "one|a": 1.0}) + _unit >> _times,
 )
-_fraction_moment = table({"half a": 0.5, "one|a": 1.0}) + _unit >> _times | _of_one
 _nth = either(
     number + keyword("th|st|nd|rd|the"),  # "the" is what "th" is spelt as
     table({word: float(n) for n, word in enumerate(ORDINALS, 1)}),
 )
-_numbered = ~keyword("the") + number + either(keyword("th|st|nd|rd"), keyword("[th|st|nd|rd|the] frame")) >> (
+_numbered = ~keyword("the") + number + keyword("(th|st|nd|rd|the) frame|th|st|nd|rd") >> (
     lambda x: TimeExpression(frames=x)
 )
 _hedge = ~literal(
-    "like|say|maybe|somewhere around|about|around|roughly|approximately|circa|exactly|precisely|right|just|shortly|some"
-)
-_after_start = duration + keyword(f"(after|into|from) (the) (very) [beginning|start] (of the [{PICTURE}])") >> (
-    lambda length: START.plus(length)
+    "like|say|maybe|about|around|roughly|approximately|circa|exactly|precisely|right|just|shortly|some|somewhere around"
 )
 _before_end = duration + keyword(f"before (the) end (of the [{PICTURE}])|from the end (of the [{PICTURE}])") >> (
-    lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
+    lambda length: END.plus(length, -1.0)
 )
-_second_over = keyword("the") + _nth + keyword("second (is over|has passed)") >> (lambda n: TimeExpression(seconds=n))
-"""What is after the second second is after two seconds."""
-_edge_of_second = keyword("the") + table({"(very) end": 0.0, "(very) [start|beginning]": -1.0}) + keyword("of the") + (
-    _nth + keyword("second")
-) >> (lambda shift, n: TimeExpression(seconds=n + shift))
 moment = ~literal("(the) [timecode|time code|timestamp|time|tc|mark]") + either(
-    _after_start,
-    _edge_of_second,
-    _edge,
-    ~keyword("a|one") + _and_a_half,
-    _numbered,
-    _counted,
-    _before_end,
-    _measured,
-    _fraction_moment,
-    _clock,
-    _part_way,
+    _edge, _numbered, _counted, _before_end, _measured, _clock, _part_way
 )
 _to = keyword("(right|through|all the way|on|up) [to|until|up to|up until]|-|through|and")
 _pair = either(
-    moment + _to + moment >> (lambda a, b: (a, b)),
-    ~keyword("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
-    number + _to + number + _unit >> (lambda a, b, unit: (_times(a, unit), _times(b, unit))),
-    number + _unit + _to + number >> (lambda a, unit, b: (_times(a, unit), _times(b, unit))),
-    (percent | fraction) + ~(_of_it | _through) + _to + (percent | fraction) + (_of_it | _through)
-    >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b))),
-    (percent | fraction) + keyword("in") + _to + (percent | fraction)
-    >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b))),
-    keyword("the (very) middle|halfway|half way") + _to + keyword("the (very) end") + ~_of_it
-    >> (lambda: (HALF_WAY, END)),
-    keyword("the (very) [start|beginning]") + _to + keyword("the (very) middle|halfway|half way") + ~_of_it
-    >> (lambda: (START, HALF_WAY)),
+    moment + _to + (moment | _middle_point) >> Span,
+    ~keyword("the") + _unit + number + _to + number >> (lambda unit, a, b: Span(_times(a, unit), _times(b, unit))),
+    number + _to + number + _unit >> (lambda a, b, unit: Span(_times(a, unit), _times(b, unit))),
+    number + _unit + _to + number >> (lambda a, unit, b: Span(_times(a, unit), _times(b, unit))),
 )
-_portion = ~keyword(
-    "(in|for|during|over|across|within) (the|all|every|each) [part|bit|section|segment|stretch|piece|portion|interval|time|second|"
-    "seconds|frames|passage|range]"
-)
-_pair_between = either(
-    _portion
-    + keyword("between")
-    + (
-        _pair
-        | (percent | fraction) + _to + (percent | fraction)
-        >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b)))
-    ),
-    keyword("(in|for|during) the [second|seconds|part|time] [between|from]")
-    + number
-    + _to
-    + number
-    + ~keyword("seconds|s")
-    >> (lambda a, b: (TimeExpression(seconds=a), TimeExpression(seconds=b))),
-)
-_pair_from = (
-    _portion
-    + ~keyword("from|since|in|during|for|over|within|across|at|starting [at|from|in]|beginning [at|from|in]|on")
-    + _pair
-)
-_length = either(
-    duration,
-    optional(number, 1.0) + _unit >> _times,
-)
-_over = ~keyword(
-    "[for|in|during|over|within|throughout|on|at|across|inside|through] (only|just)|over the course of|in the course of"
-)
-_whole_s = ~keyword(f"[the|this] [{PICTURE}] 's")
-_first = _over + _whole_s + keyword("(the) (very) [first|opening|initial|starting]") + _length + ~_of_it
-_last = _over + _whole_s + keyword("(the) (very) [last|final|closing|ending|concluding]") + _length + ~_of_it
-_TO_THE_END = "[until|to|through to|through|up until] the (very) end|all the way (through) to the (very) end"
+_length = either(duration, optional(number, 1.0) + _unit >> _times)
+_over = ~keyword("[for|in|during|over|within|throughout|on|at|across] (only|just)|[over|in] the course of")
+_first = _over + keyword("(the) (very) [first|opening|initial|starting]") + _length + ~_of_it
+_last = _over + keyword("(the) (very) [last|final|closing]") + _length + ~_of_it
+_TO_THE_END = "[until|to|through to|through|up until] the (very) end|all the way to the end"
 _goes_on = keyword(
-    "(and) [on|onward|forward|after|beyond|later|up]|on out|or later|on forever|"
-    f"(right) [{_TO_THE_END}]|for good|for the [rest|remainder] (of the [{PICTURE}]|of it)|and stay so"
+    f"(and) [on|onward|forward|after|beyond|later|up]|or later|(right) [{_TO_THE_END}]|for good|for the [rest|remainder] "
+    f"(of the [{PICTURE}]|of it)"
 )
-_onward = ~_goes_on
-_FRAMES = (
-    "(in|on|for|during|over) [every|all|any|each] (the|of the) [frame|frames|time|second|seconds]|(for) everything"
-)
+_FRAMES = "[every|all|any|each] (the|of the) [frame|frames|time|second|seconds]|(for) everything"
 _since = keyword(
-    "(right) from|after|since|ever since|as of|as from|once|not before|beginning|from (about) after|[no|not] [earlier|sooner] "
-    f"than|(any) (time) later than|({_FRAMES}|any time|at any time) [after|from|past|beyond|since]|starting|starting [at|from|in|"
-    "with|on]|beginning [at|from|in|with]|start at"
+    "(right) from|after|since|as of|as from|once|not before|[no|not] [earlier|sooner] than|([in|on|for]) "
+    f"({_FRAMES}) [after|from|past|since]|starting ([at|from|in|with|on])|beginning ([at|from|in|with])|start at"
 )
 _until = keyword(
-    "until|before|(right|all the way) [up to|up until]|not after|[no|not] later than|[no|not] longer than (until)|ending [at|"
-    f"with|on|in]|({_FRAMES}|any time|at any time) [before|until|up to]"
+    f"until|before|(right|all the way) [up to|up until]|[no|not] later than|ending [at|with|on|in]|({_FRAMES}) [before|until]"
 )
-_middle_point = keyword(f"the middle (of the [{PICTURE}])") >> (lambda: HALF_WAY)
-_reaches = (
-    "[we|it|you] [reach|reaches|hit|hits|get to|gets to|are at|is at|are|is]|the [clip|video|film|scene|clock|timer|time] "
-    "[reaches|hits|shows|is at|gets to]"
-)
-_at = keyword("at|@|in|on|around|about|near|exactly at|right at|when|as soon as") | keyword(
-    "once|when|as soon as"
-) + keyword(_reaches)
-_comes = ~keyword("[is|has been] reached|comes|starts|begins|arrives|is there")
-_bare = either(_after_start, duration + keyword(_inside), _part_way, _before_end, _frame_number)
-"""Moments that need no word before them: "two seconds in"."""
-_has_passed = (
-    keyword("[once|after|when|as soon as] (the first)")
-    + _length
-    + keyword("[has|have] [passed|gone by|elapsed|gone]|[is|are] [over|up|through|done|gone]|[passes|elapses]")
-)
-_part = table({**FRACTIONS, "two thirds": 2 / 3, "three quarters": 0.75}) + ~keyword(f"of the [{PICTURE}]")
-_half_over = keyword("after|past|once|when|as soon as") + either(
-    keyword("the first") + _part,
-    _part
-    + keyword(f"(of) the ([whole|entire]) [{PICTURE}|time]|(of) it")
-    + ~keyword("[is|has] [over|passed|gone|done|through|played|gone by|run]"),
-) >> (lambda x: TimeExpression(clip=x))
-"""From where a part of the clip is over: "after the first half", "after half the clip"."""
-_share_has_passed = keyword("once|after|when|as soon as|until") + fraction + ~keyword("of") + keyword(
-    f"(the|this|my) [{PICTURE}] [is|has] [over|passed|gone|done|through|played|gone by|run]"
-) >> (lambda x: TimeExpression(clip=x))
-_wait_over = keyword("(,|.) [(and) (only) then|before|and]")
+_reaches = "[we|it|you] [reach|hit|get to|are at|is at]|the [clip|video|clock|timer|time] [reaches|hits|shows]"
+_at = keyword("at|@|in|on|around|about|near|when|as soon as") | keyword("once|when|as soon as") + keyword(_reaches)
+_passed = keyword("[is|are] [over|up|through|done]|[has|have] [passed|gone by|elapsed]|[passes|elapses]")
 _since_then = either(
-    _share_has_passed,
-    _half_over + _onward,
-    _since + _hedge + (moment | _middle_point) + _comes + _onward,
-    keyword("from") + percent + keyword("on|onward") >> (lambda x: TimeExpression(clip=x)),
-    keyword("[with|when|once] (there [is|are])")
-    + duration
-    + keyword("([is|are]) [left|remaining|to go]|[remains|remain]")
-    >> (lambda length: TimeExpression(clip=1.0).plus(length, -1.0)),
-    keyword("wait (for)") + duration + _wait_over >> START.plus,
-    keyword("wait until") + moment + _wait_over,
-    keyword("(right) after|past|once|when") + ~keyword(_reaches) + _second_over + _onward,
-    _since + keyword("the (very) [first|opening]") + _length + _onward >> START.plus,
+    _since + _hedge + (moment | _middle_point) + ~_goes_on,
+    keyword("after|past|once|when")
+    + (keyword("the first") + _share | _share + keyword("(of) the (whole) [" + PICTURE + "|time]") + ~_passed)
+    >> (lambda x: TimeExpression(clip=x)),
+    _since + keyword("the (very) [first|opening]") + _length + ~_goes_on >> START.plus,
+    keyword("[once|after|when|as soon as] (the first)") + _length + _passed,
+    keyword("wait (for)") + duration + keyword("(,|.) [(and) then|before|and]") >> START.plus,
     (_measured | _counted) + _goes_on,
-    _has_passed,
 )
 _just_then = (
     unless(keyword("in here"))
-    + _at
-    + _hedge
-    + (moment | here(lambda reading, at: reading.word(at - 1) in ("around", "about", "near")) + _middle_point)
-    + ~keyword("exactly|precisely|sharp|or so|or thereabouts")
-    + _comes
-    + ~keyword("[is|are|has] [over|passed|up|done]")
-    | _hedge + _bare
-) + _onward
+    + either(
+        _at
+        + _hedge
+        + (moment | here(lambda reading, at: reading.word(at - 1) in ("around", "about", "near")) + _middle_point)
+        + ~keyword("exactly|precisely|sharp|or so"),
+        _hedge
+        + either(
+            duration + keyword(f"in|into (the) [{PICTURE}]|into it|in the [{PICTURE}]"),
+            _part_way,
+            _before_end,
+            _frame_number,
+        ),
+    )
+    + ~_goes_on
+)
 _begin = _since_then | _just_then
-_for = (
-    keyword("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking|spanning")
-    + _hedge
-    + duration
-)
+_for = keyword("for|lasting|over|within|during|over the course of|over a period of|taking|spanning") + _hedge + duration
 _during = ~keyword("for|in|during|over|within|throughout|across")
-_within = _during + keyword("the")
-_leading = _during + keyword("(the) [first|opening]") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
-_closing = _during + keyword("(the) [last|final|closing]") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
-_central = _within + keyword("middle|central") + either(
-    _part >> (lambda x: TimeExpression(clip=x)),
-    _length,
-    keyword("part|section|bit|stretch|segment|portion") >> (lambda: TimeExpression(clip=1 / 3)),
-) >> (lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5)))
-_nth_second = _within + _nth + keyword("second") >> (
-    lambda n: Span(TimeExpression(seconds=n - 1), TimeExpression(seconds=n))
-)
-_loosely = keyword(
-    "(in|during|for|over) the [last|final|closing] [bit|part|moments]|"
-    "[toward|near|close to|just before|shortly before|right before] the (very) end|near (the) end"
-)
-_second_half = (
-    here(lambda reading, at: "half" in reading.words[:at])
-    + keyword("in the [second|other]")
-    + unless(keyword("half|third|second"))
-    >> (lambda: Span(HALF_WAY, None))
-) | _during + keyword("(the) [second|latter|later|other|2nd] half") + ~keyword(f"of the [{PICTURE}]") >> (
-    lambda: Span(HALF_WAY, None)
-)
-_second_third = _during + keyword("(the) [second|2nd] third") + ~keyword(f"of the [{PICTURE}]") >> (
-    lambda: Span(TimeExpression(clip=1 / 3), TimeExpression(clip=2 / 3))
-)
+_mid = keyword(f"in the (very) middle (of the [{PICTURE}])")
+_comma = ~keyword(",")
 
 
 def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
     return Span(END.plus(length, -1.0), None) if start == END else Span(start, start.plus(length))
 
 
+def _about_middle(length: TimeExpression) -> Span:
+    return Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))
+
+
 def _only_then(start: TimeExpression) -> Span:
     return Span(start, None, "moment") if start in (START, END) else Span(start, start)
 
 
-_comma = ~keyword(",")
-_mid = keyword(f"in the (very) middle (of the [{PICTURE}])")
 span = either(
-    (_pair_from | _pair_between) >> (lambda pair: Span(*pair)),
+    ~keyword("from|since|in|during|for|over|within|across|at|between|starting [at|from|in]|beginning [at|from|in]|on")
+    + _pair,
     _for + _comma + ~keyword("starting|beginning") + _begin >> (lambda length, start: _lasting(start, length)),
     _begin + _comma + _for >> _lasting,
     _begin
@@ -347,68 +226,50 @@ span = either(
     + (moment | _middle_point)
     >> Span,
     keyword("for the [rest|remainder]") + ~_of_it + _begin >> (lambda start: Span(start, None, "from")),
-    either(_mid + _comma + _for, _for + _comma + _mid)
-    >> (lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))),
+    either(_mid + _comma + _for, _for + _comma + _mid) >> _about_middle,
+    _during + keyword("the [middle|central]") + (_share >> (lambda x: TimeExpression(clip=x)) | _length)
+    >> _about_middle,
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
     ~keyword("from (the) [start|beginning]") + _until + _hedge + (moment | _middle_point)
     >> (lambda end: Span(START, end)),
-    _until
-    + ~keyword("the first")
-    + _length
-    + keyword("[is|are] [over|up|done|through]|[has|have] [passed|ended|gone by]")
-    >> (lambda length: Span(START, length)),
-    keyword(f"{_TO_THE_END}|before the [{PICTURE}] [ends|is over|stops|finishes]") >> (lambda: Span(START, END)),
+    _until + ~keyword("the first") + _length + _passed >> (lambda length: Span(START, length)),
+    keyword(_TO_THE_END) >> (lambda: Span(START, END)),
     keyword("(for|over|in|during|within) the next") + _length >> (lambda length: Span(NOW, NOW.plus(length))),
     keyword("for the [rest|remainder]") + ~_of_it >> (lambda: Span(NOW, None, "from")),
-    keyword("by")
-    + (
-        _numbered
-        | _counted
-        | keyword("the") + number + _unit + keyword("mark|point") >> _times
-        | keyword(f"the (very) end (of the [{PICTURE}])") >> (lambda: END)
-    )
+    keyword("by") + (_numbered | _counted | keyword("the (very) end") + ~_of_it >> (lambda: END))
     >> (lambda end: Span(START, end, "by")),
     keyword("[before|until] the") + _nth + keyword("second") >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
     ~keyword("only|just") + _just_then + keyword("only|alone") >> _only_then,
     keyword("only|just") + _just_then >> _only_then,
-    _leading,
-    _closing,
-    _second_half,
-    _second_third,
-    _central,
-    _nth_second,
-    _loosely >> (lambda: Span(END, None, "moment")),
-    keyword("(in|during|for|over) the [first bit|first moments|intro|opening]|near the (very) [beginning|start]")
-    >> (lambda: Span(START, None, "moment")),
-    keyword(f"[as|when|once|as soon as|the [moment|second|instant]] the [{PICTURE}] [begins|starts|is starting|opens]")
-    >> (lambda: Span(START, None, "moment")),
-    keyword(f"[as|when] the [{PICTURE}] [ends|is ending|is over|stops|finishes]")
-    >> (lambda: Span(END, None, "moment")),
+    _during + keyword("(the) [first|opening]") + _share >> (lambda x: Span(START, TimeExpression(clip=x))),
+    _during + keyword("(the) [last|final|closing]") + _share >> (lambda x: Span(TimeExpression(clip=1 - x), None)),
+    _during + keyword("(the) [second|latter|later|other|2nd] half") + ~_of_it >> (lambda: Span(HALF_WAY, None)),
+    _during + keyword("the") + _nth + keyword("second")
+    >> (lambda n: Span(TimeExpression(seconds=n - 1), TimeExpression(seconds=n))),
     keyword(
-        f"[over|in|during|through] the [course|duration|length] of the (whole|entire) [{PICTURE}]|as the [{PICTURE}] [goes on|"
-        f"progresses|plays|runs|advances|unfolds]|over the (whole|entire|full) [{PICTURE}]"
+        "[toward|near|close to|just before] the (very) end|near (the) end|(in|for) the [last|final] [bit|part|moments]"
+    )
+    >> (lambda: Span(END, None, "moment")),
+    keyword(f"near the (very) [beginning|start]|[as|when|once] the [{PICTURE}] [begins|starts|opens]")
+    >> (lambda: Span(START, None, "moment")),
+    keyword(f"[as|when] the [{PICTURE}] [ends|is ending|is over|stops]") >> (lambda: Span(END, None, "moment")),
+    keyword(
+        f"[over|in|during|through] the [course|duration|length] of the (whole|entire) [{PICTURE}]|as the [{PICTURE}] [goes "
+        f"on|progresses|plays|runs]|over the (whole|entire|full) [{PICTURE}]"
     )
     >> (lambda: Span(START, None)),
-    keyword("[from|since] the") + _nth + keyword("second") + _onward
+    keyword("[from|since] the") + _nth + keyword("second") + ~_goes_on
     >> (lambda n: Span(TimeExpression(seconds=n - 1), None, "from")),
     keyword("in|within") + duration >> (lambda length: Span(NOW, NOW.plus(length), "in")),
     _since_then >> (lambda start: Span(start, None, "from")),
     _just_then >> (lambda start: Span(start, None, "moment")),
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
-    table(
-        {
-            "always|all the [time|while]|all along|(all) the [whole|entire] [time|duration]|(for|over|during) the [whole|entire] "
-            "thing|for the (whole|entire|full) [duration|length] (of the [clip|video|film|scene|shot|footage|recording|movie|"
-            "sequence])|all the way through|(in|on|for) [every|each] (single) frame|all of the time|[for|during|throughout] the "
-            "[whole|entire] [clip|video|time|film|shot|footage|movie|sequence|scene]|throughout|throughout the [clip|video|film|"
-            "scene]|forever|the [entire|whole] way|the whole way through|from start to finish|from (the) beginning to (the) end|"
-            "(over|for) the whole duration|[over|during|throughout|across] the (whole|entire) [clip|video|film|scene|footage|shot|"
-            "movie|sequence|recording]|at all times|in every frame|[in|on|for] all (the) frames|on every frame|constantly|"
-            "perpetually|for its [entire|whole] length|from the first (frame) to the last (frame)": Span(
-                START, None, "always"
-            )
-        }
-    ),
+    keyword(
+        "always|all the [time|while]|all along|(all) the [whole|entire] [time|duration|way]|throughout|forever|at all times|"
+        "constantly|from start to finish|from (the) beginning to (the) end|(for|over|during|in|on) [every|each|all] "
+        f"(single|the) [frame|frames]|[for|during|throughout|over|across] the (whole|entire) [{PICTURE}|thing]"
+    )
+    >> (lambda: Span(START, None, "always")),
 )
 """A `Span`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from ..language.asides import CALLS
+from ..language.courtesies import CALLS
 from ..language.grammar import NOTHING, Rule, alternatives, either, silent, split, table
 from ..language.lexicon import forms, word_set
 
@@ -38,11 +38,12 @@ def _inflected(verbs: str) -> Iterator[tuple[str, str]]:
 _CUES = """
 clips: (little|short|whole|entire) [clip|video|film|movie|footage|sequence|recording|scene|shot]
 pictures: {clips}|plate|comp|composition|picture|image|view|frame|room|world|screen|sight|reconstruction|field of view
-noun: label|labels|word|words|name|names|class|classes|thing|things|object|objects|one|ones|item|items|element|elements|stuff|
+noun:
+    label|labels|word|words|name|names|class|classes|thing|things|object|objects|one|ones|item|items|element|elements|stuff|
     mover|of (them) all|of all (of them)
 people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
-moments: time|times|moment|moments|second|seconds|(frame) number|frame|frames|point|points|instant|stage|timecode|timestamp|(time)
-    [span|interval|period]
+moments: time|times|moment|moments|second|seconds|(frame)
+    number|frame|frames|point|points|instant|stage|timecode|timestamp|(time) [span|interval|period]
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) {pictures}
@@ -64,24 +65,24 @@ rest: {stands} [where it is|where they are|in (one|its|the same) [place|spot]|on
     [static|stationary|motionless|unmoving|immobile|still|fixed] {noun}|still|at
     rest|stationary|static|motionless|unmoving|immobile|resting|parked|idle|idling|at a standstill|standing (around)|{stands}
     [still|stationary|static|motionless|put|at rest]|where it is|in place|not in motion|without moving
-set-off: {+take off|lift off|depart}|start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets
-    going|set out|sets out
+set-off: {+take off|lift off|depart}|start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get
+    going|gets going|set out|sets out
 stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full|complete|dead|total|sudden)
     [stop|halt|standstill|rest]|[stand|stands|stay|stays|remain|remains|standing|staying] still
 big-er: more [big|large|wide|long|tall]|bigger|larger|wider|longer|broader|thicker|greater
 small-er: smaller|tinier|narrower|littler
 half: side|half|part|third|hand side
-what: what|who|which|who and what|what and who|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which
-    of [the|these|those|all the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|what (is)
-    the {noun}|what (is) (it) that|(the) [things|objects]
-when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it take|is
-    it|will it take|passes|pass) [until|before|into the {clips}|into it]|from when ([to|until] when)|how [long|many seconds|many
-    frames|much time] does it take (for)|until when|since when|how [early|soon|late]|[which|what] {moments}
-    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in which|where|that|of]|(at)
-    the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments}
-    (in time|of the clip|on)
-where: show [me|us]|where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point out|[point|show|direct|lead]
-    [me|us] to|(the) [position|location|place|whereabouts]|{at}
+what: what|who|which|who and what|what and who|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other)
+    {noun}|which of [the|these|those|all the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what
+    else|what (is) the {noun}|what (is) (it) that|(the) [things|objects]
+when: when (exactly)|after how [long|many seconds|many frames]|how [long|many seconds|many frames|much time|far] (does it
+    take|is it|will it take|passes|pass) [until|before|into the {clips}|into it]|from when ([to|until] when)|how [long|many
+    seconds|many frames|much time] does it take (for)|until when|since when|how [early|soon|late]|[which|what] {moments}
+    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] (number) [when|at which|in
+    which|where|that|of]|(at) the [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what
+    is the {moments}|{at} {moments} (in time|of the clip|on)
+where: show [me|us]|where (exactly|precisely)|whereabouts|where about|where abouts|locate|find|point
+    out|[point|show|direct|lead] [me|us] to|(the) [position|location|place|whereabouts]|{at}
     [part|side|half|place|position|corner|area|third|spot|location|region] (of the {pictures})
 move: {plainly}|{+head}|{manner} (around|about)
 takes: take|takes|taken|follow|follows|followed|along|{move}
@@ -99,60 +100,54 @@ place = below: below|under|beneath|underneath|lower (down)|lower than
 place = left of: (further|farther) (to|on|at) (the) left (hand) (side) of|left from
 place = right of: (further|farther) (to|on|at) (the) right (hand) (side) of|right from
 place = near: next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby
-side = left: (the) [leftmost|left most|far left|furthest left|farthest left] ({noun})|[to|on|at|in] (the) (far|very) left (hand)
-    ({half}) (of the {pictures})
-side = right: (the) [rightmost|right most|far right|furthest right|farthest right] ({noun})|[to|on|at|in] (the) (far|very) right
+side = left: (the) [leftmost|left most|far left|furthest left|farthest left] ({noun})|[to|on|at|in] (the) (far|very) left
     (hand) ({half}) (of the {pictures})
+side = right: (the) [rightmost|right most|far right|furthest right|farthest right] ({noun})|[to|on|at|in] (the) (far|very)
+    right (hand) ({half}) (of the {pictures})
 side = middle: in the (very) [middle|center] (of the {pictures})|central|centered
 on-side: (on|to|at|in) (the) {direction} ({half})
 sides: {on-side} or {on-side}
 sideways-or: {on-side} or {on-side}
 way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where to
-compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to|(on|to|at)
-    [which|what] side of
+compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard
+    to|(on|to|at) [which|what] side of
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
     there|available|exist|exists|[appear|appears] [{inside}|in it|in this|here|anywhere]|there
-    (still)|here|around|somewhere|(somewhere|anywhere) {inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign of|[do|does]
-    [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
+    (still)|here|around|somewhere|(somewhere|anywhere) {inside}]|{looking}|(do|does|can|is) {picture-shows}|any sign
+    of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) {clips} of
 staying: stay|stays|staying|remain|remains|remaining|last|lasts
-visible: ({now}) ({staying}) [visible|(be) seen|shown|present|{in-view}|to be seen|around|there|here|show|showing|shows]|{looking}
-    |({staying}) {inside}|{staying}
+visible: ({now}) ({staying}) [visible|(be) seen|shown|present|{in-view}|to be
+    seen|around|there|here|show|showing|shows]|{looking} |({staying}) {inside}|{staying}
 always: all along|all the while|[stay|stays|remain|remains|staying|remaining] [visible|in
     view|{inside}]|always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the
     time|at all times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single
-    frame|from start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the
-    {clips}|from (the) [beginning|start] to (the) end
-enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|step into}|{manner} into] (the|this)
-    ({pictures})
+    frame|from start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of
+    the {clips}|from (the) [beginning|start] to (the) end
+enter: {+appear|arrive|show up|turn up|pop up|emerge}|[{+enter|come into|come in|get into|step into}|{manner} into]
+    (the|this) ({pictures})
 most-far: when [it|he|she|they] (is|are|was|were|get|gets) (the) [farthest|furthest] (away|apart)
 most-far: (the) [maximum|max|greatest|largest|biggest|longest|highest] [distance|gap|separation|spacing]|(the) (very)
     [furthest|farthest] [apart|away]
-mean-far: (the) [average|mean] [distance|gap|separation|spacing]
 hidden: hidden|invisible|covered|occluded|out of (the) [sight|view|frame|shot|the {pictures}]|not ({now})
     [visible|seen|shown|there|in view|in sight|on screen]|off screen
 gone: gone|no longer [{inside}|there|here|around|visible]|(can|could|do) {people} (can) no longer {see}|not ({now})
     [{inside}|there|here|around|visible|seen|{in-view}] [any more|anymore|any longer]
-leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|[leave|leaves|leaving] (the|this)
-    ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop out of}|{manner} out of] (the|this)
-    ({pictures})
-happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do you
-    know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
-    about
+leave: {+disappear|vanish|go away|go out|exit}|leave|leaves|leaving|(we|you|i) {+lose sight of}|[leave|leaves|leaving]
+    (the|this) ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop out of}|{manner} out of]
+    (the|this) ({pictures})
+happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do
+    you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell
+    me|talk] about
 happens: ([describe|summarize|sum up|explain|outline]) what [happens|is happening|goes on|is going on|happened|takes place|is
-    taking place|occurs] (here|there|to see)|what [changes|has changed|is changing|is different]|any action|the action|anything
-    (interesting) [happening|going on]|anything happens
-described: [describe|summarize|sum up|explain|outline] (what you see)|what (is) (the|this) {clips} [about|shows|show|showing]|what
-    is it (about)|what is this|what does [it|this|the {clips}|this {clips}] show|(a|an) (short|brief|quick)
-    [summary|description|overview] (of)|what (can|could) you (can) [tell|say] (me) about [the|this] {clips}
+    taking place|occurs] (here|there|to see)|what [changes|has changed|is changing|is different]|any action|the
+    action|anything (interesting) [happening|going on]|anything happens
+described: [describe|summarize|sum up|explain|outline] (what you see)|what (is) (the|this) {clips}
+    [about|shows|show|showing]|what is it (about)|what is this|what does [it|this|the {clips}|this {clips}] show|(a|an)
+    (short|brief|quick) [summary|description|overview] (of)|what (can|could) you (can) [tell|say] (me) about [the|this]
+    {clips}
 anybody: [anyone|anybody|someone|somebody] (else)
 several: [is|are] there [one|two|three|four]|[are we looking at|do we have|have we got|do i see] [one|two|three|four]
     |several|multiple|many|[just|only|more than] one (or more)|one or more|more than one|more|(just|only) a single
-in-out: (the) [in and out|in|out|entry and exit|start and end|first and last] [point|points|frame|frames] (of|for)
-first-with: (the) [first|earliest] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which) ({people})
-    (can|could|get to) ({see})
-last-with: (the) [last|latest|final] [frame|moment|time|glimpse|sight] (with|of|showing|that shows|where|when|in which) ({people})
-    (can|could|get to) ({see})
-clip-share: how much of (the|this) {clips} (has|have|shows|contains|features|is)
 remain: left (over)|remaining
 own: it|them|itself|him|her
 event: (during|in|of|at) {its} [jump|leap|hop|flight|ride|run|walk|trick|turn|action|maneuver]
@@ -163,11 +158,11 @@ what-is-it: [what|which] (kind of|sort of|type of) ({noun}) (is|are) [it|this|th
     (called)|[identify|classify] [it|this|that] ({noun})|what [did|have] i (just) [{+click|select|pick|mark}] (on)|what is
     selected|what am i looking at
 contents: what am i looking at|what does (the|this) {clips} [contain|show|include|consist of]|what (all) is (there) (to
-    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to see)|what
-    is|a list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the
-    [contents|inventory]|[what|which] (all) ({noun}) (do|have|can|could) {people} (can|could|all)
-    [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
-    be|do) (there|seen|visible|known|shown|present|found|exist|available)
+    [see|edit]|{inside})|what are there|what do we have|what have we|what you (can) [see|know|have]|what there is (to
+    see)|what is|a list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in
+    it]|the [contents|inventory]|[what|which] (all) ({noun}) (do|have|can|could) {people} (can|could|all)
+    [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun}
+    (are|is|can be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
 filler: spend|spends|altogether|all together|in all|all
     told|directly|immediately|state|report|confirm|verify|establish|ascertain|specify|indicate|or
@@ -187,17 +182,20 @@ filler: spend|spends|altogether|all together|in all|all
     meters|[the|this] {clips}|list|name|in it|of them|of all|at any time|at some point|at any [point|moment]
 fast: how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of)
     [speed|velocity|pace]|(the) [speed|velocity|pace]|how much speed
-extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal]|at {its} fastest|at most|at the most|at maximum
+extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal]|at {its} fastest|at most|at the most|at
+    maximum
 extreme = mean: (at) ({its}) [average|mean]|on average|averaged|typically
 extreme = min: (at) ({its}) [lowest|minimum|least|min|minimal]|at {its} slowest|at least|at minimum
 far: how far|how much (ground|distance|way)|[what|which] (total|overall|entire|whole|full) [distance|length]|(the) total
-    [distance|way]|(the) (total) distance [traveled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how
-    long (is) (the) [path|way|route|journey]|how long a way|[what|which] [way|distance] in total|how many [meters|units|steps]
+    [distance|way]|(the) (total) distance [traveled|covered]|(the) [length|distance] of the
+    [path|way|route|track|journey]|how long (is) (the) [path|way|route|journey]|how long a way|[what|which] [way|distance] in
+    total|how many [meters|units|steps]
 gap: (the) depth (of)|how deep (in (the) {pictures})|how [far|close|near] (away|apart|off|together)|(the) (current)
-    [distance|gap|space|spacing|separation|clearance]|apart|how much [space|room|distance|gap]|how [big|large|wide|small|long]
-    (is) (a|the) [gap|distance|space]|[what|which] [distance|gap|separation]|at [what|which] distance|how many units
-least: (the|{at-its}) [shortest|smallest|minimum|min|minimal|closest|least|nearest|lowest]|at the [closest|nearest] (point)|when
-    [it|he|she|they] (is|are|was|were|get|gets|come|comes) (the) [closest|nearest] (together)
+    [distance|gap|space|spacing|separation|clearance]|apart|how much [space|room|distance|gap]|how
+    [big|large|wide|small|long] (is) (a|the) [gap|distance|space]|[what|which] [distance|gap|separation]|at [what|which]
+    distance|how many units
+least: (the|{at-its}) [shortest|smallest|minimum|min|minimal|closest|least|nearest|lowest]|at the [closest|nearest]
+    (point)|when [it|he|she|they] (is|are|was|were|get|gets|come|comes) (the) [closest|nearest] (together)
 close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|{plainly}
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
@@ -205,23 +203,22 @@ big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which
     [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what
     [part|share|fraction|percentage|proportion|portion|amount] of the [{pictures}]|how many pixels
 covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
-max-height: how [far|high] [above|over|off] (the|its) [ground|floor|water|surface]|(the) [greatest|maximum|peak|top|highest]
-    height (of)
-high: {max-height}|how high (up)|(to) [what|which|how much] height|how far up|how much height
+high: how high (up)|(to) [what|which|how much] height|how far up|how much height
 rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come|lift off|take off}|rose|up|upward|off the
     ground
-go-up: {+leave} the ground|[get|gets] off the ground|airborne|[{+go|move|get|bob}] up [or|and] down|{+rise|climb|ascend|leap|lift
-    off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
+go-up: {+leave} the ground|[get|gets] off the ground|airborne|[{+go|move|get|bob}] up [or|and]
+    down|{+rise|climb|ascend|leap|lift off|take off}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain
+    height
 by-how-much: (by) how [much|far]
 comes: come|comes|came
 which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise) [color|colors|shade|hue|shades|tint|tone]
-    (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color] [code|value|values]
-    (of)|(the) (main|exact|dominant|average) [color|colors] (scheme|palette|of)|how colored
-how-many: (count|tell) how many|how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of)
-    (the)|(the) (total) [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all) (of) (the)|what
-    number of|[number|count|tally] (of)
-frames: total frames|how many frames of [{clips}|material]|frame count|(the) number of frames|how many [frames|pictures|images]
-    (in total)|(the) total number of frames|the number of frames|what is the number of frames
+    (is|has|have|of|are in|is in)|[what|which] [shade|tone|tint|hue] of {color} (is|has)|(the) [hex|rgb|color]
+    [code|value|values] (of)|(the) (main|exact|dominant|average) [color|colors] (scheme|palette|of)|how colored
+how-many: (count|tell) how many|how many (separate|different|single|distinct|individual|of the|of these|of them|of all
+    the|of) (the)|(the) (total) [number|count] of|([can|could|would|will|do] you) (please) [count|tally|total] (up) (all)
+    (of) (the)|what number of|[number|count|tally] (of)
+frames: total frames|how many frames of [{clips}|material]|frame count|(the) number of frames|how many
+    [frames|pictures|images] (in total)|(the) total number of frames|the number of frames|what is the number of frames
 rate: how many fps|[what|which] [frame rate|framerate|fps]|(the) [frame rate|framerate|fps]|how many [frames|pictures|images]
     [per|a|each|every] second|frames per second
 how-long: (for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time
@@ -232,12 +229,11 @@ lasts: cover|covers|last|lasts|run|runs|take|takes|go on|goes on|have|has|contai
 order: (in) [which|what] [order|sequence|succession]|in order|(in) the order|order|one after the other
 sort: put|compare|{+order|sort|rank|arrange}|order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order
     of|put in order|in order
-everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all)
-    (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what
-    is there|what you see|them
+everything: all (that) {people} (can) {see}|everything (that) ({people} (can) {see}|you know|is there|there
+    is)|everything|(all) (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are
+    there|there are)|them all|what is there|what you see|them
 first: first|last|(is|are) the [first|last] (one|thing|object) [to|that|which]|earliest|before all others
 start: [{set-off}|continue|continues|first] (to)
-turning: {+turn}
 turn: [{+turn}] (around|round|back|left|right|to the left|to the right|the corner)|[{+change}] (its|his|her|the|their)
     [direction|course|way|directions|heading]|[make|makes|take|takes] a turn
 front: [in|at] (the) (very) [front|foreground]|in the foreground
@@ -255,8 +251,9 @@ more: more|farther|further|the most
 most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile|energetic|agile]]
     ({noun})|(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
 biggest = biggest: [bigger|larger|taller|wider|longer]|(the) [more|most] [big|large|tall|wide|long|high] ({noun})|(the)
-    [most|largest part|biggest part] of the {pictures}|(the) (very) [biggest|largest|tallest|widest|longest|broadest|greatest]
-    ({noun})|(the) [bigger|larger|taller] one ({noun})|(the) most [space|room|area|volume|mass]
+    [most|largest part|biggest part] of the {pictures}|(the) (very)
+    [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller] one ({noun})|(the) most
+    [space|room|area|volume|mass]
 biggest = smallest: [smaller|tinier|shorter]|(the) [more|most] [small|little|tiny|short] ({noun})|(the) (very)
     [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller one
 brightest = brightest: (the) (very) [brightest|lightest] ({noun})|(the) [brighter|lighter] (one)
@@ -264,26 +261,24 @@ brightest = darkest: (the) (very) [darkest|dimmest] ({noun})|(the) [darker|dimme
 alone: (all) [alone|lonely]|(all) (by|on) (itself|himself|herself|its own|his own|her own)
 speediest = fastest: (the) [fastest|quickest|speediest] (moving) ({noun})|(the) [faster|quicker] (one)
 speediest = slowest: (the) [slowest] (moving) ({noun})|(the) slower (one)
-bigger = bigger: (much|the|a lot) {big-er} (one|in size)|[{+take up|cover|fill|occupy}] (much) more ([space|room|area|ground]) (of
-    the {pictures})
+bigger = bigger: (much|the|a lot) {big-er} (one|in size)|[{+take up|cover|fill|occupy}] (much) more
+    ([space|room|area|ground]) (of the {pictures})
 bigger = smaller: (much|the|a lot) {small-er} (one|in size)
 bigger = taller: (much|the|a lot) [more high|taller|higher] (one)
 bigger = lower: (much|the|a lot) [shorter|lower] (one)
 as-big = taller: as [tall|high]
 as-big = bigger: as [big|large|wide|long]|the same size
 as-big = smaller: as small
-faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)|(at|with) (a) [higher|greater|more]
-    speed
+faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)|(at|with) (a)
+    [higher|greater|more] speed
 faster = slower: (much|the|a lot) [slower|more slowly] (one)
-by-factor: how much|how many times|by how much|by what factor|by which factor|how many times as|what factor|to what degree|how
-    much more
+by-factor: how much|how many times|by how much|by what factor|by which factor|how many times as|what factor|to what
+    degree|how much more
 closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
 closing = away: away from|[farther|further] [from|away|apart]|apart
-grows = away: {+grow|increase|widen|expand|open}
-grows = closer: {+shrink|decrease|narrow|close|diminish}|get smaller|gets smaller
 around: [on|at|to] [either|both|each] [side|sides] of|[left|to the left] and [right|to the right] of|in the
-    [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near
-    to|surrounding|surrounds]|the neighbors of
+    [vicinity|neighborhood|proximity] of|(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent
+    to|near to|surrounding|surrounds]|the neighbors of
 whereto: where
 sideways = left: (to|toward) (the) left (side)|leftward
 sideways = right: (to|toward) (the) right (side)|rightward
@@ -301,11 +296,7 @@ list: list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (li
 ends-up: end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lands|finally|in the end
 clip-length: is (the|this) [{clips}]|does (the|this) [{clips}] [last|run|take|go on]
 in-gap: in the [gap|space|room|middle]
-units: how many [meters|units|feet|steps|yards]
-far-off: far (away|off)|close
-length: (the) length (of)
 by-what: by (their) [distance|depth|position|nearness|size]
-near-or-far: near|nearby|close|close by|far|far away|far off|in the distance
 keep-on: keep|keeps|keeping (on)
 crosses: {+cover}
 what-it: what|what all
@@ -313,12 +304,10 @@ on: on|in|at
 reaches: reach|reaches|reached|attain|attains|get to|gets to|get up to|gets up to
 can: can|could
 any-of: any|any of
-any-parts: [which|what] [part|parts]|what motion (is there)|any motion|any movement|what movement|the movements
-way-of: (the) [direction|heading] (of)
 order-by = from left to right: (from) left to right
 order-by = from right to left: (from) right to left
-order-by = from near to far: [closest|nearest] (one|ones|{noun}) first|(from) near to far|from (the) [nearest|closest] to (the)
-    [farthest|furthest|most distant]
+order-by = from near to far: [closest|nearest] (one|ones|{noun}) first|(from) near to far|from (the) [nearest|closest] to
+    (the) [farthest|furthest|most distant]
 order-by = from far to near: [farthest|furthest] (one|ones|{noun}) first|(from) far to near|from (the) [farthest|furthest] to
     (the) [nearest|closest]
 order-by = from front to back: (from) front to back
@@ -385,12 +374,12 @@ frames: frames clip lasts | frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
 order: sort? order? contents? everything? thing? by-what? us? order-by stands? comes? | order-by who comes | order thing?
-    everything? start? move? | order thing? everything? enter | order thing? everything? passes | who enter first thing? | who
-    first start? move thing? | who first set-off
-nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when near-to thing | when thing
-    passes-by | when passes thing
-farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest gap
-    thing
+    everything? start? move? | order thing? everything? enter | order thing? everything? passes | who enter first thing? |
+    who first start? move thing? | who first set-off
+nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when near-to thing | when
+    thing passes-by | when passes thing
+farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest
+    gap thing
 highest_moment: when highest thing? move?
 fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
 when_turns: when turn thing start? | thing turn
@@ -402,10 +391,9 @@ relation: where thing place-or stands? | where thing compared-to stands? | thing
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 distance extreme=max: most-far pair | most-far gap? thing other
-distance extreme=mean: mean-far pair
-distance extreme=min: thing passes not? | thing passes-by not? | close thing get other | close thing get together | least gap pair
-    | least gap thing other | least thing get other
-distance: units thing together | units thing far-off | units thing far-off other | gap thing other | gap pair | gap thing
+distance extreme=min: thing passes not? | thing passes-by not? | close thing get other | close thing get together | least gap
+    pair | least gap thing other | least thing get other
+distance: gap thing other | gap pair | gap thing
 compare_size: by-factor bigger thing other | who bigger thing | who pair bigger | thing bigger versus
 compare_size manner=bigger: sort big thing | big thing versus | big thing compared-to | thing bigger-or other
 compare_speed manner=faster: sort fast thing | fast thing versus | fast thing compared-to move?
@@ -414,8 +402,8 @@ compare_speed: by-factor faster thing other move? | who move? faster thing | who
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest other? |
-    who front stands?
+nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest
+    other? | who front stands?
 farthest: who farther thing other | who farthest thing? other? stands? | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
@@ -425,66 +413,48 @@ colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? seen? | several any? move any? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing doing | how-many thing seen? spot | how-many thing owner | how-many thing counted | how-many thing seen?
-    side? stands? remain? | several thing seen? side? stands? remain?
-still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always? stands? |
-    who stands always? | how-many thing rest stands? | how-many thing not move
+count: how-many thing doing | how-many thing seen? spot | how-many thing owner | how-many thing counted | how-many thing
+    seen? side? stands? remain? | several thing seen? side? stands? remain?
+still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always?
+    stands? | who stands always? | how-many thing rest stands? | how-many thing not move
 polar seen says=no: thing gone
 polar leave: thing leave not?
 polar enter: thing enter not?
 polar enter thing=person: anybody enter
 polar leave thing=person: anybody leave
 approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other | thing closing-to move? get? or-away
-polar approach: gap pair grows | gap thing grows | thing closing-to move? get? not?
-rise: thing go-up not? | high thing rise move? | high thing highest | max-height thing | by-how-much thing go-up
+polar approach: thing closing-to move? get? not?
+rise: thing go-up not? | high thing rise move? | high thing highest | by-how-much thing go-up
 polar always says=no: thing hidden
 polar stops: thing stop move? not?
 polar stops says=no: thing always move not? | thing keep-on move
-motion: how-long thing rest | who move start? but? | any-parts move
+motion: how-long thing rest | who move start? but?
 does: what-it do thing | happens-to thing
 fast: fast thing move? reaches? extreme?
 path: path thing takes? | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off
-way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing turning sideways-or |
-    thing move sideways-or | whereto thing move along? sideways-or? | way-of thing move?
+way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing move sideways-or
+    | whereto thing move along? sideways-or?
 polar way: thing move sideways not?
 lasting: how-long thing move start?
-seeing: how-long thing visible can? | clip-share thing visible?
+seeing: how-long thing visible can?
 size: big thing covers?
-far: far thing move | far thing crosses | far thing get | length thing path
+far: far thing move | far thing crosses | far thing get
 motion: when thing move start? | when thing stop move? | when thing set-off move?
-enter: first-with thing | when start? thing enter
-leave: last-with thing | when thing leave | when thing gone
-seen: wears | when thing visible can? | when thing hidden | in-out thing
+enter: when start? thing enter
+leave: when thing leave | when thing gone
+seen: when thing visible can? | when thing hidden
 polar still: thing rest not? always?
 polar enter: anything enter
 polar leave: anything leave
 polar motion: anything manner start? | thing plainly start? not? | thing manner start? not? | any plainly
 polar always: thing seen? always not? stands? can?
 always: who visible always stands?
-where: where thing stands? seen? on? | thing near-or-far us?
+where: where thing stands? seen? on?
 polar side: thing seen? side stands? not?
 polar seen thing=person: anybody seen?
 polar seen: thing time | thing seen not? can? | no thing seen | any-of thing
 things: list? contents seen? | described clip? | list everything seen?
 happens: happens clip?
 """
-
-_ASKED_FOR = """
-where: where {} is; side: on which side {} is; relation: how {} stand to each other; neighbours: what is near {}; behind: what
-is behind {}; in_front: what is in front of {}; left_of: what is left of {}; right_of: what is right of {}; above: what is
-above {}; below: what is below {}; between: what is between {}; way: which way {} goes; path: which path {} takes; motion:
-whether and when {} moves; stops: whether {} stops; still: what stands still; seen: whether or when {} is seen; always:
-whether {} is always seen; seeing: how long {} is seen; enter: when {} comes into the picture; leave: when {} goes out of the
-picture; nearest_moment: when {} is nearest; farthest_moment: when {} is farthest; highest_moment: when {} is highest;
-fastest_moment: when {} is fastest; slowest_moment: when {} is slowest; when_turns: when {} turns; distance: how far away {}
-is; approach: whether {} comes nearer; fast: how fast {} moves; far: how far {} goes; lasting: how long {} moves; rise: how
-far {} rises; size: how big {} is; compare_size: which of {} is bigger; compare_speed: which of {} is faster; colour: what
-colour {} has; count: how many of {} there are; count_moving: how many things move; nearest: what is nearest; farthest: what
-is farthest; biggest: what is biggest; brightest: what is brightest; most_moving: what moves most; order: in which order
-things stand or move; does: what {} does; happens: what happens; things: what there is to see; long: how long the clip is;
-frames: how many frames it has; rate: how many frames a second there are
-"""
-ASKED_FOR: dict[str, str] = dict(re.findall(r"(\w+): ([^;]+)", " ".join(_ASKED_FOR.split())))
-"""Kind of question -> what it asks for, with the place of its things."""

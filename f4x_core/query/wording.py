@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import F4xError
-from ..language.asides import without_courtesy
 from ..language.grammar import (
     NOTHING,
     Doubt,
@@ -25,7 +24,6 @@ from ..language.grammar import (
     generated,
     here,
     matches_of,
-    silent,
     table,
     tokenise,
     words_of_label,
@@ -35,9 +33,7 @@ from ..language.lexicon import (
     CONTRACTIONS,
     FUNCTION_WORDS,
     PEOPLE,
-    SETTING,
     SPELLING,
-    forms,
     is_adverb,
     is_slip,
     label_of,
@@ -49,15 +45,12 @@ from ..language.lexicon import (
 )
 from ..language.times import END, START, Clip, Span, no_such_time, span
 from ..language.verbs import IMPERATIVES
-from .cues import ASKED_FOR, COLOURS, CUES, ROWS, WORDS, cue
+from .cues import COLOURS, CUES, ROWS, WORDS, cue
 
-CAN = (
-    "can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
-    " what moves first, when it is nearest, farthest, highest or fastest, how far two things are apart, what colour a thing has,"
-    " how many there are and move, their order from left to right or in depth, what there is at a second or frame, and how long"
-    " the clip is (more by a model: --endpoint or --model)"
+INSTEAD = (
+    "a scene can tell where, when, how far, how fast, how big, how many, of which color and in which order (more by a model: "
+    "--endpoint or --model)"
 )
-INSTEAD = f"computing from the scene {CAN}"
 """What a refusal says."""
 
 
@@ -98,34 +91,27 @@ class Asked:
 
 
 _GAZE = (
-    r"\b(?:which|what) (?:way|direction|side)\b.*\b(?:look|fac|point|turned|orient)|\bwhere (?:is|are|do|does|did)\b.*\b(?:look|"
-    r"fac)(?:s|es|ing|ed)?\b|\b(?:look|fac)(?:s|es|ing|e)? (?:to|toward|at|left|right|away|up|down|forward|back|us|me|the camera)\b"
+    r"\b(?:which|what) (?:way|direction|side)\b.*\b(?:look|fac|point)|\bwhere (?:is|are|does)\b.*\b(?:look|"
+    r"fac)(?:s|es|ing|ed)?\b|\b(?:look|fac)(?:s|es|ing|ed)? (?:to|toward|at|left|right|away|up|down|us|me)\b"
 )
-_NO_GAZE = r"\b(?:i|we|you)\b|\blook(?:s|ing)? (?:for|like)\b"
-_BEYOND = (
-    (_GAZE, "which way something looks or faces, only which way it moves"),
-    (r"\bpaint|\btexture|\bmade of\b|\bmaterial", "what material a thing has"),
-    (r"\bfocal|\biso\b|\baperture|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
-    (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
-    (r"\bweather|\brain|\bsnow|\bwind|\btemperature|\bsunny", "what the weather is"),
-    (r"\bhow old\b|\bage\b", "how old something is"),
-    (r"\bheavy|\bweigh", "what something weighs"),
-    (r"\bbreed|\bbrand|\bspecies\b|\bwhat make\b", "of which make or breed something is"),
-    (r"\bthink|\bfeel", "what somebody thinks or feels"),
-    (r"\bsay\b|\bsays\b|\bsound|\bhear|\bwrit", "what is said or written"),
-    (r"\bwhat will\b|\bhappens? next\b|\btomorrow\b", "what comes after the clip"),
-    (r"\bwearing\b|\bholding\b|\bcarrying\b|\beating\b", "what somebody wears, holds or eats"),
-    (r"\bdoing\b|^what (?:does|do|did) \S", "what somebody does beyond moving"),
-)
-"""(pattern, what it asks for that nobody can compute)."""
 SUBJECTS = (
-    *_BEYOND,
-    (r"\bcamera|\blens", "what the camera did or was set to"),
+    (_GAZE, "which way something looks or faces, only which way it moves"),
+    (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
+    (
+        r"\bpaint|\btexture|\bmade of\b|\bmaterial|\bheavy|\bweigh|\bhow old\b|\bbrand|\bbreed",
+        "what something is made of, weighs or is called",
+    ),
+    (r"\bcamera|\blens|\bfocal|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
+    (r"\bthink|\bfeel|\bsay\b|\bsays\b|\bsound|\bhear|\bwrit", "what is thought, said or written"),
+    (r"\bwhat will\b|\bhappens? next\b|\btomorrow\b", "what comes after the clip"),
+    (
+        r"\bwearing\b|\bholding\b|\bcarrying\b|\beating\b|\bdoing\b|^what (?:does|do|did|is|are) \S",
+        "what somebody does beyond moving",
+    ),
     (r"^(?:and )?who\b|\bwhose\b|\bname\b", "who somebody is"),
     (r"\bhow many\b|\bnumber of\b|\bcount\b", "how many of a kind there are"),
-    (r"^what (?:is|are) \S", "what somebody does beyond moving"),
 )
-"""And what a question may ask for that is not understood; the first that fits is told."""
+"""(pattern, what it asks for that nobody can compute); the first that fits is told."""
 
 _NO_NAMES = (
     FUNCTION_WORDS
@@ -338,13 +324,6 @@ _slots: dict[str, Rule] = {
         CUES["closing"] + ~cue("each other|one another|together") >> (lambda how: (how, ())),
     ),
     "compared-to": _beside("compared"),
-    "wears": cue("is|are|was|were|does|do|did|has|have")
-    + silent(_name)
-    + table(
-        {"|".join((verb, *forms(verb))): verb for verb in ("wear", "carry", "hold", "clutch", "sport")}, words_of=WORDS
-    )
-    + _names
-    >> (lambda verb, names: (verb, names)),
 }
 
 
@@ -386,7 +365,6 @@ _ROWS = tuple(_rows())
 _EMPTY, _LOOSELY, _UNKNOWN = 3, 20, 100
 """Costs of a word that adds nothing, of such a word, and of any word."""
 _aside = generated(_aside_at)
-_adds_nothing = either(CUES["filler"], _aside)
 _BESIDE = {"in front of": "in_front", "left of": "left_of", "right of": "right_of", "near": "neighbours"}
 """Relation -> the kind of question what stands so to a thing."""
 _MANY = word_set("nearest farthest biggest brightest most_moving compare_speed order count_moving still motion")
@@ -394,13 +372,6 @@ _MANY = word_set("nearest farthest biggest brightest most_moving compare_speed o
 ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "path", "when_turns", "stops")
 """Kinds that are answered for each of several things."""
 _TWO = word_set("relation compare_size compare_speed")
-_ALONE = r"(?:all )?(?:alone|(?:by|on) \w+(?: own)?|not|(?:standing )?still|standing|at rest)\b"
-_IN_ITS_PLACE = (
-    rf"\b(?:in|inside|within|across|around) (?:the|this|my|our) (?:{SETTING})"
-    r"(?= *(?:$|[?,.]|(?:is|are|at|from|and|or|does|do|in|when|during|between|after|until)\b))"
-)
-"""Where all that is seen is: it tells no thing from another."""
-_NEGATION = r"\b(?:no|not|never)\b"
 _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in which|at what|at which)"
 _ASKING_WORDS = {*_NO_NAMES, *SPELLING} - {"looking"}  # in "what am I looking at?" alone
 
@@ -409,26 +380,8 @@ def plainly(question: str, selected: bool = False) -> str:
     """A question in lower case, in the language's own spelling and without courtesies; `selected`: "the selection" is it."""
     text = " ".join(written(question).lower().replace("’", "'").split())
     text = re.sub(r"[a-z]+", lambda word: " ".join(CONTRACTIONS.get(word[0], (SPELLING.get(word[0], word[0]),))), text)
-    text = re.sub(r"\bhow much (?=(?:far|big|large|fast|quick|long|high|tall|close|near|many)\b)", "how ", text)
-    text = re.sub(
-        r"\b([a-z]+) ?\(([a-z ]+)(?:, *([a-z ]+))?\)",
-        lambda call: f"{call[1]} of {' and '.join(filter(None, call.groups()[1:]))}",
-        text,
-    )
-    text = without_courtesy(
-        re.sub(r",? or (?:am i|are we|do i|did i|have i|is (?:it|that) (?:just|only) me)\b[^?]*", "", text)
-    )
-    text = re.sub(rf"(?<=[a-z]),? or (?:is|are) (?:he|she|it|they) {_ALONE}", "", text)
-    text = re.sub(_IN_ITS_PLACE, "in the picture", text)
-    text = re.sub(r"^(?:so |and )?(?:is|was) it (.*? or .*?) (?:that|who|which) (.*?)[?. ]*$", r"which \2, \1", text)
-    text = re.sub(
-        r"\bwhere (?:did|has|have) (.+?) (?:go|gone|got to|get to|gone to|ended up|wound up)\b",
-        r"where does \1 end up",
-        text,
-    )
     text = _THE_SELECTION.sub("it", text) if selected else text
-    text = re.sub(rf",? (?:and )?if (?:so|(?:it|he|she|they) (?:is|are|does|do)),? (?={_ASKING}\b)", "? ", text)
-    return re.sub(r"[?!.,;:\s]+$", "", re.sub(r", (?:yes|no|right|correct|true|huh|ok|okay)\b[?!.\s]*$", "", text))
+    return re.sub(r"[?!.,;:\s]+$", "", text)
 
 
 def read_question(
@@ -447,42 +400,14 @@ def read_question(
     clip = _Shown(fps, frames, known={words_of_label(label): label for label in labels})
     text = plainly(question, bool(selected))
     parts = re.split(rf"[?!;]+ *|\. |,?(?<!^who) and (?={_ASKING}\b)", text)
-    parts = [part for part in parts if not (_matches(_adds_nothing, part) or _SAID_AFTER.match(part))] or parts
     understood: list[Asked] = []
-    for number, part in enumerate(parts):
-        it: tuple[str, ...] = (selected,) if selected else ()
+    for part in parts:
+        it = (understood[-1].things if understood else ()) or ((selected,) if selected else ())
         topic, part = _topic(part)
-        if number + 1 < len(parts) and (end := _END.search(parts[number + 1])) and not _END.search(part):
-            whole = f"{part} {end[0]}"  # "how far and how fast does the car drive"
-            part = whole if _understood(whole, clip, ()) else part
-        if (
-            not it and number + 1 < len(parts) and _IT.isdisjoint(part.split())
-        ):  # "how fast and how far does the dog run?"
-            ahead = _understood(parts[number + 1], clip, ())
-            it = ahead.things if ahead else ()
-        if understood:
-            it = understood[-1].things or it
-        it = topic or it
-        follow_up = (
-            re.fullmatch(r"(?:and|or|what about|how about|and what about)(?: for)? (.+)", part) if understood else None
-        )
-        more = _things_alone(follow_up[1]) if follow_up else ()
-        if more:
-            understood.append(replace(understood[-1], things=(*more, *understood[-1].things[len(more) :])))
-        elif understood and (_matches(CUES["when"], part) or _THEN_WHEN.fullmatch(part)):
-            moment = _MOMENT.get((understood[-1].kind, understood[-1].extreme), "")
-            if moment or understood[-1].kind not in _TELLS_WHEN:
-                last = replace(understood[-1], polar=False, negated=False)
-                understood.append(replace(last, kind=moment, extreme="") if moment else last)
-        else:
-            try:
-                more_asked = _read(part, clip, it)
-            except Doubt as doubt:
-                raise type(doubt)(doubt.reason, text.replace(part, doubt.instead)) from doubt
-            if understood and more_asked[0].kind == "fast" and "then" in part.split():
-                extreme = _THEN.get(understood[-1].kind, more_asked[0].extreme)
-                more_asked = [replace(more_asked[0], extreme=extreme)]
-            understood += more_asked
+        try:
+            understood += _read(part, clip, topic or it)
+        except Doubt as doubt:
+            raise type(doubt)(doubt.reason, text.replace(part, doubt.instead)) from doubt
     understood = [
         replace(asked, things=called(asked.things), other=called(asked.other), but=called(asked.but))
         for asked in understood
@@ -491,26 +416,17 @@ def read_question(
     return tuple(understood)
 
 
-_SAID_AFTER = re.compile(
-    r"(?:i|we|my|can not|cannot|could not|do not)\b(?!.*\b(?:when|where|how|what|which|who|if|whether|tell me|know)\b)"
-)
-"""A sentence beside the question: "I can't quite tell"."""
-_THEN_WHEN = re.compile(
-    r"(?:at )?(?:when|(?:which|what) (?:time|moment|second|frame|point)) (?:is|was|does|did|do) (?:that|this|it|he|she|they)"
-    r"(?: (?:happen|occur|take place|(?:reach|hit|get to|attain|have|get there)(?: (?:it|that|this))?))?"
-)
-"""When what was asked before is so: "when does he reach it"."""
-_MOMENT = {
-    ("fast", "max"): "fastest_moment", ("fast", "min"): "slowest_moment", ("distance", "min"): "nearest_moment",
-    ("distance", "max"): "farthest_moment", ("rise", ""): "highest_moment", ("rise", "max"): "highest_moment",
-}  # fmt: skip
-"""(kind, extreme) of a question about how much -> the kind of when it is so."""
-_THEN = {"fastest_moment": "max", "slowest_moment": "min"}
-"""Kind of a question about a moment -> the speed that "how fast is it then?" asks for."""
+def _doubt_swapped(text: str, words: Collection[str], labels: Collection[str]) -> None:
+    """Raise Doubt where one of the `words` is a label with its letters in another order."""
+    known = {form for label in labels for form in spellings(label)}
+    for word in words:
+        meant = next((label for label in sorted(known) if sorted(label) == sorted(word)), word)
+        if known.isdisjoint(spellings(word)) and meant != word:
+            raise Doubt(f"Nothing is called '{word}'; did you mean '{meant}'?", text.replace(word, meant))
+
+
 _TOPIC = re.compile(rf"(?P<topic>[^,:]+)[,:-] *(?:so |and |but )?(?P<question>(?:tell me |say )?{_ASKING}\b.*)")
 _TOPIC_BEHIND = re.compile(r"(?P<question>.*\b(?:it|they|he|she)\b.*?), *(?P<topic>(?:the|my|our|this|that) [^,]*)")
-_END = re.compile(r"\b(?:do|does|did|is|are|was|were|has|have|had|can)\b.*")
-"""What two questions have in common."""
 
 
 def _topic(text: str) -> tuple[tuple[str, ...], str]:
@@ -524,40 +440,10 @@ def _topic(text: str) -> tuple[tuple[str, ...], str]:
     return (named[0], match["question"]) if named else ((), text)
 
 
-def _matches(rule: Rule, text: str) -> bool:
-    """Whether the rule matches the whole text."""
-    reading = Reading.of(text, tokenise(text), {})
-    return len(reading.tokens) in rule.at(reading, 0)
-
-
-def _doubt_swapped(text: str, words: Collection[str], labels: Collection[str]) -> None:
-    """Raise Doubt where one of the `words` is a label with its letters in another order."""
-    known = {form for label in labels for form in spellings(label)}
-    for word in words:
-        meant = next((label for label in sorted(known) if sorted(label) == sorted(word)), word)
-        if known.isdisjoint(spellings(word)) and meant != word:
-            raise Doubt(f"Nothing is called '{word}'; did you mean '{meant}'?", text.replace(word, meant))
-
-
-def _things_alone(text: str) -> tuple[str, ...]:
-    """The things of a text that names nothing else."""
-    reading = Reading.of(text, tokenise(text), {})
-    (names,) = _names.at(reading, 0).get(len(reading.tokens), ((),))
-    return names
-
-
 def _read(text: str, clip: _Shown, it: tuple[str, ...]) -> list[Asked]:
-    if re.search(_GAZE, text) and not re.search(_NO_GAZE, text):  # to look is not to move
+    if re.search(_GAZE, text) and not re.search(r"\b(?:i|we|you)\b", text):  # to look is not to move
         raise _refusal(text, clip, it)
-    asked = (
-        _understood(text, clip, it)
-        or _either_or(text, clip, it)
-        or (_understood(f"{text} it", clip, it) if it else None)
-    )
-    if asked is None:
-        asked = next(filter(None, (_understood(rest, clip, it) for rest in _behind_remarks(text))), None)
-    if asked is None and (plain := _REASON.sub("", text)) != text:
-        asked = _understood(plain, clip, it)
+    asked = _understood(text, clip, it) or (_understood(f"{text} it", clip, it) if it else None)
     if asked is None:
         instead = re.sub(r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else _mended(m[0]), text)
         if instead != text and _understood(instead, clip, it, _LOOSELY):
@@ -577,46 +463,22 @@ def _mended(word: str) -> str:
     return word if meant is None or word in (meant + "y", meant + "ing", meant + "ed", meant + "er") else meant
 
 
-_REASON = re.compile(r",? (?:please,? )?for (?:the|my|our|a|an|your) [a-z]+(?: [a-z]+)?$")
-"""What the answer is for: "for the brand guide"."""
-_REMARK_END = re.compile(rf"(?:[,:;]|\s-|\bbut\b|\band\b)\s*(?:(?:i )?(?:was|am) wondering )?(?={_ASKING}\b)")
-_REMARKING = re.compile(
-    r"(?:(?:so|ok|okay|hello|hi|hey|well|just|and|but|quick)\b[ ,]*)*(?:i|we|my|our|this|it|sorry|pardon|out of|for (?:the|my|our)|"
-    r"one|(?:(?:noob|newbie|stupid|silly|dumb|basic|random|weird|odd|simple|small|another|last) )?(?:q|question)|correct me)\b"
-)
-"""How a remark begins."""
-
-
-def _behind_remarks(text: str) -> Iterator[str]:
-    """What is asked behind a remark: "sorry to bother you, but where is the lamp"; a time is none."""
-    for end in _REMARK_END.finditer(text):
-        head = Reading.of(text[: end.start()], tokenise(text[: end.start()]), {})
-        if _REMARKING.match(text) and not any(True for at in range(len(head.tokens)) for _ in _span_at(head, at)):
-            yield text[end.end() :]
-
-
 def _understood(text: str, clip: _Shown, it: tuple[str, ...], below: int = _UNKNOWN) -> Asked | None:
     """The likeliest question, of those that cost less than `below`."""
     text = re.sub(r"^((?:and |but |so )?(?:is|are|was|were|do|does|did|has|have|can|could))n't\b", r"\1", text)
     tokens = tokenise(text)  # "Isn't it moving?" wants the same yes as "Is it moving?"
     reading = Reading.of(text, tokens, clip.known)
-    cost, asked = next(readings := _readings(reading, clip, it), (below, None))
-    for same, other in readings if asked and asked.kind in ASKED_FOR else ():
-        if asked and same == cost and not any({asked.kind, other.kind} <= alike for alike in ({asked.kind}, *_ALIKE)):
-            raise Unanswerable(f"This can be meant in two ways. Do you ask {_in_words(asked)}, or {_in_words(other)}?")
+    cost, asked = next(_readings(reading, clip, it), (below, None))
     verb = asked and any(
         re.search(rf"\b(?:do|does|did) (?:\w+ )?{re.escape(thing)}$", text) for thing in asked.things if " " in thing
     )
     return asked if cost < below and not verb else None  # "the man live" is no name: "does" needs a verb
 
 
-def _readings(
-    reading: Reading, clip: _Shown, it: tuple[str, ...], whatever: bool = False
-) -> Iterator[tuple[float, Asked]]:
-    """(cost, question) of every row that covers the sentence, the cheapest first; `whatever`: any words may be left out."""
-    tokens = range(len(reading.tokens))
+def _readings(reading: Reading, clip: _Shown, it: tuple[str, ...]) -> Iterator[tuple[float, Asked]]:
+    """(cost, question) of every row that covers the sentence, the cheapest first."""
     matches = matches_of(_slots, frozenset(), reading)
-    gaps = [_gaps(reading, at) | ({at + 1: _UNKNOWN} if whatever else {}) for at in tokens]
+    gaps = [_gaps(reading, at) for at in range(len(reading.tokens))]
     found_by = (
         (row, covers({slot: matches[slot] for slot in row.slots if slot in matches}, row.needed, gaps)) for row in _ROWS
     )
@@ -637,24 +499,6 @@ def _gaps(reading: Reading, at: int) -> dict[int, int]:
     if word in BINDING and not asks and not (word in PREPOSITIONS and _name.at(reading, at + 1)):
         ends.setdefault(at + 1, _LOOSELY)
     return ends | dict.fromkeys(CUES["inside"].at(reading, at), 1)
-
-
-def _either_or(text: str, clip: _Shown, it: tuple[str, ...]) -> Asked | None:
-    """The question that two ask, of which the second says only what is other: "Is the dog moving or standing still?"."""
-    for joint in re.finditer(r",? or ", text):
-        first, rest = _understood(text[: joint.start()], clip, it), text[joint.end() :]
-        if first is None or not first.things:
-            continue
-        than = first.other[0] if first.other else ""  # "is the dog behind the bush or in front?"
-        placed = re.sub(r" (?:it|them|him|her)$", "", rest)
-        named = re.sub(r"\b(?:it|them|him|her)\b", than, rest)
-        for second in (rest, f"{rest} it", f"it {placed} {than}", f"it {placed} of {than}", f"it {named}"):
-            other = _understood(second, clip, first.things[:-1] if than else first.things)
-            if other and other.things == first.things and len({first.kind, other.kind} - {"motion"}) < 2:
-                both = f"{first.manner} or {other.manner}" if first.kind == "colour" else first.manner
-                span = first.span or other.span
-                return replace(first, polar=False, negated=False, side="", manner=both, span=span)
-    return None
 
 
 def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) -> Asked | None:
@@ -729,11 +573,10 @@ def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) 
     )
 
 
-_JOINED = ["wears", "near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
+_JOINED = ["near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
 _MANNERS = (
     *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
     "farther-aside",
-    "grows",
     "doing",
     "spot",
 )
@@ -744,11 +587,7 @@ _NEEDS_A_THING = word_set(
     "@place neighbours between near relation size colour count compare_size biggest seen seeing lasting"
 )
 """Kinds that nothing stands in for where "it" stands for nothing."""
-_ALIKE = ({"motion", "stops"}, {"seen", "always"})
-"""Kinds of which the first that fits answers for the other."""
 _MOST = ("fastest", "slowest")
-_TELLS_WHEN = ("motion", "stops", "enter", "leave")
-"""Kinds whose answer to yes or no says when, too."""
 
 
 _SURFACES = word_set("fur coat skin hide feathers plumage fleece wool paint paintwork body exterior surface")
@@ -769,40 +608,20 @@ def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _in_words(asked: Asked) -> str:
-    """What a question asks for: "where the dog is"."""
-    things = " and ".join(f"the {thing}" for thing in asked.things) or "it"
-    return ASKED_FOR[asked.kind].format(things)
-
-
-def _nearest_kinds(text: str, clip: _Shown, it: tuple[str, ...]) -> str:
-    """What questions that the scene answers are like `text`; nothing where too many of its words would be left out."""
-    reading = Reading.of(text, tokenise(text), {})
-    near: dict[str, str] = {}
-    for cost, asked in _readings(reading, _Shown(clip.fps, 10**6), it, whatever=True):  # times are another matter
-        if cost < _UNKNOWN * len(reading.tokens) / 2 and asked.kind in ASKED_FOR:
-            near.setdefault(asked.kind, _in_words(asked))
-    return f" Do you ask {', or '.join([*near.values()][:2])}?" if near else ""
-
-
 def _refusal(text: str, clip: _Shown, it: tuple[str, ...]) -> F4xError:
-    """Why nothing is computed: the word that is not known, or what the question is about; and what may be meant."""
+    """Why nothing is computed: the word that is not known, or what the question is about."""
     words = re.findall(r"[^\W\d_]+", text)
-    subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "that")
-    unnamed = not it and not _PRONOUNS.isdisjoint(words)
-    if unnamed and _understood(text, clip, ("it",)):
-        return Unanswerable(f"I do not know what is meant here, as nothing is selected or was named before; {INSTEAD}.")
-    limit = re.search(rf"{_NEGATION}|\bonly\b", text)
-    if limit and subject == "that":
-        subject = f"what '{limit[0]}' asks for here"
-    strange = next((word for word in words if is_adverb(word)), "")
-    last = [word for word in words if word not in _ASKING_WORDS][-1:]
-    if not strange and last and re.search(rf"(?<!\ba )(?<!\ban )(?<!\bthe )\b{last[0]}$", text):
-        strange = last[0]
-    why, what_can = f"Computing from the scene cannot tell {subject}", f"it {CAN}"
-    if subject == "that" and strange:
-        why, what_can = f"I do not know what '{strange}' means here", INSTEAD
-    return Unanswerable(f"{why}; {what_can}.{_nearest_kinds(text, clip, it)}")
+    if not it and not _PRONOUNS.isdisjoint(words) and _understood(text, clip, ("it",)):
+        return Unanswerable(f"Nothing is selected or was named before that 'it' could be; {INSTEAD}.")
+    subject = next((what for pattern, what in SUBJECTS if re.search(pattern, text)), "")
+    if limit := re.search(r"\b(?:no|not|never|only)\b", text):
+        subject = subject or f"what '{limit[0]}' asks for here"
+    known = {word for label in clip.known for word in label}
+    last = [word for word in words if word not in _ASKING_WORDS | known][-1:]
+    strange = next((word for word in words if is_adverb(word)), last[0] if last and text.endswith(last[0]) else "")
+    if not subject and strange:
+        return Unanswerable(f"I do not know what '{strange}' means here; {INSTEAD}.")
+    return Unanswerable(f"Computing from the scene cannot tell {subject or 'that'}; {INSTEAD}.")
 
 
 def _frames(span: Span, clip: _Shown) -> tuple[float, float]:

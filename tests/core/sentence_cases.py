@@ -19,54 +19,8 @@ from f4x_core.language.grammar import Doubt, Slip
 from f4x_core.language.lexicon import singular
 from f4x_core.query.wording import read_question
 
-WORK = Path(__file__).parents[1] / "data" / "sentences_work.json"
-OPENED = WORK.with_name("sentences_opened.json")
-REWORDED = WORK.with_name("sentences_reworded.txt").read_text(encoding="utf-8").splitlines()
-LISTED = WORK.with_name("sentences_listed.txt").read_text(encoding="utf-8").splitlines()
-REWORDED_LABELS = [
-    "dog",
-    "cat",
-    "car",
-    "horse",
-    "swan",
-    "bear",
-    "bird",
-    "boat",
-    "bus",
-    "train",
-    "tree",
-    "bench",
-    "lamp",
-    "lamp post",
-    "chair",
-    "sofa",
-    "table",
-    "bed",
-    "wall",
-    "fence",
-    "house",
-    "door",
-    "sky",
-    "sand",
-    "grass",
-    "flower",
-    "statue",
-    "vase",
-    "plate",
-    "skater",
-    "cyclist",
-    "dancer",
-    "wagon",
-    "elephant",
-    "sign",
-    "bag",
-    "box",
-    "hat",
-    "man",
-    "woman",
-    "girl",
-    "crowd",
-]
+OPENED = Path(__file__).parents[1] / "data" / "sentences_opened.json"
+SEALED = OPENED.with_name("sentences_end.json")
 FPS, FRAMES = 24.0, 72
 AWAY = {
     "left": (0, -1),
@@ -80,7 +34,7 @@ AWAY = {
 PEOPLE = {"man", "person", "guy", "people", "child", "girl", "boy", "rider", "dancer"}
 
 
-def rows(path: Path = WORK) -> list[dict[str, Any]]:
+def rows(path: Path) -> list[dict[str, Any]]:
     """The rows of a file of sentences."""
     return json.loads(path.read_text(encoding="utf-8"))
 

@@ -86,6 +86,23 @@ def test_history_numbers_the_edits_and_tells_them_in_words(scene, capsys):
     assert capsys.readouterr().out.splitlines()[1].startswith("2 call the square") and len(read_stack(scene)) == 1
 
 
+def test_history_tells_ways_and_turns_as_the_camera_sees_them(scene, capsys):
+    for sentence in (
+        "move the square up by 2 widths",
+        "rotate the square by 30 degrees",
+        "copy the square to the left",
+    ):
+        main(["edit", str(scene), "--say", sentence])
+    main(["undo", str(scene)])
+    capsys.readouterr()
+    main(["history", str(scene)])
+    moved, turned, copied = capsys.readouterr().out.splitlines()
+    assert moved.startswith("1 move the square by 2 widths up") and turned.startswith(
+        "2 rotate the square by 30 degrees to the right"
+    )
+    assert copied.startswith("3 copy the square: the copy ends 1.2 widths to the left of it") and "axes" not in copied
+
+
 def test_a_broken_edit_is_called_by_its_number_in_the_history(scene, capsys):
     stack = EditStack().append(Delete(Moving())).undo().append(Delete(Named("rex")))
     assert stack.edits[0].id == 2

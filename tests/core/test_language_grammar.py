@@ -1,12 +1,9 @@
 """Rules that know the words they begin with, and words that are one slip away: shortcuts that change no answer."""
 
 import random
-import re
 
 import pytest
-import sentence_cases
 
-from f4x_core.edit import clauses
 from f4x_core.language import lexicon
 from f4x_core.language.grammar import (
     Reading,
@@ -14,7 +11,6 @@ from f4x_core.language.grammar import (
     constant,
     either,
     listed,
-    matches_of,
     optional,
     silent,
     table,
@@ -60,11 +56,10 @@ def test_a_rule_knows_the_words_it_begins_with(rule, words, may_be_empty):
         ~THE + ~COLOUR,
     ],
 )
-def test_where_a_rule_cannot_begin_it_has_no_match_and_was_asked_all_the_same(rule, sentence):
+def test_where_a_rule_cannot_begin_it_has_no_match(rule, sentence):
     for at in range(len(sentence.split()) + 1):
         asked, matched = (Reading.of(sentence, tokenise(sentence), {}) for _ in range(2))
         assert rule.at(asked, at) == rule.match(matched, at)
-        assert asked.farthest == matched.farthest
 
 
 def test_the_misspelt_word_is_found_among_all():
@@ -76,17 +71,3 @@ def test_the_misspelt_word_is_found_among_all():
         pairs = [(lexicon.slips(word, other), other) for other in known]
         near = [pair for pair in pairs if 0 < pair[0] <= allowed and lexicon._typed(word, pair[1])]
         assert lexicon.misspelt(word, known) == min(near, default=(0, None))[1]
-
-
-def test_a_rule_that_is_passed_over_for_want_of_a_word_matches_nowhere():
-    slots = {
-        f"{at} {name}": rule for at, (_, rules, _) in enumerate(clauses._any_order) for name, rule in rules.items()
-    }
-    assert len(slots) > 500
-    for line in sentence_cases.LISTED[::80]:
-        tokens = tokenise(line.rsplit(" => ", 1)[0])
-        known = {(label,): label for label in sentence_cases.REWORDED_LABELS}
-        short, thorough = (Reading.of(line, tokens, known, thorough=one) for one in (False, True))
-        found = [re.sub(" at 0x[0-9a-f]+", "", repr(matches_of(slots, frozenset(), one))) for one in (short, thorough)]
-        assert found[0] == found[1]
-        assert len(short.memo) < len(thorough.memo)

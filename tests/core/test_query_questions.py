@@ -221,7 +221,7 @@ def test_computed_answers_say_so(scene):
         ("Is the square always moving?", "^Yes: the square moves all the time"),
         ("What is above the square?", "^Above the square: the wall"),
         ("Is there anything between the square and the camera?", "^Between them: nothing"),
-        ("How far is the square? And the wall?", "The square is 0.92 .* The wall is 1.20"),
+        ("How far is the square? And how far is the wall?", "The square is 0.92 .* The wall is 1.20"),
         ("In what order do the square and the wall start moving?", r"the square \(frame 0\)\."),
         ("When is it highest?", "^The square is highest"),
         ("Where is the square and when does it move?", "square is .* The square moves to the right from"),
@@ -254,7 +254,7 @@ def test_of_a_compound_the_kind_of_thing_is_looked_for_and_that_is_said(scene, k
         ("Does the camera move?", "cannot tell what the camera did"),
         ("Why does the square move?", "cannot tell why"),
         ("Who is that?", "cannot tell who"),
-        ("Is there a square with a hat?", "cannot tell that"),
+        ("Is there a square with a hat?", "'hat' means"),
         ("Is the square happy?", "not know what 'happy' means"),
         ("Will the square crash?", "not know what 'crash' means"),
         ("Where was this filmed?", "not know what 'filmed' means"),
@@ -278,7 +278,7 @@ def test_what_cannot_be_computed_is_refused_in_one_sentence(scene, question, wor
     with pytest.raises(F4xError, match=words) as caught:
         answer(scene, question)
     assert "\n" not in str(caught.value)
-    assert not isinstance(caught.value, Unanswerable) or "can tell whether, where and when" in str(caught.value)
+    assert not isinstance(caught.value, Unanswerable) or "can tell where, when" in str(caught.value)
 
 
 def test_other_views_give_other_answers(scene):

@@ -76,16 +76,17 @@ def test_a_thing_that_is_not_there_is_explained(scene):
 
 
 @pytest.mark.parametrize(
-    ("sentence", "removes"),
+    "sentence",
     [
-        ("frobnicate the scene", False),
-        ("light the scene from the left", False),
-        ("refurbish the wall", False),
-        ("delete the frob", False),
-        ("erasing the frob", False),
-        ("obliterify and delete the wall somehowly", True),
+        "frobnicate the scene",
+        "light the scene from the left",
+        "refurbish the wall",
+        "delete the frob",
+        "erasing the frob",
+        "obliterify and delete the wall somehowly",
     ],
 )
-def test_a_refusal_offers_a_removal_only_to_a_verb_that_removes(sentence, removes):
-    offered = nearest(sentence, ("wall", "square"))
-    assert (offered or not removes) and any(one.startswith(("remove", "hide", "keep")) for one in offered) == removes
+def test_a_refusal_offers_no_removal(sentence):
+    assert not any(
+        one.startswith(("remove", "delete", "hide", "keep")) for one in nearest(sentence, ("wall", "square"))
+    )

@@ -1,0 +1,216 @@
+"""Phrases that can be meant in two ways or ask for what no edit does, and what is said of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from ..language.amounts import number
+from ..language.colour_names import COLOURS
+from ..language.colours import PURE_COLOURS
+from ..language.grammar import Reading, Rule, either, here, keyword, literal, silent, unless, word_if
+from ..language.lexicon import PICTURE, singular
+from ..language.times import duration, span
+from ..language.verbs import IMPERATIVES
+from .graded import QUALITIES
+from .phrases import familiar, known_noun, known_thing
+from .qualities import colored_noun, effect
+
+UNDO = "That may be an undoing: use `f4x undo SCENE`, or the button for it, or say what is to be removed."
+_NEW = "Nothing new can be made; copies can, as in 'add another dog', and looks, as in 'make the dog look like ice'."
+_WHOLE = (
+    "Things are changed as a whole, and which of them is not said; say for example 'the left one' or 'all of them'."
+)
+
+_end = here(lambda reading, at: at >= len(reading.tokens) or not reading.tokens[at].is_word)
+_will = here(lambda reading, at: not {"will", "might", "could", "may"}.isdisjoint(reading.words[at:]))
+_begin = here(lambda reading, at: at == 0 or not reading.word(at - 1).isalpha())
+_comparatives = literal("|".join(f"{one.more}|{one.less}" for one in QUALITIES))
+_plain = literal("|".join(f"{one.much}|{one.little}" for one in QUALITIES))
+_named_like_a_thing = word_if(lambda reading, at: reading.word(at) in COLOURS.keys() - PURE_COLOURS)
+_no_shadow = here(lambda reading, at: singular(reading.word(at - 1)) not in ("shadow", "reflection"))
+_changing = here(
+    lambda reading, at: (
+        reading.word(at - 1)
+        in IMPERATIVES - {"add", "put", "want", "need", "have", "get", "give", "show", "see", "like"}
+    )
+)
+
+_LAMPS = literal("lamp|light|lights|lantern|candle|headlights|sign|screen|tv")
+
+UNSURE: tuple[tuple[Rule, str], ...] = (
+    (
+        _begin
+        + literal(
+            "[scratch|strike|scrap|drop|forget|cancel|kill|lose|axe|ditch|discard|undo|ignore|revoke] (about) "
+            "[it|that|this] (all|one|again)|never mind (that|it)|nevermind|not [that|it] (one)|leave it|"
+            "[rather|better] not|[just] kidding|take [it|that] back|[undo|revert|restore|reset|redo] "
+            "(everything|all|it|the original)|undo|redo|revert|start over|[put|take|bring|turn] [it|that|this|"
+            "them|everything] back (to how it was|how it was|as it was) (again)|step back|go (one|two|three|"
+            "a) [step|steps] back|go back ([one|two|three|a|some] [step|steps|edits])|[undo|scratch|cancel|"
+            "delete|remove|reverse] (my|the|that) [last|previous] ([two|three|few]) [edit|edits|change|"
+            "changes|step|steps|command|one|thing]"
+        )
+        + _end
+        | literal("[deleted|removed]") + silent(known_noun)
+        | literal("[ctrl|control|cmd|command] (+|-) z"),
+        UNDO,
+    ),
+    (
+        literal("[tone|dial|take|knock|turn] [it|that|them|this] (down|back) [a notch|a bit|a touch|a little|a tad]"),
+        "'{words}' may be a place or an amount; say for example '20 % darker', or 'a bit down'.",
+    ),
+    (
+        literal("[start|resume|continue|unfreeze|release] [it|them|him|her] (again)"),
+        "'{words}' is for what was stopped; say for example 'freeze the dog from second 1 to 2'.",
+    ),
+    (
+        keyword("[mute|silence|unmute]") + silent(known_thing) + _end,
+        "A scene has no sound; say for example 'desaturate the car' if its colors are meant.",
+    ),
+    (
+        literal(
+            "[hate|refuse|decline|object|hesitate|afraid|forbidden|prohibited|allowed] to|refrain from|[hate|wrong|"
+            "mistake|shame|pity|crime|sin|foolish|idea] [to|if|that]|hate it [if|when]|[avoid|against] "
+            "[removing|hiding|deleting|changing|making|touching|painting|moving]|doubt [that|if|whether]|"
+            "hardly [anyone|anybody]|[nobody|no one|none of us] [wants|asked|would want]|nothing should|"
+            "neither|would not want|would never want|could not want|not an option|keep [me|you|us] from|last "
+            "thing (that) [i|we]|god forbid|used to [be|have|look|stand|move]"
+        )
+        | literal("[i am|we are] afraid|i fear") + _will,
+        "'{words}' tells what is not wanted, or how it was; say what is to be done.",
+    ),
+    (
+        literal("cut|cuts|mask|key|lift|take|roto|pull")
+        + silent(known_thing)
+        + ~literal("out|off|away|for me")
+        + literal("so (that) [i|we] can|to comp|for (the) comp"),
+        "That may mean to keep it or to drop it; say 'keep only the dog' or 'remove the dog'.",
+    ),
+    (
+        (literal("as") + _plain + literal("as") | (_comparatives | literal("more|less") + _plain) + literal("than"))
+        + (~literal("the|a|an|my|that|this") + silent(known_noun) | literal("the|a|an|my") + word_if(lambda *_: True)),
+        "Things are not measured against one another; say how much it is to be, for example 'twice as big' or '20 % brighter'.",
+    ),
+    (
+        literal("[around|about|on|along|in] (the|its) [x|y|pitch] (axis)|[tilt|tip|lean] (it|the) [forward|backward|back]"),
+        "Which way an axis points or forward is for a thing is not known; say 'to the left' or 'to the right'.",
+    ),
+    (
+        word_if(lambda reading, at: reading.word(at)[-1:] == "s" and reading.word(at)[:-1] in PURE_COLOURS - {"black", "white"}),
+        "The colors of one kind are not changed alone; say for example 'make the dog less red'.",
+    ),
+    (
+        silent(number | keyword("half a")) + literal("m|cm|mm|ft|meter|meters|centimeters|inch|inches|foot|feet|yard|yards"),
+        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example "
+        "'two widths to the left' or 'half its width up'.",
+    ),
+    (
+        keyword("[add|insert|create|draw|put] (a|an|some)")
+        + (literal("ice|fire|lava|night|sunset|autumn|grass|ocean|chocolate|marble|ghost") | _named_like_a_thing)
+        + unless(effect | colored_noun)
+        | literal("[put|place|stick|hang|add] [a|an|some]") + silent(familiar) + literal("on|onto")
+        | literal("[add|insert|create|spawn|place|grow|plant|build] [a|an|some] (bigger|larger|smaller|taller|big|small|tiny|huge)")
+        + silent(familiar)
+        + unless(literal("copy|clone"))
+        + literal("on|in|to|next to|behind|beside"),
+        _NEW,
+    ),
+    (
+        keyword("hide|hides|hiding")
+        + unless(keyword("everything|anything|all|whatever|what"))
+        + silent(known_thing)
+        + literal("behind|under|underneath|beneath|inside|below"),
+        "'Hide' may mean to place or to make invisible; say 'put the dog behind the bush' or 'make the dog invisible'.",
+    ),
+    (
+        literal("drop|drops|dropping|clear|cut|cutting|scratch|strike|dump|break|smash|burn|shoot|tear|rip")
+        + silent(familiar | ~keyword("a|the|that|this|my") + familiar)
+        + _no_shadow
+        + unless(literal("'s|out|away|off|from|loose|free|apart|down|entirely|completely|altogether"))
+        | keyword("[clear|empty|clean|strip] (out|up) (the|my|this|that)")
+        + literal("room|bedroom|street|road|table|desk|floor|stage|yard|garden|beach|field|house|scene|place|set|shelf|track"),
+        "That may mean to remove or to do something else; say 'remove' with what has to go.",
+    ),
+    (
+        literal("[take|takes|taking] off|[fly|flies|flying] [off|away]") + unless(silent(known_thing))
+        | keyword("put") + silent(known_thing | literal("it|him|her|them|that")) + keyword("away") + _end,
+        "That may mean to move, to go away or to be gone; say 'raise the bird', 'move the bird away' or 'remove the bird'.",
+    ),
+    (
+        (
+            literal("[turn|switch|kill|cut] (off) (the|all the|that|this)") + _LAMPS + ~literal("off")
+            | ~literal("turn|switch") + _LAMPS + literal("off")
+        )
+        + _end,
+        "That may mean dark or gone; say 'make the lamp darker' or 'hide the lamp'.",
+    ),
+    (either(keyword("either"), silent(familiar) + keyword("or (the|a|an)") + silent(familiar)),
+     "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
+    (
+        keyword("some [of|other]|a few (of)")
+        | here(lambda reading, at: reading.word(at - 1) not in ("without", "no", "not")) + keyword("any of")
+        | _changing + silent(number) + literal("of [the|these|those|my|them]")
+        | keyword("couple of") + ~literal("the|my|these|those") + silent(known_noun),
+        _WHOLE,
+    ),
+)  # fmt: skip
+"""What is asked about even where a sentence could be carried out."""
+_length = silent(span | duration | literal("half"))
+NO_EDIT: tuple[tuple[Rule, str], ...] = (
+    (literal("undo|undid|redo|revert|restore|scrap|scratch|nvm|never mind|back|how it was|the way it was"), UNDO),
+    (
+        literal(
+            "camera|cam|stabilize|stabilization|deshake|shaky|zoom|dolly|crop|fov|lens|pan|orbit|reframe|"
+            "close up|[closer|wider|tighter] shot|[top|side|aerial|back] view|from [another|a different] "
+            "[side|angle|view]"
+        ),
+        "No camera is edited: `f4x render SCENE -o DIR` goes along paths of cameras (`--path stabilise`, "
+        "`orbit`, a FILE), and so do cameras in Blender.",
+    ),
+    (
+        literal("cut|remove|delete|trim|drop|chop|lose|clip|shave|shorten|keep only")
+        + ~literal("off|out|to|the|just|only")
+        + _length
+        + _end,
+        "A clip keeps its length, so no time is cut out of it; `f4x render --frames` writes a part of it, and 'hide the "
+        "dog until second 2' hides what is seen then.",
+    ),
+    (literal("sound|music|audio|song|voice|bark|talk|sing|mute|unmute"), "No edit makes '{words}': a scene has no sound."),
+    (literal("text|title|caption|captions|subtitle|subtitles|watermark|rain|snow|fog|confetti|sparks|hail"), _NEW),
+    (literal("[add|insert|create|draw|write|put|place|give it|give me] [a|an|some]|replace|substitute"), _NEW),
+    (literal("relight|relighting|sun|sunlight|spotlight|backlight"),
+     "The light is as it was filmed; it can be made brighter, darker, warmer or cooler."),
+    (literal("mirror|mirrored|horizontally|vertically|flop"), "Nothing is mirrored; 'turn the dog around' lets it face "
+                                                              "the other way."),
+    (literal("longer|wider|thinner|shorter|fatter|slimmer|stretch|stretched|squash|squashed|narrower|thicker"),
+     "A thing grows as a whole; say for example 'make the dog bigger'."),
+    (literal("shiny|shinier|glossy|gloss|matte|sharpen|sharper|denoise|deblur|upscale|resolution|quality"),
+     "How a surface shines and how sharp a scene is are not changed; `f4x fit` with a finer profile may give more detail."),
+    (literal("wave|dance|smile|blink|wink|laugh|eat|sleep|fight|kiss|hug|breathe|somersault|backflip|jump higher|fly higher"),
+     "A thing moves as it was filmed; its motion can be slowed, reversed, frozen or moved along with it."),
+    (literal("morph|crossfade|[next|previous] [shot|scene|clip]"),
+     "A scene is one shot, and no thing turns into another; 'swap the dog and the cat' changes their places."),
+    (literal("export|save|render|download"), "`f4x export`, `f4x render` and `f4x open` write files."),
+    (literal(f"[align|level|snap|scale] (the|it|everything) ({PICTURE}) (to)"),
+     "Align to Floor, Scale to Length and Add Crop Box in Blender do that for a whole scene."),
+)  # fmt: skip
+"""What is said of a sentence that is not understood."""
+UNCLEAR: tuple[tuple[Rule, str], ...] = (
+    (literal("better|nicer|prettier|beautiful|cinematic|moody|epic|awesome|interesting|stylish|professional|different|fancy"),
+     "It is not said what is to change, a color, brightness, contrast, size, place or speed?"),
+    (literal("cartoon|oil painting|painting|sketch|pencil|anime|watercolor|pixelate|comic|vintage|vhs|noir|hologram|"
+             "plastic|wood|stone|lego"),
+     "There is no such look; the looks are those of `f4x edits`, and black and white."),
+    (keyword("[half|part|parts|most|some|a third|a quarter] of|the [second|third|fourth|fifth|next]"), _WHOLE),
+    (keyword("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
+)  # fmt: skip
+"""What is said of one of which nothing can be left out, either."""
+
+
+def reason_of(rows: Iterable[tuple[Rule, str]], reading: Reading) -> str:
+    """The reason of the first row whose phrase stands somewhere in a sentence; nothing where none does."""
+    for rule, reason in rows:
+        for at in range(len(reading.tokens)):
+            if ends := rule.at(reading, at):
+                return reason.format(words=reading.text_of(at, max(max(ends), at + 1)))
+    return ""
