@@ -204,7 +204,10 @@ def _objects(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
                 owner[here & (owner == 0)] = votes.argmax() + 1
     groups = [np.flatnonzero(owner == number) for number in np.unique(owner[owner > 0])]
     groups = [group for group in groups if len(group) >= MIN_POINTS]
-    if len(groups) < 2 or any(_in_one_component(piece[:, a], piece[:, b]) for a, b in combinations(groups, 2)):
+    while together := [pair for pair in combinations(groups, 2) if _in_one_component(*(piece[:, one] for one in pair))]:
+        one, other = together[0]  # parts of one object
+        groups = [group for group in groups if group is not one and group is not other] + [np.concatenate([one, other])]
+    if len(groups) < 2:
         return [region]
     parts = [replace(region, tracks=region.tracks[group]) for group in groups]
     return _split(region, parts, priors)
