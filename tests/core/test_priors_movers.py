@@ -147,6 +147,10 @@ def smoothed_by_hand(contact, trust, growth):
             row[i : i + 2] = -1, 1
             normal += weight * np.outer(row, row)
             right += weight * row * (growth[i] if known else 0)
+        for i in range(count - 2):
+            row = np.zeros(count)
+            row[i : i + 3] = 1, -2, 1
+            normal += np.outer(row, row) / touching.PATH_NOISE**2
         for i in range(count):
             weight = (trust[i] + 1e-3) / touching.CONTACT_NOISE**2
             weight /= 1 + ((logarithm[i] - x[i]) / (2 * touching.CONTACT_NOISE)) ** 2
