@@ -63,7 +63,7 @@ def touching_feet(body: Body, own: np.ndarray, moving: np.ndarray, edge: GroundE
         pixels = {joint: standing[joint] for joint in leg if joint in standing}
         if not pixels:
             continue
-        edges = np.array(list(pixels.values())) + [0.5, 1.0]
+        edges = np.array(list(pixels.values())) + np.array([0.5, 1.0])
         ground = np.maximum(np.interp(edges[:, 0] - 0.5, edge.columns, edge.ground), 1e-9)
         ray = np.column_stack(
             [(edges - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]], np.ones(len(edges))]
