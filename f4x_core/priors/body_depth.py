@@ -93,15 +93,6 @@ class Body:
         there = self.metres[:, :2] - (weight * self.metres[:, :2]).sum(0)
         return float((weight * here * there).sum() / max((weight * there**2).sum(), 1e-9))
 
-    @property
-    def anchor(self) -> float:
-        """Metres along the view to the skin of what gives the body's distance: of the feet that are seen, else of the hips."""
-        for joints, part in ((FEET, "foot"), (HIPS, "torso")):
-            weight = self.weight[list(joints)]
-            if weight.sum() > 0:
-                return float(np.average(self.metres[list(joints), 2], weights=weight)) - NEARER * HALF_WIDTH[part]
-        return 0.0
-
     def leaning(self, below: float, above: float) -> Body:
         """The body with its legs and the rest turned away from the camera by so many radians, about between the hips."""
         metres = np.empty_like(self.metres)
@@ -311,7 +302,8 @@ def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: Bod
     """
     y, x = np.nonzero(_with_clothes(shown, beside))
     distance = 1 / float(np.median(inverse[shown]))
-    inverse[y, x] = 1 / (distance * (1 + _limited((body.relief(y, x) - body.anchor) * per_metre)))
+    middle = float(np.median(body.relief(*np.nonzero(shown))))
+    inverse[y, x] = 1 / (distance * (1 + _limited((body.relief(y, x) - middle) * per_metre)))
 
 
 def _bodies_in_camera(priors: Priors, person: int) -> dict[int, Body]:
