@@ -24,7 +24,7 @@ from .contact import (
     ground_edge,
     guessed_confidence,
     inverse_around,
-    one_scale,
+    smooth_object_depth,
     without_upright,
 )
 from .feet import Foot, on_their_feet, standing_still, touching_feet
@@ -160,13 +160,12 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
         contact, trust = _contacts(maps, shown, seen, feet, size)
         if (trust > NO_CONTACT).mean() < MIN_CONTACT_FRAMES:
             continue
-        scale = one_scale(contact / size, trust)
-        standing = on_their_feet([one.body for one in seen], feet, frames, size, scale, NEARER * HALF_WIDTH["foot"])
-        certain = np.clip(trust, 0.25, 1.0)
-        for frame, body, per_metre, sure in zip(frames, standing, size, certain, strict=True):
+        hips, certain = smooth_object_depth(contact, trust * (trust > NO_CONTACT), np.diff(np.log(size)))
+        standing = on_their_feet([one.body for one in seen], feet, frames, size, hips, NEARER * HALF_WIDTH["foot"])
+        for frame, body, inverse, per_metre, sure in zip(frames, standing, hips, size, certain, strict=True):
             own = _with_clothes(shown[frame], maps.moving[frame] & (priors.people[frame] == 0))
             y, x = np.nonzero(own)
-            maps.inverse[frame][y, x] = scale * per_metre / (1 + _limited(body.relief(y, x) * per_metre))
+            maps.inverse[frame][y, x] = inverse / (1 + _limited(body.relief(y, x) * per_metre))
             maps.confidence[frame][y, x] = guessed_confidence(priors, sure)
             placed.pixels[frame] |= own
         placed.frames.append(frames)

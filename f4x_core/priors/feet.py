@@ -124,17 +124,22 @@ def standing_still(
 
 
 def on_their_feet(
-    bodies: Sequence[Body], feet: Sequence[list[Foot]], frames: np.ndarray, size: np.ndarray, scale: float, skin: float
+    bodies: Sequence[Body],
+    feet: Sequence[list[Foot]],
+    frames: np.ndarray,
+    size: np.ndarray,
+    hips: np.ndarray,
+    skin: float,
 ) -> list[Body]:
     """The `bodies` in each of the frames (f,) with legs bent along the view until standing feet are where their ground is.
 
-    size: as in `standing_still`; scale: inverse depth between the hips over `size`; skin: metres from a foot's joints to the ground
-    seen below them, along the view.
+    size: as in `standing_still`; hips: (f,) inverse depth between them; skin: metres from a foot's joints to the ground seen below
+    them, along the view.
     """
     off, known = np.zeros((2, len(LEGS), int(frames[-1] - frames[0]) + 1))
-    for frame, body, some, per_metre in zip(frames - frames[0], bodies, feet, size, strict=True):
+    for frame, body, some, inverse, per_metre in zip(frames - frames[0], bodies, feet, hips, size, strict=True):
         for foot in some:
-            there = (scale * per_metre / foot.ground - 1) / per_metre + skin
+            there = (inverse / foot.ground - 1) / per_metre + skin
             off[foot.side, frame] = np.clip(np.mean(there - body.metres[foot.joints, 2]), -MAX_BEND, MAX_BEND)
             known[foot.side, frame] = 1
     near = ndimage.gaussian_filter1d(known, BEND_FRAMES, axis=1)
