@@ -24,7 +24,7 @@ from .contact import (
     ground_edge,
     guessed_confidence,
     inverse_around,
-    smooth_object_depth,
+    one_scale,
     without_upright,
 )
 from .feet import Foot, on_their_feet, standing_still, touching_feet
@@ -160,7 +160,9 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
         contact, trust = _contacts(maps, shown, seen, feet, size)
         if (trust > NO_CONTACT).mean() < MIN_CONTACT_FRAMES:
             continue
-        hips, certain = smooth_object_depth(contact, trust * (trust > NO_CONTACT), np.diff(np.log(size)))
+        # One factor: things that hide feet pass for nearer ground (parkour), which smoothing over time would follow.
+        hips = size * one_scale(contact / size, trust)
+        certain = np.clip(trust, 0.25, 1.0)
         standing = on_their_feet([one.body for one in seen], feet, frames, size, hips, NEARER * HALF_WIDTH["foot"])
         for frame, body, inverse, per_metre, sure in zip(frames, standing, hips, size, certain, strict=True):
             own = _with_clothes(shown[frame], maps.moving[frame] & (priors.people[frame] == 0))
