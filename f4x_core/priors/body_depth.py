@@ -18,7 +18,6 @@ from scipy import ndimage
 from ..parallel import in_threads
 from .contact import (
     MIN_CONTACT_FRAMES,
-    MOVING_MARGIN,
     NO_CONTACT,
     DepthMaps,
     GroundEdge,
@@ -28,6 +27,7 @@ from .contact import (
     one_scale,
     without_upright,
 )
+from .feet import Foot, on_their_feet, standing_still, touching_feet
 from .joints import ANKLES, FEET, HIPS, LIMBS, SHOULDERS, to_segments, turn_to_ray
 from .moving_people import dilate_masks, shows_person
 
@@ -66,14 +66,6 @@ MIN_JOINTS, MIN_PIXELS = 8, 40
 """Joints and pixels that a frame needs to show a body's relief."""
 STANDS = "feet"
 """Name of a distance that comes from feet on the ground."""
-FOOT_WIDTH, FOOT_HEIGHT, STANDING = 0.06, 0.25, 0.08
-"""Meters: half the width of a foot below its joint, how far below it its lowest pixel may lie, and how much higher than the lower
-foot the other one may be and still stand; a joint as far below the lowest pixel is hidden by something nearer."""
-FEET_QUANTILE = 0.6
-"""Quantile over the frames of the contacts of feet that gives a person's distance: a little above the middle, as they may hop. Of
-.5, .6 and .7 the best on people-walk, -turn and -cross."""
-FOOT_SEEN = 0.5
-"""Visibility from which a foot may stand: hidden ones are guesses."""
 
 
 SEGMENTS = np.array([pair for pairs in LIMBS.values() for pair in pairs])
@@ -101,15 +93,6 @@ class Body:
         there = self.metres[:, :2] - (weight * self.metres[:, :2]).sum(0)
         return float((weight * here * there).sum() / max((weight * there**2).sum(), 1e-9))
 
-    @property
-    def anchor(self) -> float:
-        """Metres along the view to the skin of what gives the body's distance: of the feet that are seen, else of the hips."""
-        for joints, part in ((FEET, "foot"), (HIPS, "torso")):
-            weight = self.weight[list(joints)]
-            if weight.sum() > 0:
-                return float(np.average(self.metres[list(joints), 2], weights=weight)) - NEARER * HALF_WIDTH[part]
-        return 0.0
-
     def leaning(self, below: float, above: float) -> Body:
         """The body with its legs and the rest turned away from the camera by so many radians, about between the hips."""
         metres = np.empty_like(self.metres)
@@ -128,6 +111,17 @@ class Body:
         weight = 1 / (apart / self.pixels_per_metre / half + SHARED) ** FALLOFF
         weight *= np.exp(-(skin - skin.min(1, keepdims=True)) / BEHIND)
         return (weight * skin).sum(1) / weight.sum(1)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A person in one frame."""
+
+    frame: int
+    """Row of the priors."""
+    body: Body
+    edge: GroundEdge | None
+    """The ground below; None where none is seen."""
 
 
 @dataclass(frozen=True)
@@ -161,16 +155,19 @@ def place_people(maps: DepthMaps, priors: Priors) -> PlacedPeople:
         edges = in_threads(partial(_ground_below, maps, shown), frames.tolist())
         edges = without_upright(edges, priors.cameras.intrinsics[frames])
         bodies = _upright(bodies, dict(zip(frames.tolist(), edges, strict=True)), priors.cameras.intrinsics)
-        standing = [(int(frame), bodies[frame], edge) for frame, edge in zip(frames, edges, strict=True)]
-        contact, trust = _feet_on_ground(maps, shown, standing, size)
+        seen = [_Seen(int(frame), bodies[frame], edge) for frame, edge in zip(frames, edges, strict=True)]
+        feet = _standing_feet(maps, shown, seen, priors, size)
+        contact, trust = _contacts(maps, shown, seen, feet, size)
         if (trust > NO_CONTACT).mean() < MIN_CONTACT_FRAMES:
             continue
-        scale = one_scale(contact / size, trust, FEET_QUANTILE)
+        # One factor: things that hide feet pass for nearer ground (parkour), which smoothing over time would follow.
+        hips = size * one_scale(contact / size, trust)
         certain = np.clip(trust, 0.25, 1.0)
-        for frame, per_metre, sure in zip(frames, size, certain, strict=True):
+        standing = on_their_feet([one.body for one in seen], feet, frames, size, hips, NEARER * HALF_WIDTH["foot"])
+        for frame, body, inverse, per_metre, sure in zip(frames, standing, hips, size, certain, strict=True):
             own = _with_clothes(shown[frame], maps.moving[frame] & (priors.people[frame] == 0))
             y, x = np.nonzero(own)
-            maps.inverse[frame][y, x] = scale * per_metre / (1 + _limited(bodies[frame].relief(y, x) * per_metre))
+            maps.inverse[frame][y, x] = inverse / (1 + _limited(body.relief(y, x) * per_metre))
             maps.confidence[frame][y, x] = guessed_confidence(priors, sure)
             placed.pixels[frame] |= own
         placed.frames.append(frames)
@@ -231,51 +228,40 @@ def _lean(rise: np.ndarray, up: np.ndarray) -> float:
     return float(np.arctan2(rise[2], -rise[1]) - np.arctan2(up[2], -up[1]))
 
 
-def _feet_on_ground(
-    maps: DepthMaps, shown: np.ndarray, bodies: list[tuple[int, Body, GroundEdge | None]], size: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth of the hips `(f,)` in each of the frames of `bodies`, from the feet that stand, and its trust `(f,)` 0..1.
+def _standing_feet(
+    maps: DepthMaps, shown: np.ndarray, seen: list[_Seen], priors: Priors, size: np.ndarray
+) -> list[list[Foot]]:
+    """The feet of the person `shown (F, H, W)` that stand in each of the frames in which they are `seen`.
 
-    shown: (F, H, W) the person; size: (f,) a metre at the body, as a fraction of its distance. Frames without a foot on the
-    ground have the inverse depth of what is around, with little trust.
+    size: (f,) a metre at the body, as a fraction of its distance.
     """
+    cameras = priors.cameras
+    assert cameras is not None
 
-    def stand(i: int) -> tuple[float, float]:
-        frame, body, edge = bodies[i]
-        inverse, moving, own = maps.inverse[frame], maps.moving[frame], shown[frame]
-        feet = _standing_feet(body, own, moving)
-        if edge is None or not feet:
-            return inverse_around(inverse, moving, own), NO_CONTACT
-        ground = np.interp([column for _, column in feet], edge.columns, edge.ground)
-        along = body.metres[[joint for joint, _ in feet], 2]
-        return float(np.mean(ground * (1 + along * size[i]))), edge.trust
+    def touching(one: _Seen) -> list[Foot]:
+        own, moving, edge = shown[one.frame], maps.moving[one.frame], one.edge
+        return [] if edge is None else touching_feet(one.body, own, moving, edge, cameras[one.frame])
 
-    found = np.array(in_threads(stand, range(len(bodies))))
-    return found[:, 0], found[:, 1]
+    return standing_still(in_threads(touching, seen), cameras, np.array([one.frame for one in seen]), size)
 
 
-def _standing_feet(body: Body, own: np.ndarray, moving: np.ndarray) -> list[tuple[int, int]]:
-    """(joint, column) of heels and toes of the person `own (H, W)` that stand on what does not move."""
-    unit = body.pixels_per_metre
-    seen = [joint for joint in FEET if body.weight[joint] >= FOOT_SEEN]
-    lowest = max((body.metres[joint, 1] for joint in seen), default=0.0)
-    reach, found = max(round(FOOT_HEIGHT * unit), MOVING_MARGIN), []
-    for joint in seen:
-        x, y = body.pixels[joint]
-        near = slice(max(int(x - FOOT_WIDTH * unit), 0), max(int(x + FOOT_WIDTH * unit), 0) + 1)
-        rows = np.flatnonzero(own[:, near].any(1))
-        if len(rows) == 0 or body.metres[joint, 1] < lowest - STANDING:
+def _contacts(
+    maps: DepthMaps, shown: np.ndarray, seen: list[_Seen], feet: list[list[Foot]], size: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse depth of the hips `(f,)` in each of the frames, from the feet that stand, and its trust `(f,)` 0..1.
+
+    Frames without a foot on the ground have the inverse depth of what is around, with little trust. As in `_standing_feet`.
+    """
+    contact, trust = np.empty((2, len(seen)))
+    for i, (one, some) in enumerate(zip(seen, feet, strict=True)):
+        if one.edge is None or not some:
+            contact[i] = inverse_around(maps.inverse[one.frame], maps.moving[one.frame], shown[one.frame])
+            trust[i] = NO_CONTACT
             continue
-        bottom = int(rows[-1])
-        column = near.start + int(np.argmax(own[bottom, near]))
-        below = moving[bottom + 1 : bottom + 1 + reach, column]  # what it stands on, a board or a horse, may move
-        if (
-            -max(STANDING * unit, 1) <= bottom - y <= reach
-            and bottom < len(own) - 2
-            and below[len(below) // 2 :].mean() < 0.5
-        ):
-            found.append((joint, column))
-    return found
+        along = one.body.metres[[joint for foot in some for joint in foot.joints], 2]
+        contact[i] = np.mean(np.concatenate([foot.ground for foot in some]) * (1 + along * size[i]))
+        trust[i] = one.edge.trust
+    return contact, trust
 
 
 def _with_clothes(shown: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -317,7 +303,8 @@ def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: Bod
     """
     y, x = np.nonzero(_with_clothes(shown, beside))
     distance = 1 / float(np.median(inverse[shown]))
-    inverse[y, x] = 1 / (distance * (1 + _limited((body.relief(y, x) - body.anchor) * per_metre)))
+    middle = float(np.median(body.relief(*np.nonzero(shown))))
+    inverse[y, x] = 1 / (distance * (1 + _limited((body.relief(y, x) - middle) * per_metre)))
 
 
 def _bodies_in_camera(priors: Priors, person: int) -> dict[int, Body]:

@@ -48,6 +48,8 @@ TORSO = (*SHOULDERS, *HIPS)
 FEET = (29, 30, 31, 32)
 """Heels and toes."""
 ANKLES = (27, 28)
+LEGS = ((25, 27, 29, 31), (26, 28, 30, 32))
+"""Left and right: knee, ankle, heel and toes."""
 BODY = (*range(11, 17), *range(23, 29))
 """Shoulders, elbows, wrists, hips, knees and ankles."""
 OTHER_SIDE = tuple(

@@ -8,6 +8,8 @@ import numpy as np
 from scipy import ndimage
 
 from ..parallel import in_threads
+from .joints import TORSO
+from .points import fit_points
 
 if TYPE_CHECKING:
     from .folder import Priors
@@ -22,6 +24,9 @@ NEAR = 3
 AS_SURE = 0.88
 """Regions that touch people or the border stay in the mask where their motion, mean over all frames, is as sure as this fraction of
 the people's: a horse is as sure as its rider (.91), walls that a walking camera passes (.82) and an audience (.86) are not."""
+WALKS = 0.07
+"""Error of the point in space nearest to the middle of somebody's trunk, as a fraction of their size in the picture, from which no
+standing person shows it: people who walk have .075 and more, mostly no point in front of the camera, an onlooker .035."""
 HIDDEN_SURE = 0.95
 """The same for single pixels in frames without a moving person: a rendered walker is lost behind a box for 13 of 36
 frames (J .54 -> .82)."""
@@ -51,6 +56,24 @@ def moving_people(mask: np.ndarray, priors: Priors) -> np.ndarray:
         seen = size > 0
         if seen.any() and ((shown & mask).sum((1, 2))[seen] / size[seen]).mean() > MIN_MOVING:
             found |= shown
+    return found
+
+
+def walking_people(priors: Priors) -> np.ndarray:
+    """(F,H,W) bool: all pixels of the people whom no camera that moves explains as standing still, however small they are."""
+    assert priors.cameras is not None
+    found = np.zeros((len(priors.frames), priors.height, priors.width), bool)
+    if priors.people_joints is None or not priors.people_joints.size:
+        return found
+    joints = priors.people_joints.astype(np.float64)  # (F,M,33,3)
+    seen = np.isfinite(joints).all((2, 3))
+    trunk = np.nan_to_num(joints[:, :, list(TORSO), :2]).mean(2)
+    off = fit_points(priors.cameras, trunk, seen).rms
+    for person in np.flatnonzero(seen.any(0)):
+        places = joints[seen[:, person], person, :, :2]
+        size = float(np.median(np.linalg.norm(np.ptp(places, axis=1), axis=1)))
+        if off[person] > WALKS * size:
+            found |= shows_person(priors, int(person) + 1)
     return found
 
 

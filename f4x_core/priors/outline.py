@@ -24,8 +24,9 @@ BLUR = 0.7
 """Gaussian (pixels) over which pictures are compared."""
 BESIDE = (20, 25)
 """Pixels to the sides and up or down of the mask in which parts of what moves are looked for."""
-COVERED = 3
-"""Pixels around the mask that do not show what stands."""
+COVERED, BETWEEN = 3, 20
+"""Pixels around the mask that do not show what stands; dents and gaps up to twice as many wide as the second do not either: of a
+plain back the mask may show the rim alone."""
 VIEWS, LEAST_GAP, LARGEST_GAP = 9, 4, 32
 """Frames that show what is behind, and their least and largest distance: a foot stands still for a few frames."""
 ROUNDS, SETTLED = 3, 0.5
@@ -76,7 +77,9 @@ def refine_mask(
     import cv2
 
     solid = np.stack(in_threads(ndimage.binary_fill_holes, mask))
-    covered = dilate_masks(solid, COVERED)
+    wide = np.ones((2 * BETWEEN + 1, 2 * BETWEEN + 1), np.uint8)
+    closed = [cv2.morphologyEx(one.astype(np.uint8), cv2.MORPH_CLOSE, wide) for one in solid]
+    covered = dilate_masks(np.stack(closed), COVERED)
     soft = np.stack(in_threads(lambda picture: cv2.GaussianBlur(picture, (0, 0), BLUR), frames))
     sides = np.ones((2 * BESIDE[1] + 1, 2 * BESIDE[0] + 1), np.uint8)
 
@@ -174,7 +177,7 @@ def _refined(
     square = np.ones((3, 3), np.uint8)
     beyond = np.maximum(picture - cv2.dilate(behind.colors, square), cv2.erode(behind.colors, square) - picture)
     other = behind.known & (np.maximum(beyond, 0).mean(-1) > OTHER * level + OTHER_LEVELS) & ~same & ~tinted
-    kept, other = mask & ~same, cv2.erode(_opened(other, 2), square) > 0
+    kept, other = mask & ~same, _opened(other, 3) > 0
     labels, count = ndimage.label(kept | other, square)
     size, held = (np.bincount(labels[part], minlength=count + 1) for part in (labels > 0, kept))
     pieces = ((held > 0) & (size >= MIN_PIXELS))[labels]

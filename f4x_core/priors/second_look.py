@@ -17,7 +17,7 @@ from ..parallel import in_threads
 from .config import PriorsConfig
 from .flow import long_flows
 from .motion import STATIC_TRACK, VOTE_SIGMA, densify, enlarge, without_specks
-from .moving_people import moving_people
+from .moving_people import moving_people, walking_people
 from .points import TRACK_OUTLIER_PX, fit_points
 from .rigid import FAR_WEIGHT, LENS, MIN_FRAMES, OWN_MOTION, fills_border, flow_beyond_cameras
 
@@ -55,7 +55,7 @@ JOINED_MOTION = 0.75
 
 
 def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> float:
-    """Take what stands still out of `mask`, `motion`, `tracks_motion`, and make the tracks on what is left anew.
+    """Take what stands still out of `mask`, `motion`, `tracks_motion`, put in who walks, and make the tracks on what is left anew.
 
     Returns the fraction of the mask that was taken out. A mask that was given stays.
     """
@@ -73,11 +73,14 @@ def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
     if stands.any():
         left &= ~_released(mask, tracks[:, asked], visible[:, asked], stands)
     left &= np.stack(in_threads(without_specks, left))
-    left |= moving_people(mask, priors)
-    if left.sum() >= (1 - MIN_RELEASED_MASK) * mask.sum():
+    left |= moving_people(mask, priors) | walking_people(priors)
+    released, added = mask & ~left, left & ~mask
+    if max(released.sum(), added.sum()) <= MIN_RELEASED_MASK * mask.sum():
         return 0.0
-    fraction = 1 - float(left.sum() / mask.sum())
-    revise_mask(priors, left, np.where(mask & ~left, 0, priors.motion))
+    fraction = float(released.sum() / max(mask.sum(), 1))
+    revise_mask(
+        priors, left, np.where(released, 0, np.where(added, np.maximum(priors.motion, JOINED_MOTION), priors.motion))
+    )
     if not left.any():
         priors.warn("Nothing in this clip moves by itself; if something should, give a mask.")
     densify(clip, priors, config, flows, progress, known=asked[stands])

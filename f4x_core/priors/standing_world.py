@@ -16,8 +16,9 @@ from scipy import ndimage
 
 from ..geometry.camera import Camera, CameraPath
 from ..parallel import in_threads
-from .body_depth import FOOT_SEEN, bodies_of, smooth_scales
+from .body_depth import bodies_of, smooth_scales
 from .contact import GUESS_CONFIDENCE
+from .feet import FOOT_SEEN
 from .flow import pixel_grid
 from .joints import FEET
 

@@ -14,11 +14,11 @@ from f4x_core.people import finding, following, networks, provider
 from f4x_core.people.finding import Seed, same_body
 from f4x_core.people.following import Person, Pictures
 from f4x_core.people.networks import POSE_SIZE, Crop, Pose
-from f4x_core.priors import Priors, PriorsConfig, build_priors
-from f4x_core.priors.body_depth import add_relief, place_people, smooth_scales
+from f4x_core.priors import Priors, PriorsConfig, build_priors, feet
+from f4x_core.priors.body_depth import Body, add_relief, place_people, smooth_scales
 from f4x_core.priors.contact import MOVING_CONFIDENCE, DepthMaps
 from f4x_core.priors.flow import provide as provide_flow
-from f4x_core.priors.joints import ANKLES, FEET, HIPS, JOINTS, LIMBS, NAMES, SHOULDERS, turn_to_ray
+from f4x_core.priors.joints import ANKLES, FEET, HIPS, JOINTS, LEGS, LIMBS, NAMES, SHOULDERS, turn_to_ray
 from f4x_core.priors.moving_people import with_people
 from f4x_core.progress import silent
 
@@ -302,6 +302,7 @@ def body(center=(40.0, 30.0), pixels_per_metre=20.0):
     metres = np.column_stack([rng.uniform(-0.4, 0.4, JOINTS), rng.uniform(-0.9, 0.9, JOINTS), np.zeros(JOINTS)])
     arm = [15, 17, 19, 21]
     metres[arm] = [0.6, -0.3, -0.5]
+    metres[list(HIPS)] = 0
     joints = np.column_stack([np.array(center) + pixels_per_metre * metres[:, :2], np.ones(JOINTS)])
     return joints, metres
 
@@ -315,8 +316,11 @@ def test_a_hand_that_is_nearer_gets_the_depth_that_its_joints_say():
     inverse = np.full((5, 60, 80), 0.5)  # two units away, and 80 / 20 = 4 m: half a unit a meter
     assert add_relief(inverse, np.repeat(person[None], 5, 0), priors) == 1
     hand = tuple(np.floor(joints[15, :2]).astype(int)[::-1])
-    assert 1 / inverse[2][hand] == pytest.approx(2 - 0.25, abs=0.02)
-    assert 1 / inverse[2, 40, 38] == pytest.approx(2, abs=0.05)
+    depth = 1 / inverse[2]
+    assert depth[person].max() - depth[hand] == pytest.approx(0.25, abs=0.02)
+    assert np.median(inverse[2][person]) == pytest.approx(
+        0.5, rel=1e-6
+    )  # where the region is, whichever way its legs lean
     assert (inverse[:, ~person] == 0.5).all()
 
 
@@ -376,6 +380,36 @@ def test_who_stands_is_where_their_feet_are_and_who_hops_stays_at_that_distance(
             WALKER - 0.07, rel=0.03
         )  # skin is before bones
     assert (maps.confidence[maps.moving] <= MOVING_CONFIDENCE).all()
+
+
+def foot(side, place, camera):
+    """A foot of which the toes touch the ground at `place (3,)`."""
+    pixels, depth = camera.project(np.array([place]))
+    return feet.Foot(side, [LEGS[side][-1]], 1 / depth, pixels, np.array([place]))
+
+
+@pytest.mark.parametrize(("swings", "kept"), [(0.2, [0]), (0.02, [0, 1])])
+def test_a_foot_below_which_the_ground_runs_does_not_stand(swings, kept):
+    """One foot stands, by a pixel's noise, the other one goes by so many meters a frame."""
+    cameras, frames = on_a_plain()[0].cameras, np.arange(8)
+    noise = np.random.default_rng(0).uniform(-1, 1, 8) * WALKER / 180
+    both = [[foot(0, (noise[f], 1.5, 6), cameras[f]), foot(1, (swings * f, 1.5, 6), cameras[f])] for f in frames]
+    still = feet.standing_still(both, cameras, frames, np.full(8, 1 / WALKER))
+    assert all([one.side for one in some] == kept for some in still)
+    swinging = [some[1:] for some in both]
+    assert feet.standing_still(swinging, cameras, frames, np.full(8, 1 / WALKER)) == swinging
+
+
+def test_legs_end_where_their_feet_stand():
+    cameras, frames = on_a_plain()[0].cameras, np.arange(8)
+    flat = Body(np.zeros((JOINTS, 2)), np.zeros((JOINTS, 3)), np.ones(JOINTS))  # all joints as far as the hips
+    standing = [[foot(0, (0, 1.5, WALKER + 0.2), cameras[f])] for f in frames]
+    bent = feet.on_their_feet([flat] * 8, standing, frames, np.full(8, 1 / WALKER), np.full(8, 1 / WALKER), 0.0)
+    (knee, *left), right = LEGS
+    for body in bent:
+        assert (body.metres[left, 2] > 0.1).all() and (body.metres[left, 2] < 0.2).all()
+        assert body.metres[knee, 2] == pytest.approx(body.metres[left[0], 2] / 2)
+        assert not body.metres[list(right), 2].any()
 
 
 def test_who_leans_along_the_view_by_the_networks_stands_upright():

@@ -147,6 +147,10 @@ def smoothed_by_hand(contact, trust, growth):
             row[i : i + 2] = -1, 1
             normal += weight * np.outer(row, row)
             right += weight * row * (growth[i] if known else 0)
+        for i in range(count - 2):
+            row = np.zeros(count)
+            row[i : i + 3] = 1, -2, 1
+            normal += np.outer(row, row) / touching.PATH_NOISE**2
         for i in range(count):
             weight = (trust[i] + 1e-3) / touching.CONTACT_NOISE**2
             weight /= 1 + ((logarithm[i] - x[i]) / (2 * touching.CONTACT_NOISE)) ** 2
@@ -404,6 +408,14 @@ def maps_of(priors, inverse, confidence):
     return touching.DepthMaps(inverse, confidence, confidence.copy(), priors.mask)
 
 
+def bulge_by_hand(mask):
+    """Pixels by which a body is nearer than its feet: balls as wide as the mask, flattened, in the order of `np.argwhere`."""
+    outside = np.argwhere(~np.pad(mask, 1)) - 1
+    inside = np.array([np.linalg.norm(outside - pixel, axis=1).min() for pixel in np.argwhere(mask)])
+    radius = inside.max()
+    return module.ROUND * (np.sqrt(radius**2 - (radius - inside) ** 2) - module.FEET_LEVEL * radius)
+
+
 @pytest.mark.parametrize("kind", ["moving", "static"])
 def test_an_upright_plane_per_frame_stands_on_its_contacts(kind):
     priors, inverse, confidence = world(frames=6, kind=kind)
@@ -420,9 +432,9 @@ def test_an_upright_plane_per_frame_stands_on_its_contacts(kind):
     assert module._place_upright_plane(mover, maps_of(priors, inverse, confidence), priors) == "ground contact"
     assert abs(tilt).max() > 1e-3
     for f in range(6):
-        middle = np.nonzero(priors.mask[f])[1].mean()
-        for y, x in np.argwhere(priors.mask[f]):
-            expected = solved[f] * min(max(1 + tilt[f] * (x - middle), 0.5), 2.0)
+        middle, bulge = np.nonzero(priors.mask[f])[1].mean(), bulge_by_hand(priors.mask[f])
+        for (y, x), nearer in zip(np.argwhere(priors.mask[f]), bulge, strict=True):
+            expected = solved[f] * min(max(1 + tilt[f] * (x - middle), 0.5), 2.0) / (1 - nearer / 70)
             assert inverse[f, y, x] == pytest.approx(expected, rel=1e-5)
         sure = touching.MOVING_CONFIDENCE * certain[f] if kind == "moving" else touching.GUESS_CONFIDENCE
         np.testing.assert_allclose(confidence[f][priors.mask[f]], sure, rtol=1e-5)
@@ -576,6 +588,15 @@ def test_a_region_is_split_into_what_is_apart_in_most_frames():
             assert parts[1].masks[0, 20, 50]
         else:
             assert parts[0] is region
+
+
+def test_an_object_on_which_many_tracks_begin_later_is_still_one_of_two():
+    """Tracks that are lost where so many begin keep a number of their own, on the same object."""
+    priors, region = two_in_one(10, sizes=(260, 40))
+    priors.tracks_visible[:5, 60:260] = False
+    priors.tracks_visible[5, :30] = False
+    left, right = module._objects(region, priors)
+    assert sorted(len(part.tracks) for part in (left, right)) == [40, 260]
 
 
 def test_tracks_join_the_object_that_most_of_their_piece_belongs_to():

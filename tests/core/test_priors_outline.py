@@ -10,8 +10,11 @@ BODY, LEG, SHADOW = np.s_[20:48, 0:24], np.s_[48:66, 8:15], np.s_[48:66, 15:40]
 """Rows and columns of a mover, of what its mask lacks, and of its shadow, from its left side on."""
 
 
-def walk(seed=0):
-    """A mover with a leg and a shadow before a wall that a camera passes: frames, inverse depth, mask, cameras, truth."""
+def walk(seed=0, step=4):
+    """A mover with a leg and a shadow before a wall that a camera passes: frames, inverse depth, mask, cameras, truth.
+
+    step: pixels a frame by which it moves.
+    """
     rng = np.random.default_rng(seed)
     wall = np.kron(rng.integers(60, 200, (27, 70, 3)), np.ones((3, 3, 1))).astype(np.uint8)
     lens = np.tile(np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), (FRAMES, 1, 1))
@@ -20,7 +23,7 @@ def walk(seed=0):
     frames = np.stack([wall[:HEIGHT, 2 * t : 2 * t + WIDTH] for t in range(FRAMES)])
     mask, true = np.zeros((2, FRAMES, HEIGHT, WIDTH), bool)
     for t in range(FRAMES):
-        left = 4 + 4 * t
+        left = 4 + step * t
         body, leg, shadow = ((rows, slice(c.start + left, c.stop + left)) for rows, c in (BODY, LEG, SHADOW))
         frames[t][shadow] = 0.6 * frames[t][shadow]
         frames[t][body] = frames[t][leg] = (230, 30, 40)
@@ -49,3 +52,11 @@ def test_what_nobody_sees_behind_keeps_its_mask():
     stays[:, 20:60, 40:80] = True
     still = CameraPath(cameras.intrinsics, np.tile(np.eye(4), (FRAMES, 1, 1)), cameras.times, WIDTH, HEIGHT)
     np.testing.assert_array_equal(refine_mask(frames[:1].repeat(FRAMES, 0), inverse, stays, None, still), stays)
+
+
+def test_a_plain_back_that_the_mask_lacks_is_no_background():
+    """In other frames the dent in the mask shows the mover, which would look like what stands."""
+    frames, inverse, mask, cameras, true = walk(step=2)
+    for t in range(FRAMES):
+        mask[t, 20:40, 4 + 2 * t : 20 + 2 * t] = False
+    assert overlap(refine_mask(frames, inverse, mask, None, cameras), true) > 0.9

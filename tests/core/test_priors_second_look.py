@@ -161,6 +161,31 @@ def test_tracks_that_slip_stand_still_but_not_in_the_lens(passing):
     assert not second_look._stands_still(passing, slipped).any()
 
 
+@pytest.mark.parametrize(("step", "joins"), [(0.1, True), (0.0, False)])
+def test_who_walks_joins_the_mask_however_small_and_who_stands_does_not(passing, monkeypatch, step, joins):
+    """Nothing of a person of twelve pixels is in the mask."""
+    monkeypatch.setattr(second_look, "densify", lambda *given, **named: None)
+    rng, (uv, _) = np.random.default_rng(1), walk_of(step)
+    joints = np.concatenate([uv + rng.normal(0, 0.3, uv.shape), np.ones((*uv.shape[:2], 1))], 2)
+    passing.people_joints = joints[:, None].astype(np.float32)
+    passing.people = np.zeros(passing.mask.shape, np.uint8)
+    for t, (column, row) in enumerate(np.floor(uv.mean(1)).astype(int)):
+        passing.people[t, row - 5 : row + 6, column - 2 : column + 3] = 1
+    passing.people_probability = passing.people.astype(np.float16)
+    passing.mask[:], passing.motion[:] = False, 0
+    assert second_look.release_static(None, passing, PriorsConfig(), silent) == 0
+    np.testing.assert_array_equal(passing.mask, passing.people == 1 if joins else np.zeros_like(passing.mask))
+    assert (passing.motion > 0.5).any() == joins
+
+
+def walk_of(step):
+    """Pixels (F,33,2) and depth of a body 1 m high, 12 m away, that goes up and to and fro by `step` metres a frame."""
+    rng, t = np.random.default_rng(0), np.arange(FRAMES)
+    rest = np.stack([rng.uniform(-0.2, 0.2, 33), rng.uniform(-0.5, 0.5, 33), np.full(33, 12.0)], 1)
+    way = step * np.stack([4 * np.sin(0.5 * t), 0.5 * t, 0 * t], 1)
+    return seen_by(path(), rest + way[:, None])
+
+
 def test_what_flow_explains_is_taken_out_where_no_track_lasts(passing, monkeypatch):
     monkeypatch.setattr(second_look, "densify", lambda *given, known: None)
     passing.tracks_visible[second_look.MIN_FRAMES - 1 :] = False
