@@ -41,6 +41,7 @@ from f4x_core.windows import window
 from f4x_core.windows.closing import FittedWindow, close_shot, closing_lines
 from f4x_core.windows.plan import OVERLAP, plan_shots, plan_windows, usual_length, usual_overlap
 from f4x_core.windows.previous_window import PreviousWindow
+from f4x_core.windows.window import masks_of
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -177,8 +178,16 @@ def shot(tmp_path_factory):
     patch.setattr(pipeline, "completed", None)  # no window is: a later one may see what it hides
     plan = windows.Shot(((0, 8), (5, 13), (10, 16)))
     results = windows.fit_long([plan], windows.LongFit(read, config, fit=window.fit_here), folder)
-    yield SimpleNamespace(folder=folder, clip=clip, read=read, config=config, plan=plan, result=results[0])
+    yield SimpleNamespace(folder=folder, clip=clip, read=read, config=config, plan=plan, priors=priors, result=results[0])
     patch.undo()
+
+
+def test_windows_leave_what_moves_in_their_frames_for_the_colors_of_the_whole(shot, tmp_path):
+    for number, (start, end) in enumerate(shot.plan.windows):
+        kept, known = masks_of(shot.folder / "windows" / f"{number:03d}"), part(shot.clip, shot.priors, start, end)[1]
+        assert kept is not None and kept.keys() == known.moving_masks.keys()
+        assert all(np.array_equal(kept[frame], mask) for frame, mask in known.moving_masks.items())
+    assert masks_of(tmp_path) is None
 
 
 def test_windows_join_into_one_scene(shot):
