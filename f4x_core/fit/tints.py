@@ -35,7 +35,7 @@ class TintConfig:
     megabytes: float = 48.0
     """Most that the tints may take. Where they would take more, every second used frame is a knot, or every third, and so on."""
     iterations: int = 4
-    """Of conjugate gradients. Five bring at most .03 dB more to frames between the knots, twelve nothing more but 2 dB at the knots."""
+    """Of conjugate gradients. A fifth brings at most .03 dB to frames between the knots, twelve nothing but 2 dB at the knots."""
     damping: float = 0.05
     """Squared weight, in pixels, below which a Gaussian's color hardly follows. Four times as much loses .1 to .4 dB."""
 
