@@ -178,7 +178,9 @@ def shot(tmp_path_factory):
     patch.setattr(pipeline, "completed", None)  # no window is: a later one may see what it hides
     plan = windows.Shot(((0, 8), (5, 13), (10, 16)))
     results = windows.fit_long([plan], windows.LongFit(read, config, fit=window.fit_here), folder)
-    yield SimpleNamespace(folder=folder, clip=clip, read=read, config=config, plan=plan, priors=priors, result=results[0])
+    yield SimpleNamespace(
+        folder=folder, clip=clip, read=read, config=config, plan=plan, priors=priors, result=results[0]
+    )
     patch.undo()
 
 
