@@ -223,9 +223,9 @@ class _Moment:
     linear: _Linear | None
     """The appearance for linear light, where an engine wants it."""
     scored: bool
-    """Whether that is a heat map, whose colors stay."""
+    """True for a heat map, whose colors stay."""
     tinted: bool
-    """Whether what is drawn apart gets its colors over time with its places, at every frame, and not by geometry nodes."""
+    """True where the separate cloud gets its colors over time with its places, at every frame, and not by geometry nodes."""
 
     @classmethod
     def of(cls, scene_object: SceneObject, display: Display, frame: float) -> _Moment:
@@ -244,7 +244,7 @@ class _Moment:
 
     @cached_property
     def apart(self) -> PosedSplats:
-        """What is drawn apart."""
+        """The rows of the separate cloud."""
         return self.display.moment(self.frame)
 
 

@@ -28,7 +28,7 @@ _POSED = {"position": "means", "rotation": "quats", "turn": "turn"}
 _LOOKS = {"scale", "radiance:base"}
 """Attributes that are read anew together (`read_look`)."""
 _KEPT = {"scales", "opacities"}
-"""What of a cloud modifiers write without changing it, mostly: then it stays the very same array."""
+"""Attributes that modifiers mostly write without a change: then the array stays the same object."""
 _UNSEEN = {"rgb", "radius"}
 """Attributes that the engine does not look at."""
 _READERS = (
@@ -317,7 +317,7 @@ def _reread(data: bpy.types.PointCloud, old: Cloud, written: frozenset[str]) -> 
 
 
 def _removes_tints(node: bpy.types.Node) -> bool:
-    """Whether a node does nothing but take out attributes at which the engine does not look."""
+    """True for a node that only removes attributes which the engine does not read."""
     return node.bl_idname == "GeometryNodeRemoveAttribute" and node.inputs["Name"].default_value.startswith(TINT)
 
 

@@ -222,7 +222,7 @@ def _add_object(name: str, data: bpy.types.ID | None, collection: bpy.types.Coll
 
 @dataclass(frozen=True, eq=False)
 class Extras:
-    """What some scenes have of their Gaussians, one row each."""
+    """Optional values of Gaussians, one row each."""
 
     latent: np.ndarray | None = None
     """(n,3) principal components of their features, mostly within 0 to 1."""
@@ -231,7 +231,7 @@ class Extras:
 
 
 def extras_of(scene: Scene) -> tuple[Extras, Extras]:
-    """What a scene has of its static and of its dynamic Gaussians."""
+    """The optional values of the static and of the dynamic Gaussians of a scene."""
     count, total, latent = len(scene.static), len(scene.static) + len(scene.dynamic), None
     if scene.features is not None and scene.features.pca is not None:
         latent = scene.features.pca.to_unit_range(scene.latents()[:total])  # copies of edits come after them

@@ -102,7 +102,7 @@ Value = TypeVar("Value")
 
 
 class Look(NamedTuple):
-    """What a picture shows, as the arguments of `render_view` say it."""
+    """The content of a picture, from the arguments of `render_view`."""
 
     frame: float
     time: float | None = None

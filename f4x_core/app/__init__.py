@@ -1,1 +1,1 @@
-"""What Feature4X does, one function for each: the command line, agents, jobs of Blender and `import f4x_core` call the same."""
+"""The operations of Feature4X, a function each, which the command line, agents, jobs of Blender and `import f4x_core` call alike."""

@@ -18,12 +18,12 @@ from .encoding import encoder
 
 @dataclass(frozen=True, eq=False)
 class AskOptions:
-    """Who answers a question, and what it is about."""
+    """The context of a question: the thing that "it" means, the views, and the model that answers."""
 
     selection: Selection | None = None
-    """What "it" means."""
+    """The thing that "it" means."""
     views: Trajectory | None = None
-    """What is looked at; None: the clip's own views."""
+    """The views; None: the clip's own."""
     server: ChatServer | None = None
     """Server to which rendered frames are sent; None: nothing is sent, the answer is computed here."""
     model: Path | None = None

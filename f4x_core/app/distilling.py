@@ -29,7 +29,7 @@ PATIENCE = 60.0
 
 @dataclass(frozen=True)
 class DistilRequest:
-    """What is added to a scene file, and from where."""
+    """The features that are added to a scene file, and their source."""
 
     path: Path
     """The scene file."""

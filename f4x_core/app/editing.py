@@ -35,13 +35,13 @@ class EditRequest:
     source: str = ""
     """The file of the operations, for errors."""
     state: EditorState = field(default_factory=EditorState)
-    """What "it", "here" and "now" mean, and whether a doubtful reading is agreed to."""
+    """The meaning of "it", "here" and "now", and the consent to a doubtful reading."""
     server: ChatServer | None = None
     """Language model that reads the sentence; None: the grammar does, and nothing is sent."""
     candidates: int = 1
     """Readings of the sentence that are compared."""
     backend: str = "auto"
-    """What draws the pictures by which readings are compared."""
+    """The raster backend of the pictures by which readings are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +62,12 @@ class Edited:
 
     @property
     def uncovered(self) -> Uncovered | None:
-        """What comes to light where edits take something away; None where they do not."""
+        """The surfaces that edits uncover; None where they uncover nothing."""
         return uncovered(self.after) if takes_away(edit.operation for edit in self.new) else None
 
 
 def propose_edit(scene: Scene, request: EditRequest, progress: Progress = silent) -> Proposal:
-    """What a request would do to the scene with its edits; nothing is written.
+    """Return the plan of a request for the scene with its edits; nothing is written.
 
     Raises:
         F4xError: a sentence that is not understood, nothing that answers to its words, an operation that cannot be applied.

@@ -17,7 +17,7 @@ from ..scene.recognise import identify
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """Which format, and which moments of the clip; `f4x export --help` has the same options."""
+    """The format and the moments of the clip; `f4x export --help` has the same options."""
 
     format: str | None = None
     """Name of an entry of `scene.formats.FORMATS`; None: by the ending of the output."""

@@ -1,4 +1,4 @@
-"""What a fit is asked for: the clip, the folder, and everything that decides what becomes of it."""
+"""The request of a fit: the clip, the folder, and everything that decides what becomes of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..windows.resuming import AT_ONCE, WINDOW, window_of
 
 @dataclass(frozen=True)
 class ClipOptions:
-    """Which pictures of a clip are used, and how large."""
+    """The pictures of a clip that are used, and their size."""
 
     frames: str | None = None
     """First frame, end and step as `A:B:S`; None: all."""
@@ -52,7 +52,7 @@ class FitOptions:
     config: FitConfig = field(default_factory=FitConfig)
     """Settings, for example `fit.config.profile("quick")`."""
     clip: ClipOptions = field(default_factory=ClipOptions)
-    """Which pictures are used."""
+    """The pictures that are used."""
     resume: bool = False
     """Continue the fit that was interrupted in the folder."""
     minutes: float | None = None
@@ -87,7 +87,7 @@ class FitOptions:
 
 @dataclass(frozen=True)
 class Cut:
-    """How a clip is cut into windows."""
+    """The cut of a clip into windows."""
 
     length: int
     """Frames of a window; 0 for a clip that is fitted at once."""
@@ -104,7 +104,7 @@ class FitRequest:
     folder: Path
     """For the scene, its page, priors and checkpoints."""
     options: FitOptions = field(default_factory=FitOptions)
-    """What decides it."""
+    """The settings that decide it."""
 
     def cut(self) -> Cut:
         """The windows asked for, those of the fit that is continued, or what is usual for such a clip."""

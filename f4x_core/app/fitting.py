@@ -51,7 +51,7 @@ class Fitted:
     verdict: str
     """The quality of the scene at `path` and its reason, in a sentence."""
     remarks: tuple[Remark, ...] = ()
-    """What was left out, mended or guessed while the clip was read."""
+    """Remarks on frames that were left out, mended or guessed while the clip was read."""
     notes: tuple[str, ...] = ()
     """Sentences about cuts in the clip."""
     cuts: tuple[int, ...] | None = None
@@ -94,13 +94,13 @@ class MadePriors:
     folder: Path
     """The priors folder."""
     priors: Priors
-    """What it holds."""
+    """The scene in it."""
     frames: int
     """Frames of the clip, held-out ones included."""
     size: tuple[int, int]
     """Width and height of its pictures."""
     remarks: tuple[Remark, ...]
-    """What was left out, mended or guessed while the clip was read."""
+    """Remarks on frames that were left out, mended or guessed while the clip was read."""
 
 
 def make_priors(request: FitRequest, progress: Progress = silent) -> MadePriors:
@@ -146,7 +146,7 @@ class Shots:
     """In order; those that are too short for any fit are left out."""
 
     def size(self, picture: Clip) -> ClipSize:
-        """What is fitted, of pictures like `picture`."""
+        """The size of the clip that is fitted, of pictures like `picture`."""
         windows = [end - start for shot in self.shots for start, end in shot.windows]
         return ClipSize(max(windows), picture.width, picture.height, len(windows))
 

@@ -1,4 +1,4 @@
-"""What a fit may take: steps and Gaussians within the minutes and the memory that it is granted, and what it will cost."""
+"""The resources of a fit: steps and Gaussians within the minutes and the memory that it is granted, and what it will cost."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _keep_grant(path: Path, config: FitConfig) -> None:
 
 
 def _larger(request: FitRequest, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> str:
-    """What larger pictures of the same clip would cost and show; empty where there are none."""
+    """Say the cost and the detail of larger pictures of the same clip; empty where there are none."""
     first = request.options.clip.first_picture(request.source).frames[0]
     height, width = first.shape[:2]
     widths = [size.width, *(wanted for wanted in WIDTHS if size.width < wanted <= width)]
@@ -85,6 +85,6 @@ def _larger(request: FitRequest, size: ClipSize, config: FitConfig, speed: Machi
 
 
 def detail_in_words(psnr: float) -> str:
-    """What is seen of a picture that is `psnr` dB from the clip's own."""
+    """Say in words how a picture looks that is `psnr` dB from the clip's own."""
     seen = next(words for least, words in DETAIL if psnr >= least)
     return seen if np.isinf(psnr) else f"{seen} ({psnr:.0f} dB)"

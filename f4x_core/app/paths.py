@@ -71,7 +71,7 @@ def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
 
 
 def times_of(scene: Scene, path: str, indices: np.ndarray | None = None) -> np.ndarray | None:
-    """When a video shows the views of `--path`, or those at `indices`: `write_video`'s `times`.
+    """Return the times at which a video shows the views of `--path`, or those at `indices`: `write_video`'s `times`.
 
     Those of the clip on its own path, if its frames are not evenly spaced; None otherwise.
     """

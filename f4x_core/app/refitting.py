@@ -20,7 +20,7 @@ PATIENCE = 60.0
 
 @dataclass(frozen=True)
 class Refitted:
-    """How near pictures drawn in linear light come to those of the scene, in dB."""
+    """PSNR (dB) of pictures drawn in linear light against those of the scene."""
 
     path: Path
     """The scene file."""

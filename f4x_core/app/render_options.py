@@ -1,11 +1,11 @@
-"""Which pictures of a scene are drawn."""
+"""The pictures of a scene that are drawn."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """Which pictures are drawn; `f4x render --help` has the same options."""
+    """The pictures that are drawn; `f4x render --help` has the same options."""
 
     path: str = "original"
     """`original`, `orbit`, `stabilise`, `slow:FACTOR`, `bullet:T`, `frozen:T` or a camera path file."""
@@ -32,4 +32,4 @@ class RenderOptions:
     samples: int = 16
     """Pictures that make a blurred one."""
     backend: str = "auto"
-    """What draws, see `raster.rasterize`."""
+    """The raster backend, see `raster.rasterize`."""

@@ -43,7 +43,7 @@ class Rendered:
     """Pictures that were written."""
 
     folder: Path
-    """Where they lie, in a folder for each channel."""
+    """The pictures' files, in a folder for each channel."""
     frames: int
     """Number of pictures of each channel."""
     of_all: int

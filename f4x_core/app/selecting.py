@@ -1,4 +1,4 @@
-"""What words and marks on a clip's pictures select, and the files that hold a selection."""
+"""Selections by words and marks on a clip's pictures, and the files that hold a selection."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SELECTION = "selection.json"
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What is meant: words, marks on a frame of the clip, or both together."""
+    """A request: words, marks on a frame of the clip, or both together."""
 
     words: tuple[str, ...] = ()
     """Words for it."""
@@ -86,7 +86,7 @@ def select(scene: Scene, wanted: Wanted, backend: str = "auto", progress: Progre
 
 
 def _prompted(scene: Scene, mark: Mark, wanted: Wanted, backend: str, progress: Progress) -> Selection | None:
-    """What one mark selects as a prompt of its kind; None for a mark that is no prompt."""
+    """The selection by one mark as a prompt of its kind; None for a mark that is no prompt."""
     options: dict[str, Any] = {
         "threshold": wanted.threshold,
         "span": wanted.span,

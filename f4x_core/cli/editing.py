@@ -38,7 +38,7 @@ def request_of(args: argparse.Namespace) -> EditRequest:
 
 
 def _result(edited: Edited, args: argparse.Namespace) -> dict[str, Any]:
-    """What was done, or would be."""
+    """The sentences on what was done, or would be."""
     scene, new = edited.after, edited.new
     found, lines = ({}, []) if args.say is None else _readings(edited)
     chosen, before = sizes(scene), len(edited.before.edits)

@@ -145,7 +145,7 @@ def result_in_windows(fitted: Fitted) -> dict[str, Any]:
 
 
 def added_to(fitted: Fitted, number: int) -> dict[str, dict[str, Any]]:
-    """What was made of scene `number` besides: results of `f4x distill` and `f4x refit`, with their text."""
+    """Further results for scene `number`: those of `f4x distill` and `f4x refit`, with their text."""
     added = {"features": distilled_result(fitted.features[number])} if fitted.features else {}
     return added | ({"linear_light": refitted_result(fitted.linear_light[number])} if fitted.linear_light else {})
 
@@ -156,7 +156,7 @@ def remark_lines(remarks: Iterable[Remark]) -> list[str]:
 
 
 def _summary(scene: FittedScene) -> list[str]:
-    """What a scene holds, how well it shows the clip and what the clip needed, in lines."""
+    """The content of a scene, its quality and what the clip needed, in lines."""
     (width, height), figures = scene.size, scene.metrics
     lines = [
         f"{scene.path}: {scene.static:,} static and {scene.dynamic:,} dynamic Gaussians"

@@ -105,7 +105,7 @@ def _name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def wanted_of(scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None = None) -> Wanted:
-    """What the arguments mean. Raises F4xError for options that do not go together."""
+    """The request that the arguments make. Raises F4xError for options that do not go together."""
     given = [name for name in MARKS if getattr(args, name) is not None]
     if not given:
         kinds = ", ".join(f"--{name}" for name in MARKS)

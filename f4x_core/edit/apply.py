@@ -200,7 +200,7 @@ class EditedScene(Scene):
         return tint if self.tints is None else self._passed(tint, self.appearance(time).sh, EVERY)
 
     def _passed(self, tint: np.ndarray, sh: np.ndarray, rows: Wanted) -> np.ndarray:
-        """What the edits, which made harmonics `sh (n,S,3)` of the base's, leave of `tint (n,3)` of Gaussians `rows`."""
+        """(n,3) the `tint (n,3)` of Gaussians `rows` after edits that made harmonics `sh (n,S,3)` of the base's."""
         return tint * gain_of(self._constant["sh"][self.rows.origin[rows]], sh)
 
     def latents(self) -> np.ndarray:

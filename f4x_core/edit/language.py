@@ -633,12 +633,12 @@ def _placed(operations: list[Operation]) -> list[Operation]:
 
 
 def _copies_of(made: Duplicate, one: Operation) -> bool:
-    """Whether copies of a thing and of its copies are made."""
+    """True if copies are made of a thing and of its copies."""
     return isinstance(one, Duplicate) and Named(made.name) in [*parts_of(one.select)][1:]
 
 
 def _is_overridden(made: Any, one: Any) -> bool:
-    """Whether the next operation says all that this one does: "it is too dark, make it twice as bright"."""
+    """True if the next operation says all that this one does: "it is too dark, make it twice as bright"."""
     if isinstance(made, Style | Recolour) and isinstance(one, Recolour) and one.mode == "assign" and one.strength == 1:
         return getattr(made, "mode", "assign") == "assign" and (made.select, made.frames) == (one.select, one.frames)
     if isinstance(made, Retime) and isinstance(one, Retime):  # "speed it up so that it only takes a second"
@@ -737,7 +737,7 @@ def is_command(sentence: str, labels: Sequence[str]) -> bool:
 
 
 def _done_by(sentence: str, labels: Sequence[str]) -> tuple[Operation, ...]:
-    """What such a sentence does; nothing where it cannot be carried out or can be meant in two ways."""
+    """The operations of such a sentence; none where it cannot be carried out or has two meanings."""
     clip = SentenceContext(1.0, MOST_FRAMES, selected=True, labels=frozenset(labels))
     with suppress(F4xError):
         read = _read(sentence, _known(tuple(labels)), lambda read: _settled(read, clip, None))

@@ -154,7 +154,7 @@ UNSURE: tuple[tuple[Rule, str], ...] = (
         _WHOLE,
     ),
 )  # fmt: skip
-"""What is asked about even where a sentence could be carried out."""
+"""Questions that are asked even where a sentence could be carried out."""
 _length = silent(span | duration | literal("half"))
 NO_EDIT: tuple[tuple[Rule, str], ...] = (
     (literal("undo|undid|redo|revert|restore|scrap|scratch|nvm|never mind|back|how it was|the way it was"), UNDO),
@@ -194,7 +194,7 @@ NO_EDIT: tuple[tuple[Rule, str], ...] = (
     (literal(f"[align|level|snap|scale] (the|it|everything) ({PICTURE}) (to)"),
      "Align to Floor, Scale to Length and Add Crop Box in Blender do that for a whole scene."),
 )  # fmt: skip
-"""What is said of a sentence that is not understood."""
+"""The answer to a sentence that is not understood."""
 UNCLEAR: tuple[tuple[Rule, str], ...] = (
     (literal("better|nicer|prettier|beautiful|cinematic|moody|epic|awesome|interesting|stylish|professional|different|fancy"),
      "It is not said what is to change, a color, brightness, contrast, size, place or speed?"),
@@ -204,7 +204,7 @@ UNCLEAR: tuple[tuple[Rule, str], ...] = (
     (keyword("[half|part|parts|most|some|a third|a quarter] of|the [second|third|fourth|fifth|next]"), _WHOLE),
     (keyword("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
 )  # fmt: skip
-"""What is said of one of which nothing can be left out, either."""
+"""The answer to one of which nothing can be left out, either."""
 
 
 def reason_of(rows: Iterable[tuple[Rule, str]], reading: Reading) -> str:

@@ -90,7 +90,7 @@ class Step:
 
     @property
     def retimes(self) -> bool:
-        """Whether it shows other times than the clip's."""
+        """True if it shows other times than the clip's."""
         operation = self.edit.operation
         return self.time_map is not None or (isinstance(operation, Duplicate) and operation.time_shift != 0)
 

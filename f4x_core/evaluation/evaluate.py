@@ -75,7 +75,7 @@ class FrozenMoment:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """What `evaluate` measures besides PSNR and SSIM."""
+    """The measures of `evaluate` besides PSNR and SSIM."""
 
     refine_camera: bool = False
     """Held-out figures with the camera refined on that very frame; the scene stays as it is."""

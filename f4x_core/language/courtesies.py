@@ -1,4 +1,4 @@
-"""What is said beside a command or a question and adds nothing to it: courtesies, reasons, remarks."""
+"""Courtesies, reasons and remarks beside a command or a question, which add nothing to it."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ WISHES = literal(
     "suggest|thought|propose|say] (that|to)|[my|the] [suggestion|request|idea|wish|plan] is (that|to)|i would be [happy|glad|"
     "grateful] (if)|do me a [favor|favour] and|be so kind (as) to|be a [dear|love] and"
 )
-"""What asks for an edit and does not say which."""
+"""Wishes for an edit that do not say which."""
 COMMENTS = literal(
     "(that|it|this|which|and that) [would|might|could|will|should] (really|surely) [be|look|seem|feel|do|work|read|go] (so much|"
     "much|way|a lot|even|just|really|very|pretty) [nice|nicer|good|better|best|great|cool|cooler|fun|lovely|perfect|awesome|fine|"
     "neat|sweet|amazing|well|the trick]|is (much|way) [nicer|better|cooler]"
 )
-"""What somebody thinks of the wish."""
+"""Opinions on the wish."""
 _because = literal(
     "because|cause|since|as [i|we|it is|they are]|in order to|as [if|though]|so (that) [i|we|you|one|people|everyone|nobody|it|the|"
     "our|my] |like [a|an|in|when|the|they|we|magic]|for [my|our]|for [clarity|effect|emphasis|fun|a change]|for the [client|look|"

@@ -36,7 +36,7 @@ MOST_GAIN = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Tints:
-    """What is added to the colors of N Gaussians, static ones first."""
+    """Changes of the colors of N Gaussians over time, static ones first."""
 
     times: np.ndarray
     """(K,) float64 clip times that increase; K is at least 1."""

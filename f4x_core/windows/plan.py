@@ -1,4 +1,4 @@
-"""How a long clip is cut into shots and overlapping windows."""
+"""The cut of a long clip into shots and overlapping windows."""
 
 from __future__ import annotations
 
