@@ -1,1 +1,1 @@
-"""The operations of Feature4X, a function each, which the command line, agents, jobs of Blender and `import f4x_core` call alike."""
+"""The operations of Feature4X, a function each: the command line, agents, jobs of Blender and `import f4x_core` call them."""
