@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 
 from ..clip import Clip
 from ..geometry.arrays import evenly_spaced
-from ..parallel import in_threads
+from ..parallel import in_threads, side_by_side, thread_count
 from ..progress import Progress, silent
 from ..raster.blend_weights import BlendWeights
 from ..scene import Scene
@@ -47,6 +47,8 @@ AROUND = 0.008
 """Widths of the picture by which the pixels of what moves are widened: outlines err by two pixels of 480 (J .8 to .9)."""
 SOFTENED = 0.1
 """Pixels added to each Gaussian's summed weight in the preconditioner, for those that hardly show."""
+PIXELS_AT_ONCE = 4e6
+"""Pixels of the frames that are solved side by side: each takes 170 bytes, or 600 where Gaussians outnumber them."""
 JUDGED = 6
 """Knots that are predicted from their neighbours to judge."""
 MIN_ERROR = 1e-8
@@ -95,7 +97,9 @@ class Tinting:
             if row in self.judged:
                 self.targets[row] = target, seen
 
-        in_threads(solve, rows.tolist(), lambda done: progress("tints", done, len(rows)))
+        at_once = min(thread_count(), max(int(PIXELS_AT_ONCE / (clip.width * clip.height)), 1))
+        with side_by_side(at_once):
+            in_threads(solve, rows.tolist(), lambda done: progress("tints", done, len(rows)))
 
     def finish(self) -> Scene:
         """The scene with its tints, if they pay, and with what decided among its needs."""
