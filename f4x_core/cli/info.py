@@ -63,6 +63,8 @@ def summary(info: dict[str, Any]) -> dict[str, str]:
         after = ", after which there are {gaussians:,} Gaussians: {copies:,} copies, {gone:,} gone".format(
             **info["edited"]
         )
+    moments = info["color_moments"]
+    changes = f", colors of {moments} moments" if moments else ""
     poses = ""
     if "poses" in info and info["poses"]["kept"] < info["poses"]["all"]:
         poses = "; {kept:,} of {all:,} poses stored, the others repeat the frame before".format(**info["poses"])
@@ -71,7 +73,7 @@ def summary(info: dict[str, Any]) -> dict[str, str]:
         "frames": f"{info['frames']}, {info['held_out']} of them held out",
         "pictures": f"{width}x{height} pixels",
         "video": f"{info['frames'] / info['fps']:.2f} s at {info['fps']:g} frames per second",
-        "Gaussians": f"{info['static']:,} static, {info['dynamic']:,} dynamic, SH degree {info['sh_degree']}",
+        "Gaussians": f"{info['static']:,} static, {info['dynamic']:,} dynamic, SH degree {info['sh_degree']}{changes}",
         "nodes": f"{info['nodes']:,}{poses}",
         "memory": f"{sum(parts.values()):.1f} MB: {by_part}",
         "PSNR": ", ".join(measured) or "not measured",

@@ -289,7 +289,7 @@ def _per_gaussian(size: ClipSize, config: FitConfig) -> Work:
 
 def _tint_frames(size: ClipSize, config: FitConfig) -> int:
     """Frames whose colors are found, if there is room for all."""
-    return 0 if config.tints.min_gain == math.inf else size.frames
+    return size.frames if config.tints.enabled else 0
 
 
 def _tint_file(size: ClipSize, config: FitConfig, count: float) -> float:

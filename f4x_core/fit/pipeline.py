@@ -121,7 +121,7 @@ class ClipFit:
             with side_by_side(self.config.kernels.threads):
                 masks = priors.moving_masks
                 scene = tinted_scene(scene, self.clip, self.config.tints, masks, self.config.backend, self.progress)
-            self._record("tints", clock)
+            self._record("colors over time", clock)
         known = {**scene.provenance, "believed_degrees": _believed(priors)}
         return replace(result, priors=priors, scene=replace(scene, provenance=known))
 

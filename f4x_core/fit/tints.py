@@ -30,12 +30,14 @@ from .needs import Need
 class TintConfig:
     """Colors over time."""
 
+    enabled: bool = True
+    """Look for them: shadows, ripples, an audience, blur, which one color for the whole clip cannot show."""
     min_gain: float = 0.2
-    """PSNR (dB) that tints must bring to frames between their knots to be kept; infinity: none are tried."""
+    """PSNR (dB) that they must bring to frames between the moments at which they were found, or they are left out."""
     megabytes: float = 48.0
-    """Most that the tints may take. Where they would take more, every second used frame is a knot, or every third, and so on."""
+    """Most that they may take. Where they would take more, every second used frame is such a moment, or every third."""
     iterations: int = 4
-    """Of conjugate gradients. A fifth brings at most .03 dB to frames between the knots, twelve nothing but 2 dB at the knots."""
+    """Of conjugate gradients. A fifth brings at most .03 dB to frames between the moments, twelve but 2 dB to those at them."""
     damping: float = 0.05
     """Squared weight, in pixels, below which a Gaussian's color hardly follows. Four times as much loses .1 to .4 dB."""
 
@@ -99,7 +101,7 @@ class Tinting:
 
         at_once = min(thread_count(), max(int(PIXELS_AT_ONCE / (clip.width * clip.height)), 1))
         with side_by_side(at_once):
-            in_threads(solve, rows.tolist(), lambda done: progress("tints", done, len(rows)))
+            in_threads(solve, rows.tolist(), lambda done: progress("colors over time", done, len(rows)))
 
     def finish(self) -> Scene:
         """The scene with its tints, if they pay, and with what decided among its needs."""
@@ -110,7 +112,7 @@ class Tinting:
         size = self.values.nbytes / 1e6
         need = Need(
             "colors over time",
-            f"{len(self.knots)} moments" if pays else "none",
+            f"of {len(self.knots)} moments: shadows, ripples, blur" if pays else "none",
             f"{gain:+.2f} dB on frames between the moments; wanted {self.config.min_gain:g}",
             "nothing" if pays else f"{size:.0f} MB",
         )
@@ -207,7 +209,7 @@ def tinted_scene(
 
     `masks`: clip frame -> (H,W) bool of what moves, in addition to the dynamic Gaussians.
     """
-    if config.min_gain == np.inf:
+    if not config.enabled:
         return scene
     tinting = Tinting(scene, config, backend)
     tinting.add(clip, masks, 0, progress)

@@ -424,6 +424,7 @@ class Scene:
             "dynamic": len(self.dynamic),
             "nodes": 0 if self.scaffold is None else len(self.scaffold.ids),
             "sh_degree": self.sh_degree,
+            "color_moments": 0 if self.tints is None else len(self.tints.times),
             "megabytes": {part: sum(array.nbytes for array in arrays) / 1e6 for part, arrays in parts.items()},
             "edits": len(self.edits),
             "heads": {} if self.features is None else {h.spec.name: dict(h.report) for h in self.features.heads},

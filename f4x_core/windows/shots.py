@@ -103,7 +103,7 @@ def fit_shot(shot: Shot, how: LongFit, folder: Path, progress: Progress = silent
 def _with_tints(scene: Scene, shot: Shot, how: LongFit, folder: Path, progress: Progress) -> Scene:
     """The joined scene with colors over time, if they pay; frames are read one window at a time, each once."""
     config = how.config
-    if config.tints.min_gain == np.inf:
+    if not config.tints.enabled:
         return scene
     starts = [start for start, _ in shot.windows]
     with side_by_side(config.kernels.threads):

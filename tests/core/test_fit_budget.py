@@ -136,7 +136,7 @@ def test_what_is_said_to_be_enough_is_enough_for_small_clips_and_for_windows(siz
 
 
 def test_windows_cost_their_number_of_times_the_minutes_and_the_memory_of_one():
-    config = dataclasses.replace(profile("quick"), tints=TintConfig(min_gain=np.inf))
+    config = dataclasses.replace(profile("quick"), tints=TintConfig(enabled=False))
     one, five = (cost(dataclasses.replace(SIZE, windows=windows), config, SPEED) for windows in (1, 5))
     assert (five.minutes, five.memory, five.file) == pytest.approx((5 * one.minutes, one.memory, 5 * one.file))
 
@@ -174,7 +174,7 @@ def written_out(frames: int = 20, **changes):
     """A clip of 400 x 300 pixels and a profile with plain numbers, whose priors are made at 200 x 150."""
     config = profile("quick")
     settings = {
-        "tints": TintConfig(min_gain=np.inf),
+        "tints": TintConfig(enabled=False),
         "steps": 100,
         "coarse": 0.2,
         "priors": dataclasses.replace(config.priors, longer_side=200),
