@@ -48,8 +48,8 @@ def film(path, frames, codec="libx264", pixels="yuv420p", rate=24, stamps=None, 
     """Write frames (H,W,C) uint8, at `stamps` in milliseconds where they are given."""
     if codec not in av.codecs_available:
         pytest.skip(f"this PyAV has no encoder {codec}")
-    if codec == "libx264":  # with threads its bytes change from run to run, and damage may happen to be a picture
-        options = {"crf": "8", "threads": "1", **options}
+    if codec == "libx264":  # else its bytes change from run to run (its vector code reads unset memory)
+        options = {"crf": "8", "threads": "1", "x264-params": "asm=0", **options}
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=rate, options=options)
         stream.height, stream.width = frames[0].shape[:2]
