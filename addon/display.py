@@ -244,7 +244,7 @@ class _Moment:
 
     @cached_property
     def apart(self) -> PosedSplats:
-        """The rows of the separate cloud."""
+        """The Gaussians of the separate cloud."""
         return self.display.moment(self.frame)
 
 

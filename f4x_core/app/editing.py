@@ -103,7 +103,7 @@ def edit_file(
         output: another file to write; None: the stack of edits at `path` grows.
         contact_sheet: PNG of all readings, side by side.
         dry_run: nothing is written but the contact sheet.
-        progress: is told what happens.
+        progress: is called `(stage, done, total, message)`.
     """
     if output is not None and same_file(output, path):
         path, output = output, None  # in place, under the name that is to be written

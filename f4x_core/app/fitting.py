@@ -94,7 +94,7 @@ class MadePriors:
     folder: Path
     """The priors folder."""
     priors: Priors
-    """The scene in it."""
+    """The arrays in it."""
     frames: int
     """Frames of the clip, held-out ones included."""
     size: tuple[int, int]
@@ -186,8 +186,8 @@ def fit_shots(request: FitRequest, cut: Shots, config: FitConfig, progress: Prog
     middle = longest.frames[0] + len(longest) // 2
     write_input(read(middle, middle + 1), folder)
     notes = (f"{len(scenes)} shots; {path} is the longest, --frames {longest.picked}",) if len(scenes) > 1 else ()
-    told = longest.metrics["quality"], longest.metrics["verdict"]
-    return Fitted(path, scenes, *told, known.remarks, notes, tuple(known.cuts))
+    metrics = longest.metrics
+    return Fitted(path, scenes, metrics["quality"], metrics["verdict"], known.remarks, notes, tuple(known.cuts))
 
 
 def copy_longest(fitted: Fitted) -> None:

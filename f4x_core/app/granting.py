@@ -20,7 +20,7 @@ from .fit_options import FitRequest
 GRANT = "grant.json"
 """File beside the scene: the settings that `minutes` and `memory` came to."""
 WIDTHS = (480, 854, 1280, 1920)
-"""Widths of images whose cost is told."""
+"""Widths of images whose cost is estimated."""
 DETAIL = (
     (np.inf, "all of the clip's detail"),
     (35, "hardly a difference from the clip"),

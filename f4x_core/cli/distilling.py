@@ -21,8 +21,8 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     labels = read_labels(args.vocabulary) if args.vocabulary is not None else []
     if not names and not labels:
         raise F4xError("there is nothing to do; give --teacher NAME, --vocabulary WORDS, or both.")
-    wanted = args.scene, tuple(names), tuple(labels)
-    request = DistilRequest(*wanted, args.features, args.clip, args.frames, args.output, config_of(args))
+    where = {"folder": args.features, "clip": args.clip, "frames": args.frames, "output": args.output}
+    request = DistilRequest(args.scene, tuple(names), tuple(labels), config=config_of(args), **where)
     return distilled_result(distill(request, progress))
 
 

@@ -89,12 +89,12 @@ def _why_not_folded(scene: Scene) -> str:
 
 
 def _in_words(path: str, stack: EditStack) -> dict[int, str]:
-    """Id of an edit -> what it does; what is kept along the axes of the scene is told as the camera sees it."""
+    """Id of an edit -> what it does; what is kept along the axes of the scene is put as the camera sees it."""
     edits = (*stack.edits, *reversed(stack.undone))
     words = {edit.id: describe(edit.operation) for edit in edits}
     if any(SCENE_AXES in does for does in words.values()):
         scene = replace(read_scene(path), edits=())
-        with suppress(F4xError):  # edits behind one that cannot be applied are told as they are kept
+        with suppress(F4xError):  # edits behind one that cannot be applied are shown as they are kept
             for edit in edits:
                 words[edit.id] = as_seen(scene, edit.operation)
                 scene = with_operations(scene, edit.operation) if edit.enabled else scene

@@ -260,7 +260,7 @@ class EditedScene(Scene):
         return set()
 
     @cached_property
-    def _posed_base(self) -> dict[float, PosedSplats]:
+    def _posed_base(self) -> dict[float, Placement]:
         return {}
 
     @cached_property
@@ -268,7 +268,8 @@ class EditedScene(Scene):
         """Cache of pivots and tones by edit and time."""
         return {}
 
-    def _base(self, time: float) -> PosedSplats:
+    def _base(self, time: float) -> Placement:
+        """Placement of all Gaussians before any edit at `time`."""
         self._moments.add(time)
         if len(self._moments) > MAX_MOMENTS:
             raise F4xError(
@@ -279,7 +280,9 @@ class EditedScene(Scene):
         if time not in kept:
             while len(kept) >= KEPT_MOMENTS:
                 kept.pop(next(iter(kept)), None)
-            kept[time] = super().posed(time)
+            posed, presence = self._untinted(time), self.presence(time)
+            tint = np.zeros((len(posed), 0), np.float32) if self.tints is None else self.tints.at(time)
+            kept[time] = Placement(posed.means, posed.quats, posed.scales, presence, tint)
         return kept[time]
 
     def _placement(self, depth: int, time: float, rows: Wanted) -> Placement:
@@ -292,10 +295,7 @@ class EditedScene(Scene):
                 shift = copy[:, None] * np.array(operation.offset)
                 state = state._replace(means=(state.means + shift).astype(np.float32))
         else:
-            posed = self._base(time)
-            presence = self.presence(time)[rows]
-            tint = np.zeros((len(posed), 0), np.float32) if self.tints is None else self.tints.at(time)
-            state = Placement(posed.means[rows], posed.quats[rows], posed.scales[rows], presence, tint[rows])
+            state = Placement(*(part[rows] for part in self._base(time)))
         for below in range(start, depth):
             operation = self.steps[below].edit.operation
             if isinstance(operation, Transform):

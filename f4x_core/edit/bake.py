@@ -23,7 +23,7 @@ from ..scaffold.deformation import node_poses_at
 from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.linear import fitted_look, is_refitted, linear_scene, with_look
 from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
-from ..scene.tints import PARTS, Tints, steps_of
+from ..scene.tints import PARTS, Tints, quantized
 from .apply import APPEARANCE_OPERATIONS, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
 from .keys import with_keys_folded
 from .operations import Blur, Delete, Duplicate, Glow, Name, Opacity, TakeBack, Transform
@@ -288,7 +288,7 @@ def _tints(scene: EditedScene, tints: Tints, static: np.ndarray, dynamic: np.nda
     for k, time in enumerate(tints.times):
         added = scene.tint(float(time))
         for part, rows in zip(parts, (static, dynamic), strict=True):
-            part[:, k] = steps_of(added[rows])
+            part[:, k] = quantized(added[rows])
     return dict(zip(PARTS, parts, strict=True))
 
 

@@ -236,7 +236,7 @@ class Resolver:
         if isinstance(select, Box):
             return Ids.of(select_by_box(scene, select.box, scene.cameras.frame_at(select.frame)).chosen_ids)
         if isinstance(select, Instance | Part | Beside):
-            return Ids.of(scene.ids[self._told_by_place(scene, select, tidy)])
+            return Ids.of(scene.ids[self._by_place(scene, select, tidy)])
         if isinstance(select, Current):
             return Ids.of(self._current(scene).chosen_ids)
         return select
@@ -259,8 +259,8 @@ class Resolver:
             rows = rows[~self._split(scene, rows)[1]]
         return Ids.of(scene.ids[rows])
 
-    def _told_by_place(self, scene: Scene, select: Instance | Part | Beside, tidy: bool) -> np.ndarray:
-        """(n,) rows of a thing, of things or of a part of one that are told by where they are, seen through the clip's camera."""
+    def _by_place(self, scene: Scene, select: Instance | Part | Beside, tidy: bool) -> np.ndarray:
+        """(n,) rows of a thing, of things or of a part of one that are known by where they are, seen through the clip's camera."""
         time = float(select.frame)
         posed, camera = scene.posed(time), scene.cameras.at(time)
         if isinstance(select, Instance) and select.of == All():

@@ -15,7 +15,7 @@ from .records import Record
 from .selects import And, Beside, Instance, Not, Or, Part, SelectKind, Text
 
 PLACES = {2: ("left", "right"), 3: ("left", "middle", "right")}
-"""Number of things -> the places by which each is told."""
+"""Number of things -> the places that tell them apart."""
 MANY = ("left", "right", "nearest", "largest")
 """Places offered where there are more."""
 

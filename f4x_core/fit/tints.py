@@ -21,7 +21,7 @@ from ..parallel import in_threads, side_by_side, thread_count
 from ..progress import Progress, silent
 from ..raster.blend_weights import BlendWeights
 from ..scene import Scene
-from ..scene.tints import LEVELS, steps_of, with_tints
+from ..scene.tints import LEVELS, quantized, with_tints
 from ..scene.view import fitted_config
 from .needs import Need
 
@@ -95,7 +95,7 @@ class Tinting:
             frame = int(self.knots[row])
             target, seen = _frame(clip, frame - first)
             view, picture = self._view(frame, seen, None if masks is None else masks.get(frame - first))
-            self.values[:, row] = steps_of(view.solved(target - picture, self.config))
+            self.values[:, row] = quantized(view.solved(target - picture, self.config))
             if row in self.judged:
                 self.targets[row] = target, seen
 
@@ -221,10 +221,6 @@ def _frame(clip: Clip, index: int) -> tuple[np.ndarray, np.ndarray | None]:
     return clip.frames[index].astype(np.float32) / 255, None if clip.hidden is None else ~clip.hidden[index]
 
 
-def _where_seen(picture: np.ndarray, seen: np.ndarray | None) -> np.ndarray:
-    return picture if seen is None else picture * seen[..., None]
-
-
 def _dot(a: np.ndarray, b: np.ndarray) -> float:
     """Sum of products in float64; numpy's pairwise sums do not depend on threads, a BLAS may."""
     return float(np.multiply(a, b).sum(dtype=np.float64))
@@ -232,5 +228,6 @@ def _dot(a: np.ndarray, b: np.ndarray) -> float:
 
 def _error(picture: np.ndarray, target: np.ndarray, seen: np.ndarray | None) -> float:
     """Mean square of what the screen shows, at least `MIN_ERROR`."""
-    left = _where_seen(np.clip(picture, 0, 1) - target, seen)
+    left = np.clip(picture, 0, 1) - target
+    left = left if seen is None else left * seen[..., None]
     return max(float(np.square(left).mean(dtype=np.float64)), MIN_ERROR)

@@ -350,14 +350,19 @@ class Scene:
         x' = R x + t, R_g' = R R_g; scales stay, opacity is `faded` where there is a span, colors have their `tints`. An absent
         Gaussian has opacity 0.
         """
+        untinted = self._untinted(time)
+        if self.tints is None:
+            return untinted
+        return replace(untinted, sh=tinted(untinted.sh, self.tints.at(time)))
+
+    def _untinted(self, time: float) -> PosedSplats:
+        """All Gaussians at `time`, with the colors that they have in the mean."""
         means, quats = self._static_poses
         if len(self.dynamic):
             moved = _as_drawn(*self._carried(time))
             means, quats = (np.concatenate(parts) for parts in zip((means, quats), moved, strict=True))
-        now = {"opacities": faded(self._constant["opacities"], self.presence(time))} if self.fades else {}
-        if self.tints is not None:
-            now["sh"] = tinted(self._constant["sh"], self.tints.at(time))
-        return PosedSplats(means=means, quats=quats, **self._constant | now)
+        there = {"opacities": faded(self._constant["opacities"], self.presence(time))} if self.fades else {}
+        return PosedSplats(means=means, quats=quats, **self._constant | there)
 
     @cached_property
     def _static_poses(self) -> tuple[np.ndarray, np.ndarray]:

@@ -45,13 +45,10 @@ class Tints:
 
     def at(self, time: float) -> np.ndarray:
         """(N,3) float32 display color to be added at clip time `time`; before the first and after the last time as there."""
-        last = len(self.times) - 1
-        upper = int(np.clip(np.searchsorted(self.times, time, side="right"), 1, max(last, 1)))
-        lower = upper - 1
-        upper = min(upper, last)
-        between = self.times[upper] - self.times[lower]
-        fraction = float(np.clip((time - self.times[lower]) / between, 0, 1)) if between > 0 else 0.0
-        before, after = ((1 - fraction) / LEVELS, fraction / LEVELS)
+        place = float(np.interp(time, self.times, np.arange(len(self.times))))
+        lower = int(place)
+        upper, fraction = min(lower + 1, len(self.times) - 1), place - lower
+        before, after = (1 - fraction) / LEVELS, fraction / LEVELS
         added = [
             part[:, lower] * np.float32(before) + (part[:, upper] * np.float32(after) if after else np.float32(0))
             for part in self.parts
@@ -97,7 +94,7 @@ def without_tints(scene: Any) -> Any:
     return replace(scene, extra=extra)
 
 
-def steps_of(tint: np.ndarray) -> np.ndarray:
+def quantized(tint: np.ndarray) -> np.ndarray:
     """A tint (…,3) of display color as int8."""
     return np.clip(np.rint(tint * LEVELS), -LARGEST, LARGEST).astype(np.int8)
 
