@@ -26,10 +26,11 @@ from ..geometry import quaternion
 from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import CameraPath
 from ..parallel import in_threads, thread_count
-from ..progress import Progress
+from ..progress import Progress, silent
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, total_cost, triangulate
 from .config import USUAL_FRAMES, CamerasConfig, PriorsConfig
-from .flow import grey, sample, texture
+from .contact import MOVING_MARGIN
+from .flow import grey, long_flows, sample, texture
 from .folder import SEEN_DEPTH
 from .lens import measure
 from .mirror import DepthCues, choose_orientation, decide, guess_inverse_distance
@@ -52,6 +53,7 @@ from .sfm import (
     solve_with_tracks,
     subset,
 )
+from .short_tracks import MIN_SEEN, Neighbourhood, sharpened, without_outliers
 from .standing import StillnessTest
 from .trusted import frame_errors, grow_trusted
 from .zoom import MIN_COST_LEFT_BY_MOVING, Zoom, find_zoom, mean_cost, zoomed
@@ -135,7 +137,7 @@ def provide(
 
     shift = static_shift(tracks, visible, static)
     statistics: dict[str, Any] = {"static_tracks": int(static.sum()), "static_shift_px": _json(shift)}
-    job = _CameraProblem(clip, priors, settings, tracks, visible, static, focal, first, statistics, [], progress)
+    job = _CameraProblem(clip, priors, config, tracks, visible, static, focal, first, statistics, [], progress)
     times = job.times
     standing = _standing_camera(job, shift)
     solution, kind = _solve_what_stands_still(job, shift) if standing is None else (standing, "static")
@@ -223,7 +225,7 @@ class _CameraProblem:
 
     clip: Clip
     priors: Priors
-    settings: CamerasConfig
+    config: PriorsConfig
     tracks: np.ndarray
     """(F, N, 2) pixels."""
     visible: np.ndarray
@@ -239,6 +241,11 @@ class _CameraProblem:
     warnings: list[str]
     """Sentences for the diagnostics page, filled while solving."""
     progress: Progress
+
+    @property
+    def settings(self) -> CamerasConfig:
+        """Those of this stage."""
+        return self.config.cameras
 
     @property
     def lens(self) -> BundleConfig:
@@ -329,9 +336,9 @@ def complete(
         bundle = resect(bundle, observations, ring)
         registered[ring] = True
     bundle = _triangulated(bundle, observations, registered, offset)
-    bundle, observations = _without_outliers(bundle, observations)
+    bundle, observations = without_outliers(bundle, observations)
     refined = adjust(bundle, observations, replace(lens, iterations=10))
-    solution = Solution(*_without_outliers(refined, observations), registered)
+    solution = Solution(*without_outliers(refined, observations), registered)
     return _settled(solution, sightings(tracks, visible, static, tracks.shape[1], longest), (extra, order), lens)
 
 
@@ -349,12 +356,12 @@ def _settled(
     for _ in range(MORE_ROUNDS):
         if worst <= SETTLED_PX:
             break
-        bundle, kept = _without_outliers(_triangulated_anew(solution.bundle, *some), some[0])
+        bundle, kept = without_outliers(_triangulated_anew(solution.bundle, *some), some[0])
         bundle = adjust(bundle, kept, replace(lens, iterations=10))
         found = _worst_frame(bundle, *every)
         if found > (1 - MIN_SETTLING) * worst:
             break
-        solution, worst = Solution(*_without_outliers(bundle, kept), solution.registered), found
+        solution, worst = Solution(*without_outliers(bundle, kept), solution.registered), found
     return solution
 
 
@@ -426,8 +433,26 @@ def _solve(job: _CameraProblem) -> tuple[Solution, str]:
     solution, kind = _first_solution(job)
     job.progress("cameras", 3, 4, "refine the path")
     if kind == "moving":
-        solution = _trusted(job, _completed(job, solution))
+        solution = _sharpened(job, _trusted(job, _completed(job, solution)))
     return solution, kind
+
+
+def _sharpened(job: _CameraProblem, solution: Solution) -> Solution:
+    """Return the solution adjusted on short tracks as well, if there is flow. Where it misses frames or had to grow, what stands
+    is in doubt, and short tracks cannot tell."""
+    priors, doubtful = job.priors, not solution.registered.all() or job.statistics.get("grown")
+    if doubtful or priors.flow_forward is None or len(job.tracks) < MIN_SEEN:
+        return solution
+    pictures = grey(job.clip.frames[job.clip.supervised])
+    blocked = np.zeros(pictures.shape, bool)
+    if priors.mask is not None and not job.static.all():
+        blocked = dilate_masks(priors.mask, MOVING_MARGIN)
+    if job.clip.hidden is not None:
+        blocked = blocked | job.clip.hidden[priors.frames]
+    around = Neighbourhood(pictures, long_flows(job.clip, priors, job.config, silent), blocked)
+    longest = TRACK_FRAMES if len(job.tracks) > USUAL_FRAMES else None
+    tracks, _ = sightings(job.tracks, job.visible, job.static, ADJUSTED_TRACKS, longest)
+    return sharpened(solution, tracks, around.sightings(), job.lens)
 
 
 def _trusted(job: _CameraProblem, solution: Solution) -> Solution:
@@ -479,7 +504,7 @@ def _solve_everything(job: _CameraProblem, found: Solution, kind: str) -> tuple[
         other = replace(
             job,
             warnings=[],
-            settings=replace(job.settings, kind="moving", solver=solver),
+            config=replace(job.config, cameras=replace(job.settings, kind="moving", solver=solver)),
             static=np.ones_like(job.static),
             statistics={key: job.statistics[key] for key in ("static_tracks", "static_shift_px")},
         )
@@ -777,17 +802,6 @@ def _interpolated(bundle: Bundle, registered: np.ndarray, frames: np.ndarray, ti
         center=np.stack([camera.center for camera in cameras]),
     )
     return bundle.with_frames(frames, found)
-
-
-def _without_outliers(bundle: Bundle, observations: Observations) -> tuple[Bundle, Observations]:
-    """Drop sightings off by more than four times the median (at least 3 px), then points seen less than three times."""
-    error = np.nan_to_num(bundle.errors(observations), nan=np.inf, posinf=np.inf)
-    usual = np.median(error) if len(error) else 0.0
-    observations = observations.keep(error < max(3.0, 4 * usual if np.isfinite(usual) else 0.0))
-    enough = np.bincount(observations.point, minlength=len(bundle.points)) >= min(3, len(bundle.center))
-    observations = observations.keep(enough[observations.point])
-    row = np.cumsum(enough) - 1
-    return replace(bundle, points=bundle.points[enough]), replace(observations, point=row[observations.point])
 
 
 def _first_camera_at_origin(bundle: Bundle) -> Bundle:

@@ -29,7 +29,17 @@ def job_of(bundle=None, noise=0.1, first=None, **settings):
     clip, priors = clip_and_priors(tracks, visible)
     static = np.ones(tracks.shape[1], bool)
     return module._CameraProblem(
-        clip, priors, CamerasConfig(**settings), tracks, visible, static, FOCAL, first, {}, [], silent
+        clip,
+        priors,
+        PriorsConfig(cameras=CamerasConfig(**settings)),
+        tracks,
+        visible,
+        static,
+        FOCAL,
+        first,
+        {},
+        [],
+        silent,
     )
 
 
@@ -124,7 +134,7 @@ def test_outliers_go_and_with_them_points_seen_twice():
         errors = true.errors(noisy)
         kept = errors < max(3, 4 * np.median(errors))
         count = [kept[noisy.point == p].sum() for p in range(50)]
-        bundle, rest = module._without_outliers(true, noisy)
+        bundle, rest = module.without_outliers(true, noisy)
         chosen = [p for p in range(50) if count[p] >= 3]
         np.testing.assert_array_equal(bundle.points, true.points[chosen])
         rows = [
@@ -132,13 +142,13 @@ def test_outliers_go_and_with_them_points_seen_twice():
         ]
         np.testing.assert_array_equal(np.column_stack([rest.frame, rest.point]), rows)
     lost = replace(true, points=np.where(np.arange(50)[:, None] < 5, np.nan, true.points))
-    assert len(module._without_outliers(lost, seen)[0].points) < 46
+    assert len(module.without_outliers(lost, seen)[0].points) < 46
     most = replace(true, points=np.where(np.arange(50)[:, None] < 40, -true.points, true.points))
-    assert 0 < len(module._without_outliers(most, seen)[0].points) <= 10  # those in front, where most are behind
+    assert 0 < len(module.without_outliers(most, seen)[0].points) <= 10  # those in front, where most are behind
     two = truth(frames=2, points=20)
-    assert len(module._without_outliers(two, observe(two))[0].points) == observe(two).visible(2, 20).all(0).sum()
+    assert len(module.without_outliers(two, observe(two))[0].points) == observe(two).visible(2, 20).all(0).sum()
     nothing = seen.keep(np.zeros(len(seen.frame), bool))
-    assert len(module._without_outliers(true, nothing)[0].points) == 0
+    assert len(module.without_outliers(true, nothing)[0].points) == 0
 
 
 def test_the_first_camera_is_the_origin_of_the_same_geometry():
