@@ -268,7 +268,7 @@ class _Found:
 
 def _facts(scene: Scene) -> Row:
     """Facts about a scene: counts and sizes."""
-    nodes = next((row["chosen"] for row in scene.needs if row["what"] == "motion nodes"), "0")
+    nodes = next((row["chosen"] for row in scene.needs if row["what"] == "motion nodes at the start"), "0")
     moving = len(scene.dynamic) > 0
     return {
         "needs": list(scene.needs),

@@ -88,7 +88,7 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Sta
     if selection.by_median:
         wanted += f" by the median, for some tracks are lost: half of them follow within {selection.median:.2f}"
     need = Need(
-        "motion nodes",
+        "motion nodes at the start",
         str(len(scaffold)),
         f"90 % of {len(lifted)} tracks held out follow within so many pixels, by nodes: {evidence}; {wanted}",
         f"{max(settings.max_nodes - len(scaffold), 0)} nodes of at most {settings.max_nodes}",
