@@ -16,9 +16,9 @@ CONTRADICTION = 2.0
 """Errors of the sweep from which a sample of flow is of another surface than the swept one."""
 HARDLY, CLEARLY = 1.0, 4.0
 """Grey levels by which a contradicting sweep must explain the pictures better to count at all, and in full."""
-UNRELIABLE = 0.035
-"""Median relative difference from flow, on textured surfaces, at which the sweep of a frame counts by half. Rendered clips have up
-to .025; a bedroom, whose lens bends and whose bed moves, .07, and there the sweep is wrong."""
+UNRELIABLE = 1.3
+"""Median difference from flow, on textured surfaces and in errors of the sweep, at which the sweep of a frame counts by half.
+A train has .4 to .7, a run beside a fence .4 to .9; a bedroom, whose lens bends and whose bed moves, 1.7 to 3: there it is wrong."""
 TRUSTED = 25.0
 """Relative precision, 1 / (relative error)^2, at which steps of the swept surfaces and grey levels count alike."""
 TRUST_BLUR = 1.5
@@ -45,8 +45,7 @@ def join(samples: Samples, swept: Swept, free: np.ndarray) -> Joined:
     Flow that contradicts the sweep lies on the other side of a silhouette and is left out, if the sweep explains the pictures
     clearly better: on plain surfaces it does not, and errs more.
     """
-    surface, pixel = swept.inverse, SWEPT_NOISE_PX / np.maximum(swept.gain, 1e-9)
-    error = np.sqrt((SWEPT_NOISE * surface) ** 2 + pixel**2 + (swept.spacing / 2) ** 2)
+    surface, error = swept.inverse, errors(swept)
     contradicted = (abs(samples.inverse - surface) > CONTRADICTION * error) & (samples.precision > 0)
     better = np.clip((swept.better - HARDLY) / (CLEARLY - HARDLY), 0, 1)
     sure = reliability(samples, swept) * (swept.known & free) * np.where(contradicted, better, 1)
@@ -58,15 +57,21 @@ def join(samples: Samples, swept: Swept, free: np.ndarray) -> Joined:
     return Joined(np.where(total > 0, mean, samples.inverse), total, trust)
 
 
+def errors(swept: Swept) -> np.ndarray:
+    """(h, w) standard deviation of swept inverse depth."""
+    pixel = SWEPT_NOISE_PX / np.maximum(swept.gain, 1e-9)
+    return np.sqrt((SWEPT_NOISE * swept.inverse) ** 2 + pixel**2 + (swept.spacing / 2) ** 2)
+
+
 def reliability(samples: Samples, swept: Swept) -> float:
-    """0..1: how far the sweep of a frame is believed, by its median relative difference from flow on textured surfaces.
+    """0..1: how far the sweep of a frame is believed, by its median difference from flow on textured surfaces, in its own errors.
 
     Where the lens bends, the shutter rolls or hardly anything shifts, the sweep fits what it finds.
     """
     compared = swept.known & (samples.precision > 0) & (samples.held > 0.5)
     if not compared.any():
         return 0.0
-    off = float(np.median((abs(samples.inverse - swept.inverse) / swept.inverse)[compared]))
+    off = float(np.median((abs(samples.inverse - swept.inverse) / errors(swept))[compared]))
     return 1 / (1 + (off / UNRELIABLE) ** 8)
 
 

@@ -28,6 +28,9 @@ VIEWS = 2
 """Frames before and frames after that a frame is compared with."""
 PARALLAX = 0.1
 """Most parallax of a usual depth between two compared frames, picture widths: farther ones look too different."""
+STEP_PX = 2.0
+"""Most pixels by which the picture shifts from one plane to the next, in the farthest compared frame: one sample. Beside a near
+fence before far houses it was 4 to 9, and there the sweep found nothing."""
 GAPS = (1, 2, 4, 8, 16)
 """Distances in frames of those that are compared."""
 DARKEST = 55
@@ -107,7 +110,7 @@ def sweep(
     spacing = [BEYOND * one.nearest / (PLANES_SWEPT - 1) for one in samples]
 
     def search(frame: int) -> None:
-        sides = compared_frames(cameras, frame, samples[frame].usual)
+        sides = compared_frames(cameras, frame, samples[frame].usual, spacing[frame])
         planes = spacing[frame] * np.arange(PLANES_SWEPT)
         costs = plane_costs(cameras, prepared, frame, sides, planes, stride)
         place = best_planes(costs, prepared[frame, stride // 2 :: stride, stride // 2 :: stride])
@@ -131,14 +134,16 @@ def _cost_at(costs: np.ndarray, place: np.ndarray) -> np.ndarray:
     return np.take_along_axis(costs, at[..., None], 2)[..., 0].astype(np.float32)
 
 
-def compared_frames(cameras: CameraPath, frame: int, usual: float) -> list[list[int]]:
-    """Up to `VIEWS` frames before and as many after, those with the most parallax that is no more than `PARALLAX`."""
+def compared_frames(cameras: CameraPath, frame: int, usual: float, spacing: float) -> list[list[int]]:
+    """Up to `VIEWS` frames before and as many after, those with the most parallax of the inverse depth `usual` that is no more than
+    `PARALLAX`, and that of two planes, `spacing` apart, no more than `STEP_PX`."""
     focal = cameras.intrinsics[frame, 0, 0] / cameras.width
+    most = min(PARALLAX, STEP_PX / cameras.width * usual / spacing)
     sides = []
     for sign in (-1, 1):
         others = [frame + sign * gap for gap in GAPS if 0 <= frame + sign * gap < len(cameras)]
         parallax = focal * usual * np.linalg.norm(cameras.centers[others] - cameras.centers[frame], axis=1)
-        near = [other for other, shift in zip(others, parallax, strict=True) if shift <= PARALLAX] or others[:1]
+        near = [other for other, shift in zip(others, parallax, strict=True) if shift <= most] or others[:1]
         sides.append(near[-VIEWS:])
     return [side for side in sides if side]
 
