@@ -108,7 +108,7 @@ class Bench:
 
     def import_time(self) -> dict[str, Any]:
         """Seconds from file to objects."""
-        from feature4x.addon.scene_object import SceneObject
+        from feature4x.addon.scene.scene_object import SceneObject
 
         scene = SceneObject(self.root).edited
         nodes = len(scene.scaffold.ids) if scene.scaffold is not None else 0
@@ -136,8 +136,8 @@ class Bench:
         """Largest difference between points in Blender and in the core, in units of the scene."""
         import bpy
         import numpy as np
-        from feature4x.addon.point_cloud import read_attribute
-        from feature4x.addon.scene_object import SceneObject
+        from feature4x.addon.common.point_cloud import read_attribute
+        from feature4x.addon.scene.scene_object import SceneObject
 
         scene = SceneObject(self.root).edited
         errors, turns = [], []
@@ -155,8 +155,8 @@ class Bench:
     def threshold(self) -> dict[str, Any]:
         """Milliseconds from a moved threshold to a new selection."""
         import numpy as np
-        from feature4x.addon import marking
-        from feature4x.addon.scene_object import SELECTED, SceneObject
+        from feature4x.addon.edits import marking
+        from feature4x.addon.scene.scene_object import SELECTED, SceneObject
         from feature4x.f4x_core.query.selection import Selection
 
         ids = SceneObject(self.root).shown.scene.ids
@@ -170,8 +170,8 @@ class Bench:
 
     def query(self) -> dict[str, Any]:
         """Milliseconds from a word of the vocabulary to selected points, the first time and again."""
-        from feature4x.addon import marking
-        from feature4x.addon.scene_object import SceneObject
+        from feature4x.addon.edits import marking
+        from feature4x.addon.scene.scene_object import SceneObject
         from feature4x.f4x_core.query.prompts import select_by_text
 
         scene = SceneObject(self.root).edited
@@ -234,7 +234,7 @@ def ours(one: Any) -> bool:
 
 def cancel() -> dict[str, Any]:
     """Seconds from Cancel until a job that ignores it has ended."""
-    from feature4x.addon import worker
+    from feature4x.addon.jobs import worker
 
     code = "import json, signal, sys, time; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
     code += "from f4x_core.processes import stop_with_parent; stop_with_parent()\n"

@@ -32,7 +32,7 @@ def main(words: list[str]) -> dict:
     parser.add_argument("--seconds-only", action="store_true", help="measure, but compare nothing")
     options = parser.parse_args(words)
     import gpu
-    from feature4x.addon import viewport_gpu
+    from feature4x.addon.render import viewport_gpu
     from feature4x.f4x_core.errors import F4xError
 
     if bpy.app.background:
@@ -77,7 +77,7 @@ def make_clouds(count: int) -> list:
 
 def make_eye(place: tuple[float, float, float], back: float = 0.0):
     """A view from `place`, with perspective unless `back` is how far the pinhole stands behind."""
-    from feature4x.addon.axes import Eye
+    from feature4x.addon.common.axes import Eye
     from feature4x.f4x_core.geometry.camera import Camera
 
     world_to_camera = np.eye(4)
@@ -109,7 +109,7 @@ def cases(clouds: list) -> dict[str, tuple]:
 
 def compare(clouds: list, surfaces: list, seen) -> dict[str, float]:
     """How far the two pictures are apart, in steps of 8 bits, the largest channel of each pixel."""
-    from feature4x.addon import viewport_gpu
+    from feature4x.addon.render import viewport_gpu
     from feature4x.f4x_core.scene import stage
 
     background = np.array([0.2, 0.3, 0.5])
@@ -124,7 +124,7 @@ def compare(clouds: list, surfaces: list, seen) -> dict[str, float]:
 
 def measure(clouds: list, kind: str) -> dict[str, float]:
     """Milliseconds of the processor per redraw: of a still view, one that turns, and one whose second cloud moves."""
-    from feature4x.addon import viewport_gpu
+    from feature4x.addon.render import viewport_gpu
 
     picture = viewport_gpu.GpuPicture()
     picture.load(clouds, [], np.zeros(3))

@@ -46,8 +46,8 @@ import numpy as np
 from bpy_extras import view3d_utils
 from mathutils import Vector
 door.load_extension().register()
-from feature4x.addon import jobs, worker
-from feature4x.addon.scene_object import SELECTED, SceneObject
+from feature4x.addon.jobs import runner, worker
+from feature4x.addon.scene.scene_object import SELECTED, SceneObject
 view = bpy.context.preferences.view
 view.show_splash = view.show_tooltips = False  # they would take a click
 view.render_display_type = "SCREEN"  # there is no window manager that would focus a new window
@@ -121,8 +121,8 @@ def look():
             with bpy.context.temp_override(window=window, area=area, region=region):
                 if bpy.context.workspace.tools.from_space_view3d_mode("OBJECT").idname != name:
                     bpy.ops.wm.tool_set_by_id(name=name)
-        if os.path.exists("{home}/start_job") and not jobs.all_jobs():
-            jobs.start(worker.Job("Wait", [sys.executable, "-c", WAIT]))
+        if os.path.exists("{home}/start_job") and not runner.all_jobs():
+            runner.start(worker.Job("Wait", [sys.executable, "-c", WAIT]))
         last = bpy.context.window_manager.operators
         tell(
             screen="view",
@@ -132,8 +132,8 @@ def look():
             edits=len(properties.history),
             saved=scene_object.is_saved,
             last=last[-1].bl_idname if last else "",
-            job=[job.state for job in jobs.all_jobs()],
-            stage=[job.stage for job in jobs.all_jobs()],
+            job=[job.state for job in runner.all_jobs()],
+            stage=[job.stage for job in runner.all_jobs()],
         )
     return 0.3
 

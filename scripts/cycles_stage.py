@@ -24,7 +24,7 @@ FAR = 1e4
 
 def check_splats() -> None:
     """Raise F4xError where this Blender has no splats of its own."""
-    from feature4x.addon.gaussian_attributes import draws_splats
+    from feature4x.addon.common.gaussian_attributes import draws_splats
     from feature4x.f4x_core.errors import F4xError
 
     if not draws_splats():
@@ -41,7 +41,7 @@ def clouds_below(root: Any) -> list[Any]:
 def places(cloud: Any) -> np.ndarray:
     """(N,3) where a cloud's points are now, in the world."""
     import bpy
-    from feature4x.addon.point_cloud import read_attribute
+    from feature4x.addon.common.point_cloud import read_attribute
 
     data = cloud.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     matrix = np.array(cloud.matrix_world)
@@ -313,7 +313,7 @@ def _emptied(cloud: Any, title: str) -> Any:
 def render(samples: int, denoised: bool, transparent: bool = False) -> np.ndarray:
     """(H,W,4) linear colors, premultiplied, and alpha of the current scene as Cycles draws it."""
     import bpy
-    from feature4x.addon.render_settings import save_multilayer
+    from feature4x.addon.common.render_settings import save_multilayer
 
     scene = bpy.context.scene
     scene.render.engine, scene.render.film_transparent = "CYCLES", transparent

@@ -21,9 +21,10 @@ import door
 
 door.load_extension().register()
 
-from feature4x.addon import jobs, native_motion  # noqa: E402 - there once the extension is loaded
-from feature4x.addon.scaffold_rig import layer_of  # noqa: E402
-from feature4x.addon.scene_object import SceneObject  # noqa: E402
+from feature4x.addon.jobs import runner  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.rig import native_motion  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.rig.scaffold import layer_of  # noqa: E402
+from feature4x.addon.scene.scene_object import SceneObject  # noqa: E402
 
 INTERVAL = 0.3
 FRAME = 12
@@ -356,8 +357,8 @@ class Pilot:
         self.beat += 1
         found = SceneObject.among(bpy.context.scene.objects)
         state = dict(beat=self.beat, taken=self.taken, places=self.places, rendered=self.rendered, error=self.error)
-        state |= dict(screen="view" if self.view.area else "picture", jobs=[job.state for job in jobs.all_jobs()])
-        state |= dict(stages=[job.stage for job in jobs.all_jobs()])
+        state |= dict(screen="view" if self.view.area else "picture", jobs=[job.state for job in runner.all_jobs()])
+        state |= dict(stages=[job.stage for job in runner.all_jobs()])
         overlay = None if self.view.area is None else self.view.area.spaces.active.overlay
         state |= dict(
             outlined=overlay is not None and overlay.show_outline_selected,

@@ -20,11 +20,13 @@ from walk_checks import content, require, same
 
 door.load_extension()
 
-from feature4x.addon import edit_fields, edit_operators, jobs  # noqa: E402 - there once the extension is loaded
-from feature4x.addon.evaluated import OF  # noqa: E402
-from feature4x.addon.point_cloud import read_attribute, write_attribute  # noqa: E402
-from feature4x.addon.scaffold_rig import HANDLE, NODE, layer_of  # noqa: E402
-from feature4x.addon.scene_object import APART, HANDLE_OF, SceneObject  # noqa: E402
+from feature4x.addon.common.point_cloud import read_attribute, write_attribute  # noqa: E402
+from feature4x.addon.edits import fields  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.jobs import runner  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.operators import editing  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.render.evaluated import OF  # noqa: E402
+from feature4x.addon.rig.scaffold import HANDLE, NODE, layer_of  # noqa: E402
+from feature4x.addon.scene.scene_object import APART, HANDLE_OF, SceneObject  # noqa: E402
 from feature4x.f4x_core.edit.operations import Opacity  # noqa: E402
 from feature4x.f4x_core.edit.selects import All  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack, write_stack  # noqa: E402
@@ -115,7 +117,7 @@ def forget_plans() -> None:
     """Drop what is planned in all scenes."""
     for scene_object in SceneObject.among(bpy.data.objects):
         if not scene_object.is_linked and scene_object.state.readings:
-            edit_operators.forget_readings(scene_object)
+            editing.forget_readings(scene_object)
 
 
 @action(1.5, ANY)
@@ -308,11 +310,11 @@ def change_field(walk: Walk) -> None:
     if found is None or found.is_linked or not len(found.state.history):
         return
     found.state.history_index = random.randrange(len(found.state.history))
-    row = edit_fields.Row.picked(found)
-    if row is None or row.operation.TAG not in edit_fields.KINDS:
+    row = fields.Row.picked(found)
+    if row is None or row.operation.TAG not in fields.KINDS:
         return
     group = getattr(found.state.fields, row.operation.TAG)
-    name = random.choice([shown.name for shown in edit_fields.SHOWN[row.operation.TAG] if shown.visible(row.operation)])
+    name = random.choice([shown.name for shown in fields.SHOWN[row.operation.TAG] if shown.visible(row.operation)])
     value = getattr(group, name)
     kind = group.bl_rna.properties[name]
     if kind.type == "BOOLEAN":
@@ -748,9 +750,9 @@ def make_mesh(walk: Walk) -> None:
     """A mesh of the selection."""
     before = len(bpy.data.objects)
     walk.call(bpy.ops.f4x.make_mesh, resolution=12, faces=100, current=walk.random.random() < 0.5)
-    for job in jobs.all_jobs():
+    for job in runner.all_jobs():
         job.wait()
-        jobs.dismiss(job)
+        runner.dismiss(job)
     if len(bpy.data.objects) > before:
         walk.remember()
 

@@ -36,8 +36,9 @@ import door
 from walk_actions import ACTIONS, ANY, GROWS, copies_of, without_eevee
 from walk_checks import WrongError, check_points, check_words, content, draw_panels, own_scenes, pending, require, same
 
-from feature4x.addon import edit_fields, scene_cache  # isort: skip - there once `walk_actions` has loaded the extension
-from feature4x.addon.scene_object import PATH, SceneObject  # isort: skip
+from feature4x.addon.edits import fields  # isort: skip - there once `walk_actions` has loaded the extension
+from feature4x.addon.scene import cache  # isort: skip - there once `walk_actions` has loaded the extension
+from feature4x.addon.scene.scene_object import PATH, SceneObject  # isort: skip
 from feature4x.f4x_core.edit.stack import EditStack, read_stack  # isort: skip
 
 EPISODE = 80
@@ -103,7 +104,7 @@ class Walk:
 
     def met(self, scene_object: SceneObject) -> EditStack:
         """What the file held when the scene met it last."""
-        return scene_cache.stack_from(scene_object._met, scene_object.name)
+        return cache.stack_from(scene_object._met, scene_object.name)
 
     def call(self, operator: Callable, **options: Any) -> bool:
         """Call an operator as a button does; whether it did something. A refusal in one sentence is an answer."""
@@ -180,7 +181,7 @@ class Walk:
         without_eevee()
         self.slowest[name] = max(self.slowest.get(name, 0.0), round(time.monotonic() - begin, 2))
         bpy.context.view_layer.update()
-        edit_fields.show_late()  # in a window a timer shows what a drag has changed
+        fields.show_late()  # in a window a timer shows what a drag has changed
         self._check(chosen.edits, edits)
         require(chosen.file or files == self._in_files(), "a scene file has changed without being saved")
 
@@ -216,7 +217,7 @@ class Walk:
         self._pushed, self._at = [content()], 0
 
     def _in_files(self) -> list[str]:
-        return [scene_cache.text_of(read_stack(path)) if path.exists() else "" for path in self.files]
+        return [cache.text_of(read_stack(path)) if path.exists() else "" for path in self.files]
 
     def check_memory(self) -> None:
         """Raise `WrongError` where the last new files need more memory than the first warm ones."""

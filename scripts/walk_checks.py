@@ -14,16 +14,18 @@ import numpy as np
 
 door.load_extension()
 
-from feature4x.addon import display, registration, scene_cache  # noqa: E402 - there once the extension is loaded
-from feature4x.addon.clip_time import time_of  # noqa: E402
-from feature4x.addon.lines import CATEGORY  # noqa: E402
-from feature4x.addon.motion_edits import unwritten  # noqa: E402
-from feature4x.addon.motion_nodes import MOTION  # noqa: E402
-from feature4x.addon.point_cloud import read_attribute  # noqa: E402
-from feature4x.addon.point_edits import changes_of  # noqa: E402
-from feature4x.addon.rig_repair import used_by  # noqa: E402
-from feature4x.addon.scaffold_rig import NODES  # noqa: E402
-from feature4x.addon.scene_object import APART, EDITS, HIDDEN, SELECTED, SceneObject  # noqa: E402
+from feature4x.addon import registration  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.common.geometry_nodes import MOTION  # noqa: E402
+from feature4x.addon.common.lines import CATEGORY  # noqa: E402
+from feature4x.addon.common.point_cloud import read_attribute  # noqa: E402
+from feature4x.addon.edits import display  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.operators.point_edits import changes_of  # noqa: E402
+from feature4x.addon.rig.motion_edits import unwritten  # noqa: E402
+from feature4x.addon.rig.repair import used_by  # noqa: E402
+from feature4x.addon.rig.scaffold import NODES  # noqa: E402
+from feature4x.addon.scene import cache  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.scene.clip_time import time_of  # noqa: E402
+from feature4x.addon.scene.scene_object import APART, EDITS, HIDDEN, SELECTED, SceneObject  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack  # noqa: E402
 from feature4x.f4x_core.errors import F4xError  # noqa: E402
 from feature4x.f4x_core.scaffold.deformation import SIGN_BAND, motions_to, node_poses_at, pairs_of  # noqa: E402
@@ -169,7 +171,7 @@ def _check_places(cloud: bpy.types.Object, at: np.ndarray, means: np.ndarray, co
 
 def pending() -> dict[int, list]:
     """session_uid of a root -> its edits."""
-    return {each.root.session_uid: json.loads(each.root.get(EDITS, scene_cache.NO_EDITS)) for each in own_scenes()}
+    return {each.root.session_uid: json.loads(each.root.get(EDITS, cache.NO_EDITS)) for each in own_scenes()}
 
 
 class _Layout:
