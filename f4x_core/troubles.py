@@ -31,7 +31,7 @@ class Trouble:
 
 
 UNKNOWN = "F4X-OTHER"
-TOPS = ("f4x_core", "addon", "ground_truth", "scripts")
+TOPS = ("f4x_core", "addon", "ground_truth", "scripts", "tools")
 """Folders of the repository whose code raises F4xError."""
 TROUBLES = (
     Trouble(
@@ -231,7 +231,7 @@ TROUBLES = (
         "F4X-BLENDER",
         "Blender cannot show, render or keep this: an object, a file or a mode is not what the button needs.",
         "Select the scene's root or import the scene again; docs/blender.md says what every part is.",
-        ("addon", "scripts"),
+        ("addon", "scripts", "tools"),
     ),
     Trouble(
         "F4X-REPORT",

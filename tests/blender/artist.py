@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 _BEFORE = """
 import json, os, sys
-sys.path.insert(0, sys.argv[1] + "/scripts")
+sys.path.extend(f"{sys.argv[1]}/{name}" for name in ("tools", "scripts"))
 import door; door.end_at_errors()
 import bpy
 import numpy as np

@@ -1,4 +1,4 @@
-"""What a random walk over the extension ran into (`scripts/walk_blender.py`), each as a short script, and a short walk."""
+"""What a random walk over the extension ran into (`tools/walk_blender.py`), each as a short script, and a short walk."""
 
 import json
 import os
@@ -38,7 +38,7 @@ def folder(tmp_path):
 
 def walk(folder: Path, seed: int, steps: int) -> dict:
     """The result of a walk."""
-    command = [sys.executable, str(REPOSITORY / "scripts/walk_blender.py"), str(folder / "scene.f4x")]
+    command = [sys.executable, str(REPOSITORY / "tools/walk_blender.py"), str(folder / "scene.f4x")]
     command += ["--out", str(folder / "walk"), "--seed", str(seed), "--steps", str(steps)]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=600, env=os.environ | {"OMP_NUM_THREADS": "1"}

@@ -60,7 +60,7 @@ def sources(*folders: str) -> list[Path]:
 
 CORE = sources("f4x_core")
 LABORATORY = sources("benchmarks")
-EVERYTHING = [*CORE, *LABORATORY, *sources("addon", "ground_truth", "scripts")]
+EVERYTHING = [*CORE, *LABORATORY, *sources("addon", "ground_truth", "scripts", "tools")]
 DOOR = "f4x_core/cli/laboratory.py"
 """The one file of the core that loads `benchmarks`, by importlib, where a checkout has it."""
 
@@ -232,6 +232,11 @@ def test_no_modules_import_each_other_in_a_circle(folder):
     assert circle_in({module_of(file): facts_of(file).used for file in files}) == []
 
 
+@pytest.mark.parametrize("folder", ["scripts", "tools"])
+def test_no_scripts_import_each_other_in_a_circle_even_for_type_checkers(folder):
+    assert circle_in({file.stem: facts_of(file).imported for file in sources(folder)}) == []
+
+
 @pytest.mark.parametrize(
     "imported",
     [
@@ -272,7 +277,7 @@ def test_nothing_in_the_core_knows_the_laboratory():
 
 
 def test_the_laboratory_uses_the_core_and_nothing_of_the_addon():
-    banned = {"addon", "bpy", "ground_truth", "scripts", "tests"}
+    banned = {"addon", "bpy", "ground_truth", "scripts", "tests", "tools"}
     assert faults(LABORATORY, lambda file: facts_of(file).tops & banned) == {}
 
 
@@ -364,12 +369,12 @@ def test_every_module_says_what_it_is():
 
 
 def test_the_extension_uses_nothing_that_it_leaves_out():
-    left_out = {"benchmarks", "ground_truth", "scripts", "tests"}
+    left_out = {"benchmarks", "ground_truth", "scripts", "tests", "tools"}
     assert faults(sources("addon"), lambda file: facts_of(file).tops & left_out) == {}
 
 
 def test_no_merge_was_left_half_done():
-    folders = ("addon", "benchmarks", "docs", "f4x_core", "ground_truth", "scripts", "tests")
+    folders = ("addon", "benchmarks", "docs", "f4x_core", "ground_truth", "scripts", "tests", "tools")
     kinds = {".py", ".md", ".toml", ".yml", ".cpp", ".hpp", ".js", ".html"}
     found = [*ROOT.iterdir(), *(file for folder in folders for file in (ROOT / folder).rglob("*"))]
     texts = [file for file in found if file.suffix in kinds and file.is_file()]

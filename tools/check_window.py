@@ -1,6 +1,6 @@
 """A person at the window of a real Blender: asks by word, click and box, recolours, undoes, redoes, saves, stops F12 and a job.
 
-python scripts/check_window.py SCENE.f4x --root CHROOT --word dog --out FOLDER
+python tools/check_window.py SCENE.f4x --root CHROOT --word dog --out FOLDER
 
 Needs root: CHROOT is a system with Blender, Xvfb and xdotool, as `scripts/real_blender.py` makes it. Screenshots go to
 FOLDER; the last line is JSON: what the sidebar said after every step, the seconds and the tries it took. Exit code 1 and the
@@ -11,11 +11,13 @@ import argparse
 import json
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
 from real_blender import Profile, clean_profile
 
 SIZE = (1400, 1000)

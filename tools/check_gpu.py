@@ -1,6 +1,6 @@
 """The viewport's picture on the graphics card against the engine's own: differences per pixel, processor time per redraw.
 
-blender -b --factory-startup --python-exit-code 1 -P scripts/check_gpu.py -- [--count N] [--seconds-only]
+blender -b --factory-startup --python-exit-code 1 -P tools/check_gpu.py -- [--count N] [--seconds-only]
 
 Blender 5.2 or newer, which draws without a window; with `--gpu-backend vulkan` on that. Stages are random: Gaussians of every
 degree of harmonics, turned by motion, sheared, of several clouds; surfaces and a holdout between them; a view without
@@ -15,7 +15,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
+sys.path.extend(str(Path(__file__).resolve().parents[1] / name) for name in ("tools", "scripts"))
 import door
 
 WIDTH, HEIGHT, BACK = 640, 360, 2000.0

@@ -1,6 +1,6 @@
 """The random walk of `walk_blender.py` in the window of a real Blender.
 
-python scripts/walk_window.py SCENE.f4x --root CHROOT --out FOLDER --seed 1 --minutes 60
+python tools/walk_window.py SCENE.f4x --root CHROOT --out FOLDER --seed 1 --minutes 60
 
 Needs root: CHROOT is a system with Blender, Xvfb and xdotool, as `scripts/real_blender.py` makes it. FOLDER gets the list of
 steps, what went to standard error and the result, which is the last line of output too. Exit code 1 where something was wrong, and
@@ -14,6 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
 from real_blender import clean_profile
 
 SIZE = (1000, 700)
@@ -37,7 +38,7 @@ def main() -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     with clean_profile(options.root) as profile, open(options.out / "blender.log", "w") as log:
         shutil.copy(options.scene, profile.folder / "scene.f4x")
-        script = f"{profile.check_out()}/scripts/walk_blender.py"
+        script = f"{profile.check_out()}/tools/walk_blender.py"
         given = (
             f"{profile.inside}/scene.f4x",
             "--out",

@@ -9,14 +9,14 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import door
 import gpu
 import numpy as np
 from walk_checks import content, require, same
+from walk_state import Walk
 
 door.load_extension()
 
@@ -31,11 +31,6 @@ from feature4x.f4x_core.edit.operations import Opacity  # noqa: E402
 from feature4x.f4x_core.edit.selects import All  # noqa: E402
 from feature4x.f4x_core.edit.stack import read_stack, write_stack  # noqa: E402
 from feature4x.f4x_core.edit.styles import STYLES  # noqa: E402
-from feature4x.f4x_core.scene import read_scene  # noqa: E402
-from feature4x.f4x_core.scene.formats import export  # noqa: E402
-
-if TYPE_CHECKING:
-    from walk_blender import Walk
 
 KEEPS, GROWS, ANY = "keeps", "grows", "any"
 MAX_SCENES, MAX_EDITS = 3, 12
@@ -889,11 +884,3 @@ def change_view(walk: Walk) -> None:
         walk.call(bpy.ops.screen.region_quadview)
     else:
         space.show_region_ui = not space.show_region_ui
-
-
-def copies_of(scene: Path, folder: Path) -> list[Path]:
-    """Copies of a scene file in `folder`, which a walk may write to; a broken one lies beside them."""
-    (folder / "broken.f4x").write_bytes(b"no scene")
-    if not (folder / "splats.ply").exists():
-        export(read_scene(scene), folder / "splats.ply", [0.0])
-    return [Path(shutil.copy(scene, folder / f"{name}.f4x")) for name in ("one", "two")]

@@ -1,6 +1,6 @@
 """Uses of splats in Cycles of Blender 5.3: the pictures of docs/cycles.md, one sheet for each use.
 
-python scripts/cycles_pictures.py SCENE.f4x -o OUT [--frame T] [--only NAME ...]
+python tools/cycles_pictures.py SCENE.f4x -o OUT [--frame T] [--only NAME ...]
 
 Each picture is rendered with few samples and Blender's denoiser. OUT/NAME.jpg …
 """
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
+sys.path.extend(str(Path(__file__).resolve().parents[1] / name) for name in ("tools", "scripts"))
 import cycles_stage
 import door
 import numpy as np

@@ -1,6 +1,6 @@
 """The README's moving picture and the tutorial's stills, from `f4x demo` and three renders of it.
 
-python scripts/moving_picture.py CLIP EDITED ORBIT BLENDER: folders of numbered pictures, one for each panel; fills docs/images.
+python tools/moving_picture.py CLIP EDITED ORBIT BLENDER: folders of numbered pictures, one for each panel; fills docs/images.
 """
 
 import sys

@@ -1,6 +1,6 @@
 """The steps of docs/blender_steps.md inside Blender; `step_pictures.py` asks for them one by one and takes the pictures.
 
-blender --factory-startup -P scripts/step_actions.py -- FOLDER
+blender --factory-startup -P tools/step_actions.py -- FOLDER
 
 FOLDER holds room.f4x. A step is asked for by FOLDER/order.json (number, name); FOLDER/state.json says how far Blender is.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from bpy_extras import view3d_utils
 from mathutils import Vector
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
+sys.path.extend(str(Path(__file__).resolve().parents[1] / name) for name in ("tools", "scripts"))
 import door
 
 door.load_extension().register()

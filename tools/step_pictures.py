@@ -1,6 +1,6 @@
 """The pictures of docs/blender_steps.md and docs/compositing.md, taken from the window of a real Blender.
 
-python scripts/step_pictures.py --root CHROOT [--out FOLDER]
+python tools/step_pictures.py --root CHROOT [--out FOLDER]
 
 Needs root: CHROOT is a system with Blender, Xvfb and xdotool, as `scripts/real_blender.py` makes it. `step_actions.py` calls what
 the buttons call; gestures, keys and the panels' headers are the mouse's and the keyboard's. The scene is that of `step_scene.py`.
@@ -16,11 +16,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from check_window import DRAWN, F12, PATIENCE, Window
 from PIL import Image, ImageGrab
-from real_blender import REPOSITORY, clean_profile
 
-sys.path.insert(0, str(REPOSITORY))
+sys.path.extend(str(Path(__file__).resolve().parents[1] / name) for name in ("tools", "scripts", ""))
+from check_window import DRAWN, F12, PATIENCE, Window
+from real_blender import clean_profile
 from step_scene import step_scene
 
 from f4x_core.scene import write_scene
@@ -114,7 +114,7 @@ def blender(root: Path, out: Path, size: tuple[int, int]) -> Iterator[Guide]:
     """A Blender with its default file and the extension, until the block ends."""
     with clean_profile(root) as profile:
         write_scene(step_scene(), profile.folder / "room.f4x")
-        script = f"{profile.check_out()}/scripts/step_actions.py"
+        script = f"{profile.check_out()}/tools/step_actions.py"
         window = ("--factory-startup", "--window-geometry", 0, 0, *size)
         with profile.screen(size, sys.stderr) as start:
             start("blender", *window, "--python", script, "--", profile.inside)
@@ -236,7 +236,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="step_pictures.py", description=__doc__.splitlines()[0])
     parser.add_argument("--root", type=Path, required=True, help="folder of the system to chroot into")
     parser.add_argument("--page", choices=("blender", "compositing"), help="only the pictures of this page")
-    out = REPOSITORY / "docs/images/steps"
+    out = Path(__file__).resolve().parents[1] / "docs/images/steps"
     parser.add_argument(
         "--out",
         type=Path,

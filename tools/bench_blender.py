@@ -1,7 +1,7 @@
 """Measure the extension in Blender: import, playback, motion against the core, thresholds, queries, pictures, jobs.
 
-python scripts/bench_blender.py --json
-blender -b --factory-startup --python-exit-code 1 -P scripts/bench_blender.py -- --rows import playback
+python tools/bench_blender.py --json
+blender -b --factory-startup --python-exit-code 1 -P tools/bench_blender.py -- --rows import playback
 
 Without --scene the Gaussians are random, as many as asked for; times are medians on the machine that it runs on.
 """
@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
+sys.path.extend(str(Path(__file__).resolve().parents[1] / name) for name in ("tools", "scripts"))
 import door
 
 REPEATS = 9

@@ -1,16 +1,18 @@
 """Cycles of Blender 5.3 beside the engine's own picture of a scene, at one moment of the clip's camera.
 
-python scripts/bench_cycles.py SCENE.f4x [--frame N] [--samples 256] [--part 0.5] [--engine CYCLES] [--save DIR]
+python tools/bench_cycles.py SCENE.f4x [--frame N] [--samples 256] [--part 0.5] [--engine CYCLES] [--save DIR]
 
 Prints one JSON object: PSNR in dB between display colors of the two pictures, and seconds. `--part` draws the middle part of the
 picture alone, whose sides are so large: a large picture takes many minutes.
 """
 
 import argparse
+import sys
 import time
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
 import door
 
 door.load_extension()
