@@ -11,9 +11,10 @@ import numpy as np
 
 from ...f4x_core.edit.resolve import named
 from ...f4x_core.query.unseen import unseen_gaussians
+from ...f4x_core.scene.clouds import Cloud
 from ...f4x_core.scene.color import srgb_from_linear
 from ...f4x_core.scene.cryptomatte import identify
-from ...f4x_core.scene.stage import Cloud, Surface
+from ...f4x_core.scene.stage import Surface
 from ..common.gaussian_attributes import FITTED_FOCAL, read_look
 from ..common.geometry_nodes import TINT
 from ..common.point_cloud import read_attribute

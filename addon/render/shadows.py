@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, FloatProperty, PointerProperty
 from mathutils.bvhtree import BVHTree
 
 from ...f4x_core.scene import shadows
-from ...f4x_core.scene.stage import Cloud
+from ...f4x_core.scene.clouds import Cloud
 from ..scene.scene_object import SceneObject
 from .evaluated import OF, SOLID
 from .surfaces import surface_of

@@ -14,9 +14,10 @@ import numpy as np
 
 from ...f4x_core.errors import F4xError
 from ...f4x_core.scene import splat_shader as glsl
+from ...f4x_core.scene.clouds import Cloud, fitted_config
 from ...f4x_core.scene.depth_order import OrderSettings
 from ...f4x_core.scene.splat_textures import SplatTextures, clip_matrix, refuse_too_large, triangle_vertices
-from ...f4x_core.scene.stage import Cloud, Surface, as_seen, fitted_config
+from ...f4x_core.scene.stage import Surface, as_seen
 from ..common.axes import Eye
 
 FORMATS = {1: "R32F", 4: "RGBA32F"}

@@ -22,7 +22,7 @@ from ...f4x_core.errors import F4xError
 from ...f4x_core.geometry import pose
 from ...f4x_core.native.library import open_library
 from ...f4x_core.scene.carrying import Carried, Carrier
-from ...f4x_core.scene.stage import Cloud
+from ...f4x_core.scene.clouds import Cloud
 from ..common.geometry_nodes import MOTION
 from ..common.point_cloud import read_attribute
 from ..common.render_settings import ENGINE

@@ -13,8 +13,9 @@ import numpy as np
 from ..geometry.arrays import GOLDEN_RATIO
 from ..geometry.camera import Camera
 from ..progress import Progress, silent
+from .clouds import Cloud
 from .color import linear_from_srgb
-from .stage import HOLE, SHARP, Cloud, DrawSettings, Surface, draw
+from .stage import HOLE, SHARP, DrawSettings, Surface, draw
 
 GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 """Points of a disc at this angle from one to the next cover it evenly (Vogel 1979)."""

@@ -398,15 +398,8 @@ class Scene:
         return self.features
 
     def colors(self, posed: PosedSplats, camera: Camera) -> np.ndarray:
-        """Return the colours (N,3) float32 >= 0 of `posed` seen from `camera`.
-
-        The view direction is turned into each Gaussian's own frame, R_g^T d, so appearance turns with the surface.
-        """
-        if posed.sh.shape[1] == 1:
-            return np.maximum(spherical_harmonics.rgb_from_dc(posed.sh[:, 0]), 0)
-        directions: np.ndarray = posed.means - camera.center.astype(np.float32)
-        own = quaternion.rotate(quaternion.conjugate(posed.quats), directions)
-        return spherical_harmonics.evaluate(posed.sh, own)
+        """Return the colours (N,3) float32 >= 0 of `posed` seen from `camera`; appearance turns with the surface."""
+        return spherical_harmonics.seen_from(camera.center, posed.means, posed.sh, posed.quats)
 
     def info(self) -> dict[str, Any]:
         """Return a summary of the scene as JSON: counts, megabytes by part, provenance, needs."""

@@ -23,9 +23,10 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.camera import Camera
 from ..geometry.spherical_harmonics import dc_from_rgb
+from .clouds import Cloud
 from .color import linear_from_srgb, srgb_from_linear
 from .depth_order import OrderSettings, depth_order
-from .stage import Cloud, Surface
+from .ground import Surface
 
 WIDTH = 8192
 """Texels of a row; every card that Blender runs on takes 16384."""

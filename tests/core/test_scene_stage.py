@@ -13,9 +13,10 @@ from f4x_core.errors import Cancelled
 from f4x_core.geometry import pose, quaternion, spherical_harmonics
 from f4x_core.geometry.camera import Camera
 from f4x_core.raster import choose_backend
+from f4x_core.scene.clouds import Cloud
 from f4x_core.scene.color import linear_from_srgb, srgb_from_linear
 from f4x_core.scene.ground import Texture, sample
-from f4x_core.scene.stage import NOTHING, PASSES, Cloud, DrawSettings, Surface, _bands, _tall_bands, draw
+from f4x_core.scene.stage import NOTHING, PASSES, DrawSettings, Surface, _bands, _tall_bands, draw
 from f4x_core.scene.view import render
 
 BACKEND = "plain"  # in float64: equal geometry said differently must give equal pictures
@@ -55,6 +56,12 @@ def wall(depth, left=-9.0, color=(0.5, 0.25, 1.0), **fields):
 @pytest.fixture(scope="module")
 def scene():
     return random_scene(degree=2)
+
+
+def test_scene_files_and_stages_are_composited_in_one_place():
+    folder = Path(__file__).resolve().parents[2] / "f4x_core" / "scene"
+    users = [file.name for file in folder.rglob("*.py") if "import rasterize" in file.read_text(encoding="utf-8")]
+    assert users == ["clouds.py"]
 
 
 @pytest.mark.parametrize("backend", ["native", "plain"])
