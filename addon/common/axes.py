@@ -33,7 +33,7 @@ class Eye(NamedTuple):
     far: float
     """Depth up to which the camera sees."""
     back: float
-    """How far the pinhole stands behind the view's own plane of depth 0; 0 with perspective."""
+    """Distance of the pinhole behind the view's own plane of depth 0, world units; 0 with perspective."""
 
 
 class Stereo(NamedTuple):
@@ -42,7 +42,7 @@ class Stereo(NamedTuple):
     to_world: np.ndarray
     """(4,4)."""
     shift_x: float
-    """Of the lens, in place of the camera's own."""
+    """Shift of the lens to the right, in place of the camera's own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class SceneAxes:
 
     @classmethod
     def of(cls, root: bpy.types.Object) -> SceneAxes:
-        """Those of the scene below `root`."""
+        """Return the axes of the scene below `root`."""
         placed = (
             root.matrix_world if root.parent or root.constraints else root.matrix_basis
         )  # that is there before evaluation
@@ -64,7 +64,7 @@ class SceneAxes:
 
     @classmethod
     def from_matrix(cls, matrix: np.ndarray) -> SceneAxes:
-        """Those of a (4,4) matrix from the scene to Blender's world, in single precision, the noise of which is rounded off."""
+        """Return the axes of a (4,4) matrix from the scene to Blender's world; noise of single precision is rounded off."""
         scale = np.linalg.norm(matrix[:3, :3], axis=0)
         scale = np.array([float(f"{each:.6g}") for each in scale]) if scale.all() else np.ones(3)
         turn = np.round(matrix[:3, :3] / scale, 6)

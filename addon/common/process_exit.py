@@ -1,4 +1,4 @@
-"""How a Blender without a window ends: bpy 4.5 hangs at the end of the interpreter while classes are registered."""
+"""Ends the process of a Blender without a window: bpy 4.5 hangs at the end of the interpreter while classes are registered."""
 
 import os
 import re

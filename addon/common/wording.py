@@ -1,4 +1,4 @@
-"""What the core says, as the panels show it: a button in place of a verb or an option, and an error with its code."""
+"""Sentences of the core in the panels' words: a button in place of a verb or an option, and an error with its code."""
 
 import re
 from collections.abc import Callable
@@ -52,7 +52,7 @@ def panel_words(sentence: str) -> str:
 
 
 def error_line(error: BaseException) -> str:
-    """What is shown of an expected error, wherever a user meets it: its sentence in the panels' words, its code behind it."""
+    """Return the sentence of an expected error in the panels' words, with its code behind it."""
     return one_line(panel_words(with_code(error)))  # Blender prints it on its terminal, too
 
 

@@ -191,7 +191,7 @@ class Shown:
 
     name: str
     make: Callable[..., Any]
-    """One of `bpy.props`."""
+    """A function of `bpy.props`."""
     options: dict[str, Any]
     get: Callable[[Operation, SceneAxes], Any]
     """The property's value, in a scene that is placed so; None leaves its default."""
@@ -251,7 +251,7 @@ def _bool(name: str) -> Shown:
 
 
 def _choice(name: str, choices: tuple[str, ...], optional: bool) -> Shown:
-    """One of several words; the numbers of an enum are their places."""
+    """Return the field of one of several words; the numbers of its enum are their places in `choices`."""
     words: tuple[str | None, ...] = ((None,) if optional else ()) + choices
     items = [(word or "NONE", _title(word or "at once"), "", number) for number, word in enumerate(words)]
 

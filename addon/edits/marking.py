@@ -19,7 +19,7 @@ MODES = (
     ("SUBTRACT", "Subtract", "Remove the result from the selection", "SELECT_SUBTRACT", 2),
     ("INTERSECT", "Intersect", "Keep selected only what is also in the result", "SELECT_INTERSECT", 3),
 )
-"""How a result combines with the selection: entries of menus."""
+"""Modes of combining a result with the selection, as entries of menus."""
 NO_FEATURES = "This scene has no features, so a piece that hangs together was taken; Tasks > Features makes them."
 """The sidebar's sentence where a whole thing was asked for and none is known."""
 BARS = 20

@@ -36,7 +36,7 @@ def frames_of(scene: Scene) -> range | None:
 
 
 def has_bars(scene: Scene) -> bool:
-    """Whether the clip that a scene was fitted to has black bars, which the scene has not."""
+    """Return True if the clip that the scene was fitted to has black bars, which the scene has not."""
     return Picture.read(scene.provenance.get("picture")) is not None
 
 
@@ -98,7 +98,7 @@ def shown_clip(root: bpy.types.Object) -> Path | None:
 
 
 def doubt(camera: bpy.types.Object, scene: Scene) -> str:
-    """One sentence where the clip behind `camera` does not look like `scene`; nothing where it does."""
+    """Return a sentence if the clip behind `camera` does not look like `scene`, else an empty string."""
     shown = camera.data.background_images[0].image
     image = bpy.data.images.load(
         shown.filepath, check_existing=False
@@ -116,7 +116,7 @@ def doubt(camera: bpy.types.Object, scene: Scene) -> str:
 
 
 def _fits(exact: bool, picked: range | None, image_count: int, frames: int) -> bool:
-    """Whether it is known which image belongs to which frame, or the assignment does not have to be `exact`."""
+    """Return True if each image belongs to a known frame, or the assignment need not be `exact`."""
     if picked is not None:
         return len(picked) == frames and picked[-1] < image_count
     return not exact or image_count == frames

@@ -67,7 +67,7 @@ NOTES = "f4x_notes"
 
 @contextmanager
 def _in_window() -> Iterator[None]:
-    """Where a script has just opened a file there is no current window, without which Blender converts no points."""
+    """Give the context a window: a script that has just opened a file has none, and Blender then converts no points."""
     windows = bpy.context.window_manager.windows
     if bpy.context.window is not None or not windows:
         yield

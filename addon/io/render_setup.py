@@ -27,7 +27,7 @@ VIEW_TRANSFORM = "Standard"
 DEFAULT_OBJECTS = {"Cube", "Light", "Camera"}
 """Objects of Blender's default file."""
 DEFAULT_CAMERA_LOCATION = (7.3589, -6.9258, 4.9583)
-"""Of the default file's camera; a camera elsewhere was placed by a person."""
+"""Location of the default file's camera; a camera elsewhere was placed by a person."""
 
 
 @dataclass(frozen=True)

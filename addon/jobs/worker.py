@@ -175,7 +175,7 @@ class Job:
             self._end(FAILED, self.error or self._reason(code))
 
     def _reason(self, code: int) -> str:
-        """One sentence for a child that ended without one."""
+        """Return a sentence for a child that ended without one."""
         last_line = self.log[-1] if self.log else "it printed nothing"
         if last_line.startswith("ModuleNotFoundError"):
             package = last_line.rpartition("named ")[2]

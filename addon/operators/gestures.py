@@ -64,11 +64,11 @@ class _Gesture(SceneOperator):
         raise NotImplementedError
 
     def lines(self) -> list[Sequence[Corner]]:
-        """What is drawn while the mouse moves."""
+        """Return the lines that are drawn while the mouse moves."""
         raise NotImplementedError
 
     def select(self, scene_object: SceneObject, seen: Eye) -> Selection:
-        """What the properties mark."""
+        """Return the Gaussians that the properties select."""
         raise NotImplementedError
 
     def wheel(self, scene_object: SceneObject, up: bool) -> bool:
@@ -202,7 +202,7 @@ class F4X_OT_select_lasso(_Path, bpy.types.Operator):  # noqa: N801
         return [self._places()]
 
     def shape(self, scene_object, flip):
-        """What the line encloses."""
+        """Return the polygon that the line encloses."""
         return Polygon([flip(place) for place in self._places()])
 
 
@@ -231,7 +231,7 @@ class F4X_OT_select_brush(_Path, bpy.types.Operator):  # noqa: N801
         return [[*places, *places[::-1]], _circle(places[-1], self.radius)]
 
     def shape(self, scene_object, flip):
-        """What the brush passed over."""
+        """Return the stroke of the brush."""
         return Stroke([flip(place) for place in self._places()], self.radius)
 
 
@@ -270,7 +270,7 @@ class F4X_OT_select_sphere(_Gesture, bpy.types.Operator):  # noqa: N801
 
 
 def place_under(context: bpy.types.Context, scene_object: SceneObject, at: Corner) -> Vector:
-    """Where a surface of the scene is under a place of the viewport, in Blender's world; F4xError where there is none."""
+    """Return the point of the scene under a place of the viewport, in Blender's world. Raises F4xError where there is none."""
     region, view, to_world = context.region, context.region_data, scene_object.root.matrix_world
     to_scene = to_world.inverted()
     origin = to_scene @ view3d_utils.region_2d_to_origin_3d(region, view, at)
@@ -340,7 +340,7 @@ TOOL_SETTINGS = {
     F4X_TL_lasso.bl_idname: ("through", "whole"),
     F4X_TL_sphere.bl_idname: ("sphere_radius",),
 }
-"""What a tool's header shows of the sidebar's state."""
+"""Tool -> properties of the sidebar that its header shows."""
 CLASSES = (F4X_OT_select_box, F4X_OT_select_lasso, F4X_OT_select_brush, F4X_OT_select_sphere)
 
 

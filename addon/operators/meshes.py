@@ -38,7 +38,7 @@ from ..scene.scene_object import SceneObject
 from .base import SceneOperator
 
 TITLE = "Mesh of"
-"""How the titles of jobs begin that make a mesh."""
+"""Beginning of the titles of jobs that make a mesh."""
 
 
 def add_mesh(root: bpy.types.Object, scene: Scene, made: SplatMesh, count: int) -> bpy.types.Object:
@@ -223,7 +223,7 @@ class F4X_PT_mesh(bpy.types.Panel):  # noqa: N801
 
 
 def is_made(item: bpy.types.Object | None) -> bool:
-    """Whether an object is a mesh that was made of Gaussians."""
+    """Return True if an object is a mesh that was made of Gaussians."""
     return item is not None and OF in item
 
 

@@ -43,7 +43,7 @@ class PointChanges:
 
     @property
     def summary(self) -> str:
-        """One line for the panel; empty where nothing differs."""
+        """Return a line for the panel; empty where nothing differs."""
         count = sum(len(ids) for ids, _ in self.moved) + len(self.left)
         parts = [f"{len(self.deleted):,} deleted"] if len(self.deleted) else []
         parts += [f"{count:,} moved"] if count else []

@@ -31,7 +31,7 @@ ENGINES = {"CYCLES": ("CYCLES",), "EEVEE": ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT
 TITLES = {"CYCLES": "Cycles", "EEVEE": "EEVEE"}
 """Their names for people."""
 SAMPLES = 128
-"""Of Cycles, in a new scene for meshes."""
+"""Samples of Cycles in a new scene for meshes."""
 SAME = (
     *("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y", "fps", "fps_base"),
     *("use_border", "border_min_x", "border_min_y", "border_max_x", "border_max_y", "use_crop_to_border"),

@@ -85,7 +85,7 @@ class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
         return context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context):
-        """One column of switches."""
+        """Draw the switches of passes in one column."""
         layer = context.view_layer
         column = self.layout.column()
         for name, switch in _SWITCHES.items():
@@ -110,7 +110,7 @@ class F4X_PT_film(bpy.types.Panel):  # noqa: N801
     poll = F4X_PT_passes.poll
 
     def draw(self, context):
-        """One switch, the world's colour or nothing, and the number of sharp pictures in a blurred one."""
+        """Draw the switch between the world's color and nothing, and the number of sharp pictures in a blurred one."""
         self.layout.prop(context.scene.render, "film_transparent", text="Transparent")
         self.layout.prop(context.scene, "f4x_samples")
 
@@ -129,7 +129,7 @@ class F4X_PT_motion_blur(bpy.types.Panel):  # noqa: N801
         self.layout.prop(context.scene.render, "use_motion_blur", text="")
 
     def draw(self, context):
-        """When the shutter opens, and for how long."""
+        """Draw when the shutter opens, and for how long."""
         render = context.scene.render
         self.layout.active = render.use_motion_blur
         self.layout.prop(render, "motion_blur_position")
@@ -150,7 +150,7 @@ class F4X_PT_mist(bpy.types.Panel):  # noqa: N801
         return context.engine in cls.COMPAT_ENGINES and context.world is not None
 
     def draw(self, context):
-        """Where it begins and how it thickens."""
+        """Draw start, depth and falloff of the mist."""
         for name in ("start", "depth", "falloff"):
             self.layout.prop(context.world.mist_settings, name)
 
@@ -236,7 +236,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         return camera_eye(camera, scene, depsgraph, *size, stereo)
 
     def _takes(self, depsgraph, more: evaluated.More, view: str) -> Callable[[float], Take]:
-        """What reads the scene so many frames from the one that is rendered; Blender evaluates it anew where that is another."""
+        """Return a function of an offset in frames that reads the scene there; Blender evaluates each new frame."""
         scene = depsgraph.scene
         start = shown = scene.frame_current + scene.frame_subframe
 

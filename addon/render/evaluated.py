@@ -1,4 +1,4 @@
-"""What stands in the evaluated Blender scene, as the core's stage: Gaussians after geometry nodes, surfaces, the world."""
+"""Reads the evaluated Blender scene as the core's stage: Gaussians after geometry nodes, surfaces, the world."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 
 class Mattes:
-    """What mattes tell apart: objects, in scenes the selections that edits named, and collections. Gathers their names."""
+    """Layers of mattes: objects, collections, and in scenes the selections that edits named. Gathers their names."""
 
     def __init__(self):
         self.names: dict[str, dict[str, None]] = {"object": {}, "collection": {}}
@@ -78,14 +78,14 @@ class Mattes:
 
 
 class More(NamedTuple):
-    """What of a stage only some passes want."""
+    """Contents of a stage that only some passes need."""
 
     mattes: Mattes | None = None
-    """Where those are wanted."""
+    """Gathers mattes; None = no pass needs them."""
     unseen: bool = False
-    """Whether Gaussians are to say that no frame of their clip shows them."""
+    """True if each Gaussian gets a number that tells whether any frame of its clip shows it."""
     lit: Callable[[bpy.types.Object, Cloud], Cloud] | None = None
-    """What gives the cloud of an evaluated object its light."""
+    """Function of an evaluated object and its cloud that returns the cloud with light; None = no shadows."""
     hold_out: bool = False
     """True if all surfaces are held out."""
 
@@ -171,7 +171,7 @@ class Reader:
     def stage(
         self, depsgraph: bpy.types.Depsgraph, view: bpy.types.SpaceView3D | None = None
     ) -> tuple[list[Cloud], list[Surface]]:
-        """As the function `stage`, seen by a viewport, where one looks."""
+        """Return the clouds and surfaces of `stage`, as a viewport sees them; what did not change is kept from the last call."""
         changed = _Changes(depsgraph)
         if changed.trees:
             self._written = {}
@@ -233,13 +233,13 @@ class Reader:
 
 
 class _Changes:
-    """What an evaluation changed."""
+    """Datablocks that an evaluation changed."""
 
     def __init__(self, depsgraph: bpy.types.Depsgraph) -> None:
         self._shapes: set[int] = set()
         self._data: set[int] = set()
         self.trees = self.others = False
-        """Whether a node tree, and whether anything but objects, point clouds and animation has changed."""
+        """True if a node tree, and if anything but objects, point clouds and animation has changed."""
         for update in depsgraph.updates:
             data = update.id.original
             if isinstance(data, bpy.types.Object):
@@ -252,11 +252,11 @@ class _Changes:
                 self.trees |= isinstance(data, bpy.types.NodeTree)
 
     def shape(self, item: bpy.types.Object) -> bool:
-        """Whether modifiers of an evaluated object ran, or its own settings changed."""
+        """Return True if modifiers of an evaluated object ran, or its own settings changed."""
         return item.original.session_uid in self._shapes
 
     def any_data(self, item: bpy.types.Object) -> bool:
-        """Whether anything about the points of an evaluated object may have changed, not only what its modifiers write."""
+        """Return True if anything of an evaluated object's points may have changed, not only what its modifiers write."""
         return self.trees or item.original.data.session_uid in self._data
 
 

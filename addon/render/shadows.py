@@ -35,7 +35,7 @@ class F4X_PG_shadows(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants thi
 
 
 def lighting(depsgraph: bpy.types.Depsgraph) -> Callable[[bpy.types.Object, Cloud], Cloud] | None:
-    """What gives a cloud its light for `evaluated.stage`; None where the scene does without, or nothing can cast a shadow."""
+    """Return the function that lights a cloud for `evaluated.stage`; None if shadows are off or nothing can cast one."""
     settings = depsgraph.scene.f4x_shadows
     if not settings.use:
         return None

@@ -44,7 +44,7 @@ class GpuPicture:
             _shaders.update(_compile())
         self.splats = SplatTextures()
         self.milliseconds: dict[str, float] = {}
-        """What the last `load` and `draw`, and of the latter `prepare`, took of this thread."""
+        """Milliseconds of this thread that the last `load` and `draw` took, and of the latter `prepare`."""
         self._background = np.zeros(3)
         self._textures: dict[str, gpu.types.GPUTexture] = {}
         self._surfaces: gpu.types.GPUBatch | None = None
@@ -91,7 +91,7 @@ class GpuPicture:
         return targets.linear
 
     def is_coarse(self, moving: bool) -> bool:
-        """Whether `draw` would take a coarse order."""
+        """Return True if `draw` would take a coarse order."""
         return moving and len(self.splats) > EXACT_WHILE_MOVING
 
     def read(self) -> np.ndarray:
@@ -136,7 +136,7 @@ class GpuPicture:
 
 
 class _Targets:
-    """What is drawn into, for one size of the picture."""
+    """Textures and framebuffers for one size of the picture."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.size = size

@@ -42,7 +42,7 @@ def changes(scene_object: SceneObject) -> Rekey | None:
 
 
 def unwritten(scene_object: SceneObject) -> int:
-    """How many nodes stand elsewhere at the current frame than the pending edits say: what was moved and not written back.
+    """Count the nodes whose poses at the current frame differ from the pending edits: moved, and not written back.
 
     Between clip frames, where Blender and the core interpolate differently, and without the scene file it is 0.
     """

@@ -34,7 +34,7 @@ from .scaffold import NODE, NODES
 GLANCE = 0.5
 """Seconds between two looks at the viewports."""
 OURS = "Feature4X "
-"""How the names of our modifiers begin."""
+"""Prefix of the names of our modifiers."""
 
 PAUSE = 1.0
 """Seconds that geometry nodes stay on after a press in a viewport: the click may begin a selection by box or lasso."""
@@ -50,7 +50,7 @@ _pressed = -PAUSE  # when a mouse button was last pressed in a viewport
 
 
 class _CarriedCloud:
-    """What carries one cloud, and where that was last."""
+    """Poses one cloud by the core, and keeps the last result."""
 
     def __init__(self, scene_object: SceneObject):
         scene = scene_object.base
@@ -61,7 +61,7 @@ class _CarriedCloud:
         self._root, self._nodes, self._order = scene_object.root, collection, scene_object.root.get(ORDER)
         self._rows = np.array([row.get(item.get(NODE, -1), -1) for item in nodes])
         self.is_whole = sorted(self._rows.tolist()) == list(range(len(row)))
-        """Whether every node of the scaffold is there once."""
+        """True if every node of the scaffold is there once."""
         self._carrier, self._ids = Carrier(scene), scene.dynamic.ids
         self._buffer = np.zeros(16 * len(nodes), np.float32)
         self._stood: np.ndarray | None = None
@@ -70,7 +70,7 @@ class _CarriedCloud:
 
     @property
     def is_current(self) -> bool:
-        """Whether there are the same nodes as at first."""
+        """True if the nodes are the same as at first."""
         try:
             return self._root.get(ORDER) == self._order and len(self._nodes.objects) == len(self._rows)
         except ReferenceError:  # the root or the collection of its nodes was deleted
@@ -93,7 +93,7 @@ class _CarriedCloud:
         return self._now
 
     def rows_of(self, data: bpy.types.PointCloud) -> np.ndarray | slice | None:
-        """Which dynamic Gaussians evaluated points are; None where some are not."""
+        """Return the rows of dynamic Gaussians that evaluated points are; None if some are none."""
         gid = read_attribute(data, "gid")
         if gid is None or np.array_equal(gid, self._ids):
             return None if gid is None else slice(None)
@@ -253,7 +253,7 @@ def _is_off(item: bpy.types.Object) -> bool:
 
 
 def _carries(item: bpy.types.Object) -> _CarriedCloud | None:
-    """What carries a cloud; None where only geometry nodes can."""
+    """Return the carrier of a cloud; None where only geometry nodes can pose it."""
     known = _clouds.get(item.session_uid)
     if item.session_uid not in _clouds or (known is not None and not known.is_current):
         _clouds[item.session_uid] = known = _new_carrier(item)
@@ -272,7 +272,7 @@ def _new_carrier(item: bpy.types.Object) -> _CarriedCloud | None:
 
 
 def _may_carry() -> bool:
-    """Whether every viewport shows the engine's picture, and nobody else looks at the points."""
+    """Return True if every viewport shows the engine's picture, and nothing else reads the points."""
     context = bpy.context
     engine = context.scene.render.engine
     views = _viewports()

@@ -102,7 +102,7 @@ def _part_points(scene: bpy.types.Scene) -> None:
 
 
 def _is_own(item: bpy.types.Object) -> bool:
-    """Whether an object is not another file's."""
+    """Return True if an object belongs to this file."""
     return item.library is None and item.override_library is None
 
 
@@ -232,7 +232,7 @@ def _trees(item: bpy.types.Object) -> list[bpy.types.NodesModifier]:
 
 
 def _sockets(tree: bpy.types.NodeTree) -> list[bpy.types.NodeSocket]:
-    """What names a collection or an object in a tree."""
+    """Return the sockets of a tree that name a collection or an object."""
     return [socket for node in tree.nodes for socket in node.inputs if socket.type in ("COLLECTION", "OBJECT")]
 
 
@@ -257,7 +257,7 @@ def _helpers(root: bpy.types.Object) -> list[bpy.types.Object]:
 
 
 def _order(root: bpy.types.Object) -> str:
-    """What the places of the nodes depend on, as a hash."""
+    """Return a hash of the names and collections that the order of the nodes depends on."""
     names = [f"{item.name}\t{item.get(NODE, '')}" for item in root[NODES].objects]
     return hashlib.sha256("\n".join([*names, "", *root[NODES].children.keys()]).encode()).hexdigest()
 
@@ -286,7 +286,7 @@ class _Natural:
         self.parts = re.findall(rb"\d+|\D", self.name)
 
     def __lt__(self, other: _Natural) -> bool:
-        """Whether this name comes first."""
+        """Return True if this name comes first."""
         zeros = 0
         for a, b in zip(self.parts, other.parts, strict=False):
             if a.isdigit() and b.isdigit():

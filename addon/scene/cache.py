@@ -43,7 +43,7 @@ KEPT = 8
 
 
 class SceneFile(NamedTuple):
-    """What is needed of a scene file at every redraw, from its header."""
+    """Header of a scene file, as every redraw needs it."""
 
     stamp: tuple[int, int]
     """Time of change in ns, and size in bytes."""
@@ -105,7 +105,7 @@ def displayed(path: Path, text: str) -> Display:
 
 
 def displayed_linear(path: Path, text: str) -> Display:
-    """As `displayed`, of the scene's appearance for linear light (`f4x_core.scene.linear`)."""
+    """Return the scene of `displayed` with its appearance for linear light (`f4x_core.scene.linear`)."""
     arrays = look_at(path).arrays
     base = str(path), arrays, LINEAR + NO_EDITS
     if base not in _scenes:

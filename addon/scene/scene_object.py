@@ -105,18 +105,18 @@ class SceneObject:
 
     @property
     def state(self) -> bpy.types.PropertyGroup:
-        """What the sidebar shows and sets; there only while the extension is registered."""
+        """Properties of the sidebar; there only while the extension is registered."""
         return self.root.f4x
 
     @property
     def is_linked(self) -> bool:
-        """Whether the scene belongs to another .blend, as a link or a library override: it plays, but cannot be changed here."""
+        """True if the scene belongs to another .blend, as a link or a library override: it plays, but cannot be changed here."""
         clouds = (item.data for item in self.root.children if item.type == "POINTCLOUD")
         return any(item.library or item.override_library for item in (self.root, *clouds))
 
     @property
     def why_linked_stays(self) -> str:
-        """What to say where a linked scene would have to change."""
+        """Sentence for an operator that would have to change a linked scene."""
         return f"{self.name} belongs to another .blend; change it there, or use Object > Relations > Make Local > All first"
 
     # The file
@@ -204,7 +204,7 @@ class SceneObject:
 
     @property
     def is_saved(self) -> bool:
-        """Whether the scene file holds the pending edits; where it is missing, whether it did when it was last seen."""
+        """True if the scene file holds the pending edits; where it is missing, if it did when it was last seen."""
         try:
             return self._pending == cache.look_at(self.path).edits
         except F4xError:
@@ -212,7 +212,7 @@ class SceneObject:
 
     @property
     def saving(self) -> str:
-        """What saving the edits would do, as the label of its button."""
+        """Label of the button that saves the edits."""
         try:
             if self.is_saved:
                 return "Edits Saved"
@@ -376,7 +376,7 @@ class SceneObject:
         return self.root.matrix_world.median_scale if IN_METERS in self.root else None
 
     def view(self, seen: Eye) -> View:
-        """How the scene is looked at now, for gestures."""
+        """Return the current view of the scene, for gestures."""
         to_world, hidden = np.array(self.root.matrix_world), self.read(HIDDEN)
         return View(seen.camera, self.frame, seen.near, to_world, perspective=not seen.back, hidden=hidden)
 
@@ -416,7 +416,7 @@ class SceneObject:
 
 
 def why_not(item: bpy.types.Object | None) -> str:
-    """What an operator on the scene of `item` says where it cannot work; nothing where it can."""
+    """Return the reason why an operator cannot work on the scene of `item`; empty where it can."""
     found = SceneObject.of(item)
     if found is None:
         return "Import a Feature4X scene, or select one of its objects"

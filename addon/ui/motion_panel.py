@@ -45,7 +45,7 @@ def draw_nodes(layout: bpy.types.UILayout, context: bpy.types.Context, scene_obj
 
 
 class F4X_PT_motion(bpy.types.Panel):  # noqa: N801 - Blender wants this form
-    """When the clip plays, and tools for its nodes."""
+    """Time of the clip on the timeline, and tools for its nodes."""
 
     bl_label = "Motion"
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY

@@ -30,7 +30,7 @@ def _bars(counts: list[int]) -> str:
 
 
 EXAMPLE, EXAMPLE_OF_STILL = "Or: select what moves", "Or: make everything warmer"
-"""What stands where answers do while there is none."""
+"""Placeholders of the field for answers."""
 WITHOUT = "No scene yet. Drop a .f4x file into the viewport, or make a scene of a video."
 CHOOSE_ONE = "There are several scenes. Select an object of one."
 """Text of the panel where it can show no scene."""

@@ -216,7 +216,7 @@ def _require_possible(request: FitRequest) -> None:
 
 @dataclass(frozen=True)
 class _Fit:
-    """One fit as it runs, in a folder that no other fit writes into."""
+    """Fit that runs in a folder which no other fit writes into."""
 
     request: FitRequest
     progress: Progress

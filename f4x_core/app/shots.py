@@ -33,7 +33,7 @@ MAX_SAMPLES = 1024
 
 @dataclass(frozen=True, eq=False)
 class Mattes:
-    """What the mattes tell apart: the scene, and in it every selection that an edit named or a channel `mask:LABEL` asks for."""
+    """Names and ids of the mattes: the scene, and each selection that an edit named or a channel `mask:LABEL` asks for."""
 
     names: tuple[str, ...]
     """The scene's own first."""

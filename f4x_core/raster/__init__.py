@@ -41,9 +41,9 @@ __all__ = [
 ]
 
 CPU_BACKENDS = ("native", "torch", "reference")
-"""What renders tensors on the CPU, which all of `f4x` has."""
+"""Backends that render tensors on the CPU; all of `f4x` offers them."""
 BACKENDS = (*CPU_BACKENDS, "gsplat")
-"""What renders with gradients. `plain` besides is numpy alone and draws pictures only."""
+"""Backends with gradients; `plain` draws pictures only."""
 DRAW_PARTS = ("native", "reference", "plain")
 
 
@@ -152,7 +152,7 @@ def choose_backend(backend: str, means: Array | None = None, *, partial: bool = 
 
 
 def why_not(backend: str) -> str | None:
-    """Why one of `BACKENDS` cannot run here; None when it can."""
+    """Return why one of `BACKENDS` cannot run here; None when it can."""
     if backend == "gsplat":
         return _why_not_gsplat()
     if backend != "native":

@@ -144,7 +144,7 @@ def _map(function: Callable[[Item], Result], items: Sequence[Item], threads: int
 
 
 class _Slab(NamedTuple):
-    """One slab of one batch of tiles, kept for the backward pass."""
+    """Slab of a batch of tiles, kept for the backward pass."""
 
     tiles: Tensor
     """(t,)"""

@@ -50,7 +50,7 @@ class Cloud:
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Numbers of the passes `latent (N,3)`, `selection`, `score` and `unseen (N,1)`, where it has them."""
     key: str = ""
-    """Which cloud it is, the same at every moment; only the pass `vector` asks."""
+    """Name of the cloud, the same at every moment; needed by the pass `vector` alone."""
     beside: tuple[np.ndarray, np.ndarray] | None = None
     """Centres (N,3) in the world one frame before and one after; None = it stands still."""
     light: np.ndarray | None = None
@@ -100,7 +100,7 @@ class Cloud:
         return spherical_harmonics.seen_from(own, self.means, self.sh, self.turn)
 
     def seen_from(self, frame: np.ndarray) -> Cloud:
-        """The same Gaussians with `frame (4,4)` as their `to_world`: means, rotations and scales alone change."""
+        """Return the Gaussians with `frame (4,4)` as their `to_world`: means, rotations and scales alone change."""
         if np.array_equal(frame, self.to_world):
             return self
         move = np.linalg.solve(frame, self.to_world)

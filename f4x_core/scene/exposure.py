@@ -1,4 +1,4 @@
-"""What a real camera adds to a picture: a shutter that stays open (motion blur) and a lens that is no point (depth of field).
+"""Motion blur (a shutter that stays open) and depth of field (a lens that is no point) of a picture.
 
 Both are one average, in linear light, of sharp pictures: each at another moment, through another point of the lens.
 """
@@ -30,9 +30,9 @@ class Lens:
     focus: float
     """Depth along the view axis, world units, above 0."""
     blades: int = 0
-    """Of the aperture; fewer than 3 make a disc."""
+    """Number of blades of the aperture; fewer than 3 make a disc."""
     rotation: float = 0.0
-    """Of the blades, radians."""
+    """Rotation of the blades, radians."""
     ratio: float = 1.0
     """Height of the aperture, by its width: 2 is an anamorphic lens."""
 
@@ -47,20 +47,20 @@ class Lens:
 
 @dataclass(frozen=True)
 class Exposure:
-    """How one picture is taken."""
+    """Settings of one picture's shutter and lens."""
 
     samples: int = 16
     """Sharp pictures that are averaged, where there is anything to blur."""
     opens: float = 0.0
-    """When the shutter opens, in frames from the picture's own time."""
+    """Time at which the shutter opens, in frames from the picture's own time."""
     closes: float = 0.0
-    """When it closes; equal to `opens` = no motion blur."""
+    """Time at which it closes; equal to `opens` = no motion blur."""
     lens: Lens | None = None
     """None = a pinhole: no depth of field."""
 
     @property
     def blurs(self) -> bool:
-        """Whether more than one sharp picture is needed."""
+        """True if more than one sharp picture is needed."""
         return self.samples > 1 and (self.closes > self.opens or self.lens is not None)
 
     def moments(self) -> np.ndarray:
@@ -82,7 +82,7 @@ class Exposure:
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """What stands before the camera at one moment."""
+    """Contents of the stage at one moment, and the camera."""
 
     clouds: Sequence[Cloud]
     surfaces: Sequence[Surface]
@@ -182,7 +182,7 @@ def _clouds_between(now: Sequence[Cloud], before: Sequence[Cloud], after: Sequen
 
 
 def _surfaces_between(now: Sequence[Surface], before: Sequence[Surface], after: Sequence[Surface]) -> list[Surface]:
-    """As `_clouds_between`."""
+    """Return the surfaces of `now` with their places before and after, as `_clouds_between` does for clouds."""
     found = []
     sides = [{surface.key: surface.triangles for surface in part} for part in (before, after)]
     for surface in now:

@@ -57,7 +57,7 @@ CAMERA_ARRAYS = {
 }
 """Array name -> dtype in the file and axes; a letter is one length throughout its group."""
 KEYS = {"means": "xyz", "quats": "rotation", "scales": "scale", "opacities": "opacity"}
-"""What the file calls arrays of Gaussians that have another name here."""
+"""Field -> name of the array in the file, where it differs."""
 MADE_UP = "static/made_up"
 """Member of `Scene.extra`, (Ns,) bool: no frame of the clip shows a static Gaussian, its colours are those around it."""
 EARLIER = "window/earlier"
@@ -67,7 +67,7 @@ SPAN = "span"
 """The one array that a set may lack: then all its Gaussians are always present."""
 
 WEIGHT_SUM_TOLERANCE = 1e-3
-"""How far the skinning weights of one Gaussian may sum from 1: float32 rounding of 16 weights, with a wide margin."""
+"""Tolerance of the sum of one Gaussian's skinning weights: float32 rounding of 16 weights, with a wide margin."""
 
 
 def empty_arrays(layout: Mapping[str, tuple[str, tuple]], **lengths: int) -> dict[str, np.ndarray]:
@@ -203,14 +203,14 @@ class PosedSplats(Splats):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One clip as an editable 4D scene. Times are clip frame indices (float allowed)."""
+    """Clip as an editable 4D scene. Times are clip frame indices (float allowed)."""
 
     name: str
     """Short name, used for exported files."""
     static: StaticSet
     """Gaussians of the background."""
     cameras: CameraPath
-    """One camera per clip frame, held-out ones interpolated; its width and height are the clip's."""
+    """Cameras of the clip frames, held-out ones interpolated; width and height are the clip's."""
     dynamic: DynamicSet = field(default_factory=DynamicSet.empty)
     """Gaussians that move; empty for a clip in which nothing moves."""
     scaffold: Scaffold | None = None
@@ -222,7 +222,7 @@ class Scene:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     """Program versions and settings that made the scene (JSON)."""
     needs: tuple[Mapping[str, Any], ...] = ()
-    """What the scene was found to need: rows such as {"what": "nodes", "chosen": 120, "evidence": "..."} (JSON)."""
+    """Needs that the fit found: rows such as {"what": "nodes", "chosen": 120, "evidence": "..."} (JSON)."""
     metrics: Mapping[str, Any] = field(default_factory=dict)
     """Measured quality (JSON)."""
     edits: tuple[Mapping[str, Any], ...] = ()
@@ -336,7 +336,7 @@ class Scene:
 
     @property
     def fades(self) -> bool:
-        """Whether some Gaussians are present for a part of the clip only."""
+        """True if some Gaussians are present for a part of the clip only."""
         return self.static.span is not None or self.dynamic.span is not None
 
     def presence(self, time: float) -> np.ndarray:

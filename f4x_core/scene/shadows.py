@@ -88,7 +88,7 @@ class Spot(Ball):
     to_lamp: np.ndarray
     """(3,3) world directions to the lamp's own axes; it shines along -z. Axes of a scaled lamp squeeze the cone."""
     cosine: float
-    """Of half the angle of the cone."""
+    """Cosine of half the angle of the cone."""
     blend: float
     """Fraction of the cone, by cosine, over which its light ends; 0 has a hard edge."""
 

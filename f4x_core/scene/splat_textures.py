@@ -59,7 +59,7 @@ class SplatTextures:
         self._order = np.zeros(0, np.float32)
 
     def __len__(self) -> int:
-        """How many Gaussians there are."""
+        """Number of Gaussians."""
         return int(self.starts[-1])
 
     def update(self, clouds: Sequence[Cloud]) -> set[str]:

@@ -37,7 +37,7 @@ PASSES = (
     "unseen",
     "holdout",
 )
-"""What `draw` gives besides `rgb` and `matte:LAYER`."""
+"""Passes of `draw` besides `rgb` and `matte:LAYER`."""
 SHARP = ("depth", "index", "latent", "score", "vector", "normal", "position")
 """Passes that are no light: they are not blurred, and show what is at the centre of a pixel."""
 HOLE = "hole"
@@ -67,11 +67,11 @@ class DrawSettings:
     config: RasterConfig | None = None
     """Constants of the rasteriser; its `near` is not used. None = those with which the largest cloud was fitted."""
     backend: str = "auto"
-    """As in `raster.rasterize`."""
+    """Backend of `raster.rasterize`."""
     cameras: tuple[Camera, Camera] | None = None
     """The camera one frame before and one after, for the pass `vector`; None = it stands still."""
     mist: Mist = field(default_factory=Mist)
-    """Of the pass `mist`."""
+    """Range and falloff of the pass `mist`."""
     surface_samples: int = SAMPLES
     """Points of a pixel that are looked at where surfaces end; fewer than 2 leave their edges hard."""
 
@@ -147,7 +147,7 @@ class _Drawing:
     settings: DrawSettings
     surfaces: Sequence[Surface]
     numbers: Sequence[int]
-    """Of objects, for the pass `index`."""
+    """Numbers of objects, for the pass `index`."""
     mattes: Mapping[str, np.ndarray]
     """Pass -> (K,) ids."""
     holds: bool

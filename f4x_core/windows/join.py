@@ -111,7 +111,7 @@ class _Background:
     """Ids of Gaussians that go on from others of the window before (`EARLIER`), window by window."""
 
     def add(self, scene: Scene, span: np.ndarray) -> None:
-        """One window's whole background."""
+        """Add the whole background of a window."""
         static = scene.static
         for known, when in zip(self.parts, self.spans, strict=True):
             gone = ~np.isin(known.ids, static.ids) & (when[:, 3] == np.inf)
@@ -141,7 +141,7 @@ class _Moving:
     """The window before, of which only what moves is left, until it is known which nodes go on."""
 
     def add(self, scene: Scene, number: int, start: int) -> None:
-        """One window's, if something moves in it."""
+        """Add the moving Gaussians and the scaffold of a window, if it has any."""
         self._rest(scene)
         if scene.scaffold is not None:
             self.scaffolds.append(replace(scene.scaffold, times=scene.scaffold.times + self.times[start]))
@@ -198,7 +198,7 @@ class _Path:
         self.centre, self.total = np.zeros((frames, 3)), np.zeros(frames)
 
     def add(self, cameras: CameraPath, span: np.ndarray, start: int) -> None:
-        """One window's cameras."""
+        """Add the cameras of a window."""
         self.size = cameras.width, cameras.height
         rows = slice(start - self.windows[0][0], start - self.windows[0][0] + len(cameras))
         when = self.times[start : start + len(cameras)]
@@ -211,7 +211,7 @@ class _Path:
         self.total[rows] += weight
 
     def finish(self) -> CameraPath:
-        """One camera per frame."""
+        """Return the weighted mean of all windows' cameras, for every frame."""
         inverse = pose.invert(quaternion.normalize(self.turn), self.centre / self.total[:, None])
         times = self.times[self.windows[0][0] : self.windows[-1][1]]
         return CameraPath(self.intrinsics / self.total[:, None, None], pose.to_matrix(*inverse), times, *self.size)

@@ -32,7 +32,7 @@ class JoinedPeople:
     """(N, 3) int64 of each window: id, joined number of the person, part of the body."""
 
     def add(self, scene: Scene, before: Scene | None, shared: Sequence[tuple[float, float]]) -> None:
-        """One window's people; `shared`: times of frames that it shares with the one `before`, (there, here)."""
+        """Add the people of a window; `shared`: times of frames that it shares with the one `before`, (there, here)."""
         people, numbers = people_of(scene), np.zeros(1, int)
         if people is not None:
             numbers = np.zeros(int(people.person.max()) + 1, int)

@@ -46,7 +46,7 @@ class Shot:
 
     @property
     def end(self) -> int:
-        """One past the last frame."""
+        """Frame after the last one."""
         return self.windows[-1][1]
 
 

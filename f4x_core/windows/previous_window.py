@@ -1,4 +1,4 @@
-"""What a window of a long clip takes over from the one before: its world and unit, its background, its nodes.
+"""Takes over world, unit, background and nodes of the window before into the next window of a long clip.
 
 The two share frames. There the earlier scene is known from its own cameras, and the later priors know the same pictures in a
 world of their own: that relates the worlds. From there on every camera is registered to the earlier background. Of that the
@@ -89,7 +89,7 @@ class EarlierBackground:
     world: StaticSet
     """All of it that stays."""
     drawn: StaticSet
-    """What of it the window's cameras see."""
+    """Part of the background that the window's cameras see."""
     explained: Explained
     """(H,W) bool by supervised frame: pixels that it shows rightly."""
     learns: np.ndarray
@@ -100,7 +100,7 @@ class EarlierBackground:
         return followed_by(self.world.take(~np.isin(self.world.ids, self.drawn.ids[self.learns])), static)
 
     def known(self, next_id: int) -> KnownGround:
-        """What of it a fit starts with, whose own Gaussians have ids from `next_id` on."""
+        """Return the background for a fit whose own Gaussians have ids from `next_id` on."""
         frozen, learning = (
             Splats(part.means, part.quats, part.scales, part.opacities, part.sh).map(_tensor)
             for part in (self.drawn.take(~self.learns), self.drawn.take(self.learns))
@@ -113,7 +113,7 @@ class PreviousWindow:
     """The window before."""
 
     scene: Scene
-    """As it was fitted; its static set is all the background so far."""
+    """Scene as it was fitted; its static set is all the background so far."""
     offset: int
     """Frames from its first to this window's first."""
     next_node: int
@@ -298,7 +298,7 @@ class PreviousWindow:
 
 
 def _worse(errors: np.ndarray, shared: np.ndarray) -> bool:
-    """Whether, by mean squared `errors (n,)` of frames, those not `shared (n,)` bool are shown `WORSE` than those, and not `GOOD`.
+    """Return True if frames not `shared (n,)` bool have median squared `errors (n,)` `WORSE` than shared ones, and not `GOOD`.
 
     Medians, as a frame may be blurred; NaN is a frame that tells nothing.
     """
@@ -311,7 +311,7 @@ def _worse(errors: np.ndarray, shared: np.ndarray) -> bool:
 
 
 def _room(depth: np.ndarray, moving: np.ndarray) -> float:
-    """How many times as far away what moves may be and still be in front of the nearest of what stands around it."""
+    """Return the factor by which moving objects may be farther away and still be in front of what stands around them."""
     found = []
     for z, mask in zip(depth, moving, strict=True):
         known = np.isfinite(z) & (z > 0)

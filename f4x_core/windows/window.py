@@ -1,4 +1,4 @@
-"""One window of a long clip: its fit, in a process of its own.
+"""Fits one window of a long clip in a process of its own.
 
 What a process frees stays with it in part: its heaps fray, and of 640 pixels every window began with 30 to 80 MB more than the
 one before. A process that ends gives everything back.
@@ -93,7 +93,7 @@ class WindowRequest:
         return config_hash(resolved(self.config), state.hexdigest(), "" if self.before is None else self.before.digest)
 
     def finished(self) -> bool:
-        """Whether an earlier run left the window's scene. F4xError where that was another window."""
+        """True if an earlier run left the window's scene. Raises F4xError where that was another window."""
         path = self.folder / SCENE
         if not (self.resume and path.is_file()):
             return False
