@@ -293,7 +293,7 @@ class _Linear:
 
     @classmethod
     def of(cls, scene_object: SceneObject, frame: float) -> _Linear | None:
-        """At a clip frame; None where no engine wants it."""
+        """Return the appearance at a clip frame; None where no engine needs it."""
         display = scene_object.shown_linear
         if display is None:
             return None

@@ -73,7 +73,7 @@ class F4X_OT_add_path_camera(SceneOperator, bpy.types.Operator):  # noqa: N801 -
         return context.window_manager.invoke_props_dialog(self)
 
     def act(self, context, scene_object):
-        """Key it at the clip's frames."""
+        """Key the camera at the clip's frames."""
         scene = scene_object.base
         views = (
             trajectory.stabilised(scene.cameras, self.calm)

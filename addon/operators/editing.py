@@ -241,7 +241,7 @@ class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
     count: IntProperty(name="Copies", default=1, min=1, max=100)  # type: ignore[valid-type]
 
     def operation(self, scene_object):
-        """In the scene's axes."""
+        """Return the copies, offset along the scene's axes."""
         ids = scene_object.selected_ids
         return Duplicate(ids, scene_object.axes.way_in_scene(self.offset), round(self.time_shift, 3), self.count)
 
@@ -256,7 +256,7 @@ class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801
     last: IntProperty(name="Until Frame", min=0)  # type: ignore[valid-type]
 
     def operation(self, scene_object):
-        """With or without an end."""
+        """Return the stop, with or without an end."""
         return Freeze(scene_object.selected_ids, float(self.first), float(self.last) if self.goes_on else None)
 
 
@@ -269,7 +269,7 @@ class F4X_OT_retime(_Dialog, bpy.types.Operator):  # noqa: N801
     backwards: BoolProperty(name="Backwards", description="Play backwards at normal speed; Speed is ignored")  # type: ignore[valid-type]
 
     def operation(self, scene_object):
-        """In the time span, or over the whole clip."""
+        """Return the change of speed, in the time span or over the whole clip."""
         ids = scene_object.selected_ids
         span = _span(scene_object)
         return Reverse(ids, span) if self.backwards else Retime(ids, round(self.speed, 4), span)

@@ -165,16 +165,16 @@ class F4X_OT_select_box(_Drawn, bpy.types.Operator):  # noqa: N801 - Blender wan
     box: FloatVectorProperty(name="Box", description="Left, bottom, right, top in pixels", size=4)  # type: ignore[valid-type]
 
     def take(self, corners):
-        """From the first place to the last."""
+        """Set the box from the first place to the last."""
         self.box = (*corners[0], *corners[-1])
 
     def lines(self):
-        """Its sides."""
+        """Return the sides of the box."""
         left, bottom, right, top = self.box
         return [[(left, bottom), (right, bottom), (right, top), (left, top)]]
 
     def shape(self, scene_object, flip):
-        """The box."""
+        """Return the box as a shape."""
         return Rectangle(flip(self.box[:2]), flip(self.box[2:]))
 
 
@@ -198,7 +198,7 @@ class F4X_OT_select_lasso(_Path, bpy.types.Operator):  # noqa: N801
     hint = "Draw around what to select."
 
     def lines(self):
-        """The line, closed."""
+        """Return the drawn line, closed."""
         return [self._places()]
 
     def shape(self, scene_object, flip):
@@ -226,7 +226,7 @@ class F4X_OT_select_brush(_Path, bpy.types.Operator):  # noqa: N801
         return True
 
     def lines(self):
-        """The way, and the brush at its end."""
+        """Return the way of the mouse, and the brush at its end."""
         places = self._places()
         return [[*places, *places[::-1]], _circle(places[-1], self.radius)]
 
@@ -256,7 +256,7 @@ class F4X_OT_select_sphere(_Gesture, bpy.types.Operator):  # noqa: N801
         self._ends = corners[0], corners[-1]
 
     def lines(self):
-        """The circle that the sphere looks like."""
+        """Return the circle that the sphere looks like."""
         return [_circle(self._ends[0], math.dist(*self._ends))]
 
     def select(self, scene_object, seen):

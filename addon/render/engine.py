@@ -216,9 +216,8 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         images = shoot(
             self._takes(depsgraph, more, view),
             _exposure(scene, depsgraph, seen.back),
-            stage.DrawSettings(seen.near, seen.far, background, mist=_mist(scene.world, seen.back)),
+            stage.DrawSettings(seen.near, seen.far, background, mist=_mist(scene.world, seen.back), region=region),
             passes,
-            region=region,
             progress=progress,
         )
         if "depth" in images:

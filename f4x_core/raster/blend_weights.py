@@ -47,7 +47,7 @@ class BlendWeights:
         config: RasterConfig | None = None,
         backend: str = "auto",
     ):
-        """Look at `splats` from `camera`, with so many `channels` of colour.
+        """Prepare `splats` seen from `camera`, with this number of colour `channels`.
 
         Raises:
             F4xError: an unknown backend, or one that is not installed.

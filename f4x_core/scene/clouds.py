@@ -65,11 +65,11 @@ class Cloud:
     @classmethod
     def of_scene(cls, scene: Scene, time: float) -> Cloud:
         """The Gaussians of a scene at clip time `time`."""
-        return cls.of_posed(scene, scene.posed(time), time)
+        return replace(cls.of_posed(scene.posed(time), scene.fitted_focal(time)), key=scene.name)
 
     @classmethod
-    def of_posed(cls, scene: Scene, posed: PosedSplats, time: float) -> Cloud:
-        """The Gaussians of a scene as `scene.posed(time)` gave them."""
+    def of_posed(cls, posed: PosedSplats, fitted_focal: float | None) -> Cloud:
+        """Gaussians as `Scene.posed` gives them, and `Scene.fitted_focal`."""
         return cls(
             means=posed.means,
             quats=posed.quats,
@@ -77,8 +77,7 @@ class Cloud:
             opacities=posed.opacities,
             sh=posed.sh,
             turn=posed.quats,
-            fitted_focal=scene.fitted_focal(time),
-            key=scene.name,
+            fitted_focal=fitted_focal,
         )
 
     @property

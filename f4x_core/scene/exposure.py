@@ -95,7 +95,6 @@ def shoot(
     settings: DrawSettings,
     passes: Collection[str] = (),
     *,
-    region: tuple[slice, slice] | None = None,
     progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
     """Take one picture: `stage.draw`'s passes, with `combined (H,W,4)` in place of `rgb`: linear light, premultiplied alpha.
@@ -103,9 +102,8 @@ def shoot(
     Args:
         take_at: what is there so many frames from the picture's own time; asked for 0 last.
         exposure: shutter and lens. Passes of `SHARP` are not blurred.
-        settings: of `stage.draw`; its `cameras` are filled in.
+        settings: of `stage.draw`; its `cameras` and `finish` are filled in.
         passes: of `stage.draw`.
-        region: of `stage.draw`.
         progress: of `stage.draw`, over all sharp pictures.
 
     Raises:
@@ -113,7 +111,7 @@ def shoot(
     """
     beside = (take_at(-1.0), take_at(1.0)) if "vector" in passes else None
     if not exposure.blurs:
-        return draw_one(take_at(0.0), beside, settings, passes, region, progress)
+        return draw_one(take_at(0.0), beside, settings, passes, progress)
     soft = [name for name in passes if name not in SHARP]
     sharp = [name for name in passes if name in SHARP]
     count = exposure.samples + bool(sharp)
@@ -123,10 +121,10 @@ def shoot(
         take = still or take_at(float(moment))
         if exposure.lens is not None:
             take = replace(take, camera=exposure.lens.through(take.camera, point))
-        for name, image in draw_one(take, None, settings, soft, region, _part(progress, done, count)).items():
+        for name, image in draw_one(take, None, settings, soft, _part(progress, done, count)).items():
             total[name] = total.get(name, 0) + image / np.float32(exposure.samples)
     if sharp:
-        own = draw_one(take_at(0.0), beside, settings, sharp, region, _part(progress, exposure.samples, count))
+        own = draw_one(take_at(0.0), beside, settings, sharp, _part(progress, exposure.samples, count))
         total |= {name: own[name] for name in sharp}
     return total
 
@@ -136,7 +134,6 @@ def draw_one(
     beside: tuple[Take, Take] | None,
     settings: DrawSettings,
     passes: Collection[str],
-    region: tuple[slice, slice] | None = None,
     progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
     """`stage.draw` of one take with `combined` in place of `rgb`; `beside`: those of one frame before and after."""
@@ -153,7 +150,7 @@ def draw_one(
         images.pop(HOLE, None)
         return images | {"combined": combined(images.pop("rgb"), seen)}
 
-    return draw(clouds, surfaces, take.camera, settings, passes=passes, region=region, progress=progress, finish=finish)
+    return draw(clouds, surfaces, take.camera, replace(settings, finish=finish), passes=passes, progress=progress)
 
 
 def combined(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:

@@ -299,7 +299,7 @@ class Scene:
 
     @property
     def untimed(self) -> Scene:
-        """The scene with edits that change no moments: itself."""
+        """Scene with only the edits that move nothing in time; without edits the scene itself."""
         return self
 
     @property
@@ -314,13 +314,13 @@ class Scene:
 
     @property
     def background(self) -> Scene:
-        """The scene without what moves and without features, which are those of both."""
+        """Scene of the static Gaussians alone, without features."""
         extra = {name: array for name, array in self.extra.items() if not name.startswith("dynamic/")}
         return replace(self, dynamic=DynamicSet.empty(), scaffold=None, features=None, extra=extra)
 
     @property
     def moving(self) -> np.ndarray:
-        """(N,) bool in the order of `posed`: whether a Gaussian moves."""
+        """(N,) bool in the order of `posed`: True for dynamic Gaussians."""
         return self._constant["dynamic"]
 
     @property
@@ -356,7 +356,7 @@ class Scene:
         return replace(untinted, sh=tinted(untinted.sh, self.tints.at(time)))
 
     def _untinted(self, time: float) -> PosedSplats:
-        """All Gaussians at `time`, with the colors that they have in the mean."""
+        """Return all Gaussians at `time`, with their mean colors over the clip."""
         means, quats = self._static_poses
         if len(self.dynamic):
             moved = _as_drawn(*self._carried(time))

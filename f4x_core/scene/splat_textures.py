@@ -44,7 +44,7 @@ class SplatTextures:
     """The Gaussians of a stage, cloud after cloud. An array that `update` has seen before must not have changed since."""
 
     def __init__(self) -> None:
-        """Nothing yet; `update` fills it."""
+        """Start empty; `update` adds clouds."""
         self.clouds: list[Cloud] = []
         self.starts = np.zeros(1, np.int64)
         self.split = 0
@@ -104,7 +104,7 @@ class SplatTextures:
         return self._order.reshape(-1, WIDTH, 1), count
 
     def _page(self, name: str) -> tuple[int, int]:
-        """The first Gaussian that a texture holds, and the first that it does not."""
+        """Return the range (first, end) of the Gaussians that a texture holds."""
         if name in STILL:
             return 0, self.split
         return (self.split if name in MOVING else 0), len(self)

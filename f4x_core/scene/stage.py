@@ -74,6 +74,10 @@ class DrawSettings:
     """Range and falloff of the pass `mist`."""
     surface_samples: int = SAMPLES
     """Points of a pixel that are looked at where surfaces end; fewer than 2 leave their edges hard."""
+    region: tuple[slice, slice] | None = None
+    """(rows, columns) of the picture to draw; the result is what the whole picture has there, bit for bit. None = all of it."""
+    finish: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]] | None = None
+    """Function that converts the passes, pixel by pixel; called with those of each band."""
 
 
 def draw(
@@ -83,9 +87,7 @@ def draw(
     settings: DrawSettings | None = None,
     *,
     passes: Collection[str] = (),
-    region: tuple[slice, slice] | None = None,
     progress: Progress = silent,
-    finish: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]] | None = None,
 ) -> dict[str, np.ndarray]:
     """Draw everything through `camera` in the world; float32 pictures by name, `rgb`, `alpha` and those of `passes`.
 
@@ -110,17 +112,15 @@ def draw(
         clouds: Gaussians; one whose centre lies behind a surface is hidden by it as a whole.
         surfaces: opaque triangles.
         camera: pinhole camera in the world.
-        settings: clipping planes, background and rasteriser; the defaults of `DrawSettings` when None.
+        settings: clipping planes, background, rasteriser and region; the defaults of `DrawSettings` when None.
         passes: any of `PASSES` and `matte:LAYER`.
-        region: (rows, columns) of the picture to draw; the result is what the whole picture has there, bit for bit.
         progress: called between bands of rows, a few times a second; cancelling passes through. Without it bands are tall.
-        finish: converts the pictures, pixel by pixel; called with those of each band.
 
     Raises:
         F4xError: a camera that is not finite, or a backend that cannot run here.
     """
-    rows, columns = region or (slice(0, camera.height), slice(0, camera.width))
     settings = settings or DrawSettings()
+    rows, columns = settings.region or (slice(0, camera.height), slice(0, camera.width))
     behind = np.asarray((0, 0, 0) if settings.background is None else settings.background, np.float32)
     look = Look(camera, settings.near, settings.far, behind, settings.mist, settings.cameras, settings.surface_samples)
     back = ground(surfaces, look, [name for name in GEOMETRY if name in passes])
@@ -129,7 +129,7 @@ def draw(
     for band in _tall_bands(rows, camera.width) if progress is silent else _bands(rows, camera.width):
         progress("render", band.start - rows.start, rows.stop - rows.start)
         drawn = drawing.over(back.cut((band, slice(None))), (band, columns), passes)
-        for name, image in (finish(drawn) if finish else drawn).items():
+        for name, image in (settings.finish(drawn) if settings.finish else drawn).items():
             if name not in images:  # memory is touched, which takes long, only band by band
                 images[name] = np.empty((rows.stop - rows.start, *image.shape[1:]), np.float32)
             images[name][band.start - rows.start : band.stop - rows.start] = image
@@ -320,7 +320,7 @@ class _Seen:
 
 
 def _images(seen: _Seen, numbers: Sequence[int], passes: Collection[str]) -> dict[str, np.ndarray]:
-    """Gaussians over the ground become the passes."""
+    """Return the passes of composited Gaussians over the ground."""
     layers, ground, left, alpha = seen.layers, seen.back, seen.left, seen.shown
     solid = np.isfinite(ground.depth)
     behind = np.where(solid, left, 0)

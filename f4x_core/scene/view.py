@@ -59,7 +59,7 @@ def render(
         scene.require_field([name.removeprefix(HEAD) for name in heads]) if {"latent", *heads} & {*channels} else None
     )
     posed = scene.posed(time)
-    cloud = Cloud.of_posed(scene, posed, time)
+    cloud = Cloud.of_posed(posed, scene.fitted_focal(time))
     layers: dict[str, np.ndarray] = {}
     if "rgb" in channels:
         layers["rgb"] = cloud.colors(camera.center)

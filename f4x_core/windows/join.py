@@ -123,7 +123,7 @@ class _Background:
         self.spans.append(np.tile([*span[:2], np.inf, np.inf], (len(new), 1)))
 
     def finish(self) -> StaticSet:
-        """All of it, with when it is there."""
+        """Return the whole background, with the span in which each Gaussian is present."""
         return concatenated(self.parts, self.spans)
 
 
@@ -272,7 +272,7 @@ def _with_new_ground(
 
 
 def _compared_frames(windows: Sequence[tuple[int, int]]) -> Iterator[int]:
-    """Frames in which it is looked what later windows made."""
+    """Yield frames in which the background of later windows is compared."""
     for start, end in windows[:-1]:
         yield from np.unique(np.linspace(start, end - 1, COMPARED_PER_WINDOW).round().astype(int)).tolist()
 

@@ -52,7 +52,7 @@ class JoinedPeople:
         self.numbers = numbers
 
     def stored_in(self, scene: Scene) -> Scene:
-        """The joined scene with its people: a Gaussian is whose it is in the first window that has it."""
+        """Return the joined scene with its people: each Gaussian shows the person of the first window that has it."""
         if not self.count:
             return scene
         table = np.concatenate(self.parts)

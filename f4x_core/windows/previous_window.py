@@ -322,7 +322,7 @@ def _room(depth: np.ndarray, moving: np.ndarray) -> float:
 
 
 def _median(ratios: np.ndarray, otherwise: float) -> float:
-    """Median of those that are known, if enough are."""
+    """Return the median of the finite `ratios`; `otherwise` for fewer than `MIN_PIXELS`."""
     known = ratios[np.isfinite(ratios)]
     return float(np.median(known)) if len(known) >= MIN_PIXELS else otherwise
 

@@ -184,7 +184,7 @@ def _write_masks(path: Path, masks: Mapping[int, np.ndarray] | None) -> None:
 
 
 def masks_of(folder: Path) -> dict[int, np.ndarray] | None:
-    """Frame of the window in `folder` -> (H,W) bool of what moves there; None where the window left none."""
+    """Return frame -> (H,W) bool of moving pixels of the window in `folder`; None where it left no masks."""
     path = folder / MASKS
     if not path.is_file():
         return None

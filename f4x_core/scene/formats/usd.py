@@ -201,7 +201,7 @@ class Part:
         return not self.varying.isdisjoint(column.fields)
 
     def of(self, posed: PosedSplats) -> PosedSplats:
-        """Its Gaussians."""
+        """Return the part's Gaussians of a moment."""
         return posed.take(posed.opacities > 0 if self.index is None else self.index)
 
 
@@ -241,7 +241,7 @@ def _write_stage(
             yield replace(posed, quats=quats)
 
     def counted(moments: Iterator[PosedSplats], message: str) -> Iterator[PosedSplats]:
-        """The moments, each of them reported."""
+        """Yield the moments, and report progress at each."""
         for posed in moments:
             progress("export", next(done), total, message)
             yield posed

@@ -49,7 +49,7 @@ class MeshConfig:
     """Keep the walls of hollows inside, which nobody sees from outside."""
 
     def __post_init__(self) -> None:
-        """Refuse what no mesh can be made with."""
+        """Raise F4xError for settings out of range."""
         limits = {"resolution": RESOLUTIONS, "faces": FACES}
         for name, (low, high) in limits.items():
             value = getattr(self, name)
