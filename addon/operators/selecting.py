@@ -174,7 +174,7 @@ class _Prompt(SearchOperator):
         raise NotImplementedError
 
     def work(self, scene_object):
-        """Search by the prompt; what moves is followed through the clip."""
+        """Search by the prompt; moving objects are followed through the clip."""
         prompts, threshold, part = {self.frame: self.prompt()}, scene_object.state.threshold, self.part
         scene, base = scene_object.shown.scene, scene_object.base
 

@@ -84,7 +84,7 @@ class SplatSequence:
 
     @property
     def scaffold(self) -> None:
-        """None: what moves between the files is not known."""
+        """None: motion between the files is not known."""
 
     def posed(self, time: float) -> PosedSplats:
         """The splats of the file nearest to clip time `time`."""

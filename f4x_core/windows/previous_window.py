@@ -47,7 +47,7 @@ OPAQUE = 0.8
 MIN_PIXELS = 32
 """Fewer tell no depth."""
 AROUND, GROUND_PERCENTILE = 3, 10
-"""Pixels around what moves, and the percentile of their depth that is the ground below it."""
+"""Pixels around moving objects, and the percentile of their depth that is the ground below."""
 FREEDOM = {"static": 0, "pan": 3, "moving": 6}
 """Numbers that place a camera of each kind: its rotation, its position."""
 ROUNDS = 2
@@ -65,8 +65,8 @@ WORSE, GOOD = 1.0, 30.0
 """dB. The background learns further where it shows later frames worse than shared ones by more than `WORSE`, and below `GOOD`. As
 the camera travels they are 4 to 8 dB worse (camel, train: depth from a short way); where it stands, only by their noise."""
 SHOWN = 0.2
-"""Fraction of its light that what moves leaves of a Gaussian that learns further. The rails behind a train that has come would
-become its ghost (train)."""
+"""Minimum fraction of its light that dynamic Gaussians leave of a Gaussian that learns further. The rails behind a train that has
+come would become its ghost (train)."""
 CONTINUES = 0.4
 """Node units by which a node that goes on may differ from itself over the shared frames: it stands for the motion around it."""
 
@@ -178,7 +178,7 @@ class PreviousWindow:
         pixels off all the background looks wrong. Shared frames have the earlier cameras. Each later frame starts from the
         one before it and the priors' motion, and is registered to the background as drawn from there: by optical flow, robustly,
         within what the kind of camera is free to do, in this window or the earlier one, as long as it sees enough of it. The depth
-        of what stands still follows by one factor per frame.
+        of static pixels follows by one factor per frame.
 
         `margin`: pixels around the moving mask that do not count.
         """

@@ -176,7 +176,7 @@ class WindowRequest:
 
 
 def _write_masks(path: Path, masks: Mapping[int, np.ndarray] | None) -> None:
-    """Keep what moves in the frames of a window, `masks` of (H,W) bool, for the colors of the whole clip."""
+    """Keep `masks`, (H,W) bool of moving pixels in the frames of a window, for the colors of the whole clip."""
     masks = masks or {}
     with replace_file(path) as file:
         stack = np.array([*masks.values()]) if masks else np.zeros((0, 0, 0), bool)
