@@ -23,7 +23,7 @@ from .operators import (
 )
 from .render import believed, compositing, engine, shadows, viewport
 from .rig import native_motion, repair
-from .scene import clip_time
+from .scene import clip_time, scene_object
 from .ui import motion_panel, overlay, panel, properties, sphere_gizmo
 
 CLASSES = (
@@ -53,11 +53,7 @@ CLASSES = (
     *meshes.CLASSES,
     *compositing.CLASSES,
 )
-# modules with their own register() to call once the classes are registered
-STARTED = (
-    engine,
-    properties,
-    gestures,
+HANDLED = (
     clip_time,
     display,
     editing,
@@ -67,11 +63,12 @@ STARTED = (
     point_edits,
     repair,
     native_motion,
-    shadows,
-    meshes,
     compositing,
     viewport,
 )
+"""Modules with `HANDLERS`: name of a list of `bpy.app.handlers` -> function; Blender calls them in this order."""
+STARTED = (engine, properties, gestures, overlay, believed, native_motion, shadows, meshes, viewport)
+"""Modules with their own register() to call once the classes are registered."""
 
 
 def _draw_import(self, context) -> None:
@@ -87,6 +84,9 @@ def register() -> None:
     """Register classes and the entries of File > Import and File > Export."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
+    for module in HANDLED:
+        for name, function in module.HANDLERS.items():
+            getattr(bpy.app.handlers, name).append(function)
     for module in STARTED:
         module.register()
     bpy.types.TOPBAR_MT_file_import.append(_draw_import)
@@ -100,7 +100,11 @@ def unregister() -> None:
     bpy.types.VIEW3D_MT_object.remove(motion.draw_menu)
     bpy.types.TOPBAR_MT_file_export.remove(_draw_export)
     bpy.types.TOPBAR_MT_file_import.remove(_draw_import)
+    for module in HANDLED:
+        for name, function in module.HANDLERS.items():
+            getattr(bpy.app.handlers, name).remove(function)
     for module in reversed(STARTED):
         module.unregister()
+    scene_object.forget()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -511,7 +511,7 @@ def _file_loaded(path: str) -> None:
     _counts.clear()
 
 
-_HANDLERS = {
+HANDLERS = {
     "frame_change_post": _frame_changed,
     "depsgraph_update_post": _evaluated,
     "undo_post": _changed,
@@ -524,16 +524,3 @@ _HANDLERS = {
     "save_post": _saved,
     "save_post_fail": _saved,
 }
-
-
-def register() -> None:
-    """Add the handlers."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(function)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(function)
-    forget()

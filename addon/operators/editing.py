@@ -577,26 +577,13 @@ def _undone(*_) -> None:
     _before.clear()
 
 
-_HANDLERS = {
+HANDLERS = {
     "load_post": _opened,
     "save_pre": _save_along,
     "undo_pre": _before_undo,
     "undo_post": _undone,
     "redo_post": _undone,
 }
-
-
-def register() -> None:
-    """Add the handlers."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(function)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(function)
-
 
 CLASSES = (
     F4X_OT_recolour,

@@ -200,16 +200,4 @@ def _frame_changed(scene: bpy.types.Scene, *_) -> None:
             put_on_thing(scene_object, item)
 
 
-_HANDLERS = {"depsgraph_update_post": _changed, "frame_change_post": _frame_changed}
-
-
-def register() -> None:
-    """Add the handlers."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(function)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(function)
+HANDLERS = {"depsgraph_update_post": _changed, "frame_change_post": _frame_changed}

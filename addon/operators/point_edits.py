@@ -211,19 +211,6 @@ def _changed(*_) -> None:
     _found.clear()
 
 
-_HANDLERS = ("depsgraph_update_post", "undo_post", "redo_post", "load_post")
-
-
-def register() -> None:
-    """Add the handlers."""
-    for name in _HANDLERS:
-        getattr(bpy.app.handlers, name).append(_changed)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    for name in _HANDLERS:
-        getattr(bpy.app.handlers, name).remove(_changed)
-
+HANDLERS = dict.fromkeys(("depsgraph_update_post", "undo_post", "redo_post", "load_post"), _changed)
 
 CLASSES = (F4X_OT_take_over_points, F4X_OT_put_back_points)

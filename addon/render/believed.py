@@ -171,13 +171,11 @@ def _forget(*_) -> None:
     _zones.clear()
 
 
-_HANDLERS = {"render_init": _begin, "load_post": _forget}
+HANDLERS = {"render_init": _begin, "load_post": _forget}
 
 
 def register() -> None:
     """Start drawing and warning."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(function)
     if not bpy.app.background:
         for function, when in ((_draw_rings, "POST_VIEW"), (_draw_line, "POST_PIXEL")):
             _handles.append(bpy.types.SpaceView3D.draw_handler_add(function, (), "WINDOW", when))
@@ -188,7 +186,5 @@ def unregister() -> None:
     for handle in _handles:
         bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
     _handles.clear()
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(function)
     _zones.clear()
     _warned.clear()

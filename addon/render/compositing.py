@@ -250,14 +250,6 @@ def _render_begins(scene: bpy.types.Scene, *_) -> None:
     synchronize(scene)
 
 
-def register() -> None:
-    """Keep scenes for meshes like the first ones."""
-    bpy.app.handlers.render_init.append(_render_begins)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    bpy.app.handlers.render_init.remove(_render_begins)
-
+HANDLERS = {"render_init": _render_begins}
 
 CLASSES = (F4X_OT_composite,)

@@ -161,18 +161,14 @@ def _opened(*_) -> None:
                 area.spaces.active.shading.type = EXACT
 
 
-_HANDLERS = {"save_pre": _will_save, "save_post": _saved, "save_post_fail": _saved, "load_post": _opened}
+HANDLERS = {"save_pre": _will_save, "save_post": _saved, "save_post_fail": _saved, "load_post": _opened}
 
 
 def register() -> None:
-    """Add the handlers and the button of the header."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(function)
+    """Add the button of the header."""
     bpy.types.VIEW3D_MT_editor_menus.append(_draw_button)
 
 
 def unregister() -> None:
     """Undo `register`."""
     bpy.types.VIEW3D_MT_editor_menus.remove(_draw_button)
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(function)

@@ -295,7 +295,7 @@ def _changed(*_) -> None:
     _clouds.clear()
 
 
-_HANDLERS = {
+HANDLERS = {
     "save_pre": _let_nodes_pose,
     "load_post": _let_nodes_pose,
     "animation_playback_post": _let_nodes_pose,
@@ -306,16 +306,12 @@ _HANDLERS = {
 
 def register() -> None:
     """Begin to look; without a window or the compiled library nothing is switched off."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(function)
     if not bpy.app.background and open_library()[0] is not None:
         bpy.app.timers.register(look, first_interval=GLANCE, persistent=True)
 
 
 def unregister() -> None:
     """Undo `register`."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(function)
     if bpy.app.timers.is_registered(look):
         bpy.app.timers.unregister(look)
         switch_on()

@@ -309,16 +309,4 @@ def _file_loaded(*_) -> None:
     repair(bpy.context.scene)
 
 
-_HANDLERS = {"depsgraph_update_pre": _changed, "frame_change_pre": _changed, "load_post": _file_loaded}
-
-
-def register() -> None:
-    """Add the handlers."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(function)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(function)
+HANDLERS = {"depsgraph_update_pre": _changed, "frame_change_pre": _changed, "load_post": _file_loaded}

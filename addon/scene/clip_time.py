@@ -398,22 +398,10 @@ def _undone(*_) -> None:
         _look_up(root, root[LOOKED_UP])
 
 
-_HANDLERS = {
+HANDLERS = {
     "depsgraph_update_pre": _changed,
     "frame_change_pre": _changed,
     "undo_post": _undone,
     "redo_post": _undone,
     "load_post": _file_loaded,
 }
-
-
-def register() -> None:
-    """Add the handlers."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(function)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    for name, function in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(function)

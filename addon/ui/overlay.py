@@ -62,14 +62,14 @@ def _changed(*_) -> None:
     _batches.clear()
 
 
-_HANDLERS = ("depsgraph_update_post", "frame_change_post", "undo_post", "redo_post", "load_post")
+HANDLERS = dict.fromkeys(
+    ("depsgraph_update_post", "frame_change_post", "undo_post", "redo_post", "load_post"), _changed
+)
 
 
 def register() -> None:
     """Start drawing."""
     global _handle
-    for name in _HANDLERS:
-        getattr(bpy.app.handlers, name).append(_changed)
     if not bpy.app.background:
         _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
 
@@ -80,6 +80,4 @@ def unregister() -> None:
     if _handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None
-    for name in _HANDLERS:
-        getattr(bpy.app.handlers, name).remove(_changed)
     _batches.clear()
