@@ -2,59 +2,49 @@
 
 import bpy
 
-from . import (
-    believed,
-    camera_operators,
-    cleanup_operators,
-    clip_time,
-    compositing,
-    display,
+from .edits import display
+from .jobs import preferences, runner
+from .operators import (
+    cameras,
+    cleanup,
     documentation,
-    edit_handles,
-    edit_operators,
-    export_operator,
-    gesture_operators,
-    job_operators,
-    jobs,
+    editing,
+    exporting,
+    gestures,
+    handles,
+    importing,
     meshes,
-    motion_operators,
-    motion_panel,
-    native_motion,
-    operators,
-    panel,
-    panel_overlay,
-    panel_properties,
-    placing_operators,
+    motion,
+    placing,
     point_edits,
-    preferences,
-    query_operators,
-    render_engine,
-    rig_repair,
     searching,
-    shadows,
-    sphere_gizmo,
-    viewport,
+    selecting,
+    tasks,
 )
+from .render import believed, compositing, engine, shadows, viewport
+from .rig import native_motion, repair
+from .scene import clip_time, scene_object
+from .ui import motion_panel, overlay, panel, properties, sphere_gizmo
 
 CLASSES = (
-    *operators.CLASSES,
+    *importing.CLASSES,
     *documentation.CLASSES,
-    *render_engine.CLASSES,
-    *jobs.CLASSES,
+    *engine.CLASSES,
+    *runner.CLASSES,
     *preferences.CLASSES,
-    *job_operators.CLASSES,
-    *export_operator.CLASSES,
-    *camera_operators.CLASSES,
-    *panel_properties.CLASSES,
+    *tasks.CLASSES,
+    *exporting.CLASSES,
+    *cameras.CLASSES,
+    *properties.CLASSES,
     *searching.CLASSES,
-    *query_operators.CLASSES,
-    *gesture_operators.CLASSES,
+    *selecting.CLASSES,
+    *gestures.CLASSES,
     *sphere_gizmo.CLASSES,
-    *edit_operators.CLASSES,
-    *edit_handles.CLASSES,
-    *motion_operators.CLASSES,
-    *cleanup_operators.CLASSES,
-    *placing_operators.CLASSES,
+    *editing.CLASSES,
+    *handles.CLASSES,
+    *motion.CLASSES,
+    *cleanup.CLASSES,
+    *placing.CLASSES,
     *point_edits.CLASSES,
     *panel.CLASSES,
     *motion_panel.CLASSES,
@@ -63,54 +53,58 @@ CLASSES = (
     *meshes.CLASSES,
     *compositing.CLASSES,
 )
-# modules with their own register() to call once the classes are registered
-STARTED = (
-    render_engine,
-    panel_properties,
-    gesture_operators,
+HANDLED = (
     clip_time,
     display,
-    edit_operators,
-    edit_handles,
-    panel_overlay,
+    editing,
+    handles,
+    overlay,
     believed,
     point_edits,
-    rig_repair,
+    repair,
     native_motion,
-    shadows,
-    meshes,
     compositing,
     viewport,
 )
+"""Modules with `HANDLERS`: name of a list of `bpy.app.handlers` -> function; Blender calls them in this order."""
+STARTED = (engine, properties, gestures, overlay, believed, native_motion, shadows, meshes, viewport)
+"""Modules with their own register() to call once the classes are registered."""
 
 
 def _draw_import(self, context) -> None:
-    self.layout.operator(operators.F4X_OT_import_scene.bl_idname, text="Feature4X (.f4x, .ply, .splat, .spz, .glb)")
+    self.layout.operator(importing.F4X_OT_import_scene.bl_idname, text="Feature4X (.f4x, .ply, .splat, .spz, .glb)")
 
 
 def _draw_export(self, context) -> None:
     text = "Feature4X (.ply, .splat, .spz, .glb, .usd)"
-    self.layout.operator(export_operator.F4X_OT_export_scene.bl_idname, text=text)
+    self.layout.operator(exporting.F4X_OT_export_scene.bl_idname, text=text)
 
 
 def register() -> None:
     """Register classes and the entries of File > Import and File > Export."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
+    for module in HANDLED:
+        for name, function in module.HANDLERS.items():
+            getattr(bpy.app.handlers, name).append(function)
     for module in STARTED:
         module.register()
     bpy.types.TOPBAR_MT_file_import.append(_draw_import)
     bpy.types.TOPBAR_MT_file_export.append(_draw_export)
-    bpy.types.VIEW3D_MT_object.append(motion_operators.draw_menu)
+    bpy.types.VIEW3D_MT_object.append(motion.draw_menu)
 
 
 def unregister() -> None:
     """Undo `register`; jobs under way end with it."""
-    jobs.end_all()
-    bpy.types.VIEW3D_MT_object.remove(motion_operators.draw_menu)
+    runner.end_all()
+    bpy.types.VIEW3D_MT_object.remove(motion.draw_menu)
     bpy.types.TOPBAR_MT_file_export.remove(_draw_export)
     bpy.types.TOPBAR_MT_file_import.remove(_draw_import)
+    for module in HANDLED:
+        for name, function in module.HANDLERS.items():
+            getattr(bpy.app.handlers, name).remove(function)
     for module in reversed(STARTED):
         module.unregister()
+    scene_object.forget()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -31,7 +31,7 @@ class Trouble:
 
 
 UNKNOWN = "F4X-OTHER"
-TOPS = ("f4x_core", "addon", "ground_truth", "scripts")
+TOPS = ("f4x_core", "addon", "ground_truth", "scripts", "tools")
 """Folders of the repository whose code raises F4xError."""
 TROUBLES = (
     Trouble(
@@ -219,19 +219,19 @@ TROUBLES = (
         "F4X-INSTALL",
         "Python, a package or the worker's environment is missing or too old.",
         "`f4x doctor` lists what is there; in Blender, Preferences > Add-ons > Feature4X > Check Setup.",
-        ("f4x_core.installation", "addon.worker", "addon.preferences"),
+        ("f4x_core.installation", "addon.jobs.worker", "addon.jobs.preferences"),
     ),
     Trouble(
         "F4X-JOB",
         "A job in another process was stopped or ended without a result.",
         "Its log under Tasks has the last lines; the same button continues it.",
-        ("f4x_core.processes", "f4x_core.parallel", "addon.jobs", "addon.job_operators"),
+        ("f4x_core.processes", "f4x_core.parallel", "addon.jobs.runner", "addon.operators.tasks"),
     ),
     Trouble(
         "F4X-BLENDER",
         "Blender cannot show, render or keep this: an object, a file or a mode is not what the button needs.",
         "Select the scene's root or import the scene again; docs/blender.md says what every part is.",
-        ("addon", "scripts"),
+        ("addon", "scripts", "tools"),
     ),
     Trouble(
         "F4X-REPORT",

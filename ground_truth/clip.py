@@ -24,8 +24,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..addon.axes import camera_path
-from ..addon.render_settings import save_multilayer, save_png
+from ..addon.common.axes import camera_path
+from ..addon.common.render_settings import save_multilayer, save_png
 from ..f4x_core.clip.rendered_motion import camera_poses
 from ..f4x_core.clip.rendered_scenes import RenderedScene
 from ..f4x_core.errors import F4xError

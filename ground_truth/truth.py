@@ -24,9 +24,9 @@ import bpy
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
-from ..addon.axes import camera_path
-from ..addon.evaluated import SOLID, surface_of
-from ..addon.render_settings import save_multilayer, save_png
+from ..addon.common.axes import camera_path
+from ..addon.common.render_settings import save_multilayer, save_png
+from ..addon.render.evaluated import SOLID, surface_of
 from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry.camera import CameraPath
 

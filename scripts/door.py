@@ -80,7 +80,7 @@ def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
 def end(code: int = 0) -> None:
     """End the process at once, as a Blender without a window has to."""
     load_extension()
-    from feature4x.addon.process_exit import end_process
+    from feature4x.addon.common.process_exit import end_process
 
     end_process(code)
 
@@ -88,7 +88,7 @@ def end(code: int = 0) -> None:
 def end_at_errors() -> None:
     """Let an exception that nobody catches end the process, too, which hangs otherwise."""
     load_extension()
-    from feature4x.addon import process_exit
+    from feature4x.addon.common import process_exit
 
     process_exit.end_at_errors()
 
@@ -104,7 +104,7 @@ def start_blender() -> None:
 def import_scene(scene: Path) -> Any:
     """Import a scene file into the Blender scene that is open; returns the root empty."""
     import bpy
-    from feature4x.addon.import_scene import import_scene
+    from feature4x.addon.io.import_scene import import_scene
 
     root = import_scene(scene)
     bpy.context.scene.render.engine = "CYCLES"  # the one engine of Blender's own that also works without a display

@@ -128,7 +128,7 @@ def around(scene, frames: range):
     """A camera that goes SWEEP degrees around the scene, looking at its middle."""
     import bpy
     import numpy as np
-    from feature4x.addon import evaluated
+    from feature4x.addon.render import evaluated
     from feature4x.f4x_core.errors import F4xError
     from mathutils import Vector
 
@@ -157,8 +157,8 @@ def along(scene, path: Path, frames: range):
     """A camera that follows a camera path file (OpenCV axes, Blender's world), its times being Blender's frames."""
     import bpy
     import numpy as np
-    from feature4x.addon.animation import write_action
-    from feature4x.addon.axes import FLIP_YZ, lens_from_intrinsics
+    from feature4x.addon.common.animation import write_action
+    from feature4x.addon.common.axes import FLIP_YZ, lens_from_intrinsics
     from feature4x.f4x_core.geometry import pose, quaternion
     from feature4x.f4x_core.geometry.camera import CameraPath
 

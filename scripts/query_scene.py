@@ -40,8 +40,8 @@ def main(arguments: list[str]) -> dict[str, Any]:
     """Import the scene, select, and write the requested files."""
     options = parse(arguments)
     root = door.import_empty(options.scene)
-    from feature4x.addon import marking
-    from feature4x.addon.scene_object import SELECTED, SceneObject
+    from feature4x.addon.edits import marking
+    from feature4x.addon.scene.scene_object import SELECTED, SceneObject
     from feature4x.f4x_core.edit.naming import by_words, together
     from feature4x.f4x_core.files import replace_file
     from feature4x.f4x_core.query import prompts

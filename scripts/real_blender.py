@@ -114,7 +114,7 @@ class Profile:
 
     def check_out(self) -> str:
         """Copy what Blender needs of this repository; returns its path in the system."""
-        for name in ("addon", "f4x_core", "ground_truth", "scripts"):
+        for name in ("addon", "f4x_core", "ground_truth", "scripts", "tools"):
             ignored = shutil.ignore_patterns("__pycache__")
             shutil.copytree(REPOSITORY / name, self.folder / "feature4x" / name, ignore=ignored)
         shutil.copy(REPOSITORY / "__init__.py", self.folder / "feature4x")

@@ -43,8 +43,8 @@ def main(arguments: list[str]) -> dict[str, Any]:
     """Open the scene, render frame by frame, and report the seconds."""
     options = parse(arguments)
     import bpy
-    from feature4x.addon import compositing
-    from feature4x.addon.render_settings import save_multilayer, save_png
+    from feature4x.addon.common.render_settings import save_multilayer, save_png
+    from feature4x.addon.render import compositing
     from feature4x.f4x_core.errors import F4xError
 
     if options.scene.suffix == ".blend":

@@ -75,6 +75,6 @@ def pytest_sessionfinish(session, exitstatus):
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config):
     if "bpy" in sys.modules:
-        from addon.process_exit import end_process
+        from addon.common.process_exit import end_process
 
         end_process(getattr(config, "_f4x_exit", 0))

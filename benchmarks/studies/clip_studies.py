@@ -25,7 +25,7 @@ HOLD_OUT = 8
 TEACHERS = "text,visual"
 FITTED = "clips-fit"
 """Study that leaves the scenes which the others read."""
-SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+ROOT = Path(__file__).resolve().parents[2]
 """Of a checkout."""
 QUICK_RENDER = ("--extra-cameras", "10", "--frames", "12", "--samples", "4")
 FULL_RENDER = ("--extra-cameras",)
@@ -176,7 +176,7 @@ def render_clips(context: Context, names: Sequence[str], how: Sequence[str] = ()
     They lie where `rendered-clips` keeps them, for all studies of a report: what one rendered, another takes.
     """
     folder = context.folder.parent / RENDERED_CLIPS / context.choose("quick", "full")
-    script = _script("synthetic_clip.py")
+    script = _script("scripts/synthetic_clip.py")
     clips, skipped = {}, []
     for name in names:
         command = [
@@ -197,12 +197,12 @@ def render_clips(context: Context, names: Sequence[str], how: Sequence[str] = ()
 
 
 def measure_blender(context: Context) -> Findings:
-    """`scripts/bench_blender.py` under this Python's bpy."""
+    """`tools/bench_blender.py` under this Python's bpy."""
     from importlib.util import find_spec
 
     if find_spec("bpy") is None:
         raise MissingError("this Python has no bpy; `pip install bpy==4.5.15` brings it to Python 3.11.")
-    measured = context.step("bench", partial(_run, [str(_script("bench_blender.py")), "--json"]))
+    measured = context.step("bench", partial(_run, [str(_script("tools/bench_blender.py")), "--json"]))
     parts = {
         part: row for part, row in measured.items() if isinstance(row, dict)
     }  # beside them stands Blender's version
@@ -302,9 +302,9 @@ def _reached(rows: Sequence[Row], prompt: str) -> str:
 
 
 def _script(name: str) -> Path:
-    if not (SCRIPTS / name).is_file():
-        raise MissingError(f"scripts/{name} comes with the source code, not with the package.")
-    return SCRIPTS / name
+    if not (ROOT / name).is_file():
+        raise MissingError(f"{name} comes with the source code, not with the package.")
+    return ROOT / name
 
 
 def _run(command: Sequence[str]) -> Any:

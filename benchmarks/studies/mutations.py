@@ -34,7 +34,7 @@ from ..study import Context, Findings, MissingError, Row, Table, read_json
 ROOT = Path(__file__).resolve().parents[2]
 """Of a checkout, where the tests lie beside the package."""
 COPIED = (
-    *("f4x_core", "addon", "ground_truth", "benchmarks", "docs", "scripts", "tests"),
+    *("f4x_core", "addon", "ground_truth", "benchmarks", "docs", "scripts", "tests", "tools"),
     *("pyproject.toml", "__init__.py", "README.md"),
 )
 ROOMS = ("fit", "gaussians", "scaffold", "priors", "query", "metrics", "windows")

@@ -13,7 +13,8 @@ from f4x_core.features.spec import FeatureSpec
 from f4x_core.geometry.camera import Camera
 from f4x_core.query.score import cosines
 from f4x_core.scene import Scene
-from f4x_core.scene.view import COVERED, render
+from f4x_core.scene.clouds import COVERED
+from f4x_core.scene.view import render
 
 from ..quality.image_metrics import score_confusion
 from .toy_fits import novel_views

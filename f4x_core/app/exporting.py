@@ -22,7 +22,7 @@ class ExportOptions:
     format: str | None = None
     """Name of an entry of `scene.formats.FORMATS`; None: by the ending of the output."""
     time: float | None = None
-    """One clip frame, from 0, which may lie between two; None: many."""
+    """Clip frame, from 0, which may lie between two; None: many."""
     frames: str | None = None
     """First frame, end and step of many as `A:B:S`; None: all."""
 

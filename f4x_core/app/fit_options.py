@@ -97,7 +97,7 @@ class Cut:
 
 @dataclass(frozen=True)
 class FitRequest:
-    """One fit: a clip, a folder and the options."""
+    """Request of a fit: a clip, a folder and the options."""
 
     source: Path
     """Video file, folder of images or data set."""

@@ -191,7 +191,7 @@ def fit_shots(request: FitRequest, cut: Shots, config: FitConfig, progress: Prog
 
 
 def copy_longest(fitted: Fitted) -> None:
-    """Copy the longest of several shots to where those look who know no shots."""
+    """Copy the longest of several shots to the place of the scene of a clip without cuts."""
     for name in ("scene.f4x", "metrics.json") if len(fitted.scenes) > 1 else ():
         with replace_file(fitted.path.with_name(name)) as file:
             file.write(fitted.main.path.with_name(name).read_bytes())
@@ -216,7 +216,7 @@ def _require_possible(request: FitRequest) -> None:
 
 @dataclass(frozen=True)
 class _Fit:
-    """One fit as it runs, in a folder that no other fit writes into."""
+    """Fit that runs in a folder which no other fit writes into."""
 
     request: FitRequest
     progress: Progress

@@ -30,7 +30,7 @@ class Film:
     views: Trajectory
     """Camera and clip time of every picture."""
     times: np.ndarray | None
-    """Of every picture, as `write_video` takes them; None: evenly spaced."""
+    """Times of all pictures, as `write_video` takes them; None: evenly spaced."""
 
     @classmethod
     def along(cls, scene: Scene, path: str, degrees: float) -> Film:

@@ -29,7 +29,7 @@ class Refitted:
     after: float
     """Mean after it."""
     worst: float
-    """Of the worst view after it."""
+    """PSNR of the worst view after it."""
 
 
 def refit_file(path: Path, config: LinearConfig, resume: bool = False, progress: Progress = silent) -> Refitted:

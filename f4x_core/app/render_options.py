@@ -22,7 +22,7 @@ class RenderOptions:
     video: bool = False
     """Also write a video of every channel."""
     exr: bool = False
-    """One multi-layer EXR a frame in place of PNG."""
+    """True for a multi-layer EXR a frame in place of PNG."""
     motion_blur: float = 0.0
     """Frames for which the shutter is open."""
     aperture: float = 0.0

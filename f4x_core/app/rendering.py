@@ -21,7 +21,8 @@ from ..progress import Progress, silent
 from ..query.pixels import coverage_image
 from ..query.unseen import unseen_image
 from ..scene import Scene
-from ..scene.view import COVERED, render
+from ..scene.clouds import COVERED
+from ..scene.view import render
 from ..scene.visualise import colour_depth, colour_motion, depth_range
 from .encoding import encoder
 from .paths import times_of, trajectory_of

@@ -42,7 +42,7 @@ class Wanted:
     marks: tuple[Mark, ...] = ()
     """Points, boxes, strokes, lassos and masks on it, or on what is not meant."""
     part: bool = False
-    """Of the person at a point the part of the body alone."""
+    """True to select the part of the body at a point, not the whole person."""
     threshold: float = THRESHOLD
     """Smallest score of a selected Gaussian, 0 to 1."""
     span: tuple[float, float] | None = None

@@ -15,11 +15,12 @@ from ..geometry.trajectory import Trajectory, cameras_of
 from ..query.labels import encode_labels
 from ..query.unseen import unseen_gaussians
 from ..scene import Scene
+from ..scene.clouds import Cloud
 from ..scene.color import srgb_from_linear
 from ..scene.cryptomatte import DEPTH, identify
 from ..scene.exposure import Exposure, Lens, Take, shoot
 from ..scene.layers import named_layers, write_exr
-from ..scene.stage import MATTE, Cloud, DrawSettings
+from ..scene.stage import MATTE, DrawSettings
 from .render_options import RenderOptions
 
 MASK = "mask:"
@@ -32,7 +33,7 @@ MAX_SAMPLES = 1024
 
 @dataclass(frozen=True, eq=False)
 class Mattes:
-    """What the mattes tell apart: the scene, and in it every selection that an edit named or a channel `mask:LABEL` asks for."""
+    """Names and ids of the mattes: the scene, and each selection that an edit named or a channel `mask:LABEL` asks for."""
 
     names: tuple[str, ...]
     """The scene's own first."""

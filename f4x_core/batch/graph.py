@@ -38,7 +38,7 @@ CLIP = "{clip}"
 
 @dataclass(frozen=True)
 class Task:
-    """One task of one row. Its commands run in a folder that holds only its inputs; the files that they add are its result."""
+    """Task of a row. Its commands run in a folder that holds only its inputs; the files that they add are its result."""
 
     row: str
     """Name of the row."""
@@ -160,7 +160,7 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
 
 
 def fitted_in_windows(row: Row) -> bool:
-    """Whether `f4x fit` splits the clip into windows, each of which computes its own priors."""
+    """Return True if `f4x fit` splits the clip into windows, each of which computes its own priors."""
     return declared_frames(row)[0] > LONG if row.window is None else row.window > 0
 
 

@@ -38,16 +38,16 @@ MIN_VALUES = {"threads": 1, "parts": 1, "seed": 0, "width": 2, "hold_out": 2, "w
 PATHS = re.compile(r"original|orbit|stabilise|(frozen|bullet):\d+(\.\d+)?|slow:([1-9]\d?(\.\d+)?|100)|.+\.json")
 """Valid entries of the column `paths`."""
 KNOWN_PATHS = ("original", "orbit", "stabilise", "slow:FACTOR", "bullet:T", "frozen:T", "FILE.json")
-"""The same for people."""
+"""Kinds of paths, for people."""
 BACKENDS = ("auto", *CPU_BACKENDS)
-"""What `backend` takes."""
+"""Values of the column `backend`."""
 PAGE = "index.html"
 """File name of the batch's page, beside the folders of the rows."""
 
 
 @dataclass(frozen=True)
 class Row(Record):
-    """One clip and what to do with it; each field is a column of the manifest.
+    """Clip and the work on it; each field is a column of the manifest.
 
     Options of `f4x fit` have the same names there; None means its default.
     """
@@ -57,7 +57,7 @@ class Row(Record):
     name: str = ""
     """Name of the row and its folder; `{parent}` and `{stem}` stand for parts of the clip's path; empty: the clip's name."""
     profile: str | None = None
-    """How much work to spend on the fit."""
+    """Profile of the fit, which decides the amount of work."""
     frames: str | None = None
     """Frames to use, A:B:S."""
     width: int | None = None
@@ -83,7 +83,7 @@ class Row(Record):
     threads: int = 1
     """Cores that each task of the row uses; results are bit-equal for an equal number."""
     backend: str = "auto"
-    """What draws."""
+    """Raster backend."""
     features: tuple[str, ...] = ()
     """Teachers whose features are distilled into the scene."""
     vocabulary: tuple[str, ...] = ()

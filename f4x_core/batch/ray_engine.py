@@ -20,7 +20,7 @@ from .storage import open_store
 from .work import ROOT, Outcome, Settings, run_task
 
 RETRIES = 5
-"""How often a task is restarted when its worker or its node dies; it resumes from its saved files."""
+"""Maximum restarts of a task whose worker or node dies; it resumes from its saved files."""
 PATIENCE = 5.0
 """Seconds until an address that does not answer counts as unreachable."""
 PROBE_PATIENCE = 60.0
@@ -199,7 +199,7 @@ def _make_probe() -> Callable[[str, str, str], tuple[str | None, str, bool]]:
 
 
 def sees(url: str, name: str) -> bool:
-    """Whether this machine can read a file of a store."""
+    """Return True if this machine can read a file of a store."""
     with contextlib.suppress(F4xError, OSError):
         return open_store(url).read(name) is not None
     return False

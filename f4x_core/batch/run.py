@@ -303,7 +303,7 @@ def _is_record(name: str) -> bool:
 
 
 def _old_files(store: Store, each: RowState, names: Set[str]) -> Iterator[str]:
-    """Those of the files `names` that earlier tasks of the row made, or that tasks saved which are no longer in the manifest.
+    """Yield the files of `names` that earlier tasks of the row made, or that tasks saved which are no longer in the manifest.
 
     `names` holds no file of a kept task. The record of a failed task stays while the task is in the manifest, for its error.
     """

@@ -1,4 +1,4 @@
-"""Where a batch writes: a folder, or whatever `fsspec` knows by URL (`s3://`, `gs://`, `memory://`).
+"""Store of a batch: a folder, or whatever `fsspec` knows by URL (`s3://`, `gs://`, `memory://`).
 
 A name is relative to the store, with `/` between its parts. A file exists completely or not at all: a folder renames it into place,
 and an object store shows an object when its upload ends. If a URL leads to real folders (`sftp://`, `smb://`), a file can be seen
@@ -24,7 +24,7 @@ from ..files import link_target, neighbour, replace_file, user_path
 CHUNK = 1 << 20
 """Bytes that are hashed at a time."""
 URL = "://"
-"""What marks a place as a URL."""
+"""Text that marks a place as a URL."""
 
 
 class Store(Protocol):

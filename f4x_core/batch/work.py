@@ -63,11 +63,11 @@ class Outcome:
     key: str
     """Key of the task at the time when it ran."""
     state: Literal["done", "failed", "stopped"]
-    """How it ended."""
+    """Outcome of the task."""
     error: str = ""
-    """Why it failed, in one sentence."""
+    """Reason of its failure, in one sentence."""
     note: str = ""
-    """What a person should know about a task that succeeded, for example that a query found nothing."""
+    """Note for a person about a task that succeeded, for example that a query found nothing."""
     host: str = ""
     """Name of the machine that ran it."""
     seconds: float = 0.0
@@ -79,7 +79,7 @@ class Outcome:
     memory: int = 0
     """Peak memory of a command in bytes."""
     attempts: int = 1
-    """How often it was started."""
+    """Number of starts."""
     results: tuple[dict[str, Any], ...] = ()
     """Numbers and strings of each command's result, as in `f4x VERB --json`."""
     files: dict[str, int] = field(default_factory=dict)
@@ -118,7 +118,7 @@ def run_task(
 
 
 class Attempt:
-    """One attempt at a task, in a folder of its own."""
+    """Attempt at a task, in a folder of its own."""
 
     def __init__(self, task: Task, settings: Settings):
         """Prepare an attempt without changing any file. Raises F4xError if the store cannot be opened."""

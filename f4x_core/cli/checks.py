@@ -1,4 +1,4 @@
-"""What arguments have to be, whichever verb they belong to; refused before any work."""
+"""Checks of arguments that several verbs share; wrong ones are refused before any work."""
 
 from __future__ import annotations
 

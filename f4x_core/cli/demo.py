@@ -51,7 +51,7 @@ class DemoClip:
     """The rendered clip: short and small enough for two cores and ten minutes."""
 
     scene: str = "procedural"
-    """Which scene `scripts/synthetic_clip.py` builds."""
+    """Name of the scene that `scripts/synthetic_clip.py` builds."""
     frames: int = 30
     """Clip frames."""
     size: str = "288x162"

@@ -43,7 +43,7 @@ NEEDED = {
     ),
     "people": ((), ("ai-edge-litert", "mediapipe==0.10.21")),
 }
-"""What a person may want -> packages for it, and those that have to come without what they ask for."""
+"""Purpose -> packages for it, and those that have to be installed without their dependencies."""
 PUBLIC_NAMES = {"", "root", "user", "localhost"}
 """Names that name nobody."""
 _PATH = re.compile(r"(?<![\w:])(?:~|[A-Za-z]:)?(?:[\\/][\w.+ -]*[\w.+-]){2,}[\\/]?")
@@ -99,7 +99,7 @@ def _version(package: str) -> str:
 
 
 def _ability(packages: tuple[str, ...], bare: tuple[str, ...]) -> str:
-    """Whether all packages are there, or the commands that install the others."""
+    """Return "ready" if all packages are there, else the commands that install the others."""
     groups = (("pip install", packages), ("pip install --no-deps", bare))
     missing = {command: [name for name in names if not _version(name.partition("==")[0])] for command, names in groups}
     commands = [f"{command} {' '.join(names)}" for command, names in missing.items() if names]

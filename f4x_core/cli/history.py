@@ -102,7 +102,7 @@ def _in_words(path: str, stack: EditStack) -> dict[int, str]:
 
 
 def edit_line(edit: Edit, does: str) -> str:
-    """One line: what the edit does and the sentence that it came from."""
+    """Return a line: the effect of the edit and the sentence that it came from."""
     sentence = f' ("{edit.sentence}")' if edit.sentence not in ("", does) else ""
     return one_line(f"{does}{sentence}{'' if edit.enabled else ' [off]'}")
 

@@ -23,7 +23,7 @@ EXIT_BAD_INPUT = 2
 EXIT_UNREAD = 141
 """Exit code where the reader of standard output has gone, as `head -1` does: that of a program that SIGPIPE ends."""
 IDLE_THREADS = ("OMP_WAIT_POLICY", "PASSIVE")
-"""How torch's threads wait for work, where nobody said otherwise: asleep. By default they spin and take the cores from each other
+"""Variable and value that let torch's idle threads sleep. By default they spin and take the cores from each other
 and from Blender: beside three busy programs `f4x eval` then takes 35 s in place of 21 on two cores; alone it is the same."""
 AGAIN = {
     **dict.fromkeys(("fit", "refit"), "; the same command with --resume continues"),
@@ -118,7 +118,7 @@ def _report(args: argparse.Namespace, lines: LineProgress | None, result: dict[s
 
 
 def _again(args: argparse.Namespace) -> str:
-    """How a stopped command goes on; empty where it left nothing to go on from."""
+    """Return the sentence that tells how to continue a stopped command; empty where it left nothing to continue from."""
     folder = getattr(args, "output", None)  # None: it was stopped while its arguments were read
     if args.verb == "fit" and (folder is None or not any(any(folder.glob(pattern)) for pattern in SAVED)):
         return ""

@@ -57,7 +57,7 @@ def _ids_of(scene: Scene, args: argparse.Namespace, progress: Progress) -> np.nd
 
 
 def _told(scene: Scene, mesh: SplatMesh, args: argparse.Namespace) -> dict[str, Any]:
-    """What was written, and how far other programs will be off."""
+    """Print and return the counts of the mesh, and how far other programs will be off."""
     result: dict[str, Any] = {
         "output": str(args.output),
         "vertices": len(mesh.vertices),

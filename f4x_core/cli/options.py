@@ -10,7 +10,7 @@ from .checks import path_argument, scene_argument
 
 Verbs: TypeAlias = "argparse._SubParsersAction[Any]"
 CLIP = "video file, image folder, or NVIDIA / DyCheck / DAVIS data set"
-"""What a clip may be."""
+"""Kinds of clips, for help texts."""
 PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
 
 
@@ -40,12 +40,12 @@ def output_option(sub: argparse.ArgumentParser, metavar: str = "DIR", **more: An
 
 
 def backend_option(sub: argparse.ArgumentParser) -> None:
-    """Which raster backend draws."""
+    """Add the option of the raster backend."""
     sub.add_argument("--backend", choices=("auto", *CPU_BACKENDS), default="auto", help="what draws (default: auto)")
 
 
 def clip_options(sub: argparse.ArgumentParser) -> None:
-    """Which frames of a clip, and how large."""
+    """Add options of frames and size of a clip."""
     sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the frames to use")
     sub.add_argument(
         "--width",
@@ -115,7 +115,7 @@ def mark_options(sub: argparse.ArgumentParser, point: str) -> None:
 
 
 def prompt_options(sub: argparse.ArgumentParser) -> None:
-    """What selects Gaussians: words and marks."""
+    """Add options that select Gaussians by words and marks."""
     sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
     sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
     mark_options(sub, "--point")

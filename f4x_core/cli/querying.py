@@ -29,7 +29,7 @@ from ..scene.posing import require_time
 MARKS = ("text", "point", "box", "brush", "lasso", "mask")
 """Options that say what is meant, in any mix."""
 ALONE = ("point", "box", "mask")
-"""Those of them that are solved as a prompt of one kind where nothing else is given: a mask is followed."""
+"""Marks that are solved as a prompt of one kind where nothing else is given: a mask is followed."""
 
 
 def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""One video as arrays: its frames and times, and the cameras, masks and depth that its folder comes with."""
+"""Reads a video as arrays: frames and times, and the cameras, masks and depth that its folder comes with."""
 
 from .images import write_images
 from .model import Clip

@@ -25,7 +25,7 @@ GLIMPSES = 12
 THIN, THICK = 0.02, 0.35
 """Least and greatest part of a side that a bar takes: less may be a dark edge, more leaves no picture."""
 ALIKE = 0.02
-"""Of a side, up to which two opposite bars differ: films are centred, and nights are dark on one side."""
+"""Maximum difference of two opposite bars, as a fraction of the side: films are centred, and nights are dark on one side."""
 BLEED = 2
 """Pixels beside a bar that are cut off with it: compression mixes both."""
 
@@ -60,7 +60,7 @@ def _bars(black: np.ndarray) -> tuple[int, int]:
 
 
 def picture_of(source: Path, layout: Layout | None) -> Picture | None:
-    """Where the picture is in the frames of a film or, with its `layout`, of a folder; None where they have no bars.
+    """Return the picture's rectangle in the frames of a film or, with its `layout`, of a folder; None where they have no bars.
 
     It depends on the source alone, so that every part of it is cut alike. Cameras that a folder comes with are those of its
     whole pictures.

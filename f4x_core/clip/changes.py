@@ -119,17 +119,17 @@ def _surroundings(views: Iterable[_View]) -> Iterator[tuple[list[_View], list[_V
 
 
 def _known(side: list[_View]) -> bool:
-    """Whether the first view belongs to one shot with another view of the list, or is the only one."""
+    """Return True if the first view belongs to one shot with another view of the list, or is the only one."""
     return len(side) == 1 or any(_one_shot(side[0], other) for other in side[1:])
 
 
 def _one_shot(a: _View, b: _View) -> bool:
-    """Whether two views look alike or show one place."""
+    """Return True if two views look alike or show one place."""
     return _match(a.cells, b.cells)[0] >= DIFFERENT or _same_place(a, b)
 
 
 def _same_place(a: _View, b: _View) -> bool:
-    """Whether features over much of the image match under one similarity (shift, rotation and zoom)."""
+    """Return True if features over much of the image match under one similarity (shift, rotation and zoom)."""
     import cv2
 
     (points, descriptors), (other_points, other_descriptors) = a.features, b.features

@@ -1,4 +1,4 @@
-"""When the frames of a clip were taken, in clip frames: the unit of every time that later stages know."""
+"""Times of the frames of a clip, in clip frames: the unit of every time that later stages know."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,7 +8,7 @@ import numpy as np
 from .notes import Note, gaps
 
 DEFAULT_FPS = 24.0
-"""Of folders and films that do not tell; also the rate of DAVIS."""
+"""Frames a second of folders and films that do not tell; also the rate of DAVIS."""
 RATE_TOLERANCE = 0.01
 """Relative; where the file's own frame rate is off by more, its time stamps are believed: a file cut short keeps the rate of the
 whole, and some formats only guess one."""
@@ -29,7 +29,7 @@ GRID = 1024
 
 
 class Shown(NamedTuple):
-    """One picture of a source and when it is shown."""
+    """Picture of a source, with its time."""
 
     pixels: np.ndarray
     """(H, W, 3) uint8 sRGB."""

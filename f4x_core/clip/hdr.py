@@ -23,7 +23,7 @@ LUMA = np.array([0.2627, 0.6780, 0.0593], np.float32)
 TO_709 = np.array([[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]], np.float32)
 """Linear light from BT.2020's primaries to those of BT.709 and sRGB, ITU-R BT.2407."""
 SYSTEM_GAMMA = 1.2
-"""Of HLG's OOTF for a display of `PEAK`, ITU-R BT.2100."""
+"""Gamma of HLG's OOTF for a display of `PEAK`, ITU-R BT.2100."""
 
 
 def to_srgb(code: np.ndarray, transfer: Transfer) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What lies in a folder: the data-set layouts, each described as file lists, cameras, masks and depth.
+"""Recognises the data-set layouts of folders; each is described as file lists, cameras, masks and depth.
 
 A layout function returns a `Layout` when the folder is of its kind, otherwise None, and raises F4xError when the folder
 is of its kind but broken. What a data set keeps back for measuring is a layout too (`find_novel`). Nothing is decoded here.
@@ -51,9 +51,9 @@ class Layout:
     images: list[Path]
     fps: float = DEFAULT_FPS
     masks: list[Path] = field(default_factory=list)
-    """One file per image, or none."""
+    """Files, one for each image, or none."""
     depth: list[Path] = field(default_factory=list)
-    """One `.npy` per image, or none."""
+    """`.npy` files, one for each image, or none."""
     intrinsics: np.ndarray | None = None
     """(T, 3, 3) pixels of the native size."""
     world_to_camera: np.ndarray | None = None
@@ -61,7 +61,7 @@ class Layout:
     size: tuple[int, int] | None = None
     """(width, height) that the intrinsics belong to."""
     distortions: list[Distortion] = field(default_factory=list)
-    """One per image where a lens distorts, else none."""
+    """Lens distortions, one for each image, or none."""
     times: np.ndarray | None = None
     """(T,) frames of the clip in whose folder it lies, when it is a camera kept back for measuring."""
     factor: int | None = None
@@ -86,7 +86,7 @@ class Layout:
 
 
 class Item(NamedTuple):
-    """One picture of a Nerfies folder."""
+    """Picture of a Nerfies folder."""
 
     time: int
     camera: int

@@ -20,7 +20,7 @@ MIN_SIDE = 16
 
 @dataclass(frozen=True)
 class Picture:
-    """Where the picture is in the frames of a source: pixels `left` to `right` of `width`, `top` to `bottom` of `height`."""
+    """Rectangle of the picture in a source's frames: pixels `left` to `right` of `width`, `top` to `bottom` of `height`."""
 
     left: int
     top: int
@@ -84,7 +84,7 @@ class Clip:
     depth: np.ndarray | None = None
     """(T, H, W) float32, z depth in the units of `cameras`, NaN = unknown."""
     picture: Picture | None = None
-    """Which part of the frames of the source these are, where black bars were cut off (`clip.bars`); None: all of them."""
+    """Rectangle that was cut out of the source's frames, where they have black bars (`clip.bars`); None: all of them."""
     hidden: np.ndarray | None = None
     """(T, H, W) bool: pixels that nobody saw, as alpha hides them; they have the colours around them. None: all are seen."""
     remarks: tuple[Remark, ...] = ()
@@ -135,7 +135,7 @@ class Clip:
 
     @property
     def steady(self) -> bool:
-        """Whether the frames are evenly spaced, so that their times are their indices."""
+        """True if the frames are evenly spaced, so that their times are their indices."""
         return are_indices(self.times)
 
     @property

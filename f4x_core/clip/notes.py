@@ -21,13 +21,13 @@ NAMED = 8
 
 
 class Note(NamedTuple):
-    """One thing that was done at one frame, or to the whole source."""
+    """Note of something that was done at one frame, or to the whole source."""
 
     kind: Kind
     frame: int
     """Number of the frame among all of the source, with those that are left out; 0 for the whole source."""
     seconds: float = np.nan
-    """When it happened, by the time stamps; NaN = unknown."""
+    """Time stamp of the event in seconds; NaN = unknown."""
     text: str = ""
     """Text that the sentence of its kind needs; for `source` the sentence itself."""
 
@@ -47,7 +47,7 @@ class Remark:
 def remarks(
     notes: Iterable[Note], numbers: np.ndarray, whole: tuple[bool, bool] = (False, False)
 ) -> tuple[Remark, ...]:
-    """One remark for each kind of notes, as far as they are of the clip whose frames have these `numbers (T,)` in the source.
+    """Return a remark for each kind of notes about the clip whose frames have these `numbers (T,)` in the source.
 
     `whole`: whether the clip begins and ends with the source, so that what was left out there is told. The remarks name clip
     frames: of what was left out, the first frame behind it. A gap where frames were left out is not told again.

@@ -7,7 +7,7 @@ import numpy as np
 SEEN = 128
 """Alpha (of 255) from which a pixel is seen."""
 BITS = (10, 12)
-"""Of values that cameras write into 16 bits without making them larger."""
+"""Bits of values that cameras write into 16 bits without making them larger."""
 WHITE = 65535
 """Largest value of 16 bits."""
 TOLERANCE = 0.01

@@ -165,7 +165,7 @@ def _read(source: Source, span: slice, size: Size, alpha_is_mask: bool, progress
 
 
 def _stacked(kept: list[np.ndarray], file: Path) -> np.ndarray:
-    """One array of the frames, which it takes out of `kept` on the way, so that memory holds them once."""
+    """Stack the frames, taking them out of `kept` on the way, so that memory holds them once."""
     try:
         frames = np.empty((len(kept), *kept[0].shape), np.uint8)
     except MemoryError as error:

@@ -28,7 +28,7 @@ def camera_poses(scene: RenderedScene, times: np.ndarray, seed: int) -> tuple[np
 
 
 def _smooth_path(move: CameraMove, focus: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The path without the hand."""
+    """Return the camera's path without the tremble of the hand."""
     length, zero = move.path * move.distance, np.zeros_like(times)
     start = np.array([0.0, -move.distance, move.height])
     if move.kind == "sweep":

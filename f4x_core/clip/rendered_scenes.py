@@ -22,7 +22,7 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class CameraMove:
-    """Which way the camera goes, with a hand's seeded tremble."""
+    """Motion of the camera, with a hand's seeded tremble."""
 
     kind: str = "sweep"
     """`sweep` (sideways, in a slight arc), `walk` (forward), `orbit` (around the focus), `pan` (turns on the spot, with a
@@ -52,12 +52,12 @@ class Swing:
     times: float
     """There and back during the clip."""
     lowest: float
-    """Of the body above the ground where it hangs straight down, metres."""
+    """Height of the body's lowest point above the ground where it hangs straight down, metres."""
 
 
 @dataclass(frozen=True)
 class Way:
-    """How a body moves: along a smooth curve over the ground, turning, rolling, hopping, falling or swinging."""
+    """Motion of a body: along a smooth curve over the ground, turning, rolling, hopping, falling or swinging."""
 
     stops: tuple[tuple[float, float, float], ...]
     """(time 0..1, x, y): the curve passes through them."""
@@ -66,7 +66,7 @@ class Way:
     rolls: bool = False
     """Turns as a ball of its height rolls along the curve."""
     hops: tuple[int, float] = (0, 0.0)
-    """How many hops of which height, metres."""
+    """Number and height of hops, metres."""
     drop: float = 0.0
     """Height (metres) from which it falls at first; it bounces, tumbles and comes to rest on a side."""
     swing: Swing | None = None
@@ -100,7 +100,7 @@ class Figure:
     """Name of the action in the file."""
     way: Way
     height: float = 1.75
-    """Of the model at rest, metres."""
+    """Height of the model at rest, metres."""
     heading: float = 0.0
     """Degrees about the vertical at the start: 0 looks towards -y, where the camera is, 90 to the right."""
     pace: float = 1.0
@@ -109,7 +109,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class RenderedScene:
-    """One rendered clip."""
+    """Settings of a rendered clip."""
 
     name: str
     setting: str = "field"
@@ -117,20 +117,20 @@ class RenderedScene:
     or the room with a figure: `procedural`, `knight`, `fox`."""
     camera: CameraMove = CameraMove()
     bodies: tuple[Body, ...] = ()
-    """What moves, and what stands near it."""
+    """Moving bodies, and objects near them."""
     frames: int = 24
     size: tuple[int, int] = (240, 136)
     """Width and height of the pictures, pixels."""
     focus_height: float = 0.7
-    """Of the focus, metres."""
+    """Height of the focus, metres."""
     aside: tuple[str, ...] = ("left", "right", "up")
-    """Where the extra cameras stand."""
+    """Places of the extra cameras."""
     props: int = 9
     """Seeded boxes and posts that stand around."""
     look: int = 0
     """Seed of ground, wall and props."""
     contrast: float = 1.0
-    """Of all patterns but the figures' own."""
+    """Contrast of all patterns but the figures' own."""
     figures: tuple[Figure, ...] = ()
     """People, of a `field` or a `yard`."""
 

@@ -9,7 +9,7 @@ import numpy as np
 SIZE = 256
 """Pixels along a side."""
 COLOURS = 6
-"""Of a pattern."""
+"""Number of colours of a pattern."""
 
 
 def texture(seed: int, pattern: str = "", strength: float = 1.0) -> np.ndarray:

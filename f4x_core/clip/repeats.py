@@ -19,7 +19,7 @@ FRACTION = 1 / 6
 """A repeat differs less than this fraction of the difference of the frames around it. Measured at six codecs and rates: repeats
 have at most 0.12; neighbouring frames of twelve clips have at least 0.56 of their neighbours' difference."""
 MAX_REPEATS = 5
-"""Of one frame, as of 10 frames a second shown at 60. What stands still for longer is filmed so, and is kept."""
+"""Maximum repeats of a frame, as of 10 frames a second shown at 60. A longer standstill was filmed so, and is kept."""
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> float:

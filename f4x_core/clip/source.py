@@ -34,7 +34,7 @@ class Source:
     path: Path
     layout: Layout | None
     white: int = WHITE
-    """Of pictures of 16 bits."""
+    """White level of pictures of 16 bits."""
     notes: list[Note] = field(default_factory=list)
     """Notes so far on frames and stamps that were left out, mended or guessed."""
     stamps: list[float] = field(default_factory=list)

@@ -66,7 +66,7 @@ class ClipStream:
     """
 
     source: Path
-    """As `read_clip` takes it."""
+    """Source as `read_clip` takes it."""
     picked: str | None
     """The `frames` of `read_clip`."""
     width: int

@@ -23,9 +23,9 @@ MARKING = {"h264", "mpeg1video", "mpeg2video", "mpeg4"}
 TRACED = {"h264": "pict"}
 """Decoder -> FFmpeg's option `debug`: they mark no missing picture, but their log shows it."""
 UNIT = re.compile(r"nal_unit_type: ([15])\(.*?nal_ref_idc: (\d)")
-"""Of a slice: 5 where it restarts the count of references, and 0 where no other picture is built on it."""
+"""Type and reference flag of a slice: 5 restarts the count of references; at 0 no other picture is built on it."""
 COUNT = re.compile(r"\bframe:(\d+)")
-"""Of a slice: references before it, `frame_num` of ITU-T H.264, 7.4.3; it begins again at a power of 2 from 16 on."""
+"""References before a slice, `frame_num` of ITU-T H.264, 7.4.3; begins again at a power of 2 from 16 on."""
 LEAST_COUNTED = 16
 LEAVE_OUT_BY_THEMSELVES = {"hevc"}
 """Decoders that give no frame for a packet that is built on a missing one, and one for every other packet."""
@@ -57,7 +57,7 @@ class UndamagedFrames:
         self.keys: list[int] = []
         """Packets of key frames."""
         self.key_stamps: list[int | None] = []
-        """When they are shown."""
+        """Time stamps at which they are shown."""
         self.damaged: list[float] = []
         """Damaged packets; those without a frame of their own count, too. A half is a loss between two."""
         self.open: dict[int, float] = {}

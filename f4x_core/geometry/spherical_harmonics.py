@@ -90,6 +90,19 @@ def evaluate(sh: Array, directions: Array) -> Array:
     return xp.where(rgb > 0, rgb, xp.zeros_like(rgb))
 
 
+def seen_from(center: np.ndarray, means: np.ndarray, sh: np.ndarray, turn: np.ndarray | None = None) -> np.ndarray:
+    """Return colours (N,3) >= 0 of Gaussians `means (N,3)`, `sh (N,S,3)` seen from `center (3,)`, all in one frame.
+
+    `turn (N,4)` is the rotation of each Gaussian, with which its appearance turns: the view direction is taken into its own frame.
+    """
+    if sh.shape[1] == 1:
+        return np.maximum(rgb_from_dc(sh[:, 0]), 0)
+    directions: np.ndarray = means - center.astype(np.float32)
+    if turn is not None:
+        directions = quaternion.rotate(quaternion.conjugate(turn), directions)
+    return evaluate(sh, directions)
+
+
 def rotate(sh: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Rotate the coloured sphere itself: `evaluate(rotate(sh, q), R d) == evaluate(sh, d)`.
 

@@ -63,6 +63,10 @@ def provide_nobody(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
     write_people([], priors)
 
 
+PROVIDERS = {("people", "networks"): provide, ("people", "none"): provide_nobody}
+"""What `priors.providers.find` finds here."""
+
+
 def write_people(people: list[Person], priors: Priors) -> None:
     """Write the masks of all people as one map of who is most probable, and their joints.
 

@@ -1,4 +1,4 @@
-"""Who can fill which part of a priors folder. Modules are imported only when their provider is used."""
+"""The providers of each stage of a priors folder, by name. A provider's module is imported when the provider is used."""
 
 from __future__ import annotations
 
@@ -38,8 +38,6 @@ STAGES: dict[str, tuple[str, ...]] = {
 PROVIDERS: dict[tuple[str, str], str | Provider] = {
     ("flow", "classical"): "flow:provide",
     ("tracks", "classical"): "tracks:provide",
-    ("people", "networks"): ".people.provider:provide",
-    ("people", "none"): ".people.provider:provide_nobody",
     ("motion", "classical"): "motion:provide",
     ("cameras", "classical"): "cameras:provide",
     ("depth", "classical"): "depth:provide",
@@ -49,13 +47,10 @@ PROVIDERS: dict[tuple[str, str], str | Provider] = {
     ("motion", "synthetic"): "synthetic:provide_motion",
     ("cameras", "synthetic"): "synthetic:provide_cameras",
     ("depth", "synthetic"): "synthetic:provide_depth",
-    ("depth", "depth-anything"): ".features.models.providers:provide_depth",
-    ("depth", "depth-anything-3"): ".features.models.providers:provide_depth",
-    ("depth", "depth-anything-3-base"): ".features.models.providers:provide_depth",
-    ("cameras", "depth-anything-3"): ".features.models.providers:provide_cameras",
-    ("cameras", "depth-anything-3-base"): ".features.models.providers:provide_cameras",
 }
-"""(stage, name) -> callable, or `module:function` of this room (with a dot before it, of another) imported when first needed."""
+"""(stage, name) -> callable, or `module:function` of this room, imported when first needed."""
+ELSEWHERE = (".people.provider", ".features.models.providers")
+"""Modules of other rooms with a table `PROVIDERS` of their own, read when a name is asked for that this room does not have."""
 
 
 def register(stage: str, name: str, provider: str | Provider) -> None:
@@ -66,12 +61,17 @@ def register(stage: str, name: str, provider: str | Provider) -> None:
 
 
 def find(stage: str, name: str) -> Callable[..., None]:
-    """The provider of `stage` called `name`; F4xError lists the known ones otherwise."""
-    if (stage, name) not in PROVIDERS:
-        known = ", ".join(sorted(provider for known_stage, provider in PROVIDERS if known_stage == stage))
-        raise F4xError(f"There is no provider '{name}' for {stage}; choose one of: {known}.")
-    provider = PROVIDERS[stage, name]
+    """Return the provider of `stage` called `name`; F4xError lists the known ones otherwise."""
+    known = PROVIDERS
+    if (stage, name) not in known:
+        known = {**known}
+        for module in ELSEWHERE:
+            known |= import_module(f".{module}", __package__).PROVIDERS
+    if (stage, name) not in known:
+        names = ", ".join(sorted(provider for known_stage, provider in known if known_stage == stage))
+        raise F4xError(f"There is no provider '{name}' for {stage}; choose one of: {names}.")
+    provider = known[stage, name]
     if isinstance(provider, str):
         module, function = provider.split(":")
-        provider = getattr(import_module(f".{module}", __package__), function)
+        return getattr(import_module(f".{module}", __package__), function)
     return provider

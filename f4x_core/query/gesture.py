@@ -14,7 +14,7 @@ from ..errors import F4xError
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..scene import Scene
-from ..scene.stage import Cloud, fitted_config
+from ..scene.clouds import Cloud, fitted_config
 from .blend_weights import seen_sums
 from .marks import Mark
 from .not_deleted import not_deleted

@@ -10,7 +10,8 @@ from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress, silent
 from ..scene import Scene
-from ..scene.view import COVERED, render
+from ..scene.clouds import COVERED
+from ..scene.view import render
 from ..scene.visualise import SPECTRUM
 from .labels import TextQuery
 from .score import text_scores

@@ -10,7 +10,7 @@ from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..scene import MADE_UP, Scene
-from ..scene.stage import Cloud, fitted_config
+from ..scene.clouds import Cloud, fitted_config
 from .blend_weights import seen_sums
 from .pixels import coverage_by
 

@@ -1,4 +1,15 @@
-"""Rasteriser: composites any number of channels of 3D Gaussians front to back, with gradients."""
+"""Rasteriser: composites any number of channels of 3D Gaussians front to back, with gradients.
+
+Five backends, each for a case that no other one covers:
+
+* `native`: compiled, float32 on the CPU, with gradients. What `auto` takes.
+* `gsplat`: float32 on CUDA, with gradients.
+* `reference`: a loop over pixels in float64, with gradients. The others are tested against it.
+* `torch`: gradients for any dtype and device where neither of the first two runs: no library for the platform, no compiler, a
+  failed self-check, CUDA without gsplat. One step on 20,000 Gaussians and 120 x 68 pixels takes .01 s of processor by `native`,
+  .9 s by `torch` and 40 s by `reference`: without it nothing could be fitted there.
+* `plain`: numpy alone, pictures without gradients. Blender's own Python has no torch, and no library on some platforms.
+"""
 
 from __future__ import annotations
 
@@ -30,9 +41,9 @@ __all__ = [
 ]
 
 CPU_BACKENDS = ("native", "torch", "reference")
-"""What renders tensors on the CPU, which all of `f4x` has."""
+"""Backends that render tensors on the CPU; all of `f4x` offers them."""
 BACKENDS = (*CPU_BACKENDS, "gsplat")
-"""What renders with gradients. `plain` besides is numpy alone and draws pictures only."""
+"""Backends with gradients; `plain` draws pictures only."""
 DRAW_PARTS = ("native", "reference", "plain")
 
 
@@ -141,7 +152,7 @@ def choose_backend(backend: str, means: Array | None = None, *, partial: bool = 
 
 
 def why_not(backend: str) -> str | None:
-    """Why one of `BACKENDS` cannot run here; None when it can."""
+    """Return why one of `BACKENDS` cannot run here; None when it can."""
     if backend == "gsplat":
         return _why_not_gsplat()
     if backend != "native":

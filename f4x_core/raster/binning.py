@@ -136,5 +136,5 @@ def _tile_range(low: Tensor, high: Tensor, size: int, side: int) -> tuple[Tensor
 
 
 def _starts(lengths: Tensor) -> Tensor:
-    """Where each run starts when runs of these lengths follow each other."""
+    """Return the start of each run, where runs of these lengths follow each other."""
     return lengths.cumsum(0) - lengths

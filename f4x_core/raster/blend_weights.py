@@ -1,4 +1,4 @@
-"""How much each Gaussian weighs in layers of a picture. numpy in and out; torch only for its own backends."""
+"""Sums of the blend weights of each Gaussian over layers of a picture. numpy in and out; torch only for its own backends."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class BlendWeights:
         config: RasterConfig | None = None,
         backend: str = "auto",
     ):
-        """Look at `splats` from `camera`, with so many `channels` of colour.
+        """Prepare `splats` seen from `camera`, with this number of colour `channels`.
 
         Raises:
             F4xError: an unknown backend, or one that is not installed.
@@ -87,7 +87,7 @@ class BlendWeights:
 
     @cached_property
     def _gradient(self) -> Callable[[np.ndarray], np.ndarray]:
-        """Of the colours of what is in view, for that of the picture."""
+        """Function from the gradient of a picture to that of the colours of Gaussians in view."""
         if self._backend == "plain":
             from .plain import blend_weight_sums_plain
 

@@ -1,4 +1,4 @@
-"""What every raster backend takes and gives back. Imports neither torch nor a compiled library."""
+"""Input and output of every raster backend. Imports neither torch nor a compiled library."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class RasterInput:
 
     @property
     def attached_channels(self) -> int:
-        """How many channels, counted from the first, send gradients to opacity, geometry and camera."""
+        """Number of channels, counted from the first, that send gradients to opacity, geometry and camera."""
         return self.colors.shape[1] if self.detached_from is None else self.detached_from
 
     def arrays(self) -> dict[str, Array | None]:
@@ -80,7 +80,7 @@ class RasterInput:
         return {**shape, "colors": self.colors, **camera, **optional}
 
     def with_arrays(self, arrays: Mapping[str, Array | None]) -> RasterInput:
-        """The same view of other `arrays`, named as in `arrays()`."""
+        """Return the same view of other `arrays`, named as in `arrays()`."""
         named: dict[str, Any] = dict(arrays)
         splats = Splats(*(named.pop(name) for name in ("means", "quats", "scales", "opacities")))
         camera = replace(self.camera, intrinsics=named.pop("K"), world_to_camera=named.pop("viewmat"))
@@ -93,7 +93,7 @@ class NotFiniteError(Exception):
 
 @dataclass(frozen=True)
 class RasterOutput:
-    """One rendered view; tensors when tensors came in, numpy arrays when numpy arrays came in."""
+    """Rendered view; tensors when tensors came in, numpy arrays when numpy arrays came in."""
 
     channels: Array
     """(H, W, C) composited channels, with the background where one was given."""

@@ -1,4 +1,4 @@
-"""Which Gaussians a camera can show at all: a cheap test before what costs memory for each of them. numpy alone."""
+"""Finds the Gaussians that a camera can show: a cheap test before anything that costs memory for each. numpy alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What goes into `rasterize`: checked, made floating point, and freed of Gaussians that are not finite. Without torch."""
+"""Checks the input of `rasterize`, makes it floating point, and drops Gaussians that are not finite. Without torch."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def _detached(array: Any) -> Any:
 
 
 def _all_finite(array: Any) -> bool:
-    """Whether the sum is finite: one cheap pass that notices every NaN and infinity, and seldom cries wolf (overflow)."""
+    """Return True if the sum is finite: one cheap pass that notices every NaN and infinity; it fails seldom by overflow."""
     if array is None:
         return True
     with np.errstate(invalid="ignore", over="ignore"):

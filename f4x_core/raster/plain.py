@@ -30,13 +30,13 @@ class _Splats(NamedTuple):
     c: np.ndarray
     opacity: np.ndarray
     half_width: np.ndarray
-    """Of the box around `alpha >= alpha_min`, pixels."""
+    """Half the width of the box around `alpha >= alpha_min`, pixels."""
     half_height: np.ndarray
     z: np.ndarray
     features: np.ndarray
     """(V, 2 + C): 1, z, colours."""
     row: np.ndarray
-    """Which of the N Gaussians it is."""
+    """Rows of the N Gaussians."""
 
     def take(self, index: np.ndarray | slice) -> _Splats:
         """The splats at `index`."""
@@ -136,7 +136,7 @@ def _project(inputs: RasterInput) -> tuple[_Splats, np.ndarray]:
 
 
 def _meets(centre: np.ndarray, half: np.ndarray, pixels: slice) -> np.ndarray:
-    """Whether `centre +- half` reaches a pixel centre between the first and the last of `pixels`."""
+    """Return True where `centre +- half` reaches a pixel centre between the first and the last of `pixels`."""
     return (centre + half >= pixels.start + 0.5) & (centre - half <= pixels.stop - 0.5)
 
 

@@ -157,7 +157,7 @@ def _oversampled(camera: Camera, oversample: int) -> Camera:
 
 
 def reference_rays(splats: Splats, colors: Tensor, camera: Camera, config: RayConfig | None = None) -> Tensor:
-    """The same written out plainly, in float64: (H,W,4). Slow: every Gaussian meets every ray. Differentiable by autograd."""
+    """Composite along rays in float64, plainly: (H,W,4). Slow: every Gaussian meets every ray. Differentiable by autograd."""
     config = config or RayConfig()
     return composite(project(splats.map(Tensor.double), camera, config), colors, camera, config)
 

@@ -13,6 +13,7 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import torch
@@ -144,7 +145,7 @@ def _map(function: Callable[[Item], Result], items: Sequence[Item], threads: int
 
 
 class _Slab(NamedTuple):
-    """One slab of one batch of tiles, kept for the backward pass."""
+    """Slab of a batch of tiles, kept for the backward pass."""
 
     tiles: Tensor
     """(t,)"""
@@ -292,6 +293,20 @@ def _weights(blocks: Tensor, light: Tensor, scene: _Scene) -> tuple[Tensor, Tens
     return after.mul_(ratio), ratio, keep, light
 
 
+@dataclass(frozen=True, eq=False)
+class _Gradients:
+    """Gradients of the tiles, and what the backward pass fills."""
+
+    tiles: Tensor
+    """(tiles, 2 + C, pixels), given."""
+    theta: Tensor
+    """(blocks, 6, SLAB), filled."""
+    feature_rows: Tensor
+    """(blocks * SLAB + 1, 2 + C), filled."""
+    attached: int
+    """Number of channels, counted from the first, that send gradients to alpha."""
+
+
 def _differentiate(
     slabs: list[list[_Slab]], grad_tiles: Tensor, table: Tensor, scene: _Scene, grid: _Grid, attached: int
 ) -> tuple[Tensor, Tensor]:
@@ -305,8 +320,10 @@ def _differentiate(
     table_rows = _scratch("table_rows", table, blocks * SLAB + 1, 6)
     feature_rows[-1], table_rows[-1] = 0, 0
 
+    gradients = _Gradients(grad_tiles, grad_theta, feature_rows, attached)
+
     def task(item: tuple[list[_Slab], int]) -> None:
-        _blend_backward(*item, scene, grad_tiles, grad_theta, feature_rows, attached)
+        _blend_backward(*item, scene, gradients)
 
     _map(task, list(zip(slabs, ends, strict=True)), _threads(scene.config, table))
     grad_table, grad_features = torch.zeros_like(table), torch.zeros_like(scene.features)
@@ -322,20 +339,13 @@ def _differentiate(
     return grad_table, grad_features
 
 
-def _blend_backward(
-    slabs: list[_Slab],
-    end: int,
-    scene: _Scene,
-    grad_tiles: Tensor,
-    grad_theta: Tensor,
-    feature_rows: Tensor,
-    attached: int,
-) -> None:
+def _blend_backward(slabs: list[_Slab], end: int, scene: _Scene, gradients: _Gradients) -> None:
     """Go through a batch's slabs back to front and fill its rows, which end before block `end`.
 
     With w = alpha T and S = features . grad, d out / d log alpha_i = w_i S_i - alpha_i / (1 - alpha_i) sum_{j>i} w_j S_j.
     """
-    theta, channels = scene.theta, grad_tiles.shape[1]
+    theta, grad_tiles, attached = scene.theta, gradients.tiles, gradients.attached
+    channels = grad_tiles.shape[1]
     moments = scene.basis * math.log(2)  # d log2 alpha = d log alpha / ln 2
     clamped = float(1 - theta.new_tensor(scene.config.alpha_max))
     tiles = slabs[-1].tiles
@@ -351,9 +361,9 @@ def _blend_backward(
         suffix.sub_(behind[..., None]).mul_(ratio).add_(shaded)
         # A clamped alpha sends no gradient.
         torch.ops.aten.threshold_backward.grad_input(suffix, keep, clamped, grad_input=suffix)
-        torch.bmm(moments.expand(t, -1, -1), suffix, out=grad_theta[begin:end])
+        torch.bmm(moments.expand(t, -1, -1), suffix, out=gradients.theta[begin:end])
         rows = torch.bmm(grad, weights, out=_scratch("rows", theta, t, channels, SLAB))
-        feature_rows[begin * SLAB : end * SLAB].view(t, SLAB, channels).copy_(rows.transpose(1, 2))
+        gradients.feature_rows[begin * SLAB : end * SLAB].view(t, SLAB, channels).copy_(rows.transpose(1, 2))
         end = begin
         if slab.ancestors is not None:
             tiles, survivors = slab.ancestors

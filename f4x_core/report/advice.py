@@ -1,4 +1,4 @@
-"""Why a scene is poor and what a person can supply, in words: plain rules over the priors, the scaffold and the scores."""
+"""Finds why a scene is poor and what a person can supply: rules over the priors, the scaffold and the scores."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def scaffold_coverage(priors: Priors, scaffold: Scaffold) -> float:
 
 
 def contradiction(priors: Priors) -> float:
-    """How far (pixels, median) static points land from their tracks in a later frame, by the depth and cameras here.
+    """Return the median distance in pixels of static points from their tracks in a later frame, by the depth and cameras here.
 
     Depth, cameras and tracks that are right meet; NaN where one of them is missing.
     """
@@ -152,7 +152,7 @@ def about_reading(remarks: Iterable[Remark]) -> list[Finding]:
 
 
 def about_room(shortages: Sequence[Shortage]) -> list[Finding]:
-    """What there was no room for, one finding."""
+    """Return a finding about Gaussians and nodes that there was no room for."""
     if not shortages:
         return []
     short = [one for one in shortages if one.room.short]
@@ -264,7 +264,7 @@ def _about_unseen_frames(metrics: Mapping[str, Any], profile: str) -> list[Findi
 
 
 def _about_what_moves(metrics: Mapping[str, Any]) -> list[Finding]:
-    """That what moves is shown worse than the rest, in the frames, used or unseen, where the difference is larger."""
+    """Return a finding if moving regions are shown worse than static ones, in used or unseen frames, where the gap is larger."""
     pairs = [
         (where, *(metrics.get(f"{frames}_psnr_{region}{cameras}", np.nan) for region in ("moving", "static")))
         for frames, cameras, where in (("used", "", ""), ("held_out", "_registered", " in unseen frames"))

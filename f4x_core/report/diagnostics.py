@@ -168,7 +168,7 @@ def _box(finding: Finding) -> str:
 
 
 def needs_table(needs: Iterable[Mapping[str, str]]) -> str:
-    """What a scene needed, why, and what that saved (HTML)."""
+    """Return a table (HTML) of a scene's needs, their evidence, and what they saved."""
     columns = ("what", "chosen", "evidence", "saved")
     return page.table(["", *columns[1:]], [[row[name] for name in columns] for row in needs])
 

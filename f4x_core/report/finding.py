@@ -1,4 +1,4 @@
-"""One sentence of the diagnosis: how much it weighs, what was measured, and what a person can do about it."""
+"""Finding of the diagnosis: its weight, the measurement, and what a person can do about it."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -15,14 +15,14 @@ Weight = Literal["problem", "note", "good"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing a person should know about their scene."""
+    """Statement about a scene that a person should know."""
 
     weight: Weight
     """`problem` costs quality, `note` is worth knowing, `good` is fine."""
     what: str
-    """What was measured, one sentence."""
+    """Measurement, one sentence."""
     advice: str = ""
-    """What the person can do or supply; empty when there is nothing to do."""
+    """Action or input that would help; empty when there is nothing to do."""
     cause: str = ""
     """Findings of one cause become one (`by_cause`); empty: it has its own."""
 

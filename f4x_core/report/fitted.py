@@ -19,7 +19,7 @@ class FittedScene:
     frames: tuple[int, int]
     """First frame and end, counted in the frames of the clip that are used."""
     picked: str
-    """The same frames in the source, as `--frames` writes them."""
+    """Frames in the source, as `--frames` writes them."""
     size: tuple[int, int]
     """Width and height of its pictures."""
     windows: int
@@ -54,7 +54,7 @@ class FittedScene:
         return self.path.with_name("diagnostics.html")
 
     def to_json(self) -> dict[str, Any]:
-        """As `--json` prints the shots of a long clip."""
+        """Return the fields that `--json` prints for a shot of a long clip."""
         return {
             "scene": str(self.path),
             "frames": list(self.frames),

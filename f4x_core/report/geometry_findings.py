@@ -1,4 +1,4 @@
-"""What a person should know about the geometry of their scene: which way round, from how many sides, how far aside."""
+"""Findings about the geometry of a scene: camera motion, number of sides seen, believable angle aside."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _about_way_round(way: WayRound | None) -> list[Finding]:
 
 
 def _about_path(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
-    """Whether the camera moved enough to measure depth."""
+    """Return findings about the camera's motion: it must suffice to measure depth."""
     unknown = priors.statistics.get("cameras", {}).get("assumed")
     if unknown:
         taken = {"static": "stand still", "pan": "turn only"}.get(str(priors.camera_kind), "be as found")
@@ -221,7 +221,7 @@ def _about_translation(priors: Priors) -> list[Finding]:
 
 
 def _about_believed(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
-    """How far from the path views can be believed."""
+    """Return a finding about the angle from the path up to which views can be believed."""
     believed = geometry.believed
     if believed is None:
         return []
@@ -248,7 +248,7 @@ GUESSED_FROM = {
     "size": "how its size changes",
     "surroundings": "its surroundings, as no contact with the ground is seen and it turns little",
 }
-"""What decided the depth of a moving object (`priors.movers.place_objects`) other than `MEASURED` -> the same in a sentence."""
+"""Source of a moving object's depth (`priors.movers.place_objects`) other than `MEASURED` -> the same in a sentence."""
 
 
 def _about_movers(priors: Priors) -> list[Finding]:
@@ -270,6 +270,6 @@ def _about_movers(priors: Priors) -> list[Finding]:
 
 
 def origins_of_moving_depth(priors: Priors) -> Counter[str]:
-    """How many moving objects have their depth from what (`priors.movers.place_objects`); empty where nobody says."""
+    """Count moving objects by the source of their depth (`priors.movers.place_objects`); empty where none is recorded."""
     movers = priors.statistics.get("depth", {}).get("movers", [])
     return Counter(str(mover["decided_by"]) for mover in movers if "decided_by" in mover)

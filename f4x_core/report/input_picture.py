@@ -1,4 +1,4 @@
-"""One picture of the clip beside a scene, for pages that show what was fitted."""
+"""Shows a picture of the clip beside a scene, for pages that show what was fitted."""
 
 from pathlib import Path
 

@@ -17,7 +17,7 @@ ALWAYS = (-np.inf, -np.inf, np.inf, np.inf)
 
 
 def concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Gaussians:
-    """One set of several, with their spans; the smaller degrees of harmonics are padded with zeros."""
+    """Return one set of all parts, with their spans; smaller degrees of harmonics are padded with zeros."""
     size = max(part.sh.shape[1] for part in parts)
     whole = {
         entry.name: [getattr(part, entry.name) for part in parts] for entry in fields(parts[0]) if entry.name != "span"

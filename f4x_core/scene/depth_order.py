@@ -31,7 +31,7 @@ F4X_DEPTH_ORDER = Function("f4x_depth_order", {"problem": DEPTH_ORDER}, INT64)
 
 @dataclass(frozen=True)
 class OrderSettings:
-    """What is ordered, and how well."""
+    """Limits of what is sorted, and how exactly."""
 
     near: float
     """Depth above which a Gaussian is seen."""

@@ -1,4 +1,4 @@
-"""What a real camera adds to a picture: a shutter that stays open (motion blur) and a lens that is no point (depth of field).
+"""Motion blur (a shutter that stays open) and depth of field (a lens that is no point) of a picture.
 
 Both are one average, in linear light, of sharp pictures: each at another moment, through another point of the lens.
 """
@@ -13,8 +13,9 @@ import numpy as np
 from ..geometry.arrays import GOLDEN_RATIO
 from ..geometry.camera import Camera
 from ..progress import Progress, silent
+from .clouds import Cloud
 from .color import linear_from_srgb
-from .stage import HOLE, SHARP, Cloud, DrawSettings, Surface, draw
+from .stage import HOLE, SHARP, DrawSettings, Surface, draw
 
 GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 """Points of a disc at this angle from one to the next cover it evenly (Vogel 1979)."""
@@ -29,9 +30,9 @@ class Lens:
     focus: float
     """Depth along the view axis, world units, above 0."""
     blades: int = 0
-    """Of the aperture; fewer than 3 make a disc."""
+    """Number of blades of the aperture; fewer than 3 make a disc."""
     rotation: float = 0.0
-    """Of the blades, radians."""
+    """Rotation of the blades, radians."""
     ratio: float = 1.0
     """Height of the aperture, by its width: 2 is an anamorphic lens."""
 
@@ -46,20 +47,20 @@ class Lens:
 
 @dataclass(frozen=True)
 class Exposure:
-    """How one picture is taken."""
+    """Settings of one picture's shutter and lens."""
 
     samples: int = 16
     """Sharp pictures that are averaged, where there is anything to blur."""
     opens: float = 0.0
-    """When the shutter opens, in frames from the picture's own time."""
+    """Time at which the shutter opens, in frames from the picture's own time."""
     closes: float = 0.0
-    """When it closes; equal to `opens` = no motion blur."""
+    """Time at which it closes; equal to `opens` = no motion blur."""
     lens: Lens | None = None
     """None = a pinhole: no depth of field."""
 
     @property
     def blurs(self) -> bool:
-        """Whether more than one sharp picture is needed."""
+        """True if more than one sharp picture is needed."""
         return self.samples > 1 and (self.closes > self.opens or self.lens is not None)
 
     def moments(self) -> np.ndarray:
@@ -81,7 +82,7 @@ class Exposure:
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """What stands before the camera at one moment."""
+    """Contents of the stage at one moment, and the camera."""
 
     clouds: Sequence[Cloud]
     surfaces: Sequence[Surface]
@@ -94,7 +95,6 @@ def shoot(
     settings: DrawSettings,
     passes: Collection[str] = (),
     *,
-    region: tuple[slice, slice] | None = None,
     progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
     """Take one picture: `stage.draw`'s passes, with `combined (H,W,4)` in place of `rgb`: linear light, premultiplied alpha.
@@ -102,9 +102,8 @@ def shoot(
     Args:
         take_at: what is there so many frames from the picture's own time; asked for 0 last.
         exposure: shutter and lens. Passes of `SHARP` are not blurred.
-        settings: of `stage.draw`; its `cameras` are filled in.
+        settings: of `stage.draw`; its `cameras` and `finish` are filled in.
         passes: of `stage.draw`.
-        region: of `stage.draw`.
         progress: of `stage.draw`, over all sharp pictures.
 
     Raises:
@@ -112,7 +111,7 @@ def shoot(
     """
     beside = (take_at(-1.0), take_at(1.0)) if "vector" in passes else None
     if not exposure.blurs:
-        return draw_one(take_at(0.0), beside, settings, passes, region, progress)
+        return draw_one(take_at(0.0), beside, settings, passes, progress)
     soft = [name for name in passes if name not in SHARP]
     sharp = [name for name in passes if name in SHARP]
     count = exposure.samples + bool(sharp)
@@ -122,10 +121,10 @@ def shoot(
         take = still or take_at(float(moment))
         if exposure.lens is not None:
             take = replace(take, camera=exposure.lens.through(take.camera, point))
-        for name, image in draw_one(take, None, settings, soft, region, _part(progress, done, count)).items():
+        for name, image in draw_one(take, None, settings, soft, _part(progress, done, count)).items():
             total[name] = total.get(name, 0) + image / np.float32(exposure.samples)
     if sharp:
-        own = draw_one(take_at(0.0), beside, settings, sharp, region, _part(progress, exposure.samples, count))
+        own = draw_one(take_at(0.0), beside, settings, sharp, _part(progress, exposure.samples, count))
         total |= {name: own[name] for name in sharp}
     return total
 
@@ -135,7 +134,6 @@ def draw_one(
     beside: tuple[Take, Take] | None,
     settings: DrawSettings,
     passes: Collection[str],
-    region: tuple[slice, slice] | None = None,
     progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
     """`stage.draw` of one take with `combined` in place of `rgb`; `beside`: those of one frame before and after."""
@@ -152,7 +150,7 @@ def draw_one(
         images.pop(HOLE, None)
         return images | {"combined": combined(images.pop("rgb"), seen)}
 
-    return draw(clouds, surfaces, take.camera, settings, passes=passes, region=region, progress=progress, finish=finish)
+    return draw(clouds, surfaces, take.camera, replace(settings, finish=finish), passes=passes, progress=progress)
 
 
 def combined(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -181,7 +179,7 @@ def _clouds_between(now: Sequence[Cloud], before: Sequence[Cloud], after: Sequen
 
 
 def _surfaces_between(now: Sequence[Surface], before: Sequence[Surface], after: Sequence[Surface]) -> list[Surface]:
-    """As `_clouds_between`."""
+    """Return the surfaces of `now` with their places before and after, as `_clouds_between` does for clouds."""
     found = []
     sides = [{surface.key: surface.triangles for surface in part} for part in (before, after)]
     for surface in now:

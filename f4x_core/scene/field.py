@@ -20,7 +20,7 @@ from ..features.pca import Pca
 from ..features.spec import FeatureSpec
 
 BITS = (4, 8)
-"""What one channel of a static Gaussian's latent may take in the file; with 4, two channels share a byte."""
+"""Bits of one channel of a static Gaussian's latent in the file; with 4, two channels share a byte."""
 TAIL = 0.1
 """Percent of the latents that may be clipped at either end of a channel's range, so that no outlier makes all steps coarse."""
 ROWS = 1 << 15
@@ -29,10 +29,10 @@ ROWS = 1 << 15
 
 @dataclass(frozen=True, eq=False)
 class FieldHead:
-    """One teacher's decoder: linear layers with ReLU between and a linear end."""
+    """Decoder of one teacher: linear layers with ReLU between and a linear end."""
 
     spec: FeatureSpec
-    """What the decoded features mean."""
+    """Description of the decoded features."""
     weights: tuple[np.ndarray, ...]
     """(in,out) float16, the first with D rows, the last with C columns."""
     biases: tuple[np.ndarray, ...]
@@ -42,7 +42,7 @@ class FieldHead:
     glob: np.ndarray | None = None
     """(C,) float16: the clip's own vector, where the teacher gives one."""
     report: Mapping[str, Any] = field(default_factory=dict)
-    """How well it decodes, on used and held-out frames (JSON)."""
+    """Decoding errors on used and held-out frames (JSON)."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -120,7 +120,7 @@ class FeatureField:
     step: np.ndarray
     """(D,) float32."""
     heads: tuple[FieldHead, ...] = ()
-    """One per teacher, names unique."""
+    """Heads, one for each teacher; names are unique."""
     vocabularies: Mapping[str, Vocabulary] = field(default_factory=dict)
     """By the name of the text encoder."""
     pca: Pca | None = None

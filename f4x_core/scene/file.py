@@ -200,7 +200,7 @@ def _undamaged(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """The same, and a file that the system does not give."""
+    """Turn errors of a damaged file, and of a file that cannot be opened, into F4xError."""
     try:
         with _undamaged(path):
             yield
@@ -211,7 +211,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _refusal(path: Path) -> str:
-    """What a file is that is no zip, and what reads it."""
+    """Return the sentence for a file that is no zip: its kind, and the verb that reads it."""
     try:
         identify(path)
     except F4xError:  # its sentence would offer splats, too
@@ -291,7 +291,7 @@ def _check_header(header: Any, path: Path) -> None:
 
 
 def _is_entry(entry: Any) -> bool:
-    """One row of the arrays table: {"shape": [ints], "dtype": str, "sha256": hex}."""
+    """Return True for a row of the arrays table: {"shape": [ints], "dtype": str, "sha256": hex}."""
     return (
         isinstance(entry, dict)
         and isinstance(entry.get("shape"), list)

@@ -35,7 +35,7 @@ INNER = (5, 95)
 SEQUENCE_FPS = 30.0
 """Files do not tell theirs."""
 READERS = {"splat": read_splat, "spz": read_spz, "gltf": read_gltf}
-"""Of one file of splats, by kind; PLY files have notes besides."""
+"""Kind -> reader of a single file of splats; PLY files have notes besides."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class SplatSequence:
 
     @cached_property
     def cameras(self) -> CameraPath:
-        """The same standing camera for every frame; it frames the first."""
+        """Standing camera that frames the first file, the same for every frame."""
         camera = self[0].cameras
         return CameraPath(
             np.repeat(camera.intrinsics, len(self), axis=0),
@@ -84,7 +84,7 @@ class SplatSequence:
 
     @property
     def scaffold(self) -> None:
-        """None: what moves between the files is not known."""
+        """None: motion between the files is not known."""
 
     def posed(self, time: float) -> PosedSplats:
         """The splats of the file nearest to clip time `time`."""

@@ -58,7 +58,7 @@ class Surface:
     holdout: bool = False
     """Cut a hole into the picture instead of showing a color."""
     key: str = ""
-    """As of a `Cloud`."""
+    """Name of the surface, the same at every moment, as of a `Cloud`."""
     beside: tuple[np.ndarray, np.ndarray] | None = None
     """Corners (T,3,3) in the world one frame before and one after; None = it stands still."""
     mattes: Mapping[str, int] = field(default_factory=dict)
@@ -197,7 +197,7 @@ class _Triangles:
 
     @classmethod
     def of(cls, surfaces: Sequence[Surface], look: Look) -> _Triangles:
-        """Those of `surfaces`."""
+        """Gather the triangles of `surfaces`."""
         counts = [len(surface.triangles) for surface in surfaces]
         owner = np.repeat(np.arange(len(surfaces)), counts)
         held = np.array([surface.holdout for surface in surfaces])[owner]

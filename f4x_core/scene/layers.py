@@ -1,4 +1,4 @@
-"""One multi-layer EXR for all passes of a frame, in Blender's names: its compositor, Nuke and OpenEXR read them as from Blender."""
+"""Writes all passes of a frame as a multi-layer EXR with Blender's names, which its compositor, Nuke and OpenEXR read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One writer at a time for each scene file, so that no change is lost when several programs work on one scene."""
+"""Locks a scene file for one writer at a time, so that no change is lost when several programs work on it."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ CAMERA_ARRAYS = {
 }
 """Array name -> dtype in the file and axes; a letter is one length throughout its group."""
 KEYS = {"means": "xyz", "quats": "rotation", "scales": "scale", "opacities": "opacity"}
-"""What the file calls arrays of Gaussians that have another name here."""
+"""Field -> name of the array in the file, where it differs."""
 MADE_UP = "static/made_up"
 """Member of `Scene.extra`, (Ns,) bool: no frame of the clip shows a static Gaussian, its colours are those around it."""
 EARLIER = "window/earlier"
@@ -67,7 +67,7 @@ SPAN = "span"
 """The one array that a set may lack: then all its Gaussians are always present."""
 
 WEIGHT_SUM_TOLERANCE = 1e-3
-"""How far the skinning weights of one Gaussian may sum from 1: float32 rounding of 16 weights, with a wide margin."""
+"""Tolerance of the sum of one Gaussian's skinning weights: float32 rounding of 16 weights, with a wide margin."""
 
 
 def empty_arrays(layout: Mapping[str, tuple[str, tuple]], **lengths: int) -> dict[str, np.ndarray]:
@@ -203,14 +203,14 @@ class PosedSplats(Splats):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One clip as an editable 4D scene. Times are clip frame indices (float allowed)."""
+    """Clip as an editable 4D scene. Times are clip frame indices (float allowed)."""
 
     name: str
     """Short name, used for exported files."""
     static: StaticSet
     """Gaussians of the background."""
     cameras: CameraPath
-    """One camera per clip frame, held-out ones interpolated; its width and height are the clip's."""
+    """Cameras of the clip frames, held-out ones interpolated; width and height are the clip's."""
     dynamic: DynamicSet = field(default_factory=DynamicSet.empty)
     """Gaussians that move; empty for a clip in which nothing moves."""
     scaffold: Scaffold | None = None
@@ -222,7 +222,7 @@ class Scene:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     """Program versions and settings that made the scene (JSON)."""
     needs: tuple[Mapping[str, Any], ...] = ()
-    """What the scene was found to need: rows such as {"what": "nodes", "chosen": 120, "evidence": "..."} (JSON)."""
+    """Needs that the fit found: rows such as {"what": "nodes", "chosen": 120, "evidence": "..."} (JSON)."""
     metrics: Mapping[str, Any] = field(default_factory=dict)
     """Measured quality (JSON)."""
     edits: tuple[Mapping[str, Any], ...] = ()
@@ -299,7 +299,7 @@ class Scene:
 
     @property
     def untimed(self) -> Scene:
-        """The scene with edits that change no moments: itself."""
+        """Scene with only the edits that move nothing in time; without edits the scene itself."""
         return self
 
     @property
@@ -314,13 +314,13 @@ class Scene:
 
     @property
     def background(self) -> Scene:
-        """The scene without what moves and without features, which are those of both."""
+        """Scene of the static Gaussians alone, without features."""
         extra = {name: array for name, array in self.extra.items() if not name.startswith("dynamic/")}
         return replace(self, dynamic=DynamicSet.empty(), scaffold=None, features=None, extra=extra)
 
     @property
     def moving(self) -> np.ndarray:
-        """(N,) bool in the order of `posed`: whether a Gaussian moves."""
+        """(N,) bool in the order of `posed`: True for dynamic Gaussians."""
         return self._constant["dynamic"]
 
     @property
@@ -336,7 +336,7 @@ class Scene:
 
     @property
     def fades(self) -> bool:
-        """Whether some Gaussians are present for a part of the clip only."""
+        """True if some Gaussians are present for a part of the clip only."""
         return self.static.span is not None or self.dynamic.span is not None
 
     def presence(self, time: float) -> np.ndarray:
@@ -356,7 +356,7 @@ class Scene:
         return replace(untinted, sh=tinted(untinted.sh, self.tints.at(time)))
 
     def _untinted(self, time: float) -> PosedSplats:
-        """All Gaussians at `time`, with the colors that they have in the mean."""
+        """Return all Gaussians at `time`, with their mean colors over the clip."""
         means, quats = self._static_poses
         if len(self.dynamic):
             moved = _as_drawn(*self._carried(time))
@@ -398,15 +398,8 @@ class Scene:
         return self.features
 
     def colors(self, posed: PosedSplats, camera: Camera) -> np.ndarray:
-        """Return the colours (N,3) float32 >= 0 of `posed` seen from `camera`.
-
-        The view direction is turned into each Gaussian's own frame, R_g^T d, so appearance turns with the surface.
-        """
-        if posed.sh.shape[1] == 1:
-            return np.maximum(spherical_harmonics.rgb_from_dc(posed.sh[:, 0]), 0)
-        directions: np.ndarray = posed.means - camera.center.astype(np.float32)
-        own = quaternion.rotate(quaternion.conjugate(posed.quats), directions)
-        return spherical_harmonics.evaluate(posed.sh, own)
+        """Return the colours (N,3) float32 >= 0 of `posed` seen from `camera`; appearance turns with the surface."""
+        return spherical_harmonics.seen_from(camera.center, posed.means, posed.sh, posed.quats)
 
     def info(self) -> dict[str, Any]:
         """Return a summary of the scene as JSON: counts, megabytes by part, provenance, needs."""

@@ -1,4 +1,4 @@
-"""What each Gaussian, or place on a surface, gives to the passes of a picture, in Blender's conventions."""
+"""Values of Gaussians and of places on surfaces for the passes of a picture, in Blender's conventions."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ def with_people_by_id(scene: Scene, ids: np.ndarray, people: People) -> Scene:
 
 
 def without_people(scene: Scene) -> Scene:
-    """The scene without what it knows of people, for who changes its number of Gaussians."""
+    """Return the scene without stored people, for callers that change its number of Gaussians."""
     return replace(
         scene, extra={name: value for name, value in scene.extra.items() if name.split("/")[-1] not in NAMES}
     )

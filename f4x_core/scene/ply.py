@@ -50,7 +50,7 @@ MIN_TELLING = 10
 HUGE = 0.1
 """A typical Gaussian of this part of the scene's extent, or more, is too large to be one: its scale was no logarithm."""
 MAX_NUMBER_CHARS = 64
-"""Of a number in an ASCII file with the space behind it; a double takes 25."""
+"""Maximum characters of a number in an ASCII file with the space behind it; a double takes 25."""
 TEXT_BLOCK = 1 << 20
 """Characters of an ASCII file that become numbers at once: as Python's own they take twenty times the memory."""
 ROW_BLOCK = 1 << 18
@@ -66,7 +66,7 @@ class Activation:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """One sentence for a person; none for a standard file."""
+        """Sentences for a person about how the file was read; none for a standard file."""
         names = " and ".join(name for name, value in vars(self).items() if value)
         return (f"its {names} are activated already (no logits, no logarithms) and were read so",) if names else ()
 
@@ -312,13 +312,13 @@ def _parse_vertices(file: BinaryIO, count: int, dtype: np.dtype, path: Path) -> 
 
 
 def _has_faces(path: Path) -> bool:
-    """Whether the header, read once before, also lists faces, as a mesh has them."""
+    """Return True if the header, read once before, also lists faces, as a mesh has them."""
     with path.open("rb") as file:
         return any(name == "face" and count for name, count, _ in _read_header(file, path)[1])
 
 
 def _what_it_is(names: tuple[str, ...], missing: list[str], has_faces: bool) -> str:
-    """One sentence for a PLY that does not hold plain splats."""
+    """Return the sentence for a PLY that does not hold plain splats."""
     if "packed_position" in names:
         return "a compressed splat PLY; convert it to a plain 3DGS PLY first"
     if not {"opacity", *SCALE, *ROTATION, *DC} & set(names):

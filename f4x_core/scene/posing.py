@@ -1,4 +1,4 @@
-"""What every export format starts from: the Gaussians of one moment, moved as a whole, in the axes the format wants."""
+"""Poses the Gaussians of one moment for export: moved as a whole, in the axes of the format."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Posable(Protocol):
 
     @property
     def cameras(self) -> CameraPath:
-        """One camera per clip frame; its times are the clip's."""
+        """Cameras of the clip frames; their times are the clip's."""
 
     @property
     def offset(self) -> np.ndarray:

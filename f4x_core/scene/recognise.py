@@ -149,7 +149,7 @@ def siblings(file: Path) -> list[Path]:
 
 
 def _uneven(files: list[Path]) -> str | None:
-    """Why numbered files are no moments of an animation; None where their numbers are evenly spaced."""
+    """Return why numbered files are no moments of an animation; None if their numbers are evenly spaced."""
     numbers = [int(match[2]) for file in files if (match := NUMBERED.fullmatch(file.name))]
     steps = {after - before for before, after in pairwise(numbers)}
     if len(steps) <= 1 and all(0 < step <= MAX_STEP for step in steps):

@@ -1,4 +1,4 @@
-"""Whether a picture shows what a scene shows: a cheap check that a clip belongs to a scene."""
+"""Compares a picture with a scene's render: a cheap check that a clip belongs to a scene."""
 
 import numpy as np
 

@@ -22,7 +22,7 @@ OF_POSES = ("scaffold/xyz", "scaffold/quat", "scaffold/certain")
 MAX_POSES = 1 << 26
 """Nodes x frames that runs may unfold to, 1.9 GB: a file says with few bytes that they are many. More are stored one by one."""
 POSE_BYTES = 29
-"""Of one pose in `OF_POSES`."""
+"""Bytes of a pose in `OF_POSES`."""
 BLOCK = 256
 """Nodes whose poses are compared at once."""
 

@@ -1,4 +1,4 @@
-"""Shadows of meshes on Gaussians, as a factor: how much of the light of lamps still reaches each centre.
+"""Shadows of meshes on Gaussians: the fraction of the lamps' light that reaches each centre.
 
 A fitted Gaussian has its own light in its colour, and no surface on which more could fall. So lamps of the scene only take light
 away where a mesh stands in their way. Shadows are hard but for the size of the lamp. What casts rays is the caller's.
@@ -34,7 +34,7 @@ lies on a mesh does not hide itself."""
 
 
 class Lamp(Protocol):
-    """Something that gives light."""
+    """Light source."""
 
     def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """(ways (N,S,3), irradiances (N,S)): from `points (N,3)` to S places of the lamp, and what each of them gives, W/m^2.
@@ -88,7 +88,7 @@ class Spot(Ball):
     to_lamp: np.ndarray
     """(3,3) world directions to the lamp's own axes; it shines along -z. Axes of a scaled lamp squeeze the cone."""
     cosine: float
-    """Of half the angle of the cone."""
+    """Cosine of half the angle of the cone."""
     blend: float
     """Fraction of the cone, by cosine, over which its light ends; 0 has a hard edge."""
 
@@ -146,7 +146,7 @@ def _to_disc(middle: np.ndarray, size: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Caster:
-    """Something that casts shadows."""
+    """Object that casts shadows."""
 
     box: np.ndarray
     """(2,3) its smallest and largest coordinates in the world."""

@@ -23,9 +23,10 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.camera import Camera
 from ..geometry.spherical_harmonics import dc_from_rgb
+from .clouds import Cloud
 from .color import linear_from_srgb, srgb_from_linear
 from .depth_order import OrderSettings, depth_order
-from .stage import Cloud, Surface
+from .ground import Surface
 
 WIDTH = 8192
 """Texels of a row; every card that Blender runs on takes 16384."""
@@ -43,7 +44,7 @@ class SplatTextures:
     """The Gaussians of a stage, cloud after cloud. An array that `update` has seen before must not have changed since."""
 
     def __init__(self) -> None:
-        """Nothing yet; `update` fills it."""
+        """Start empty; `update` adds clouds."""
         self.clouds: list[Cloud] = []
         self.starts = np.zeros(1, np.int64)
         self.split = 0
@@ -58,7 +59,7 @@ class SplatTextures:
         self._order = np.zeros(0, np.float32)
 
     def __len__(self) -> int:
-        """How many Gaussians there are."""
+        """Number of Gaussians."""
         return int(self.starts[-1])
 
     def update(self, clouds: Sequence[Cloud]) -> set[str]:
@@ -103,7 +104,7 @@ class SplatTextures:
         return self._order.reshape(-1, WIDTH, 1), count
 
     def _page(self, name: str) -> tuple[int, int]:
-        """The first Gaussian that a texture holds, and the first that it does not."""
+        """Return the range (first, end) of the Gaussians that a texture holds."""
         if name in STILL:
             return 0, self.split
         return (self.split if name in MOVING else 0), len(self)

@@ -1,7 +1,6 @@
 """A stage: clouds of Gaussians placed in a world, opaque surfaces between them, one camera, many render passes.
 
-`view.render` renders one scene file; `draw` renders what an artist composed of several. All is projected from the frame of
-the first cloud, whose arrays reach the rasteriser unchanged: a single cloud looks the same as through `view.render`.
+`view.render` renders one scene file; `draw` renders what an artist composed of several. Both composite by `clouds.Composite`.
 """
 
 from __future__ import annotations
@@ -13,18 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera
-from ..geometry.splats import Splats
 from ..progress import Progress, silent
-from .color import linear_from_srgb, srgb_from_linear
+from .clouds import COVERED, Cloud, Composite, fitted_config
 from .ground import GEOMETRY, SAMPLES, Ground, Look, Surface, ground
 from .passes import Mist, mist_left, normals, vectors
-from .view import COVERED
 
 if TYPE_CHECKING:
     from ..raster import RasterConfig
-    from .model import Scene
 
 MATTE = "matte:"
 """Prefix of the passes `matte:LAYER`, coverage by each thing that `Cloud.mattes` tells apart."""
@@ -42,7 +37,7 @@ PASSES = (
     "unseen",
     "holdout",
 )
-"""What `draw` gives besides `rgb` and `matte:LAYER`."""
+"""Passes of `draw` besides `rgb` and `matte:LAYER`."""
 SHARP = ("depth", "index", "latent", "score", "vector", "normal", "position")
 """Passes that are no light: they are not blurred, and show what is at the centre of a pixel."""
 HOLE = "hole"
@@ -59,99 +54,6 @@ NOTHING = 1e10
 _WIDTHS = {"latent": 3, "selection": 1, "score": 1, "unseen": 1}
 
 
-@dataclass(frozen=True, eq=False)
-class Cloud:
-    """N Gaussians in the frame of their object."""
-
-    means: np.ndarray
-    """(N,3) centres as they stand now."""
-    quats: np.ndarray
-    """(N,4) wxyz as they stand now, any length."""
-    scales: np.ndarray
-    """(N,3) activated."""
-    opacities: np.ndarray
-    """(N,) in [0, 1]; 0 hides."""
-    sh: np.ndarray
-    """(N,S,3) in the object's frame before `turn`."""
-    turn: np.ndarray | None = None
-    """(N,4) rotation that motion gave each Gaussian, and its harmonics with it; None = none."""
-    to_world: np.ndarray = field(default_factory=lambda: np.eye(4))
-    """(4,4) any affine matrix."""
-    index: int = 0
-    """Number of its object in the pass `index`."""
-    fitted_focal: float | None = None
-    """Focal length in pixels of the images that it was fitted to (`Scene.fitted_focal`); None = not known."""
-    layers: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """Numbers of the passes `latent (N,3)`, `selection`, `score` and `unseen (N,1)`, where it has them."""
-    key: str = ""
-    """Which cloud it is, the same at every moment; only the pass `vector` asks."""
-    beside: tuple[np.ndarray, np.ndarray] | None = None
-    """Centres (N,3) in the world one frame before and one after; None = it stands still."""
-    light: np.ndarray | None = None
-    """(N,) fraction of its light that reaches each Gaussian (`shadows.light_left`); None = all of it."""
-    mattes: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """Layer -> (N,) uint32 id of what each Gaussian belongs to (`cryptomatte.identify`); 0 = nothing."""
-    holdout: bool = False
-    """Cut holes into the picture instead of showing colors, as far as each Gaussian covers what is behind it."""
-    higher: np.ndarray | None = None
-    """The very same array as long as coefficients above degree 0 are the same, for who keeps them; None = it is not known."""
-
-    @classmethod
-    def of_scene(cls, scene: Scene, time: float) -> Cloud:
-        """The Gaussians of a scene at clip time `time`; drawn alone they look as through `view.render`."""
-        posed = scene.posed(time)
-        return cls(
-            means=posed.means,
-            quats=posed.quats,
-            scales=posed.scales,
-            opacities=posed.opacities,
-            sh=posed.sh,
-            turn=posed.quats,
-            fitted_focal=scene.fitted_focal(time),
-            key=scene.name,
-        )
-
-    @property
-    def places(self) -> np.ndarray:
-        """(N,3) float64 centres in the world."""
-        return self.means @ self.to_world[:3, :3].T + self.to_world[:3, 3]
-
-    def colors(self, center: np.ndarray) -> np.ndarray:
-        """(N,3) sRGB seen from `center (3,)` in the world; as in `Scene.colors`, appearance turns with the surface."""
-        colors = self._unshaded(center)
-        if self.light is not None:
-            dark = self.light < 1
-            colors[dark] = srgb_from_linear(linear_from_srgb(colors[dark]) * self.light[dark, None])
-        return colors
-
-    def _unshaded(self, center: np.ndarray) -> np.ndarray:
-        """`colors` as the Gaussians were fitted."""
-        if self.sh.shape[1] == 1:
-            return np.maximum(spherical_harmonics.rgb_from_dc(self.sh[:, 0]), 0)
-        own = np.linalg.solve(self.to_world, np.append(center, 1.0))[:3]
-        directions: np.ndarray = self.means - own.astype(np.float32)
-        if self.turn is not None:
-            directions = quaternion.rotate(quaternion.conjugate(self.turn), directions)
-        return spherical_harmonics.evaluate(self.sh, directions)
-
-    def seen_from(self, frame: np.ndarray) -> Cloud:
-        """The same Gaussians with `frame (4,4)` as their `to_world`: means, rotations and scales alone change."""
-        if np.array_equal(frame, self.to_world):
-            return self
-        move = np.linalg.solve(frame, self.to_world)
-        stretch, means = move[:3, :3], self.means @ move[:3, :3].T + move[:3, 3]
-        size = abs(np.linalg.det(stretch)) ** (1 / 3)
-        if np.allclose(stretch @ stretch.T, size**2 * np.eye(3), rtol=1e-6, atol=1e-9 * size**2):
-            # the ellipsoid is symmetric, so that a mirrored frame may mirror it once more through its centre
-            turn = stretch / size * np.sign(np.linalg.det(stretch))
-            quats, scales = quaternion.multiply(quaternion.from_matrix(turn), self.quats), self.scales * size
-        else:
-            axes, scales, _ = np.linalg.svd(stretch @ quaternion.to_matrix(self.quats) * self.scales[:, None])
-            quats = quaternion.from_matrix(axes * np.sign(np.linalg.det(axes))[:, None, None])
-        cast = (array.astype(np.float32) for array in (means, quats, scales))
-        return replace(self, **dict(zip(("means", "quats", "scales"), cast, strict=True)), to_world=frame)
-
-
 @dataclass(frozen=True)
 class DrawSettings:
     """Settings of drawing a stage, independent of its content."""
@@ -165,13 +67,17 @@ class DrawSettings:
     config: RasterConfig | None = None
     """Constants of the rasteriser; its `near` is not used. None = those with which the largest cloud was fitted."""
     backend: str = "auto"
-    """As in `raster.rasterize`."""
+    """Backend of `raster.rasterize`."""
     cameras: tuple[Camera, Camera] | None = None
     """The camera one frame before and one after, for the pass `vector`; None = it stands still."""
     mist: Mist = field(default_factory=Mist)
-    """Of the pass `mist`."""
+    """Range and falloff of the pass `mist`."""
     surface_samples: int = SAMPLES
     """Points of a pixel that are looked at where surfaces end; fewer than 2 leave their edges hard."""
+    region: tuple[slice, slice] | None = None
+    """(rows, columns) of the picture to draw; the result is what the whole picture has there, bit for bit. None = all of it."""
+    finish: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]] | None = None
+    """Function that converts the passes, pixel by pixel; called with those of each band."""
 
 
 def draw(
@@ -181,9 +87,7 @@ def draw(
     settings: DrawSettings | None = None,
     *,
     passes: Collection[str] = (),
-    region: tuple[slice, slice] | None = None,
     progress: Progress = silent,
-    finish: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]] | None = None,
 ) -> dict[str, np.ndarray]:
     """Draw everything through `camera` in the world; float32 pictures by name, `rgb`, `alpha` and those of `passes`.
 
@@ -208,17 +112,15 @@ def draw(
         clouds: Gaussians; one whose centre lies behind a surface is hidden by it as a whole.
         surfaces: opaque triangles.
         camera: pinhole camera in the world.
-        settings: clipping planes, background and rasteriser; the defaults of `DrawSettings` when None.
+        settings: clipping planes, background, rasteriser and region; the defaults of `DrawSettings` when None.
         passes: any of `PASSES` and `matte:LAYER`.
-        region: (rows, columns) of the picture to draw; the result is what the whole picture has there, bit for bit.
         progress: called between bands of rows, a few times a second; cancelling passes through. Without it bands are tall.
-        finish: converts the pictures, pixel by pixel; called with those of each band.
 
     Raises:
         F4xError: a camera that is not finite, or a backend that cannot run here.
     """
-    rows, columns = region or (slice(0, camera.height), slice(0, camera.width))
     settings = settings or DrawSettings()
+    rows, columns = settings.region or (slice(0, camera.height), slice(0, camera.width))
     behind = np.asarray((0, 0, 0) if settings.background is None else settings.background, np.float32)
     look = Look(camera, settings.near, settings.far, behind, settings.mist, settings.cameras, settings.surface_samples)
     back = ground(surfaces, look, [name for name in GEOMETRY if name in passes])
@@ -227,7 +129,7 @@ def draw(
     for band in _tall_bands(rows, camera.width) if progress is silent else _bands(rows, camera.width):
         progress("render", band.start - rows.start, rows.stop - rows.start)
         drawn = drawing.over(back.cut((band, slice(None))), (band, columns), passes)
-        for name, image in (finish(drawn) if finish else drawn).items():
+        for name, image in (settings.finish(drawn) if settings.finish else drawn).items():
             if name not in images:  # memory is touched, which takes long, only band by band
                 images[name] = np.empty((rows.stop - rows.start, *image.shape[1:]), np.float32)
             images[name][band.start - rows.start : band.stop - rows.start] = image
@@ -239,20 +141,13 @@ def draw(
 class _Drawing:
     """Gaussians and what is composited of them, ready to be drawn over any ground."""
 
-    splats: Splats
-    channels: np.ndarray
-    """(N,C) of all layers, one after the other."""
-    widths: Mapping[str, int]
-    """Layer -> its channels."""
-    view: Camera
-    """In the frame of the first cloud."""
-    config: RasterConfig
+    composite: Composite
     camera: Camera
     """In the world."""
     settings: DrawSettings
     surfaces: Sequence[Surface]
     numbers: Sequence[int]
-    """Of objects, for the pass `index`."""
+    """Numbers of objects, for the pass `index`."""
     mattes: Mapping[str, np.ndarray]
     """Pass -> (K,) ids."""
     holds: bool
@@ -273,28 +168,18 @@ class _Drawing:
         mattes = {
             name: _matte_ids(shown, visible, name.removeprefix(MATTE)) for name in passes if name.startswith(MATTE)
         }
-        frame = clouds[0].to_world if clouds else np.eye(4)
         numbers = sorted({cloud.index for cloud in shown}) if "index" in passes else []
         widths = {"rgb": 3} | {name: w for name, w in (_WIDTHS | GEOMETRY).items() if name in passes}
         widths |= {"index": len(numbers)} | {name: len(ids) for name, ids in mattes.items()}
         if len(shown) < len(clouds):
             widths |= {"shown": 1, "depth": 1}
-        features = []
-        for cloud in clouds:
-            own = {} if cloud.holdout else _own_layers(cloud, camera, settings, numbers, mattes, widths)
-            features.append(_features(len(cloud.means), own, widths))
-        moved = [cloud.seen_from(frame) for cloud in clouds]
-        splats = Splats(
-            means=_joined([cloud.means for cloud in moved], 3),
-            quats=_joined([cloud.quats for cloud in moved], 4),
-            scales=_joined([cloud.scales for cloud in moved], 3),
-            opacities=_joined([cloud.opacities[:, None] for cloud in moved], 1)[:, 0],
-        )
-        view = replace(camera, world_to_camera=camera.world_to_camera @ frame)
+        layers = [
+            {} if cloud.holdout else _own_layers(cloud, camera, settings, numbers, mattes, widths) for cloud in clouds
+        ]
         config = replace(settings.config or fitted_config(clouds, camera), near=settings.near)
         holds = len(shown) < len(clouds) or len(visible) < len(surfaces)
-        channels = _joined(features, sum(widths.values()))
-        return cls(splats, channels, widths, view, config, camera, settings, surfaces, numbers, mattes, holds)
+        composite = Composite.of(clouds, layers, widths, camera, config)
+        return cls(composite, camera, settings, surfaces, numbers, mattes, holds)
 
     def over(self, back: Ground, part: tuple[slice, slice], passes: Collection[str]) -> dict[str, np.ndarray]:
         """The passes of a part of the picture, over the ground of all of its rows."""
@@ -310,51 +195,28 @@ class _Drawing:
         return own
 
     def _over(self, back: Ground, part: tuple[slice, slice], passes: Collection[str]) -> dict[str, np.ndarray]:
-        from ..raster import rasterize
-
         rows, columns = part
         # Pixels beside the part keep the limit 0 and are not drawn.
         limit = np.zeros(back.limit.shape, np.float32)
         limit[:, columns] = back.limit[:, columns]
-        out = rasterize(
-            self.splats,
-            self.channels,
-            self.view,
-            config=self.config,
-            backend=self.settings.backend,
-            limit=limit,
-            rows=rows,
-        )
-        channels, alpha, depth = (
-            np.asarray(one[:, columns], np.float32) for one in (out.channels, out.alpha, out.depth)
-        )
-        parts = np.split(channels, np.cumsum([*self.widths.values()])[:-1], axis=-1)
-        layers, back = dict(zip(self.widths, parts, strict=True)), back.cut((slice(None), columns))
-        seen = _Seen(layers, alpha, depth, back)
-        drawn = _images(seen, self.numbers, passes)
+        drawn = self.composite.draw(self.settings.backend, limit=limit, rows=rows)
+        layers, back = {n: one[:, columns] for n, one in drawn.layers.items()}, back.cut((slice(None), columns))
+        seen = _Seen(layers, drawn.alpha[:, columns], drawn.depth[:, columns], back)
+        images = _images(seen, self.numbers, passes)
         if {"position", "vector"} & {*passes}:
-            drawn |= _on_rays(drawn, self.camera, self.settings, part)
-        drawn = {name: image for name, image in drawn.items() if name in ("rgb", "alpha", *passes)}
+            images |= _on_rays(images, self.camera, self.settings, part)
+        images = {name: image for name, image in images.items() if name in ("rgb", "alpha", *passes)}
         for name, ids in self.mattes.items():
             coverage = layers[name] + seen.left[..., None] * back.matte(self.surfaces, name.removeprefix(MATTE), ids)
-            drawn |= {f"{name}:{number:08x}": coverage[..., i] for i, number in enumerate(ids)}
+            images |= {f"{name}:{number:08x}": coverage[..., i] for i, number in enumerate(ids)}
         if self.holds:
-            drawn[HOLE] = (seen.covered - seen.shown + seen.left * back.held).astype(np.float32)
-        return drawn
+            images[HOLE] = (seen.covered - seen.shown + seen.left * back.held).astype(np.float32)
+        return images
 
 
 def as_seen(clouds: Sequence[Cloud], back: float) -> list[Cloud]:
     """The clouds without the focal lengths of their fits where the view has no perspective (`back` > 0), and so no angles."""
     return [replace(cloud, fitted_focal=None) for cloud in clouds] if back else list(clouds)
-
-
-def fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
-    """Return the rasteriser's constants of the largest cloud whose fit is known."""
-    from ..raster import RasterConfig
-
-    known = [cloud for cloud in clouds if cloud.fitted_focal is not None]
-    largest = max(known, key=lambda cloud: len(cloud.means), default=None)
-    return RasterConfig.as_fitted(None if largest is None else largest.fitted_focal, camera)
 
 
 def _tall_bands(rows: slice, width: int) -> Iterator[slice]:
@@ -371,10 +233,6 @@ def _bands(rows: slice, width: int) -> Iterator[slice]:
         yield slice(first, min(first + count, rows.stop))
         first, taken = first + count, time.perf_counter() - start
         count = max(1, min(round(count * min(PAUSE / taken, GROWTH)), TALLEST // width))
-
-
-def _joined(parts: list[np.ndarray], width: int) -> np.ndarray:
-    return np.concatenate([np.zeros((0, width), np.float32), *parts], dtype=np.float32)
 
 
 def _matte_ids(clouds: Sequence[Cloud], surfaces: Sequence[Surface], layer: str) -> np.ndarray:
@@ -433,13 +291,6 @@ def _on_rays(
     return found
 
 
-def _features(count: int, own: Mapping[str, np.ndarray], widths: Mapping[str, int]) -> np.ndarray:
-    """(N,C) what is composited of `count` Gaussians; 0 in layers that they lack."""
-    return np.concatenate(
-        [own.get(name, np.zeros((count, width))) for name, width in widths.items()], 1, dtype=np.float32
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class _Seen:
     """The composited Gaussians, and the ground behind them."""
@@ -469,7 +320,7 @@ class _Seen:
 
 
 def _images(seen: _Seen, numbers: Sequence[int], passes: Collection[str]) -> dict[str, np.ndarray]:
-    """Gaussians over the ground become the passes."""
+    """Return the passes of composited Gaussians over the ground."""
     layers, ground, left, alpha = seen.layers, seen.back, seen.left, seen.shown
     solid = np.isfinite(ground.depth)
     behind = np.where(solid, left, 0)

@@ -87,7 +87,7 @@ def with_tints(scene: Scene, times: np.ndarray, values: np.ndarray) -> Scene:
 
 
 def without_tints(scene: Any) -> Any:
-    """The scene, with its edits, whose colors stay as they are in the mean; other things that can be posed have no tints."""
+    """Return the scene, with its edits, in its mean colors over time; other posable objects have no tints."""
     if getattr(scene, "tints", None) is None:
         return scene
     extra = {name: array for name, array in scene.extra.items() if name not in (TIMES, *PARTS)}

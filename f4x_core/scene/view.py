@@ -12,6 +12,7 @@ from ..errors import F4xError
 from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress, silent
+from .clouds import Cloud, Composite
 from .model import PosedSplats, Scene
 
 if TYPE_CHECKING:
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
 CHANNELS = ("rgb", "depth", "alpha", "motion")
 HEAD = "head:"
 """`head:NAME` is the channel of decoded features."""
-COVERED = 0.1
-"""Minimum alpha of a pixel that has a depth and a motion."""
 NEAR = 0.01
 """World units; a Gaussian that comes nearer to the camera plane by the next frame has no meaningful screen motion."""
 
@@ -59,40 +58,33 @@ def render(
     features = (
         scene.require_field([name.removeprefix(HEAD) for name in heads]) if {"latent", *heads} & {*channels} else None
     )
-    from ..raster import rasterize
-
     posed = scene.posed(time)
+    cloud = Cloud.of_posed(posed, scene.fitted_focal(time))
     layers: dict[str, np.ndarray] = {}
     if "rgb" in channels:
-        layers["rgb"] = scene.colors(posed, camera)
+        layers["rgb"] = cloud.colors(camera.center)
     if "motion" in channels:
         layers["motion"] = screen_motion(scene, camera, time, posed)
     if features is not None:
         layers["latent"] = scene.latents()
     layers |= values or {}
     # depth and alpha come with any channel, so a render of them alone carries one empty channel
-    colors = np.concatenate([*layers.values()] or [np.zeros((len(posed.ids), 1))], axis=1, dtype=np.float32)
-    behind = np.zeros(colors.shape[1], np.float32)
+    widths = {name: layer.shape[1] for name, layer in layers.items()} or {"": 1}
+    behind = np.zeros(sum(widths.values()), np.float32)
     if "rgb" in layers:
         behind[:3] = background
-    config = config or fitted_config(scene, camera, time)
-    out = rasterize(posed, colors, camera, background=behind, config=config, backend=backend)
-    composited = np.asarray(out.channels, np.float32)
-    ends = np.cumsum([layer.shape[1] for layer in layers.values()])[:-1]
-    images = dict(zip(layers, np.split(composited, ends, axis=-1), strict=True)) if layers else {}
-    alpha = np.asarray(out.alpha, np.float32)
-    covered = alpha >= COVERED
-    divisor = np.where(covered, alpha, 1)
+    drawn = Composite.of([cloud], [layers], widths, camera, config).draw(backend, behind)
+    images = {name: drawn.layers[name] for name in layers}
     if "alpha" in channels:
-        images["alpha"] = alpha
+        images["alpha"] = drawn.alpha
     if "depth" in channels:
-        images["depth"] = np.where(covered, np.asarray(out.depth, np.float32) / divisor, np.float32(np.nan))
+        images["depth"] = drawn.mean(drawn.depth, np.nan)
     if "motion" in channels:
-        images["motion"] = np.where(covered[..., None], images["motion"] / divisor[..., None], 0)
+        images["motion"] = drawn.mean(images["motion"])
     if features is not None:
-        images["latent"] = np.where(covered[..., None], images["latent"] / divisor[..., None], 0)
+        images["latent"] = drawn.mean(images["latent"])
         for name in heads:
-            images[name] = covered[..., None] * features.decode(name.removeprefix(HEAD), images["latent"])
+            images[name] = drawn.covered[..., None] * features.decode(name.removeprefix(HEAD), images["latent"])
     return images
 
 

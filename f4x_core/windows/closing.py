@@ -1,4 +1,4 @@
-"""What the windows of a shot say about the joined scene: in the terminal, in `metrics.json` and on its page."""
+"""Summary of the windows of a shot: in the terminal, in `metrics.json` and on the page of the joined scene."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ ORDER = ("poor", "usable with limits", "good", "")
 
 @dataclass(frozen=True)
 class FittedWindow:
-    """What the page and the terminal have of one window."""
+    """Results of one window for the page and the terminal."""
 
     frames: str
     """Its first and last frame, counted from the first of the shot, in words."""
     place: str
     """Its folder, from that of the shot."""
     metrics: Mapping[str, Any]
-    """Of `evaluation.evaluate`, of the window as it was fitted."""
+    """Metrics of `evaluation.evaluate` for the window as it was fitted."""
     findings: tuple[Finding, ...]
-    """Why it is as it is."""
+    """Findings about the window's quality."""
     needs: tuple[Mapping[str, str], ...]
-    """What it needed, as scenes have it."""
+    """Needs of the window, as scenes have them."""
     believed: float | None
     """Degrees off the path within which its views can be believed; None where nothing tells."""
     counts: tuple[int, int, int, int]
@@ -72,7 +72,7 @@ class FittedWindow:
         return ORDER.index(self.quality), fair_score(self.metrics) or 0.0
 
     def row(self) -> dict[str, Any]:
-        """What `metrics.json` has of it."""
+        """Row of `metrics.json`."""
         row = {"frames": self.frames, "quality": self.quality, "page": f"{self.place}/{PAGE}"}
         row["verdict"] = verdict(self.metrics, self.findings, f"The window of frames {self.frames}")
         findings = [asdict(finding) for finding in self.findings]
@@ -98,7 +98,7 @@ def close_shot(
 
 
 def closing_lines(folder: Path, needs: Sequence[Mapping[str, str]], closing: Mapping[str, Any]) -> list[str]:
-    """What the terminal says at the end, by what `close_shot` returned and the joined scene's `needs`."""
+    """Return the last lines of the terminal, from what `close_shot` returned and the joined scene's `needs`."""
     lines = [f"what the clip needed: {needs_in_words(needs)}"]
     for row in closing["windows"]:
         lines.append(f"{row['verdict']} It needed {needs_in_words(row['needs'])}: {folder / row['page']}")
@@ -106,7 +106,7 @@ def closing_lines(folder: Path, needs: Sequence[Mapping[str, str]], closing: Map
 
 
 def needs_in_words(needs: Sequence[Mapping[str, str]]) -> str:
-    """What was chosen for everything that a scene needed, in a line."""
+    """Return the choices for all needs of a scene, in a line."""
     return "; ".join(f"{row['what']} {row['chosen']}" for row in needs)
 
 
@@ -158,7 +158,7 @@ def _angles(parts: Sequence[FittedWindow]) -> str:
 
 
 def _needs(parts: Sequence[FittedWindow]) -> str:
-    """What was chosen for every window, a column for each thing that any of them needed."""
+    """Return a table (HTML) of the choices for every window, with a column for each need."""
     chosen = [{row["what"]: row["chosen"] for row in part.needs} for part in parts]
     things = list(dict.fromkeys(what for each in chosen for what in each))
     rows = [[part.frames, *(each.get(what, "–") for what in things)] for part, each in zip(parts, chosen, strict=True)]

@@ -1,9 +1,9 @@
 """Scenes of overlapping windows of one shot become one scene over its whole length. Needs numpy; draws through `raster`.
 
-The windows are in one world and one space of ids: each began with the background that the one before left, so the same id is
-the same Gaussian or node (`previous_window`). What moves in a window takes turns with its neighbours' amid the frames that they
-share. A Gaussian of the background is there from the window that made it until the one that did away with it, or learnt it further
-as another one; one that no earlier frame would show, because nobody had looked there, is there from the beginning.
+The windows are in one world and one space of ids: each began with the background that the one before left, so the same id is the
+same Gaussian or node (`previous_window`). The dynamic sets of two windows take turns amid the frames that the windows share. A
+Gaussian of the background is there from the window that made it until the one that did away with it, or learnt it further as
+another one; one that no earlier frame would show, because nobody had looked there, is there from the beginning.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ COMPARED_PER_WINDOW = 12
 """Frames of a window in which it is looked whether they show what windows made. With 4, what comes to light between is left out
 (camel: 2 dB in frame 30); 24 are no better."""
 HIDDEN = 0.1
-"""Fraction of its light that may come through what moves before a Gaussian that an earlier frame does not show."""
+"""Maximum fraction of its light that comes through dynamic Gaussians, for a Gaussian that an earlier frame does not show."""
 
 
 def spans_of(windows: Sequence[tuple[int, int]], times: np.ndarray) -> np.ndarray:
@@ -111,7 +111,7 @@ class _Background:
     """Ids of Gaussians that go on from others of the window before (`EARLIER`), window by window."""
 
     def add(self, scene: Scene, span: np.ndarray) -> None:
-        """One window's whole background."""
+        """Add the whole background of a window."""
         static = scene.static
         for known, when in zip(self.parts, self.spans, strict=True):
             gone = ~np.isin(known.ids, static.ids) & (when[:, 3] == np.inf)
@@ -123,7 +123,7 @@ class _Background:
         self.spans.append(np.tile([*span[:2], np.inf, np.inf], (len(new), 1)))
 
     def finish(self) -> StaticSet:
-        """All of it, with when it is there."""
+        """Return the whole background, with the span in which each Gaussian is present."""
         return concatenated(self.parts, self.spans)
 
 
@@ -138,10 +138,10 @@ class _Moving:
     scaffolds: list[Scaffold] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
     last: Scene | None = None
-    """The window before, of which only what moves is left, until it is known which nodes go on."""
+    """The window before, its dynamic set alone, until it is known which nodes go on."""
 
     def add(self, scene: Scene, number: int, start: int) -> None:
-        """One window's, if something moves in it."""
+        """Add the moving Gaussians and the scaffold of a window, if it has any."""
         self._rest(scene)
         if scene.scaffold is not None:
             self.scaffolds.append(replace(scene.scaffold, times=scene.scaffold.times + self.times[start]))
@@ -198,7 +198,7 @@ class _Path:
         self.centre, self.total = np.zeros((frames, 3)), np.zeros(frames)
 
     def add(self, cameras: CameraPath, span: np.ndarray, start: int) -> None:
-        """One window's cameras."""
+        """Add the cameras of a window."""
         self.size = cameras.width, cameras.height
         rows = slice(start - self.windows[0][0], start - self.windows[0][0] + len(cameras))
         when = self.times[start : start + len(cameras)]
@@ -211,7 +211,7 @@ class _Path:
         self.total[rows] += weight
 
     def finish(self) -> CameraPath:
-        """One camera per frame."""
+        """Return the weighted mean of all windows' cameras, for every frame."""
         inverse = pose.invert(quaternion.normalize(self.turn), self.centre / self.total[:, None])
         times = self.times[self.windows[0][0] : self.windows[-1][1]]
         return CameraPath(self.intrinsics / self.total[:, None, None], pose.to_matrix(*inverse), times, *self.size)
@@ -241,10 +241,10 @@ def _rested(scene: Scene, alone: np.ndarray, shared: np.ndarray) -> DynamicSet:
 def _with_new_ground(
     scene: Scene, goes_on: np.ndarray, compared: Sequence[float], backend: str, progress: Progress
 ) -> Scene:
-    """The scene in which the background that no earlier frame shows is there from the beginning; `compared`: times to try.
+    """Return the scene with background that no earlier frame shows present from the beginning; `compared`: times to try.
 
-    Not what `goes_on (S,)` bool from other Gaussians, which are there before. What a later window did away with, and what moves
-    hides as long as it is there, was wrong all the time: it is left out.
+    Gaussians that continue others, `goes_on (S,)` bool, begin as they are: the others are there before. Background that a later
+    window removed, and that moving objects hide as long as it is there, was wrong all the time: it is left out.
     """
     if scene.static.span is None:
         return scene
@@ -272,7 +272,7 @@ def _with_new_ground(
 
 
 def _compared_frames(windows: Sequence[tuple[int, int]]) -> Iterator[int]:
-    """Frames in which it is looked what later windows made."""
+    """Yield frames in which the background of later windows is compared."""
     for start, end in windows[:-1]:
         yield from np.unique(np.linspace(start, end - 1, COMPARED_PER_WINDOW).round().astype(int)).tolist()
 

@@ -32,7 +32,7 @@ class JoinedPeople:
     """(N, 3) int64 of each window: id, joined number of the person, part of the body."""
 
     def add(self, scene: Scene, before: Scene | None, shared: Sequence[tuple[float, float]]) -> None:
-        """One window's people; `shared`: times of frames that it shares with the one `before`, (there, here)."""
+        """Add the people of a window; `shared`: times of frames that it shares with the one `before`, (there, here)."""
         people, numbers = people_of(scene), np.zeros(1, int)
         if people is not None:
             numbers = np.zeros(int(people.person.max()) + 1, int)
@@ -52,7 +52,7 @@ class JoinedPeople:
         self.numbers = numbers
 
     def stored_in(self, scene: Scene) -> Scene:
-        """The joined scene with its people: a Gaussian is whose it is in the first window that has it."""
+        """Return the joined scene with its people: each Gaussian shows the person of the first window that has it."""
         if not self.count:
             return scene
         table = np.concatenate(self.parts)

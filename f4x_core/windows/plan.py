@@ -46,12 +46,12 @@ class Shot:
 
     @property
     def end(self) -> int:
-        """One past the last frame."""
+        """Frame after the last one."""
         return self.windows[-1][1]
 
 
 def usual_length(size: ClipSize, config: FitConfig, memory: float | None) -> int:
-    """Frames of a window of a clip of `size` where nobody says it, 0 for one that is fitted at once.
+    """Return the default number of frames of a window for a clip of `size`; 0 for one that is fitted at once.
 
     `memory`: gigabytes that are granted, as in `fit.budget.Grant`.
     """
@@ -63,7 +63,7 @@ def usual_length(size: ClipSize, config: FitConfig, memory: float | None) -> int
 
 
 def usual_overlap(length: int) -> int:
-    """Frames that windows of `length` share where nobody says it: `OVERLAP`, or fewer where that leaves none of their own."""
+    """Return the default overlap of windows of `length` frames: `OVERLAP`, or less where that leaves none of their own."""
     return min(OVERLAP, (length - 1) // 2)
 
 

@@ -1,4 +1,4 @@
-"""What a window of a long clip takes over from the one before: its world and unit, its background, its nodes.
+"""Takes over world, unit, background and nodes of the window before into the next window of a long clip.
 
 The two share frames. There the earlier scene is known from its own cameras, and the later priors know the same pictures in a
 world of their own: that relates the worlds. From there on every camera is registered to the earlier background. Of that the
@@ -47,7 +47,7 @@ OPAQUE = 0.8
 MIN_PIXELS = 32
 """Fewer tell no depth."""
 AROUND, GROUND_PERCENTILE = 3, 10
-"""Pixels around what moves, and the percentile of their depth that is the ground below it."""
+"""Pixels around moving objects, and the percentile of their depth that is the ground below."""
 FREEDOM = {"static": 0, "pan": 3, "moving": 6}
 """Numbers that place a camera of each kind: its rotation, its position."""
 ROUNDS = 2
@@ -65,8 +65,8 @@ WORSE, GOOD = 1.0, 30.0
 """dB. The background learns further where it shows later frames worse than shared ones by more than `WORSE`, and below `GOOD`. As
 the camera travels they are 4 to 8 dB worse (camel, train: depth from a short way); where it stands, only by their noise."""
 SHOWN = 0.2
-"""Fraction of its light that what moves leaves of a Gaussian that learns further. The rails behind a train that has come would
-become its ghost (train)."""
+"""Minimum fraction of its light that dynamic Gaussians leave of a Gaussian that learns further. The rails behind a train that has
+come would become its ghost (train)."""
 CONTINUES = 0.4
 """Node units by which a node that goes on may differ from itself over the shared frames: it stands for the motion around it."""
 
@@ -89,7 +89,7 @@ class EarlierBackground:
     world: StaticSet
     """All of it that stays."""
     drawn: StaticSet
-    """What of it the window's cameras see."""
+    """Part of the background that the window's cameras see."""
     explained: Explained
     """(H,W) bool by supervised frame: pixels that it shows rightly."""
     learns: np.ndarray
@@ -100,7 +100,7 @@ class EarlierBackground:
         return followed_by(self.world.take(~np.isin(self.world.ids, self.drawn.ids[self.learns])), static)
 
     def known(self, next_id: int) -> KnownGround:
-        """What of it a fit starts with, whose own Gaussians have ids from `next_id` on."""
+        """Return the background for a fit whose own Gaussians have ids from `next_id` on."""
         frozen, learning = (
             Splats(part.means, part.quats, part.scales, part.opacities, part.sh).map(_tensor)
             for part in (self.drawn.take(~self.learns), self.drawn.take(self.learns))
@@ -113,7 +113,7 @@ class PreviousWindow:
     """The window before."""
 
     scene: Scene
-    """As it was fitted; its static set is all the background so far."""
+    """Scene as it was fitted; its static set is all the background so far."""
     offset: int
     """Frames from its first to this window's first."""
     next_node: int
@@ -178,7 +178,7 @@ class PreviousWindow:
         pixels off all the background looks wrong. Shared frames have the earlier cameras. Each later frame starts from the
         one before it and the priors' motion, and is registered to the background as drawn from there: by optical flow, robustly,
         within what the kind of camera is free to do, in this window or the earlier one, as long as it sees enough of it. The depth
-        of what stands still follows by one factor per frame.
+        of static pixels follows by one factor per frame.
 
         `margin`: pixels around the moving mask that do not count.
         """
@@ -298,7 +298,7 @@ class PreviousWindow:
 
 
 def _worse(errors: np.ndarray, shared: np.ndarray) -> bool:
-    """Whether, by mean squared `errors (n,)` of frames, those not `shared (n,)` bool are shown `WORSE` than those, and not `GOOD`.
+    """Return True if frames not `shared (n,)` bool have median squared `errors (n,)` `WORSE` than shared ones, and not `GOOD`.
 
     Medians, as a frame may be blurred; NaN is a frame that tells nothing.
     """
@@ -311,7 +311,7 @@ def _worse(errors: np.ndarray, shared: np.ndarray) -> bool:
 
 
 def _room(depth: np.ndarray, moving: np.ndarray) -> float:
-    """How many times as far away what moves may be and still be in front of the nearest of what stands around it."""
+    """Return the factor by which moving objects may be farther away and still be in front of what stands around them."""
     found = []
     for z, mask in zip(depth, moving, strict=True):
         known = np.isfinite(z) & (z > 0)
@@ -322,7 +322,7 @@ def _room(depth: np.ndarray, moving: np.ndarray) -> float:
 
 
 def _median(ratios: np.ndarray, otherwise: float) -> float:
-    """Median of those that are known, if enough are."""
+    """Return the median of the finite `ratios`; `otherwise` for fewer than `MIN_PIXELS`."""
     known = ratios[np.isfinite(ratios)]
     return float(np.median(known)) if len(known) >= MIN_PIXELS else otherwise
 

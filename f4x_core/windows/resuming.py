@@ -1,4 +1,4 @@
-"""What the fit in a folder is made with: `--resume` with anything else is refused by the name of the option."""
+"""Options that the fit in a folder was made with: `--resume` with others is refused by the name of the option."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +10,7 @@ from ..reading import load_json, undamaged
 PLAN = Path("windows", "plan.json")
 """File in the folder of a fit in windows: option -> its value as text."""
 OPTIONS = Path("options.json")
-"""The same of a fit at once. There a checkpoint decides, which knows the frames themselves: 0: and 0:60 may be the same."""
+"""Options of a fit at once. There a checkpoint decides, which knows the frames themselves: 0: and 0:60 may be the same."""
 WINDOW = "--window"
 AT_ONCE = "0 (all at once)"
 """Value of `WINDOW` of a fit without windows, which leaves no plan but checkpoints."""
@@ -47,7 +47,7 @@ def require_same(folder: Path, options: Mapping[str, str]) -> None:
 
 
 def require_same_at_once(folder: Path, options: Mapping[str, str]) -> None:
-    """The same for a fit at once whose checkpoint was refused; nothing where no option tells why."""
+    """Refuse other options for a fit at once whose checkpoint was refused; do nothing where no option tells why."""
     if (folder / OPTIONS).is_file():
         _require(folder, _read_options(folder / OPTIONS), options)
 

@@ -1,4 +1,4 @@
-"""One window of a long clip: its fit, in a process of its own.
+"""Fits one window of a long clip in a process of its own.
 
 What a process frees stays with it in part: its heaps fray, and of 640 pixels every window began with 30 to 80 MB more than the
 one before. A process that ends gives everything back.
@@ -93,7 +93,7 @@ class WindowRequest:
         return config_hash(resolved(self.config), state.hexdigest(), "" if self.before is None else self.before.digest)
 
     def finished(self) -> bool:
-        """Whether an earlier run left the window's scene. F4xError where that was another window."""
+        """True if an earlier run left the window's scene. Raises F4xError where that was another window."""
         path = self.folder / SCENE
         if not (self.resume and path.is_file()):
             return False
@@ -176,7 +176,7 @@ class WindowRequest:
 
 
 def _write_masks(path: Path, masks: Mapping[int, np.ndarray] | None) -> None:
-    """Keep what moves in the frames of a window, `masks` of (H,W) bool, for the colors of the whole clip."""
+    """Keep `masks`, (H,W) bool of moving pixels in the frames of a window, for the colors of the whole clip."""
     masks = masks or {}
     with replace_file(path) as file:
         stack = np.array([*masks.values()]) if masks else np.zeros((0, 0, 0), bool)
@@ -184,7 +184,7 @@ def _write_masks(path: Path, masks: Mapping[int, np.ndarray] | None) -> None:
 
 
 def masks_of(folder: Path) -> dict[int, np.ndarray] | None:
-    """Frame of the window in `folder` -> (H,W) bool of what moves there; None where the window left none."""
+    """Return frame -> (H,W) bool of moving pixels of the window in `folder`; None where it left no masks."""
     path = folder / MASKS
     if not path.is_file():
         return None

@@ -11,17 +11,17 @@ ROOT = Path(__file__).resolve().parents[2]
 
 _BEFORE = """
 import json, os, sys
-sys.path.insert(0, sys.argv[1] + "/scripts")
+sys.path.extend(f"{sys.argv[1]}/{name}" for name in ("tools", "scripts"))
 import door; door.end_at_errors()
 import bpy
 import numpy as np
 from pathlib import Path
 folder, noted, arrays, ops = Path(sys.argv[2]), {}, {}, bpy.ops.f4x
 door.load_extension().register()
-from feature4x.addon import operators
-operators._told_of_refit = True  # Blender 5.3 says it once in a session, beside what a test is about; it has a test of its own
-from feature4x.addon.scene_object import SceneObject
-from feature4x.addon.point_cloud import read_attribute
+from feature4x.addon.operators import importing
+importing._told_of_refit = True  # Blender 5.3 says it once in a session, beside what a test is about; it has a test of its own
+from feature4x.addon.scene.scene_object import SceneObject
+from feature4x.addon.common.point_cloud import read_attribute
 
 def scene_object():
     return SceneObject.of(bpy.context.object)
@@ -49,7 +49,7 @@ def select(*items):
     bpy.context.view_layer.objects.active = items[0]
 
 def show_nodes():
-    from feature4x.addon.scaffold_rig import layer_of
+    from feature4x.addon.rig.scaffold import layer_of
     layer_of(root()).hide_viewport = False
 
 def values(item, name="position"):

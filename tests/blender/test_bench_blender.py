@@ -10,7 +10,7 @@ import pytest
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
-SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "bench_blender.py"
+SCRIPT = Path(__file__).resolve().parents[2] / "tools" / "bench_blender.py"
 SMALL = ("--static", "500", "--dynamic", "500", "--nodes", "8", "--frames", "6")
 
 

@@ -50,8 +50,8 @@ arrays["places"] = np.stack(places)
 
 def test_a_film_is_rendered_by_the_worker(folder):
     script = f"""
-from feature4x.addon import job_operators
-job_operators.worker_python = lambda: {sys.executable!r}
+from feature4x.addon.operators import tasks
+tasks.worker_python = lambda: {sys.executable!r}
 ops.render_film(path="slow", factor=2.0)
 ops.render_film(path="bullet", frame=2, degrees=10.0, exr=True, output=str(folder / "stopped"))
 ops.change_selection(how="ALL")

@@ -30,9 +30,11 @@ import bpy, cv2, numpy as np
 from pathlib import Path
 extension = door.load_extension()
 extension.register()
-from feature4x.addon import clip_time, clip_background, motion_edits, scaffold_rig
-from feature4x.addon.import_scene import import_scene
-from feature4x.addon.scene_object import SceneObject
+from feature4x.addon.scene import clip_time
+from feature4x.addon.io import clip_background
+from feature4x.addon.rig import motion_edits, scaffold
+from feature4x.addon.io.import_scene import import_scene
+from feature4x.addon.scene.scene_object import SceneObject
 folder = Path(sys.argv[2])
 found, noted = {}, {}
 
@@ -44,7 +46,7 @@ def fresh(**options):
     return root
 
 def picture(label, frame):
-    scaffold_rig.set_frame(bpy.context.scene, frame)
+    scaffold.set_frame(bpy.context.scene, frame)
     bpy.context.scene.render.filepath = str(folder / "out.png")
     bpy.ops.render.render(write_still=True)
     found[label] = cv2.imread(str(folder / "out.png"))
@@ -102,7 +104,7 @@ def red():
 noted["red"] = []
 for frame, start in ((1, 0), (4, 0), (4, 3)):  # at last at the same frame of the timeline
     root.f4x.start_frame = start
-    scaffold_rig.set_frame(bpy.context.scene, frame) if start == 0 else None
+    scaffold.set_frame(bpy.context.scene, frame) if start == 0 else None
     noted["red"].append(red())
 end()
 """
@@ -161,25 +163,25 @@ def points():
 
 def note(label, root, frame_of):
     for time in (0.0, 1.0, 3.0, 4.0):
-        scaffold_rig.set_frame(bpy.context.scene, frame_of(time))
+        scaffold.set_frame(bpy.context.scene, frame_of(time))
         found[f"{label} {time}"] = points()
 
 def session(label, frame_of, prepare):
     root = fresh()
-    scaffold_rig.layer_of(root).hide_viewport = False
+    scaffold.layer_of(root).hide_viewport = False
     prepare(root)
-    nodes = scaffold_rig.nodes_of(root)
+    nodes = scaffold.nodes_of(root)
     bpy.context.view_layer.objects.active = nodes[2]
     nodes[2].select_set(True)
     bpy.ops.f4x.write_motion()
     noted[f"{label} untouched"] = len(SceneObject(root).stack)
-    scaffold_rig.set_frame(bpy.context.scene, frame_of(3))
+    scaffold.set_frame(bpy.context.scene, frame_of(3))
     if clip_time.follows_timeline(root):
         bpy.ops.f4x.grab_nodes(offset=(0.3, 0.2, 0.1), reach=2.0, hold="AROUND", frames=1)
     else:
         noted["refused"] = bpy.ops.f4x.grab_nodes.poll()
         root.f4x.animate_time = False
-        scaffold_rig.set_frame(bpy.context.scene, 3)
+        scaffold.set_frame(bpy.context.scene, 3)
         bpy.ops.f4x.grab_nodes(offset=(0.3, 0.2, 0.1), reach=2.0, hold="AROUND", frames=1)
         root.f4x.animate_time = True
     note(f"{label} grabbed", root, frame_of)
@@ -199,13 +201,13 @@ def freeze(root):
         key.co[0] *= 2
 
 root = fresh()
-node = scaffold_rig.nodes_of(root)[2]
+node = scaffold.nodes_of(root)[2]
 data = node.animation_data
 strip = data.nla_tracks.new().strips.new("pushed down", 0, data.action)
 strip.action_slot = data.action_slot
 data.action = None
 for label, frame in (("before", 3), ("after", 1001 + 3 / 0.8)):
-    scaffold_rig.set_frame(bpy.context.scene, frame)
+    scaffold.set_frame(bpy.context.scene, frame)
     found["strip " + label] = np.array(node.location)
     shift(root)
 session("plain", lambda time: time, lambda root: None)

@@ -16,8 +16,8 @@ bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene(filepath=str(folder / "scene.f4x"))
 scene, layer = bpy.context.scene, bpy.context.view_layer
 scene.render.engine = "FEATURE4X"
-from feature4x.addon import compositing
-from feature4x.addon.render_settings import save_png
+from feature4x.addon.render import compositing
+from feature4x.addon.common.render_settings import save_png
 from mathutils import Matrix
 bpy.ops.mesh.primitive_uv_sphere_add(radius=0.5)
 ball = bpy.context.object
@@ -37,7 +37,7 @@ def nodes():
     return [] if tree is None else [node.name for node in tree.nodes]
 
 def picture():
-    from feature4x.addon.render_settings import save_multilayer
+    from feature4x.addon.common.render_settings import save_multilayer
     import OpenEXR
     save_multilayer(scene, folder / "all.exr")
     parts = OpenEXR.File(str(folder / "all.exr"), separate_channels=True).parts

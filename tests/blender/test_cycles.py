@@ -26,11 +26,11 @@ import OpenEXR  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
 EXTENSION = door.load_extension()
-from feature4x.addon import display  # noqa: E402
-from feature4x.addon.evaluated import stage  # noqa: E402
-from feature4x.addon.import_scene import import_scene  # noqa: E402
-from feature4x.addon.point_cloud import FLOAT4, new_point_cloud, read_attribute, write_attribute  # noqa: E402
-from feature4x.addon.scene_object import SceneObject  # noqa: E402
+from feature4x.addon.common.point_cloud import FLOAT4, new_point_cloud, read_attribute, write_attribute  # noqa: E402
+from feature4x.addon.edits import display  # noqa: E402
+from feature4x.addon.io.import_scene import import_scene  # noqa: E402
+from feature4x.addon.render.evaluated import stage  # noqa: E402
+from feature4x.addon.scene.scene_object import SceneObject  # noqa: E402
 from feature4x.f4x_core.edit.operations import Recolour, Transform  # noqa: E402
 from feature4x.f4x_core.edit.selects import Moving  # noqa: E402
 

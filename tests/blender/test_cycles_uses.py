@@ -15,7 +15,7 @@ from .tiny_scene import tiny_scene
 bpy = pytest.importorskip("bpy", reason="bpy is absent")
 if "type" not in bpy.types.PointCloud.bl_rna.properties:
     pytest.skip("this Blender has no splats of its own", allow_module_level=True)
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+sys.path.extend(str(Path(__file__).resolve().parents[2] / name) for name in ("tools", "scripts"))
 import cycles_stage  # noqa: E402
 import door  # noqa: E402
 

@@ -41,9 +41,9 @@ import bpy, numpy as np
 from pathlib import Path
 from math import pi
 door.load_extension().register()
-from feature4x.addon import display, edit_fields
-from feature4x.addon.import_scene import import_scene
-from feature4x.addon.scene_object import SceneObject
+from feature4x.addon.edits import display, fields
+from feature4x.addon.io.import_scene import import_scene
+from feature4x.addon.scene.scene_object import SceneObject
 from feature4x.f4x_core.edit.operations import read_operation
 folder = Path(sys.argv[2])
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -91,7 +91,7 @@ before = root["f4x_edits"]
 for index, edit in enumerate(shot.stack.edits):  # what is written as it was read changes nothing
     state.history_index = index
     group = getattr(state.fields, edit.operation.TAG)
-    for shown in edit_fields.SHOWN[edit.operation.TAG]:
+    for shown in fields.SHOWN[edit.operation.TAG]:
         if shown.visible(edit.operation):
             setattr(group, shown.name, getattr(group, shown.name))
 unchanged = [(a, b) for a, b in zip(json.loads(before), json.loads(root["f4x_edits"])) if a != b]

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
 
 SCRIPT = """
-from feature4x.addon import evaluated
+from feature4x.addon.render import evaluated
 bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene(filepath=str(folder / "scene.f4x"))
 bpy.ops.mesh.primitive_cube_add(size=0.1)

@@ -17,7 +17,7 @@ pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
 os.environ.pop("F4X_PYTHON", None)
-from feature4x.addon import export_operator
+from feature4x.addon.operators import exporting
 noted["poll"] = ops.export_scene.poll()
 """
 
@@ -36,7 +36,7 @@ ops.remove()
 ops.export_scene(filepath=str(folder / "edited.ply"))
 ops.export_scene(filepath=str(folder / "unedited.ply"), with_edits=False)
 static = next(cloud for cloud in scene_object().clouds if "static" in cloud.name)
-from feature4x.addon.point_cloud import write_attribute
+from feature4x.addon.common.point_cloud import write_attribute
 write_attribute(static.data, ".selection", "BOOLEAN", np.arange(len(static.data.points)) < 20)
 select(static)
 bpy.ops.object.mode_set(mode="EDIT"); bpy.ops.pointcloud.delete(); bpy.ops.object.mode_set(mode="OBJECT")
@@ -95,7 +95,7 @@ TARGETS = (
 def test_the_name_of_the_file_goes_with_the_format(tmp_path):
     script = f"""
 for path, format, one, *_ in {TARGETS}:
-    name, output = export_operator.target_of(Path(path), format, one)
+    name, output = exporting.target_of(Path(path), format, one)
     noted.setdefault("found", []).append([name, str(output)])
 """
     noted, _ = perform(tmp_path, START + script)
@@ -106,9 +106,9 @@ def test_a_moved_clip_is_found_or_asked_for_before_a_job_starts(tmp_path):
     scene = labelled_scene()
     write_scene(replace(scene, provenance={"source": str(tmp_path / "was/clip")}), tmp_path / "scene.f4x")
     script = """
-from feature4x.addon import job_operators
+from feature4x.addon.operators import tasks
 started = []
-job_operators.start_verb = lambda title, done, *arguments: started.append([str(each) for each in arguments])
+tasks.start_verb = lambda title, done, *arguments: started.append([str(each) for each in arguments])
 ops.import_scene(filepath=str(folder / "scene.f4x"))
 noted["gone"] = refused(ops.add_features)
 (folder / "clip").mkdir()

@@ -65,7 +65,7 @@ dynamic.is_holdout = True
 arrays["object"] = render("object")
 scene.render.film_transparent = True
 arrays["transparent"] = render("transparent")
-from feature4x.addon import evaluated
+from feature4x.addon.render import evaluated
 reader = evaluated.Reader()
 bpy.context.view_layer.update()
 clouds, _ = reader.stage(bpy.context.evaluated_depsgraph_get())
@@ -108,7 +108,7 @@ arrays["shown"] = render("shown")
 layer.f4x_hold_out_meshes = layer.f4x_passes.holdout = True
 arrays["layer"] = render("layer")
 settings = scene.render.image_settings
-from feature4x.addon.render_settings import save_multilayer
+from feature4x.addon.common.render_settings import save_multilayer
 save_multilayer(scene, folder / "passes.exr")
 """
     _, arrays = perform(folder, START + script)
@@ -212,7 +212,7 @@ def bare():
     tree.links.remove(shader.outputs[0].links[0])
 
 {code}
-from feature4x.addon import evaluated
+from feature4x.addon.render import evaluated
 bpy.context.view_layer.update()
 (surface,) = evaluated.stage(bpy.context.evaluated_depsgraph_get())[1]
 arrays["colors"] = surface.corner_colors

@@ -35,9 +35,9 @@ import bpy, door, numpy as np
 extension = door.load_extension()
 extension.register()
 from pathlib import Path
-from feature4x.addon.scene_object import SceneObject
-import feature4x.addon.sequence as sequence
-from feature4x.addon.evaluated import stage
+from feature4x.addon.scene.scene_object import SceneObject
+import feature4x.addon.io.sequence as sequence
+from feature4x.addon.render.evaluated import stage
 folder, clip = Path(sys.argv[2]), int(sys.argv[3])
 scene, found, told = bpy.context.scene, {}, {}
 radiance = "vector" if bpy.app.version >= (5, 2, 0) else "color"

@@ -18,7 +18,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import door  # noqa: E402
 
 door.load_extension()
-worker = importlib.import_module("feature4x.addon.worker")
+worker = importlib.import_module("feature4x.addon.jobs.worker")
 errors = importlib.import_module("feature4x.f4x_core.errors")
 POSIX = pytest.mark.skipif(os.name == "nt", reason="asks for process ids as POSIX has them")
 
@@ -129,7 +129,7 @@ import sys, time
 sys.path.insert(0, {str(ROOT / "scripts")!r})
 import door
 door.load_extension()
-from feature4x.addon.worker import Job
+from feature4x.addon.jobs.worker import Job
 job = Job("test", [sys.executable, "-c", sys.argv[1], sys.argv[2], sys.argv[3]])
 while job.poll() and not job.message:
     time.sleep(0.01)

@@ -21,9 +21,9 @@ pytest.importorskip("bpy", reason="bpy is absent")
 STRENGTH = 0.6
 
 MAKE = """
-from feature4x.addon.import_scene import import_scene
-from feature4x.addon.scene_object import SELECTED
-from feature4x.addon.meshes import is_made
+from feature4x.addon.io.import_scene import import_scene
+from feature4x.addon.scene.scene_object import SELECTED
+from feature4x.addon.operators.meshes import is_made
 bpy.ops.wm.read_factory_settings(use_empty=True)
 import_scene(folder / "scene.f4x")
 scene = bpy.context.scene
@@ -210,7 +210,7 @@ LAMPS = {
 }
 CYCLES = """
 from mathutils import Vector
-from feature4x.addon import shadows
+from feature4x.addon.render import shadows
 from feature4x.f4x_core.scene.shadows import light_left
 bpy.ops.wm.read_factory_settings(use_empty=True)
 scene, SIDE = bpy.context.scene, 48

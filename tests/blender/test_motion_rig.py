@@ -28,14 +28,15 @@ import bpy, numpy as np
 extension = door.load_extension()
 extension.register()
 from pathlib import Path
-from feature4x.addon import display, scaffold_rig
-from feature4x.addon.scene_object import SceneObject
-from feature4x.addon.import_scene import import_scene
+from feature4x.addon.edits import display
+from feature4x.addon.rig import scaffold
+from feature4x.addon.scene.scene_object import SceneObject
+from feature4x.addon.io.import_scene import import_scene
 folder, clip = Path(sys.argv[2]), int(sys.argv[3])
 bpy.ops.wm.read_factory_settings(use_empty=True)
 file = folder / "tiny.f4x"
 root = import_scene(file)
-scaffold_rig.layer_of(root).hide_viewport = False
+scaffold.layer_of(root).hide_viewport = False
 scene, found, told = bpy.context.scene, {}, {}
 
 def points():

@@ -14,7 +14,8 @@ pytest.importorskip("bpy", reason="bpy is absent")
 START = """
 bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene(filepath=str(folder / "scene.f4x"))
-from feature4x.addon import evaluated, native_motion
+from feature4x.addon.render import evaluated
+from feature4x.addon.rig import native_motion
 cloud = next(item for item in root().children if "Feature4X motion" in item.modifiers)
 native_motion._is_moving, native_motion._watch = (lambda: True), (lambda: None)  # as during playback, in a window
 modifier, reader = cloud.modifiers["Feature4X motion"], evaluated.Reader()
@@ -53,7 +54,7 @@ node.location += Vector((0.1, -0.2, 0.3)); node.rotation_euler = (0.4, 0.1, 0.2)
 root().location, root().scale = (1, 2, 3), (0.5, 0.5, 0.5); both("elsewhere")
 ops.query_text(text="square")
 half = scene_object().read(".selection") & (np.arange(len(scene_object().shown.scene.ids)) % 2 == 0)
-from feature4x.addon import display
+from feature4x.addon.edits import display
 display.hide(scene_object(), half); both("half hidden")
 """
     _, arrays = perform(folder, START + script)

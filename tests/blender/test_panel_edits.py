@@ -38,8 +38,8 @@ import door; door.end_at_errors()
 import bpy
 import numpy as np
 door.load_extension().register()
-from feature4x.addon.scene_object import SceneObject
-from feature4x.addon.point_cloud import read_attribute
+from feature4x.addon.scene.scene_object import SceneObject
+from feature4x.addon.common.point_cloud import read_attribute
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.f4x.import_scene(filepath=folder + "/scene.f4x")
 ops, noted, arrays = bpy.ops.f4x, {}, {}

@@ -95,8 +95,8 @@ arrays["opened"] = picture()
 
 def test_a_refused_sentence_is_shown_in_the_panel_alone(folder):
     script = """
-from feature4x.addon.edit_operators import F4X_OT_plan
-from feature4x.addon.searching import SearchOperator
+from feature4x.addon.operators.editing import F4X_OT_plan
+from feature4x.addon.operators.searching import SearchOperator
 reports = []
 
 class Button(SearchOperator):  # without a window Blender presses none
@@ -129,7 +129,7 @@ noted["planned"], noted["after"] = [r.description for r in root().f4x.readings],
 
 def test_the_options_of_a_sequence_are_drawn_for_numbered_ply_alone(folder):
     script = """
-from feature4x.addon.operators import options_for
+from feature4x.addon.operators.importing import options_for
 for name in ("dog.f4x", "walk_0001.ply", "WALK1.PLY", "splats.ply", "a.splat", ""):
     noted[name] = "step" in options_for("/somewhere/" + name if name else "")
 """
@@ -140,7 +140,7 @@ for name in ("dog.f4x", "walk_0001.ply", "WALK1.PLY", "splats.ply", "a.splat", "
 def test_nodes_are_hidden_at_first_sight_and_carry_all_the_same(tmp_path):
     write_scene(tiny_scene(), tmp_path / "scene.f4x")
     script = """
-from feature4x.addon.scaffold_rig import layer_of
+from feature4x.addon.rig.scaffold import layer_of
 node = bpy.data.objects["tiny node 00003"]
 noted["visible"] = [item.name for item in bpy.context.scene.objects if item.visible_get() and item.type == "EMPTY"]
 positions = []
@@ -161,7 +161,7 @@ noted["shown"] = node.visible_get()
 def test_moved_nodes_and_handles_are_told_until_they_are_written_back(tmp_path):
     write_scene(tiny_scene(), tmp_path / "scene.f4x")
     script = """
-from feature4x.addon.motion_edits import unwritten
+from feature4x.addon.rig.motion_edits import unwritten
 note = lambda name: (bpy.context.view_layer.update(), noted.__setitem__(name, unwritten(scene_object())))
 for frame in range(7):
     bpy.context.scene.frame_set(frame)
@@ -186,7 +186,7 @@ bpy.context.scene.frame_set(2, subframe=0.5); note("between frames")
 def test_a_finished_fit_lands_beside_the_open_scene(folder):
     write_scene(tiny_scene(), folder / "other.f4x")
     script = """
-from feature4x.addon.job_operators import import_fitted
+from feature4x.addon.operators.tasks import import_fitted
 cube = bpy.data.objects.new("mine", bpy.data.meshes.new("mine"))
 bpy.context.scene.collection.objects.link(cube)
 select(cube)
@@ -241,7 +241,7 @@ with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
 def test_blender_with_splats_is_told_of_the_refit_once(folder):
     script = """
 import importlib
-operators = importlib.import_module("feature4x.addon.operators")
+operators = importlib.import_module("feature4x.addon.operators.importing")
 operators.draws_splats = lambda: True
 operators._told_of_refit = False
 for name in ("first", "second"):
@@ -254,7 +254,7 @@ for name in ("first", "second"):
 def test_the_switch_of_the_nodes_says_what_it_shows(tmp_path):
     write_scene(tiny_scene(), tmp_path / "scene.f4x")
     script = """
-from feature4x.addon.scaffold_rig import layer_of
+from feature4x.addon.rig.scaffold import layer_of
 state = root().f4x
 noted["hint"] = state.bl_rna.properties["show_nodes"].description
 noted["shown"] = [state.show_nodes]
@@ -268,7 +268,7 @@ noted["shown"] += [state.show_nodes, not layer_of(root()).hide_viewport]
 def test_a_still_shows_no_time(folder):
     export(labelled_scene(), folder / "still.ply", [0])
     script = """
-from feature4x.addon.motion_panel import F4X_PT_motion
+from feature4x.addon.ui.motion_panel import F4X_PT_motion
 
 noted["clip"] = F4X_PT_motion.poll(bpy.context)
 ops.import_scene(filepath=str(folder / "still.ply"))
@@ -281,7 +281,7 @@ def test_a_swing_begins_within_what_can_be_believed(tmp_path):
     write_scene(labelled_scene(provenance={"believed_degrees": 2.0}), tmp_path / "scene.f4x")
     script = """
 from types import SimpleNamespace
-from feature4x.addon.camera_operators import _stay_believed
+from feature4x.addon.operators.cameras import _stay_believed
 for name, told in (("default", False), ("asked", True)):
     operator = SimpleNamespace(degrees=5.0, properties=SimpleNamespace(is_property_set=lambda _: told))
     _stay_believed(operator, scene_object())
@@ -320,7 +320,7 @@ noted["import"] = root().f4x.notice
 
 def test_the_size_of_a_usd_export_is_told_before(folder):
     script = """
-from feature4x.addon.export_operator import usd_megabytes
+from feature4x.addon.operators.exporting import usd_megabytes
 noted["sizes"] = [usd_megabytes(scene_object(), one) for one in (True, False)]
 """
     noted, _ = perform(folder, START + script)
@@ -359,4 +359,4 @@ noted["far"] = refused(ops.query_text, text="goat")
 )  # fmt: skip
 def test_messages_speak_of_buttons(told, shown):
     door.load_extension()
-    assert importlib.import_module("feature4x.addon.wording").panel_words(told) == shown
+    assert importlib.import_module("feature4x.addon.common.wording").panel_words(told) == shown

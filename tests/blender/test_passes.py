@@ -34,8 +34,8 @@ import numpy as np
 from pathlib import Path
 extension = door.load_extension()
 extension.register()
-from feature4x.addon.import_scene import import_scene
-from feature4x.addon.render_settings import save_multilayer
+from feature4x.addon.io.import_scene import import_scene
+from feature4x.addon.common.render_settings import save_multilayer
 
 def switch(layer):
     layer.use_pass_z = layer.use_pass_vector = layer.use_pass_normal = layer.use_pass_position = layer.use_pass_mist = True

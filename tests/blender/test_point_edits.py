@@ -13,8 +13,8 @@ pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
-from feature4x.addon import point_edits
-from feature4x.addon.point_cloud import write_attribute
+from feature4x.addon.operators import point_edits
+from feature4x.addon.common.point_cloud import write_attribute
 ops.import_scene("EXEC_DEFAULT", True, filepath=str(folder / "scene.f4x"))
 push("imported")
 

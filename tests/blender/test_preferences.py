@@ -27,7 +27,7 @@ import bpy, door
 extension = door.load_extension()
 extension.register()
 bpy.context.preferences.addons.new().module = "feature4x"
-from feature4x.addon import jobs, preferences, worker
+from feature4x.addon.jobs import runner, preferences, worker
 from feature4x.f4x_core.errors import F4xError
 settings = preferences.preferences()
 
@@ -129,7 +129,7 @@ bpy_app = bpy.app
 class Windowed:
     background = False
     timers = bpy_app.timers
-jobs.bpy = type("bpy", (), {"app": Windowed, "context": bpy.context})
+runner.bpy = type("bpy", (), {"app": Windowed, "context": bpy.context})
 """
 
 
@@ -138,21 +138,21 @@ def test_jobs_are_looked_after_by_a_timer():
 talk = "import json, os, sys, time; print(json.dumps({'stage': 'a', 'done': 1, 'total': 2})); sys.stdout.flush(); time.sleep(60)"
 job = worker.Job("long", [sys.executable, "-c", talk])
 start = time.monotonic()
-jobs.start(job)
-assert time.monotonic() - start < 0.1 and bpy_app.timers.is_registered(jobs.tick)
-while jobs.tick() and job.stage != "a":
+runner.start(job)
+assert time.monotonic() - start < 0.1 and bpy_app.timers.is_registered(runner.tick)
+while runner.tick() and job.stage != "a":
     time.sleep(0.02)
-assert job.fraction == 0.5 and jobs.all_jobs() == (job,)
+assert job.fraction == 0.5 and runner.all_jobs() == (job,)
 assert bpy.ops.f4x.dismiss_job(number=0) == {"FINISHED"}
-while jobs.tick():
+while runner.tick():
     time.sleep(0.02)
-assert job.state == worker.CANCELLED and jobs.tick() is None
-assert bpy.ops.f4x.dismiss_job(number=0) == {"FINISHED"} and jobs.all_jobs() == ()
+assert job.state == worker.CANCELLED and runner.tick() is None
+assert bpy.ops.f4x.dismiss_job(number=0) == {"FINISHED"} and runner.all_jobs() == ()
 assert bpy.ops.f4x.dismiss_job(number=0) == {"CANCELLED"}
 last = worker.Job("last", [sys.executable, "-c", talk])
-jobs.start(last)
-jobs.end_all()
-assert last.child.poll() is not None and not bpy_app.timers.is_registered(jobs.tick)
+runner.start(last)
+runner.end_all()
+assert last.child.poll() is not None and not bpy_app.timers.is_registered(runner.tick)
 """
     blender(WINDOWED + code)
 
@@ -168,9 +168,9 @@ bpy.context.scene.frame_set(3)
 assert bpy.ops.f4x.export_scene(filepath=folder + "/three.ply") == {"FINISHED"}
 assert bpy.ops.f4x.ask_scene(question="how many frames are there?") == {"FINISHED"}
 assert bpy.ops.f4x.query_text(text="square") == {"FINISHED"}
-from feature4x.addon import jobs
-started, start = [], jobs.start
-jobs.start = lambda job: (started.append(job), start(job))
+from feature4x.addon.jobs import runner
+started, start = [], runner.start
+runner.start = lambda job: (started.append(job), start(job))
 assert bpy.ops.f4x.ask_scene(question="what is it?") == {"FINISHED"}
 assert "selection is the square (100%)" in started[0].text, started[0].text
 assert "did you mean 'square'?" in refused(bpy.ops.f4x.ask_scene, question="where is the sqaure?")
@@ -179,14 +179,14 @@ from unittest.mock import MagicMock
 drawn, body = MagicMock(), MagicMock()
 drawn.box().panel.return_value, body.panel.return_value = (MagicMock(), body), (MagicMock(), None)
 context = SimpleNamespace(region=SimpleNamespace(width=300), preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1)))
-jobs._jobs.append(started[1])  # with a window it stays in the list
-jobs.draw_job(drawn, context, started[1])
-jobs.dismiss(started[1])
+runner._jobs.append(started[1])  # with a window it stays in the list
+runner.draw_job(drawn, context, started[1])
+runner.dismiss(started[1])
 assert "--yes" in started[1].error and "--yes" not in str(body.mock_calls)
 assert bpy.ops.f4x.ask_scene(question=started[1].instead) == {"FINISHED"}
 assert "square" in started[2].text and body.operator().question == started[1].instead == "where is the square"
 assert "no-teacher" in refused(bpy.ops.f4x.add_features, teachers="no-teacher")
-from feature4x.addon.scene_object import SceneObject
+from feature4x.addon.scene.scene_object import SceneObject
 from feature4x.f4x_core.edit.operations import Recolour
 from feature4x.f4x_core.edit.selects import Moving
 scene_object = SceneObject.of(None)
@@ -205,8 +205,8 @@ def test_a_job_that_ends_leaves_what_is_being_worked_on(tmp_path):
     for name in ("mine", "fitted"):
         write_scene(labelled_scene(), tmp_path / f"{name}.f4x")
     code = """
-from feature4x.addon import job_operators
-from feature4x.addon.scene_object import SceneObject
+from feature4x.addon.operators import tasks
+from feature4x.addon.scene.scene_object import SceneObject
 folder = sys.argv[2]
 bpy.ops.f4x.import_scene(filepath=folder + "/mine.f4x")
 scene_object = SceneObject.of(bpy.context.object)
@@ -214,7 +214,7 @@ scene = bpy.context.scene
 scene.render.resolution_x, scene.frame_end = 640, 99
 bpy.ops.f4x.query_text(text="square")
 before = scene.camera, scene_object.read(".selection")
-job_operators.import_fitted({"scene": folder + "/fitted.f4x"})
+tasks.import_fitted({"scene": folder + "/fitted.f4x"})
 assert (scene.camera, scene.render.resolution_x, scene.frame_end) == (before[0], 640, 99)
 scene_object.attach()  # as after features were added
 assert before[1].any() and (scene_object.read(".selection") == before[1]).all()
@@ -235,18 +235,18 @@ folder = sys.argv[2]
 def fit(stop_at=None):
     done = bpy.ops.f4x.fit_clip(filepath=folder + "/walk/000.png", profile="quick", features=False)
     assert done == {"FINISHED"}
-    job = jobs.all_jobs()[-1]
+    job = runner.all_jobs()[-1]
     stages, asked, longest = [], None, 0.0
     while True:
         start = time.monotonic()
-        going = jobs.tick()
+        going = runner.tick()
         if going is None:
             return job, stages, asked and time.monotonic() - asked, longest
         longest = max(longest, time.monotonic() - start)
         stages += [job.stage] if job.stage not in stages else []
         if asked is None and job.stage == stop_at and job.done > 5:
             asked = time.monotonic()
-            bpy.ops.f4x.dismiss_job(number=len(jobs.all_jobs()) - 1)
+            bpy.ops.f4x.dismiss_job(number=len(runner.all_jobs()) - 1)
         time.sleep(0.02)
 
 job, stages, took, longest = fit("photometric")
@@ -264,7 +264,7 @@ assert os.path.isfile(folder + "/walk_4d/scene.f4x") and "walk" in bpy.data.obje
 def test_imported_scenes_are_drawn_by_the_engine_unless_it_is_not_wanted_or_slow(tmp_path):
     write_scene(labelled_scene(), tmp_path / "scene.f4x")
     code = """
-from feature4x.addon import viewport
+from feature4x.addon.render import viewport
 scene = bpy.context.scene
 
 def engine_after(library, **options):

@@ -37,7 +37,7 @@ for _ in range(2):  # registering again after unregistering is what reloading an
     for error, said in ERRORS:
         def refuse(*given, **named):
             raise error
-        operators = sys.modules["feature4x.addon.operators"]
+        operators = sys.modules["feature4x.addon.operators.importing"]
         kept, operators.import_scene = operators.import_scene, refuse
         try:
             bpy.ops.f4x.import_scene(filepath="/some/scene.f4x")
@@ -47,7 +47,7 @@ for _ in range(2):  # registering again after unregistering is what reloading an
             raise AssertionError("an error passed unseen")
         operators.import_scene = kept
     registration = sys.modules["feature4x.addon.registration"]
-    Reporting = sys.modules["feature4x.addon.wording"].Reporting
+    Reporting = sys.modules["feature4x.addon.common.wording"].Reporting
     operators = [each for each in registration.CLASSES if issubclass(each, bpy.types.Operator)]
     bare = [each.__name__ for each in operators if not issubclass(each, Reporting)]
     assert len(operators) > 30 and not bare, bare
@@ -84,7 +84,7 @@ def test_an_error_that_ends_a_tool_gives_the_window_back_and_a_mistake_stays_one
     import door
 
     door.load_extension()
-    reporting = importlib.import_module("feature4x.addon.wording").Reporting
+    reporting = importlib.import_module("feature4x.addon.common.wording").Reporting
 
     class Tool(reporting):
         said, given_back, error = "", [], MemoryError("1 GiB")

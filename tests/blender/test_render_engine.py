@@ -47,9 +47,9 @@ from mathutils import Matrix
 from pathlib import Path
 extension = door.load_extension()
 extension.register()
-from feature4x.addon.import_scene import import_scene
-from feature4x.addon.point_cloud import FLOAT4, read_attribute, write_attribute
-from feature4x.addon.render_settings import save_multilayer
+from feature4x.addon.io.import_scene import import_scene
+from feature4x.addon.common.point_cloud import FLOAT4, read_attribute, write_attribute
+from feature4x.addon.common.render_settings import save_multilayer
 
 def fresh(name="scene"):
     bpy.ops.wm.read_factory_settings(use_empty=True)

@@ -67,15 +67,15 @@ noted["edit"] = ops.plan(sentence="make it red") == {"FINISHED"} and state.readi
 
 def test_words_that_find_nothing_are_explained_in_the_panel(folder):
     script = """
-from feature4x.addon import query_operators
-whole = query_operators.by_labels
+from feature4x.addon.operators import selecting
+whole = selecting.by_labels
 def none(*given, **named):
     from dataclasses import replace
     return {name: replace(each, scores=0.3 * each.scores, wins=each.wins & False) for name, each in whole(*given, **named).items()}
-query_operators.by_labels = none
+selecting.by_labels = none
 ops.query_text(text="wall")
 noted["none"] = [state.selected, state.found]
-query_operators.by_labels = whole
+selecting.by_labels = whole
 ops.query_text(text="square")
 noted["some"] = [state.selected, state.found]
 """
@@ -103,7 +103,7 @@ noted["rows"] = [row.name for row in state.history]
 
 def test_renders_warn_once_beyond_what_can_be_believed(folder):
     script = """
-from feature4x.addon import believed
+from feature4x.addon.render import believed
 from mathutils import Matrix, Vector
 scene, camera, lines = bpy.context.scene, bpy.context.scene.camera, []
 camera.animation_data_clear()
@@ -135,7 +135,7 @@ noted["moved"] = render(9)
 
 def test_a_viewport_is_drawn_while_the_scene_file_is_away(folder):
     script = """
-from feature4x.addon import believed
+from feature4x.addon.render import believed
 noted["there"] = believed.present_of(scene_object())[1]
 (folder / "scene.f4x").rename(folder / "away.f4x")
 noted["away"] = believed.present_of(scene_object())
@@ -146,7 +146,7 @@ noted["away"] = believed.present_of(scene_object())
 
 def test_running_tasks_stand_first_and_ended_ones_are_cleared():
     door.load_extension()
-    jobs, worker = (importlib.import_module(f"feature4x.addon.{name}") for name in ("jobs", "worker"))
+    jobs, worker = (importlib.import_module(f"feature4x.addon.jobs.{name}") for name in ("runner", "worker"))
     done = "import json; print(json.dumps({'result': {}}))"
     waits = "import json, time; print(json.dumps({'stage': 'wait', 'done': 0, 'total': 0}), flush=True); time.sleep(60)"
     try:
@@ -164,7 +164,7 @@ def test_running_tasks_stand_first_and_ended_ones_are_cleared():
 
 def test_the_documentation_comes_as_pages_whose_links_lead_somewhere(tmp_path):
     door.load_extension()
-    documentation = importlib.import_module("feature4x.addon.documentation")
+    documentation = importlib.import_module("feature4x.addon.operators.documentation")
     first = documentation.write_pages(tmp_path)
     text = first.read_text(encoding="utf-8")
     assert "<h1" in text and "<table>" in text and "<pre>" not in text.partition("<h1")[0] and "![" not in text

@@ -28,10 +28,10 @@ if sys.argv[3] == "5.3" and not has_splats:  # as far as an older Blender can be
     bpy.types.PointCloud.type = bpy.props.EnumProperty(items=kinds)
 door.start_blender()
 root = door.import_scene(sys.argv[2])
-from feature4x.addon.scene_object import SceneObject
-from feature4x.addon.point_cloud import read_attribute
+from feature4x.addon.scene.scene_object import SceneObject
+from feature4x.addon.common.point_cloud import read_attribute
 from feature4x.f4x_core.geometry import spherical_harmonics
-from feature4x.addon.gaussian_attributes import draws_splats
+from feature4x.addon.common.gaussian_attributes import draws_splats
 from feature4x.f4x_core.scene import read_scene
 from feature4x.f4x_core.scene.linear import fitted_look, linear_look
 scene = read_scene(sys.argv[2])

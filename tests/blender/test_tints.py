@@ -60,11 +60,11 @@ def note(label):
     arrays[label] = np.concatenate([colors(item) for item in clouds])
 """
 PLAY = """
-from feature4x.addon import scaffold_rig
+from feature4x.addon.rig import scaffold
 
 def play(label, frame_of=lambda time: time):
     for time in TIMES:
-        scaffold_rig.set_frame(bpy.context.scene, frame_of(time))
+        scaffold.set_frame(bpy.context.scene, frame_of(time))
         note(f"{label}/{time}")
 
 def fresh(name):
@@ -123,8 +123,9 @@ def test_they_follow_time_undo_saving_and_points_that_come_back(tmp_path):
     write_scene(scene, tmp_path / "scene.f4x")
     write_scene(random_scene(3), tmp_path / "plain.f4x")
     script = """
-from feature4x.addon import clip_time, point_edits, tints
-from feature4x.addon.point_cloud import write_attribute
+from feature4x.addon.scene import clip_time, tints
+from feature4x.addon.operators import point_edits
+from feature4x.addon.common.point_cloud import write_attribute
 fresh("plain.f4x")
 noted["plain"] = tints.are_there(scene_object().clouds)
 state = fresh("scene.f4x").f4x

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
-from feature4x.addon.scaffold_rig import layer_of
+from feature4x.addon.rig.scaffold import layer_of
 bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene(filepath=str(folder / "scene.f4x"))
 bpy.context.scene.frame_set(4)

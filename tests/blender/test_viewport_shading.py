@@ -12,7 +12,7 @@ pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
 ops.import_scene(filepath=str(folder / "scene.f4x"))
-from feature4x.addon import viewport
+from feature4x.addon.render import viewport
 bpy.context.scene.render.engine = "FEATURE4X"
 
 def views():

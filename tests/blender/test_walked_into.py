@@ -1,4 +1,4 @@
-"""What a random walk over the extension ran into (`scripts/walk_blender.py`), each as a short script, and a short walk."""
+"""What a random walk over the extension ran into (`tools/walk_blender.py`), each as a short script, and a short walk."""
 
 import json
 import os
@@ -38,7 +38,7 @@ def folder(tmp_path):
 
 def walk(folder: Path, seed: int, steps: int) -> dict:
     """The result of a walk."""
-    command = [sys.executable, str(REPOSITORY / "scripts/walk_blender.py"), str(folder / "scene.f4x")]
+    command = [sys.executable, str(REPOSITORY / "tools/walk_blender.py"), str(folder / "scene.f4x")]
     command += ["--out", str(folder / "walk"), "--seed", str(seed), "--steps", str(steps)]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=600, env=os.environ | {"OMP_NUM_THREADS": "1"}
@@ -100,8 +100,8 @@ arrays["core"] = found.shown.moment(found.frame).means
 def test_undo_after_a_preview_ended_shows_what_the_scene_holds(folder):
     """Undo brings back points that an artist has changed in between, as they were in the preview; and not the root."""
     script = """
-from feature4x.addon import edit_fields
-from feature4x.addon.point_cloud import write_attribute
+from feature4x.addon.edits import fields
+from feature4x.addon.common.point_cloud import write_attribute
 ops.query_text("EXEC_DEFAULT", True, text="square")
 ops.plan("EXEC_DEFAULT", True, sentence="make it half transparent")
 push("anything")
@@ -111,7 +111,7 @@ push("select points in Edit Mode")
 ops.apply_plan("EXEC_DEFAULT", True)
 for name in ("applied", "selected"):
     bpy.ops.ed.undo(); bpy.context.view_layer.update()
-    edit_fields.show_late()  # in a window a timer calls it
+    fields.show_late()  # in a window a timer calls it
     found, parts = scene_object(), list(scene_object().points())
     arrays[f"{name} there"] = np.concatenate([read_attribute(cloud.data, "radiance:base")[at, 3] for cloud, at, _ in parts])
     arrays[f"{name} core"] = found.shown.appearance(found.frame).opacities[np.concatenate([row for *_, row in parts])]
@@ -125,18 +125,19 @@ def test_undo_shows_a_dragged_edit_over_time_in_the_list(folder):
     """In a window a drag is shown after its step of undo; undo draws what changes over time, and the list waits for a timer."""
     script = """
 from dataclasses import replace
-from feature4x.addon import display, edit_fields, scene_cache
-from feature4x.addon.scene_object import EDITS
+from feature4x.addon.edits import display, fields
+from feature4x.addon.scene import cache
+from feature4x.addon.scene.scene_object import EDITS
 ops.query_text("EXEC_DEFAULT", True, text="square")
 ops.transform("EXEC_DEFAULT", True, move=(0, 0, 1), over_time=True, first=0, last=5)
 stack = scene_object().stack
 dragged = stack.replace(1, replace(stack.edits[0].operation, translate=(0.5, 0.0, 0.0)))
-root()[EDITS] = scene_cache.text_of(dragged)
+root()[EDITS] = cache.text_of(dragged)
 push("dragged")
-edit_fields.show_late()
+fields.show_late()
 ops.query_text("EXEC_DEFAULT", True, text="wall")
 bpy.ops.ed.undo(); bpy.context.view_layer.update()
-edit_fields.show_late()
+fields.show_late()
 noted["shown"] = [row.name for row in scene_object().state.history]
 noted["held"] = [display.words_of(edit.operation, scene_object().axes) for edit in scene_object().stack.edits]
 """
@@ -168,7 +169,7 @@ for name in ("before", "after"):
 def test_undo_of_copied_nodes_lets_points_follow_their_own_nodes(folder):
     """Places of nodes are worked out after the step of undo that copies them, so undo finds the same mesh in both steps."""
     script = """
-from feature4x.addon.scaffold_rig import layer_of
+from feature4x.addon.rig.scaffold import layer_of
 ops.add_handles("EXEC_DEFAULT", True, count=1)
 layer_of(root()).hide_viewport = False
 push("shown")
@@ -262,8 +263,8 @@ ops.edit_gizmo("EXEC_DEFAULT", True, edit_id=0)
 handle = bpy.context.object
 noted["before"] = list(handle.delta_location)
 {change}
-from feature4x.addon import edit_handles
-edit_handles._frame_changed(bpy.context.scene)
+from feature4x.addon.operators import handles
+handles._frame_changed(bpy.context.scene)
 noted["after"] = list(handle.delta_location)
 """
     noted, _ = perform(folder, START + script)
@@ -324,7 +325,7 @@ arrays["there"], arrays["core"] = values(cloud), copy.shown.scene.posed(0.0).mea
 def test_nodes_of_another_scene_below_one_without_nodes_are_not_its_own(folder):
     export(read_scene(folder / "scene.f4x"), folder / "splats.ply", [0.0])
     script = """
-from feature4x.addon.motion_edits import unwritten
+from feature4x.addon.rig.motion_edits import unwritten
 ops.import_scene(filepath=str(folder / "splats.ply"))
 node, splats = bpy.data.objects["labelled node 00001"], bpy.data.objects["splats"]
 node.parent = splats
@@ -355,7 +356,7 @@ noted["keys"].append(keys())
 def test_nodes_of_another_scene_cannot_be_grabbed(folder):
     script = """
 ops.import_scene(filepath=str(folder / "scene.f4x"))
-from feature4x.addon.scaffold_rig import layer_of
+from feature4x.addon.rig.scaffold import layer_of
 for name in ("labelled", "labelled (2)"):
     layer_of(bpy.data.objects[name]).hide_viewport = False
 select(bpy.data.objects["labelled"], bpy.data.objects["labelled (2) node 00001"])
@@ -367,7 +368,7 @@ noted["said"] = refused(ops.grab_nodes, offset=(0.1, 0, 0))
 
 def test_the_sidebar_counts_what_is_there(folder):
     script = """
-from feature4x.addon import display
+from feature4x.addon.edits import display
 ops.change_selection(how="ALL")
 before = display.counts(scene_object())
 bpy.data.objects.remove(bpy.data.objects["labelled dynamic"])
@@ -379,7 +380,7 @@ noted["counts"] = [*before, *display.counts(scene_object())]
 
 def test_the_sidebar_counts_anew_after_every_change_and_only_then(folder):
     script = """
-from feature4x.addon import display
+from feature4x.addon.edits import display
 calls, count = [], display.counts
 display.counts = lambda found: calls.append(1) or count(found)
 
@@ -436,7 +437,7 @@ noted["scenes"] = len(SceneObject.among(bpy.data.objects))
 def test_a_node_without_a_parent_takes_a_written_motion_back(folder):
     """An artist cleared its parent, or deleted the handle that it hung from."""
     script = """
-from feature4x.addon.scaffold_rig import NODE, read_poses, write_poses
+from feature4x.addon.rig.scaffold import NODE, read_poses, write_poses
 node = next(item for item in bpy.data.objects if item.get(NODE) == 0)
 frames = np.arange(6.0)
 arrays["before"] = read_poses(root(), [node], frames)[0]

@@ -36,6 +36,8 @@ ROOMS = (
     *("app", "api", "batch", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
+EXTENSION = ("common", "jobs", "scene", "rig", "edits", "io", "render", "operators", "ui")
+"""Folders of `addon`, in the same order; `registration` alone stands above them."""
 GROUND = ("errors", "files", "progress", "processes", "printing", "installation", "reading", "troubles", "versions")
 """Modules below all rooms that need numpy at most."""
 SHARED = (*GROUND, "page", "parallel", "__init__", "__main__")
@@ -58,7 +60,7 @@ def sources(*folders: str) -> list[Path]:
 
 CORE = sources("f4x_core")
 LABORATORY = sources("benchmarks")
-EVERYTHING = [*CORE, *LABORATORY, *sources("addon", "ground_truth", "scripts")]
+EVERYTHING = [*CORE, *LABORATORY, *sources("addon", "ground_truth", "scripts", "tools")]
 DOOR = "f4x_core/cli/laboratory.py"
 """The one file of the core that loads `benchmarks`, by importlib, where a checkout has it."""
 
@@ -96,7 +98,7 @@ def facts_of(file: Path) -> Facts:
         tuple(module for _, module in imports(nodes.all, package)),
         tuple(module for _, module in imports(at_import_time(nodes.tree, functions=True), package)),
         frozenset(module.split(".")[0] for _, module in imports(at_import_time(nodes.tree), package)),
-        wrong_arrows(nodes, name) if package[0] == "f4x_core" else [],
+        wrong_arrows(nodes, name) if package[0] in ("f4x_core", "addon") else [],
         laboratory_names(nodes, name),
         unsafe(nodes),
         ast.get_docstring(nodes.tree),
@@ -114,7 +116,7 @@ class Nodes:
 
 
 def room_of(file: Path) -> str:
-    return file.relative_to(ROOT / "f4x_core").parts[0].removesuffix(".py")
+    return file.relative_to(ROOT).parts[1].removesuffix(".py")
 
 
 def faults(files: Iterable[Path], check: Callable[[Path], Any]) -> dict[str, Any]:
@@ -146,23 +148,28 @@ def at_import_time(node: ast.AST, functions: bool = False) -> Iterator[ast.stmt]
 
 
 def wrong_arrows(nodes: Nodes, path: str) -> list[str]:
-    """Imports of `path` (inside f4x_core) that point to the right or to the package itself, or name it absolutely."""
+    """Imports of `path` (inside f4x_core or addon) that point to the right or to the package itself, or name it absolutely."""
     parts = path.removesuffix(".py").split("/")
-    room, wrong = parts[1], []
+    package, room, wrong = parts[0], parts[1], []
+    order = ROOMS if package == "f4x_core" else EXTENSION
     for line, module in imports(nodes.all, tuple(parts[:-1])):
         target = module.split(".")
-        if target[0] != "f4x_core" or len(target) == 1:
+        if target[0] != package or len(target) == 1:
             continue
-        to_the_right = target[1] in ROOMS and room in ROOMS and ROOMS.index(target[1]) > ROOMS.index(room)
+        to_the_right = target[1] in order and room in order and order.index(target[1]) > order.index(room)
         from_the_ground = target[1] in ROOMS and room in SHARED and path not in DOORS
-        from_the_door = target[1] not in (*ROOMS, *SHARED)
+        from_the_door = target[1] not in (*order, *SHARED)
         if to_the_right or from_the_ground or from_the_door:
             wrong.append(f"{path}:{line} imports {module}")
     wrong += [
         f"{path}:{node.lineno} imports the package by its absolute name"
         for node in nodes.all
-        if (isinstance(node, ast.Import) and any(a.name.split(".")[0] == "f4x_core" for a in node.names))
-        or (isinstance(node, ast.ImportFrom) and node.level == 0 and (node.module or "").startswith("f4x_core"))
+        if (isinstance(node, ast.Import) and any(a.name.split(".")[0] in ("f4x_core", "addon") for a in node.names))
+        or (
+            isinstance(node, ast.ImportFrom)
+            and (node.module or "").split(".")[0] in ("f4x_core", "addon")
+            and not node.level
+        )
     ]
     return wrong
 
@@ -213,14 +220,21 @@ def unsafe(nodes: Nodes) -> list[str]:
 
 
 def test_arrows_point_to_the_left():
+    addon = sources("addon")
     assert {room_of(file) for file in CORE} <= {*ROOMS, *SHARED}
-    assert faults(CORE, lambda file: facts_of(file).wrong_arrows) == {}
+    assert {room_of(file) for file in addon} == {*EXTENSION, "registration", "__init__"}
+    assert faults([*CORE, *addon], lambda file: facts_of(file).wrong_arrows) == {}
 
 
 @pytest.mark.parametrize("folder", ["f4x_core", "addon", "benchmarks"])
 def test_no_modules_import_each_other_in_a_circle(folder):
     files = [file for file in EVERYTHING if name_of(file).startswith(f"{folder}/") and name_of(file) not in DOORS]
     assert circle_in({module_of(file): facts_of(file).used for file in files}) == []
+
+
+@pytest.mark.parametrize("folder", ["scripts", "tools"])
+def test_no_scripts_import_each_other_in_a_circle_even_for_type_checkers(folder):
+    assert circle_in({file.stem: facts_of(file).imported for file in sources(folder)}) == []
 
 
 @pytest.mark.parametrize(
@@ -263,7 +277,7 @@ def test_nothing_in_the_core_knows_the_laboratory():
 
 
 def test_the_laboratory_uses_the_core_and_nothing_of_the_addon():
-    banned = {"addon", "bpy", "ground_truth", "scripts", "tests"}
+    banned = {"addon", "bpy", "ground_truth", "scripts", "tests", "tools"}
     assert faults(LABORATORY, lambda file: facts_of(file).tops & banned) == {}
 
 
@@ -288,6 +302,9 @@ def test_nothing_runs_text_or_bytes_as_code():
         ("from .. import evaluation", "f4x_core/metrics/pictures.py"),
         ("from ..report.advice import verdict", "f4x_core/fit/trainer.py"),
         ("from .clip import Clip", "f4x_core/files.py"),
+        ("from ..ui.panel import F4X_PT_scene", "addon/operators/base.py"),
+        ("def f():\n    from ..render import engine", "addon/scene/scene_object.py"),
+        ("from .. import registration", "addon/jobs/runner.py"),
         ("from .. import __version__", "f4x_core/cli/main.py"),
         ("from f4x_core.errors import F4xError", "f4x_core/fit/model.py"),
         ("import f4x_core", "f4x_core/cli/main.py"),
@@ -352,12 +369,12 @@ def test_every_module_says_what_it_is():
 
 
 def test_the_extension_uses_nothing_that_it_leaves_out():
-    left_out = {"benchmarks", "ground_truth", "scripts", "tests"}
+    left_out = {"benchmarks", "ground_truth", "scripts", "tests", "tools"}
     assert faults(sources("addon"), lambda file: facts_of(file).tops & left_out) == {}
 
 
 def test_no_merge_was_left_half_done():
-    folders = ("addon", "benchmarks", "docs", "f4x_core", "ground_truth", "scripts", "tests")
+    folders = ("addon", "benchmarks", "docs", "f4x_core", "ground_truth", "scripts", "tests", "tools")
     kinds = {".py", ".md", ".toml", ".yml", ".cpp", ".hpp", ".js", ".html"}
     found = [*ROOT.iterdir(), *(file for folder in folders for file in (ROOT / folder).rglob("*"))]
     texts = [file for file in found if file.suffix in kinds and file.is_file()]

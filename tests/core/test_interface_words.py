@@ -45,7 +45,7 @@ def shown(tree: ast.AST) -> Iterator[str]:
             )
 
 
-@pytest.mark.parametrize("file", sorted(ADDON.glob("*.py")), ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", sorted(ADDON.rglob("*.py")), ids=lambda file: file.stem)
 def test_the_interface_is_in_american_english(file):
     texts = list(shown(ast.parse(file.read_text(encoding="utf-8"))))
     wrong = [text for text in texts if BRITISH.search(re.sub(r"f4x\.\w+", "", text))]

@@ -1,6 +1,10 @@
 """The priors folder: what is written is read, what is wrong is named, what is finished is not done again."""
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,6 +19,7 @@ from f4x_core.priors.config import FlowConfig
 from f4x_core.priors.files import camera_kind
 from f4x_core.priors.folder import ARRAYS
 
+ROOT = Path(__file__).resolve().parents[2]
 T, H, W, N = 6, 20, 32, 9
 HELD_OUT = 3
 MADE_BY_TOY = [stage for stage in STAGES if stage != "people"]
@@ -392,3 +397,29 @@ def test_a_linked_file_is_never_written_through_its_link(tmp_path):
     priors.write(folder)
     assert elsewhere.read_bytes() == before and not (folder / "depth.npy").is_symlink()
     np.testing.assert_array_equal(np.load(folder / "depth.npy"), priors.depth)
+
+
+def test_a_model_is_a_provider_without_the_command_line_and_its_absence_one_sentence(tmp_path):
+    code = """
+import sys
+sys.modules["torch"] = None
+from f4x_core.priors import PriorsConfig
+from f4x_core.priors.config import DepthConfig
+from f4x_core.priors.providers import find
+for name in ("depth-anything", "depth-anything-3"):
+    try:
+        find("depth", name)(None, None, PriorsConfig(depth=DepthConfig(provider=name)), None)
+    except Exception as error:
+        print(type(error).__name__, error)
+"""
+    environment = {
+        **os.environ,
+        "HOME": str(tmp_path),
+        "HF_HOME": str(tmp_path),
+        "F4X_MODELS": str(tmp_path),
+        "PYTHONPATH": str(ROOT),
+    }
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 2 and all(line.startswith("F4xError ") for line in lines), done.stdout
+    assert "f4x models get depth-anything" in lines[0] and "depth-anything-3" in lines[1]

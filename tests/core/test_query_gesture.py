@@ -14,7 +14,7 @@ from f4x_core.query.blend_weights import seen_sums
 from f4x_core.query.gesture import View, select_by_gesture, select_by_sphere, select_thing
 from f4x_core.query.shapes import Polygon, Rectangle, Stroke
 from f4x_core.raster.blend_weights import alpha_sums, blend_weight_sums
-from f4x_core.scene.stage import fitted_config
+from f4x_core.scene.clouds import fitted_config
 
 SCENE = labelled_scene()
 COUNT = len(SCENE.static)

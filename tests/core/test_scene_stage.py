@@ -13,9 +13,10 @@ from f4x_core.errors import Cancelled
 from f4x_core.geometry import pose, quaternion, spherical_harmonics
 from f4x_core.geometry.camera import Camera
 from f4x_core.raster import choose_backend
+from f4x_core.scene.clouds import Cloud
 from f4x_core.scene.color import linear_from_srgb, srgb_from_linear
 from f4x_core.scene.ground import Texture, sample
-from f4x_core.scene.stage import NOTHING, PASSES, Cloud, DrawSettings, Surface, _bands, _tall_bands, draw
+from f4x_core.scene.stage import NOTHING, PASSES, DrawSettings, Surface, _bands, _tall_bands, draw
 from f4x_core.scene.view import render
 
 BACKEND = "plain"  # in float64: equal geometry said differently must give equal pictures
@@ -55,6 +56,12 @@ def wall(depth, left=-9.0, color=(0.5, 0.25, 1.0), **fields):
 @pytest.fixture(scope="module")
 def scene():
     return random_scene(degree=2)
+
+
+def test_scene_files_and_stages_are_composited_in_one_place():
+    folder = Path(__file__).resolve().parents[2] / "f4x_core" / "scene"
+    users = [file.name for file in folder.rglob("*.py") if "import rasterize" in file.read_text(encoding="utf-8")]
+    assert users == ["clouds.py"]
 
 
 @pytest.mark.parametrize("backend", ["native", "plain"])
@@ -175,7 +182,7 @@ def test_a_region_is_cut_from_the_whole_bit_for_bit(scene):
     clouds, walls, camera = clouds_of(scene, 0.0), [wall(2.5, left=0.1)], scene.cameras[0]
     whole = draw(clouds, walls, camera, passes=PASSES)
     region = (slice(5, 33), slice(20, 57))
-    part = draw(clouds, walls, camera, passes=PASSES, region=region)
+    part = draw(clouds, walls, camera, DrawSettings(region=region), passes=PASSES)
     assert part.keys() == whole.keys()
     for name, picture in part.items():
         assert (picture == whole[name][region]).all(), name
@@ -221,8 +228,9 @@ def test_bands_make_the_same_picture_bit_for_bit(scene, monkeypatch, walls):
     monkeypatch.setattr("f4x_core.scene.stage.BAND", 7 * WIDTH)
     clouds, camera, region = clouds_of(scene, 0.0), scene.cameras[0], (slice(3, 31), slice(9, WIDTH - 4))
     seen = []
-    whole = draw(clouds, walls, camera, passes=PASSES, region=region)
-    banded = draw(clouds, walls, camera, passes=PASSES, region=region, progress=lambda *result: seen.append(result[1]))
+    settings = DrawSettings(region=region)
+    whole = draw(clouds, walls, camera, settings, passes=PASSES)
+    banded = draw(clouds, walls, camera, settings, passes=PASSES, progress=lambda *result: seen.append(result[1]))
     assert seen[:2] == [0, 7] and seen[-1] == 28
     for name, picture in banded.items():
         assert (picture == whole[name]).all() and picture.shape[:2] == (28, WIDTH - 13), name

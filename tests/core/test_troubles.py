@@ -33,7 +33,7 @@ def test_every_module_that_raises_has_a_family():
 
 
 def test_every_family_names_modules_that_are_there():
-    modules = {module_of(file) for file in SOURCES} | {"scripts"}
+    modules = {module_of(file) for file in SOURCES} | {"scripts", "tools"}
     assert [name for trouble in TROUBLES for name in trouble.modules if name not in modules] == []
 
 
@@ -52,7 +52,7 @@ def test_codes_and_modules_occur_once():
         ("f4x_core.scene.mesh.build", "F4X-EXPORT"),
         ("f4x_core.features.missing", "F4X-FEATURES"),
         ("bl_ext.user_default.feature4x.f4x_core.edit.stack", "F4X-EDIT"),
-        ("bl_ext.user_default.feature4x.addon.scene_object", "F4X-BLENDER"),
+        ("bl_ext.user_default.feature4x.addon.scene.scene_object", "F4X-BLENDER"),
         ("somewhere.else", "F4X-OTHER"),
     ],
 )
@@ -190,10 +190,10 @@ def shows(node: ast.AST, name: str) -> bool:
 
 
 @pytest.mark.parametrize(
-    "file", [*sorted((ROOT / "addon").glob("*.py")), ROOT / "scripts" / "door.py"], ids=lambda file: file.stem
+    "file", [*sorted((ROOT / "addon").rglob("*.py")), ROOT / "scripts" / "door.py"], ids=lambda file: file.stem
 )
 def test_no_error_is_shown_in_blender_without_its_code(file):
-    """`refuse` and `error_line` of addon/wording.py put it there; so does `with_code`, for scripts."""
+    """`refuse` and `error_line` of addon/common/wording.py put it there; so does `with_code`, for scripts."""
     lines = bare_errors(file.read_text(encoding="utf-8"))
     assert len(lines) == (1 if file.stem == "wording" else 0), lines
 

@@ -70,9 +70,9 @@ print(json.dumps({"seconds": spent, "phrases": sum(len(rows) for one in tables +
 def modules_of_the_extension():
     """Modules of the core that Blender has imported before the first sentence: those that the extension imports at its top."""
     found = set()
-    for file in sorted((ROOT / "addon").glob("*.py")):
+    for file in sorted((ROOT / "addon").rglob("*.py")):
         for node in ast.parse(file.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ImportFrom) and node.level == 2 and (node.module or "").startswith("f4x_core."):
+            if isinstance(node, ast.ImportFrom) and node.level == 3 and (node.module or "").startswith("f4x_core."):
                 found.add(node.module)
     assert len(found) > 20
     return sorted(found)

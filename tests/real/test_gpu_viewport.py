@@ -1,4 +1,4 @@
-"""The viewport's picture on the graphics card, drawn by a software one in a real Blender: `scripts/check_gpu.py`."""
+"""The viewport's picture on the graphics card, drawn by a software one in a real Blender: `tools/check_gpu.py`."""
 
 import json
 import subprocess
@@ -25,7 +25,7 @@ def found(request, blender_root) -> dict:
     with clean_profile(blender_root) as profile:
         home = profile.check_out()
         words = ("blender", "-b", "--factory-startup", "--gpu-backend", request.param, "--python-exit-code", 1)
-        command = profile.command(*words, "-P", f"{home}/scripts/check_gpu.py", "--")
+        command = profile.command(*words, "-P", f"{home}/tools/check_gpu.py", "--")
         done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=profile.environment)
     assert done.returncode == 0, done.stdout + done.stderr
     said = [line for line in done.stdout.splitlines() if line.startswith("Feature4X:")]

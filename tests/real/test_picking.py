@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 pytestmark = [pytest.mark.real, pytest.mark.blender]
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
-from step_pictures import SIZE, blender  # noqa: E402 - the scripts are no package
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tools"))
+from step_pictures import SIZE, blender  # noqa: E402 - the tools are no package
 
 ORANGE, NEAR = (241, 88, 0), 60
 """Color of an outline, and how far a channel of an antialiased one may be from it."""

@@ -48,7 +48,7 @@ try:
 except RuntimeError as error:
     refused = str(error)
 bpy.ops.f4x.import_scene(filepath=home + "/scene.f4x")
-scene_object = sys.modules[name + ".addon.scene_object"].SceneObject.of(bpy.context.object)
+scene_object = sys.modules[name + ".addon.scene.scene_object"].SceneObject.of(bpy.context.object)
 root = scene_object.root
 bpy.ops.f4x.query_text(text="square")
 bpy.ops.f4x.recolour(rgb=(0.0, 1.0, 0.0))

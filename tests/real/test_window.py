@@ -1,4 +1,4 @@
-"""The window of a real Blender, used as a person would: `scripts/check_window.py` on a small scene."""
+"""The window of a real Blender, used as a person would: `tools/check_window.py` on a small scene."""
 
 import json
 import os
@@ -29,7 +29,7 @@ def window(blender_root, tmp_path_factory) -> tuple[Path, dict]:
     """(folder of what is left, what the sidebar said after every step)."""
     folder = tmp_path_factory.mktemp("window")
     write_scene(labelled_scene(), folder / "scene.f4x")
-    command = [sys.executable, str(REPOSITORY / "scripts/check_window.py"), str(folder / "scene.f4x")]
+    command = [sys.executable, str(REPOSITORY / "tools/check_window.py"), str(folder / "scene.f4x")]
     command += ["--root", str(blender_root), "--word", "square", "--shading", "RENDERED", "--out", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -99,7 +99,7 @@ def test_a_walk_in_the_window_ends_without_anything_wrong(blender_root, tmp_path
     write_scene(labelled_scene(), tmp_path / "scene.f4x")
     asked = os.environ.get("F4X_WALK_MINUTES")
     minutes, steps = (10.0, 90) if asked is None else (float(asked), 10**6)
-    command = [sys.executable, str(REPOSITORY / "scripts/walk_window.py"), str(tmp_path / "scene.f4x")]
+    command = [sys.executable, str(REPOSITORY / "tools/walk_window.py"), str(tmp_path / "scene.f4x")]
     command += ["--root", str(blender_root), "--out", str(tmp_path), "--seed", "3"]
     command += ["--minutes", str(minutes), "--steps", str(steps)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60 * minutes + 1200)

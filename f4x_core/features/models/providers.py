@@ -50,6 +50,10 @@ def provide_cameras(clip: Clip, priors: Priors, config: PriorsConfig, progress: 
     _provide("cameras", config.cameras.provider, clip, priors, config, progress)
 
 
+PROVIDERS = {(stage, name): {"depth": provide_depth, "cameras": provide_cameras}[stage] for stage, name in MODELS}
+"""What `priors.providers.find` finds here."""
+
+
 def _provide(stage: str, name: str, clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
     require_provider(stage, name)
     module, function = MODELS[stage, name]

@@ -15,12 +15,12 @@ __all__ = ["available", "color_gradients", "rasterize_native", "why_not"]
 
 
 def available() -> bool:
-    """Whether a library built from the present source is there, loads, and agrees with its stored float64 values."""
+    """Return True if a library of the present source loads and agrees with its stored float64 values."""
     return open_library()[0] is not None
 
 
 def why_not() -> str:
-    """Why `available` is False, as part of a sentence; empty when it is True."""
+    """Return why `available` is False, as part of a sentence; empty when it is True."""
     return open_library()[1]
 
 

@@ -26,12 +26,12 @@ WriteClip = Callable[[Posable, Sequence[float], Path, np.ndarray | None, Progres
 
 @dataclass(frozen=True)
 class Format:
-    """One way to write a scene."""
+    """Writer of one export format."""
 
     suffixes: tuple[str, ...]
-    """Of its files; a folder of frames gets the first."""
+    """Suffixes of its files; a folder of frames gets the first."""
     keeps: str
-    """What a reader gets back, in a few words."""
+    """Contents that a reader gets back, in a few words."""
     write_frame: WriteFrame | None = None
     """Writes one moment; many moments are a folder of numbered files."""
     write_clip: WriteClip | None = None
@@ -70,7 +70,7 @@ FORMATS = {
 }
 """Name -> format; where two share a suffix, the first is meant by the suffix alone."""
 DEFAULT = "ply"
-"""What a folder of frames holds."""
+"""Format of a folder of frames unless another is named."""
 
 
 def choose_format(output: Path | str, name: str | None = None, one_moment: bool = False) -> tuple[str, bool]:

@@ -32,7 +32,7 @@ CONVERT = "convert it to a 3DGS PLY with a splat editor first"
 READ_EXTENSIONS = {EXTENSION, "KHR_mesh_quantization"}
 """Extensions that a file may require; the second allows the integer types of `COMPONENTS`."""
 MOVES = {"matrix", "rotation", "scale", "translation"}
-"""Of a node; one that has none of them stands where its parent does."""
+"""Properties that move a node; a node without any stands where its parent does."""
 FAMILY = "gaussian_splat"
 """In the names of the extension, of those that compress its splats, and of earlier ones by other authors."""
 MAX_PLACED = 10_000_000
@@ -41,7 +41,7 @@ MAX_NODES = 50_000
 """Nodes of a file, and primitives of splats that they place; each takes a ten-thousandth of a second. Honest files have some
 hundred."""
 PLACED_BYTES = 56
-"""Of a splat without view dependence in memory. Few bytes of a file can name one part 20,000 times."""
+"""Bytes in memory of a splat without view dependence. Few bytes of a file can name one part 20,000 times."""
 
 
 def holds_splats(path: Path) -> bool:
@@ -104,7 +104,7 @@ def _why_none(document: dict[str, Any]) -> str:
 
 
 class _GltfFile:
-    """What the attributes of a file's primitives hold, and where its nodes place them."""
+    """Reader of the attributes of a file's primitives and of the transforms of its nodes."""
 
     def __init__(self, document: dict[str, Any], binary: bytes, path: Path) -> None:
         self.document, self.binary, self.path = document, binary, path

@@ -18,7 +18,7 @@ from ..posing import Posable, moment, plain_color
 
 ROW = np.dtype([("xyz", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("rotation", "u1", 4)])
 QUATERNION_TOLERANCE = 4.0
-"""How far the length of a rotation's four bytes may be from 128: rounding loses 1, cutting +1 off to 255 one more."""
+"""Maximum distance from 128 of the length of a rotation's four bytes: rounding loses 1, cutting +1 off to 255 one more."""
 PROBED = 4096
 """Rows looked at to tell whether a file without a header is one of these."""
 
@@ -61,7 +61,7 @@ def read_splat(path: Path | str) -> Splats:
 
 
 def looks_like_splat(path: Path) -> bool:
-    """Whether a file without a header holds such rows: whole ones, finite, and with unit rotations."""
+    """Return True if a file without a header holds such rows: whole ones, finite, with unit rotations."""
     size = path.stat().st_size
     if size == 0 or size % ROW.itemsize:
         return False

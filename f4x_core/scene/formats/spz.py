@@ -42,7 +42,7 @@ BULK = 0.99
 ROW_BLOCK = 1 << 18
 """Splats that are unpacked at once."""
 COLOUR_SCALE = 0.15
-"""Of a degree-0 coefficient: bytes span +-3.3, colours somewhat outside [0, 1] too."""
+"""Scale of a degree-0 coefficient: bytes span +-3.3, which covers colours somewhat outside [0, 1]."""
 SCALE_STEPS, SCALE_ORIGIN = 16, 10
 """A byte of scale is `16 (log scale + 10)`: 6 % a step, from 4.5e-5 to 380."""
 COMPONENT = 511
@@ -60,11 +60,11 @@ class FixedPoint:
     clamped: int
     """Splats that lie beyond the largest number, and are moved to it."""
     size: float = np.inf
-    """Of a typical Gaussian: a step should be at most `FINE` of it."""
+    """Size of a typical Gaussian; a step is at most `FINE` of it."""
 
     @property
     def step(self) -> float:
-        """Of a position; places are off by half of it at most."""
+        """Step between positions, world units; places are off by half of it at most."""
         return 2.0**-self.fraction
 
     @property

@@ -33,7 +33,7 @@ from ..posing import Y_UP, Posable, plain_color, transformed, world_harmonics
 from ..tints import without_tints
 
 FIELDS = ("means", "quats", "scales", "opacities", "sh")
-"""What of a `PosedSplats` may change with time."""
+"""Fields of `PosedSplats` that may change with time."""
 HARMONICS = "harmonics"
 """Beside them: coefficients in world axes, which also change when the Gaussian turns."""
 MAX_DEGREE = 3
@@ -43,11 +43,11 @@ REACH = 3.0
 FINE = 1 / 100
 """Positions are rounded to this part of a Gaussian's size (median of the largest standard deviations), or less: a decimal."""
 MIN_DECIMALS = 5
-"""Of a position, however large the Gaussians are: a decimal less lets flat ones on a surface swap their order."""
+"""Minimum decimals of a position, for any size of Gaussians: one fewer lets flat ones on a surface swap their order."""
 DECIMALS = 3
-"""Of a component of a quaternion (0.03 degrees), of an opacity and of a coefficient, whose colours end as 8 bits."""
+"""Decimals of a quaternion's component (0.03 degrees), an opacity and a coefficient, whose colours end as 8 bits."""
 LINEAR_DECIMALS = 4
-"""Of a colour in linear light, whose dark tones are 13 times closer to each other."""
+"""Decimals of a colour in linear light, whose dark tones are 13 times closer to each other."""
 SIZE_DIGITS = 3
 """Significant digits of a size: half a hundredth at most."""
 EXACT = 9
@@ -65,16 +65,16 @@ ROWS = 8192
 
 @dataclass(frozen=True)
 class Column:
-    """One attribute of a prim."""
+    """Attribute of a prim."""
 
     declaration: str
     """Type and name."""
     fields: tuple[str, ...]
-    """Of `FIELDS` and `HARMONICS`: the attribute changes when one of them does."""
+    """Names from `FIELDS` and `HARMONICS`: the attribute changes when one of them does."""
     values: Callable[[PosedSplats], np.ndarray]
     """(N,) or (N,k) numbers."""
     decimals: int | None = DECIMALS
-    """Of each number; None = those of the part's positions."""
+    """Decimals of each number; None = those of the part's positions."""
     digits: int | None = None
     """Significant digits of each number, in place of `decimals`."""
     metadata: Callable[[int], str] = lambda coefficients: ""
@@ -86,9 +86,9 @@ class Kind:
     """A prim type and its attributes."""
 
     type_name: str
-    """Of the schema."""
+    """Type of the prim in its schema."""
     columns: tuple[Column, ...]
-    """What is written for each Gaussian."""
+    """Attributes that are written for each Gaussian."""
     fixed: Callable[[int], tuple[str, ...]]
     """Attributes without a value per Gaussian, given the number of SH coefficients."""
 
@@ -173,7 +173,7 @@ def write_usd_points(
     transform: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> None:
-    """The same as coloured points, which any USD reader shows and Blender plays back as a point cloud."""
+    """Write coloured points, which any USD reader shows and Blender plays back as a point cloud."""
     _write_stage(scene, times, path, transform, progress, POINTS)
 
 
@@ -187,9 +187,9 @@ class Part:
     extent: tuple[np.ndarray, np.ndarray]
     """Corners (3,) of the box that holds them at all times."""
     varying: frozenset[str]
-    """Of `FIELDS` and `HARMONICS`, those that change with time."""
+    """Names from `FIELDS` and `HARMONICS` that change with time."""
     decimals: int
-    """Of positions."""
+    """Decimals of positions."""
 
     def text(self, column: Column, posed: PosedSplats) -> bytes:
         """The values of an attribute at one moment."""
@@ -197,11 +197,11 @@ class Part:
         return _array(column.values(self.of(posed)), decimals, column.digits)
 
     def samples(self, column: Column) -> bool:
-        """Whether the attribute needs time samples."""
+        """Return True if the attribute needs time samples."""
         return not self.varying.isdisjoint(column.fields)
 
     def of(self, posed: PosedSplats) -> PosedSplats:
-        """Its Gaussians."""
+        """Return the part's Gaussians of a moment."""
         return posed.take(posed.opacities > 0 if self.index is None else self.index)
 
 
@@ -241,7 +241,7 @@ def _write_stage(
             yield replace(posed, quats=quats)
 
     def counted(moments: Iterator[PosedSplats], message: str) -> Iterator[PosedSplats]:
-        """The moments, each of them reported."""
+        """Yield the moments, and report progress at each."""
         for posed in moments:
             progress("export", next(done), total, message)
             yield posed
@@ -286,7 +286,7 @@ def _shortest_turns(moments: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _characters(quats: np.ndarray) -> np.ndarray:
-    """How many characters the numbers of unit quaternions (...,4) take, without what separates them: (...)."""
+    """Return the number of characters (...) of the four numbers of unit quaternions (...,4), without separators."""
     rounded = np.round(quats * 10**DECIMALS)
     zeros = sum((rounded % 10**count == 0).astype(np.int16) for count in range(1, DECIMALS))  # at its end
     whole = rounded % 10**DECIMALS == 0
@@ -294,7 +294,7 @@ def _characters(quats: np.ndarray) -> np.ndarray:
 
 
 def _turned(posed: PosedSplats, turns: np.ndarray) -> PosedSplats:
-    """The same Gaussians described in axes turned by rows (N,) of `TURNS`."""
+    """Return the same Gaussians in axes turned by rows (N,) of `TURNS`."""
     order = np.abs(quaternion.to_matrix(TURNS)).argmax(axis=1)  # (48,3): which old axis each new one is
     sh = posed.sh
     if sh.shape[1] > 1:  # they are in the Gaussian's own axes
@@ -410,7 +410,7 @@ def _header(root: str, times: Sequence[float], fps: float, offset: np.ndarray) -
 
 
 def _decimals(posed: PosedSplats) -> int:
-    """How many decimals the positions of such Gaussians need."""
+    """Return the number of decimals that positions of Gaussians of this size need."""
     size = max(float(np.median(posed.scales.max(axis=1))), MIN_SCALE)
     return max(MIN_DECIMALS, math.ceil(-math.log10(FINE * size)))
 

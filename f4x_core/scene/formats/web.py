@@ -27,15 +27,15 @@ from .spz import FixedPoint, pack_spz
 KINDS = {"f": "<f4", "u": "<u4", "b": "u1"}
 """Letter in the page's layout -> numbers."""
 DEGREES = 5.0
-"""How far aside a page lets look where no fit tells (splats from elsewhere, older scenes): that of `f4x render --path orbit`."""
+"""Degrees off the camera's path that a page allows without a fit's figure (splats from elsewhere, older scenes)."""
 
 
 @dataclass(frozen=True)
 class PageOptions:
-    """What a page shows besides the scene."""
+    """Settings of a page."""
 
     degrees: float | None = None
-    """How far off the camera's path one may look, at the scene's centre; None is `believed_degrees` of the scene."""
+    """Degrees off the camera's path that the view may turn, at the scene's centre; None = `believed_degrees` of the scene."""
     words: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Word -> (N,) bool of the Gaussians in the order of `Scene.posed` that its button colours."""
 
@@ -82,7 +82,7 @@ def write_page(scene: Scene, path: Path | str, options: PageOptions | None = Non
 
 
 def believed_degrees(scene: Scene) -> float:
-    """How far off the path the scene can be believed, as its fit found; `DEGREES` where nothing tells."""
+    """Return the degrees off the path to which the fit can be believed; `DEGREES` where nothing tells."""
     believed = scene.provenance.get("believed_degrees")
     return float(believed) if isinstance(believed, int | float) and 0 <= believed < 90 else DEGREES
 
@@ -98,7 +98,7 @@ def _stored(scene: Scene) -> Splats:
 
 
 def _motion(scene: Scene, options: PageOptions) -> dict[str, np.ndarray]:
-    """What moves the Gaussians: node poses (T,M,7) at the clip's frames, inverse poses (P,7) at reference times, weights."""
+    """Return arrays of the motion: node poses (T,M,7) at clip frames, inverse poses (P,7) at reference times, weights."""
     dynamic, scaffold = scene.dynamic, scene.scaffold
     marks = np.array([*options.words.values()], np.uint8)
     spans = [

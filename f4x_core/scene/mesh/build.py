@@ -33,7 +33,7 @@ FEWEST = 10
 
 @dataclass(frozen=True)
 class MeshConfig:
-    """How fine and how clean a mesh is."""
+    """Resolution and cleaning of a mesh."""
 
     resolution: int = 96
     """Grid steps along the longest side of the thing."""
@@ -49,7 +49,7 @@ class MeshConfig:
     """Keep the walls of hollows inside, which nobody sees from outside."""
 
     def __post_init__(self) -> None:
-        """Refuse what no mesh can be made with."""
+        """Raise F4xError for settings out of range."""
         limits = {"resolution": RESOLUTIONS, "faces": FACES}
         for name, (low, high) in limits.items():
             value = getattr(self, name)
@@ -72,7 +72,7 @@ class SplatMesh:
     colors: np.ndarray
     """(V,3) float32 sRGB in [0, 1]: the mean colour of the Gaussians there."""
     skin: Skin | None
-    """What carries it; None where nothing moves."""
+    """Skinning of the vertices; None where nothing moves."""
     parts: int
     """Connected parts."""
 
@@ -153,7 +153,7 @@ def widest_time(scene: Scene, chosen: np.ndarray) -> float:
 
 
 def _carriers(scene: Scene, rows: np.ndarray, posed: PosedSplats) -> Carriers:
-    """What the Gaussians `rows` of `scene.posed` follow. Raises F4xError where an edit moves them as no node does."""
+    """Return the nodes and weights of the Gaussians `rows` of `scene.posed`. F4xError where an edit moves them as no node does."""
     dynamic = scene.dynamic
     own = scene.origin[rows] - len(scene.static)
     follows = own >= 0
@@ -174,7 +174,7 @@ def _carriers(scene: Scene, rows: np.ndarray, posed: PosedSplats) -> Carriers:
 
 
 def _led_astray(scene: Scene, rows: np.ndarray, follows: np.ndarray) -> int:
-    """How many of the Gaussians `rows` of an edited scene are not where their nodes carry them, or not where they began."""
+    """Count the Gaussians `rows` of an edited scene that are not where their nodes carry them, or not where they began."""
     times = scene.cameras.times
     away, first = np.zeros(len(rows), bool), scene.posed(times[0]).means[rows]
     for time in times[evenly_spaced(len(times), MOMENTS)]:

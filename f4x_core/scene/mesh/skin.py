@@ -1,4 +1,4 @@
-"""How nodes carry a mesh: the weights and the blend of the Gaussians, and the linear blend that other programs know."""
+"""Skinning of meshes: weights and blend of the Gaussians, and the linear blend that other programs have."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BLOCK = 1 << 22
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """What V vertices follow, from where they stand at clip time `time`."""
+    """Nodes and weights of V vertices, placed at clip time `time`."""
 
     time: float
     """Clip time at which the vertices are where the mesh has them."""
@@ -38,7 +38,7 @@ class Skin:
 
     @property
     def moves(self) -> bool:
-        """Whether any vertex follows a node."""
+        """True if any vertex follows a node."""
         return bool((self.strength > 0).any())
 
     def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -60,7 +60,7 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class Carriers:
-    """What N Gaussians follow."""
+    """Nodes and weights of N Gaussians."""
 
     means: np.ndarray
     """(N,3) where they are at the time of the skin."""

@@ -1,0 +1,1 @@
+"""Operators: buttons, menus and gestures."""

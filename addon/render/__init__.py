@@ -1,0 +1,1 @@
+"""The render engine: the evaluated Blender scene, shadows, viewports, compositing."""

@@ -1,0 +1,1 @@
+"""Panels, their properties, and drawings over viewports."""
