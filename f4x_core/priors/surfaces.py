@@ -18,7 +18,7 @@ HARDLY, CLEARLY = 1.0, 4.0
 """Grey levels by which a contradicting sweep must explain the pictures better to count at all, and in full."""
 UNRELIABLE = 1.3
 """Median difference from flow, on textured surfaces and in errors of the sweep, at which the sweep of a frame counts by half.
-A train has .4 to .7, a run beside a fence .4 to .9; a bedroom, whose lens bends and whose bed moves, 1.7 to 3: there it is wrong."""
+A train has .4 to .7, a run beside a fence .4 to .9; a bedroom, whose lens bends and whose bed moves, 1.7 to 3 and is wrong."""
 TRUSTED = 25.0
 """Relative precision, 1 / (relative error)^2, at which steps of the swept surfaces and grey levels count alike."""
 TRUST_BLUR = 1.5
