@@ -50,6 +50,14 @@ class Change(Record):
     select: SelectKind
 
 
+@dataclass(frozen=True, kw_only=True)
+class ChangeWithShadow(Change):
+    """Base of the operations that change where, when or whether a thing is seen, so that its shadow changes with it."""
+
+    along: SelectKind | None = None
+    """What goes along: the shadow and loose edges of the selection. None: planning finds them; an empty `Ids` leaves them."""
+
+
 def _check_span(frames: Span | None) -> None:
     _check_numbers("frames", [frame for frame in frames or () if frame is not None])
     if frames is not None and frames[1] is not None and frames[0] > frames[1]:
@@ -106,7 +114,7 @@ class Recolour(Change):
 
 
 @dataclass(frozen=True)
-class Opacity(Change):
+class Opacity(ChangeWithShadow):
     """More or less transparent."""
 
     TAG = "opacity"
@@ -129,7 +137,7 @@ class Opacity(Change):
 
 
 @dataclass(frozen=True)
-class Delete(Change):
+class Delete(ChangeWithShadow):
     """Take it out."""
 
     TAG = "delete"
@@ -157,7 +165,7 @@ class Extract(Change):
 
 
 @dataclass(frozen=True)
-class Transform(Change):
+class Transform(ChangeWithShadow):
     """Move, turn and resize the posed Gaussians: x' = pivot + scale R (x - pivot) + translate."""
 
     TAG = "transform"
@@ -194,7 +202,7 @@ class Transform(Change):
 
 
 @dataclass(frozen=True)
-class Duplicate(Change):
+class Duplicate(ChangeWithShadow):
     """Copies of it, elsewhere or at another time. Their ids follow `first_id` in the order of the chosen ids."""
 
     TAG = "duplicate"
@@ -230,7 +238,7 @@ class Duplicate(Change):
 
 
 @dataclass(frozen=True)
-class Freeze(Change):
+class Freeze(ChangeWithShadow):
     """Stand still: from `at` on, or for a while, after which it goes on where it stood."""
 
     TAG = "freeze"
@@ -250,7 +258,7 @@ class Freeze(Change):
 
 
 @dataclass(frozen=True)
-class Retime(Change):
+class Retime(ChangeWithShadow):
     """Faster or slower."""
 
     TAG = "retime"
@@ -270,7 +278,7 @@ class Retime(Change):
 
 
 @dataclass(frozen=True)
-class Reverse(Change):
+class Reverse(ChangeWithShadow):
     """Backwards: at frame t what was at first + last - t."""
 
     TAG = "reverse"
@@ -284,7 +292,7 @@ class Reverse(Change):
 
 
 @dataclass(frozen=True)
-class Loop(Change):
+class Loop(ChangeWithShadow):
     """Again and again what happens from … to, from then to the end of the clip."""
 
     TAG = "loop"

@@ -1,27 +1,18 @@
-"""Words for what things cast on the background: shadows, reflections, ripples. Needs numpy alone.
+"""What things cast on the background: shadows, reflections, ripples. Needs numpy alone.
 
 No teacher of words knows them; the graph of a scene tells them by how little they differ from what is behind (`standing_out`).
 """
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
+from ..language.cast_words import is_cast
 from ..scene import Scene
+from .attached import attached, mostly
 from .floaters import is_floaters
 from .objects import graph_of
 from .people import is_of_people
-
-_WORDS = re.compile(
-    r"(?:(?:the|its|his|her|their) )?(?:(?P<whose>.+)'s? )?(?:shadow|reflection|ripple)s?", re.IGNORECASE
-)
-
-
-def is_cast(label: str) -> bool:
-    """Whether `label` names what is cast: "shadow", "the dog's shadow", "reflections"."""
-    return _WORDS.fullmatch(" ".join(label.split())) is not None
 
 
 def needs_no_teacher(scene: Scene, label: str) -> bool:
@@ -29,19 +20,12 @@ def needs_no_teacher(scene: Scene, label: str) -> bool:
     return is_cast(label) or is_floaters(label) or is_of_people(scene, label)
 
 
-def caster(label: str) -> str | None:
-    """Who casts what `label` names: "dog" of "the dog's shadow"; None where the word says it of nobody."""
-    found = _WORDS.fullmatch(" ".join(label.split()))
-    return found and found["whose"]
-
-
 def cast_of(scene: Scene, by: np.ndarray | None = None) -> np.ndarray:
-    """(N,) float64: 1 for the Gaussians of what is cast, by those `by (N,)` bool alone if given: what moves as one with them."""
+    """(N,) float64: 1 for the Gaussians of what is cast, by those `by (N,)` bool alone if given; by all if none of them moves."""
     superpoints = graph_of(scene).moving
-    cast = superpoints.cast.copy()
-    if by is not None and superpoints.piece is not None:
-        casting = superpoints.gather(by.astype(float)) * ~superpoints.cast
-        cast &= np.isin(superpoints.piece, superpoints.piece[casting > 0])
+    cast = superpoints.cast
+    if by is not None and (thing := mostly(superpoints, by) & ~cast).any():
+        cast = cast & attached(scene, superpoints, thing)
     return superpoints.spread(cast.astype(float), len(scene.ids))
 
 

@@ -13,10 +13,11 @@ from ..clip.images import resize_nearest
 from ..errors import F4xError
 from ..features.models.prompt import check_frame, check_prompt
 from ..geometry.camera import CameraPath
+from ..language.cast_words import caster, is_cast
 from ..progress import Progress, silent
 from ..scene import Scene
 from .calibration import word_probabilities
-from .cast import cast_of, caster, is_cast
+from .cast import cast_of
 from .floaters import floater_scores, is_floaters
 from .following import FollowConfig, decoder_of, follow_masks, follow_thing
 from .labels import Encode, TextQuery, ask_for
@@ -63,7 +64,8 @@ def select_by_text(
         parts.append(_selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label))
     for label in cast:
         whose = caster(label)
-        by = None if whose is None else select_by_text(scene, [whose], negatives, head=head, encode=encode).chosen
+        casting = [whose] if whose is not None else [*people, *things]  # "the dog and its shadow"
+        by = select_by_text(scene, casting, negatives, head=head, encode=encode).chosen if casting else None
         parts.append(_selection(scene, cast_of(scene, by), np.zeros(len(scene.ids), bool), threshold, span, label))
     if things or not parts:
         query = ask_for(scene, things, negatives, head, encode)

@@ -9,8 +9,9 @@ from test_query_objects import scene_with_ripples
 
 from f4x_core.edit.naming import by_words
 from f4x_core.edit.plan import propose
+from f4x_core.language.cast_words import caster, is_cast
 from f4x_core.query import cast
-from f4x_core.query.cast import cast_of, caster, is_cast, moving_things
+from f4x_core.query.cast import cast_of, moving_things
 from f4x_core.query.knowledge import refuse_unknown
 from f4x_core.query.objects import Graph, graph_of
 from f4x_core.query.prompts import select_by_text
