@@ -19,6 +19,9 @@ from .objects import MOSTLY, Superpoints, graph_of
 EDGE = 0.06
 """Greatest fraction of a thing's blend weights that a loose edge of it has; what is larger is a thing of its own. On four filmed
 clips loose edges of selections have at most .054."""
+CASTER = 0.25
+"""Least fraction of its blend weights of which a piece that touches a thing is taken to have a shadow of its own: smaller ones are
+mostly parts of the shadow that differ from the background more than the rest."""
 TIMES = 5
 """Times, evenly over the clip, at which a shadow that touches nothing is compared with the places of things."""
 NO_BOND = 1e-9
@@ -58,36 +61,35 @@ def mostly(superpoints: Superpoints, chosen: np.ndarray) -> np.ndarray:
 
 def attached(scene: Scene, superpoints: Superpoints, thing: np.ndarray) -> np.ndarray:
     """(P,) bool: the superpoints outside `thing (P,)` bool that are its shadow or loose edges of it."""
-    others = _others(superpoints, thing)
-    loose = np.flatnonzero(~thing & ~others)
+    loose, others = _left_over(superpoints, thing)
+    rows = np.flatnonzero(loose)
     found = np.zeros(len(thing), bool)
     if not others.any():
-        found[loose] = True
-        return found
-    near = superpoints.near[loose]
-    to_thing, to_others, between = near[:, thing].sum(1), near[:, others].sum(1), near[:, loose]
+        return loose
+    near = superpoints.near[rows]
+    to_thing, to_others, between = near[:, thing].sum(1), near[:, others].sum(1), near[:, rows]
     total = np.diag(to_thing + to_others + between.sum(1) + NO_BOND) - between
     reached, either = np.linalg.solve(total, np.stack([to_thing, to_thing + to_others], 1)).T
     mine = reached > MOSTLY * either
     alone = either < MOSTLY  # the walk hardly leaves it: it touches neither
     if alone.any():
-        mine[alone] = _nearer(scene, superpoints, loose[alone], thing, others)
-    found[loose[mine]] = True
+        mine[alone] = _nearer(scene, superpoints, rows[alone], thing, others)
+    found[rows[mine]] = True
     return found
 
 
-def _others(superpoints: Superpoints, thing: np.ndarray) -> np.ndarray:
-    """(P,) bool: superpoints of other things: neither cast, nor of `thing (P,)` bool, nor a small piece that touches it."""
+def _left_over(superpoints: Superpoints, thing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) bool each, outside `thing (P,)` bool: what is cast or a small piece that touches it; other things."""
     rest = ~thing & ~superpoints.cast
     one, two = np.nonzero(superpoints.near)
     together = rest[one] & rest[two]
     if superpoints.piece is not None:
         together &= superpoints.piece[one] == superpoints.piece[two]
     component = connect(np.stack([one, two])[:, together], len(thing))
-    weight = np.bincount(component, superpoints.weight * rest)
+    weight = np.bincount(component, superpoints.weight * rest) / superpoints.weight[thing].sum()
     touches = np.bincount(component[two[thing[one] & rest[two]]], minlength=len(weight)) > 0
-    small = weight <= EDGE * superpoints.weight[thing].sum()
-    return rest & ~(small & touches)[component]
+    edge, other = touches & (weight <= EDGE), ~touches | (weight >= CASTER)
+    return ~thing & superpoints.cast | rest & edge[component], rest & other[component]
 
 
 def _nearer(
