@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import F4xError
 from .records import Record, near, read_record
-from .selects import All, Moving, Named, SelectKind, Where
+from .selects import All, Ids, Moving, Named, SelectKind, Where
 from .styles import STYLES
 
 Vector = tuple[float, float, float]
@@ -50,12 +50,16 @@ class Change(Record):
     select: SelectKind
 
 
+NOTHING_ALONG = Ids()
+"""`ChangeWithShadow.along` of an operation that leaves the shadow as it is."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ChangeWithShadow(Change):
     """Base of the operations that change where, when or whether a thing is seen, so that its shadow changes with it."""
 
     along: SelectKind | None = None
-    """What goes along: the shadow and loose edges of the selection. None: planning finds them; an empty `Ids` leaves them."""
+    """What goes along: the shadow and loose edges of the selection. None: planning finds them; `NOTHING_ALONG` leaves them."""
 
 
 def _check_span(frames: Span | None) -> None:

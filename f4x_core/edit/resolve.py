@@ -151,6 +151,7 @@ class Resolver:
                 changed |= {"along": None, "each": tuple(_with_attached(scene, one) for one in changed["each"])}
         if isinstance(operation, Swap) and operation.shift is None:
             changed["shift"] = self._apart(scene, operation, rows, rows_of(scene, changed["other"]))
+            changed |= {name: _with_attached(scene, changed[name]) for name in ("select", "other")}
         if isinstance(operation, Duplicate | Glow):
             changed["first_id"] = next_id(scene)
         return replace(operation, **changed)
