@@ -319,7 +319,7 @@ def _named_besides(read: Read) -> str:
 
 
 _SPOKEN_OF = word_set(
-    "background foreground everything everyone everybody selection shadow reflection original surroundings"
+    "background foreground everything everyone everybody selection shadow reflection ripple original surroundings"
 )
 """Words for whom or what a command is for, which are labels of no scene."""
 
@@ -338,7 +338,7 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
         if (
             token.is_word
             and not describes
-            and all({token.text, singular(token.text)}.isdisjoint(words) for words in (lexicon, parts))
+            and all({token.text, singular(token.text)}.isdisjoint(words) for words in (lexicon, parts, _SPOKEN_OF))
         ):
             meant = misspelt(token.text, parts | _SPOKEN_OF)
             meant = meant or (None if understood else misspelt(token.text, lexicon | parts))

@@ -80,7 +80,9 @@ def test_colors_leave_the_shadow_alone(operation):
         ("hide it", SQUARE | SHADOW, OTHER | OTHER_SHADOW),
         ("remove it but keep its shadow", SQUARE, SHADOW | OTHER | OTHER_SHADOW),
         ("remove it without its shadow", SQUARE, SHADOW | OTHER | OTHER_SHADOW),
+        ("remove it but keep the reflection", SQUARE, SHADOW | OTHER | OTHER_SHADOW),
         ("remove the shadow", SHADOW | OTHER_SHADOW, SQUARE | OTHER),
+        ("remove the shadows", SHADOW | OTHER_SHADOW, SQUARE | OTHER),
     ],
 )
 def test_sentences_do_what_they_say(sentence, gone, stays):
