@@ -13,15 +13,8 @@ import numpy as np
 
 from ..geometry.arrays import evenly_spaced
 from ..scene import Scene
-from .connected_objects import connect
 from .objects import MOSTLY, Superpoints, graph_of
 
-EDGE = 0.06
-"""Greatest fraction of a thing's blend weights that a loose edge of it has; what is larger is a thing of its own. On four filmed
-clips loose edges of selections have at most .054."""
-CASTER = 0.25
-"""Least fraction of its blend weights of which a piece that touches a thing is taken to have a shadow of its own: smaller ones are
-mostly parts of the shadow that differ from the background more than the rest."""
 TIMES = 5
 """Times, evenly over the clip, at which a shadow that touches nothing is compared with the places of things."""
 NO_BOND = 1e-9
@@ -61,7 +54,7 @@ def mostly(superpoints: Superpoints, chosen: np.ndarray) -> np.ndarray:
 
 def attached(scene: Scene, superpoints: Superpoints, thing: np.ndarray) -> np.ndarray:
     """(P,) bool: the superpoints outside `thing (P,)` bool that are its shadow or loose edges of it."""
-    loose, others = _left_over(superpoints, thing)
+    loose, others = superpoints.left_over(thing)
     rows = np.flatnonzero(loose)
     found = np.zeros(len(thing), bool)
     if not others.any():
@@ -76,20 +69,6 @@ def attached(scene: Scene, superpoints: Superpoints, thing: np.ndarray) -> np.nd
         mine[alone] = _nearer(scene, superpoints, rows[alone], thing, others)
     found[rows[mine]] = True
     return found
-
-
-def _left_over(superpoints: Superpoints, thing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) bool each, outside `thing (P,)` bool: what is cast or a small piece that touches it; other things."""
-    rest = ~thing & ~superpoints.cast
-    one, two = np.nonzero(superpoints.near)
-    together = rest[one] & rest[two]
-    if superpoints.piece is not None:
-        together &= superpoints.piece[one] == superpoints.piece[two]
-    component = connect(np.stack([one, two])[:, together], len(thing))
-    weight = np.bincount(component, superpoints.weight * rest) / superpoints.weight[thing].sum()
-    touches = np.bincount(component[two[thing[one] & rest[two]]], minlength=len(weight)) > 0
-    edge, other = touches & (weight <= EDGE), ~touches | (weight >= CASTER)
-    return ~thing & superpoints.cast | rest & edge[component], rest & other[component]
 
 
 def _nearer(
