@@ -172,7 +172,12 @@ def select_by_prompts(
         if chosen is not None:
             scores = follow_thing(scene, chosen, prompts, config, backend, progress)
             return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
-    decoder = decoder_of(scene, backend) if decoder is None else decoder
+    exact: dict[int, np.ndarray] = {}
+    if decoder is None:
+        decoder = decoder_of(scene, backend)
+        exact = {
+            frame: np.asarray(prompt["mask"]) > 0 for frame, prompt in prompts.items() if prompt.get("mask") is not None
+        }
     masks = {}
     for frame, prompt in prompts.items():
         logits = decoder.prompt(frame, **prompt)
@@ -182,7 +187,6 @@ def select_by_prompts(
                 f"The prompt on frame {frame} marks nothing that stands out there; give a mask, or another point."
             )
     scores = follow_masks(scene, masks, decoder, config, progress)
-    exact = {frame: masks[frame] > 0 for frame, prompt in prompts.items() if prompt.get("mask") is not None}
     scores = _as_in_masks(scene, scores, exact)
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
 
@@ -210,7 +214,7 @@ def select_by_evidence(
     scores = follow_thing(scene, chosen, frames, FollowConfig(), backend, progress)
     size, masks = (scene.cameras.height, scene.cameras.width), {}
     for mark in marks:
-        if mark.on and mark.exact:
+        if mark.on and mark.exact and mark.around:
             masks[mark.frame] = masks.get(mark.frame, False) | mark.pixels(size)
     scores = _as_in_masks(scene, scores, masks, adds=all(mark.on for mark in marks))
     label = _marked_at(frames)

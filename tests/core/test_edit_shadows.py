@@ -60,7 +60,7 @@ def test_the_picture_is_as_if_it_had_never_been_there():
     clean = drawn(with_operations(SCENE, Delete(Ids.of(SCENE.ids[SQUARE | SHADOW]))))
     without = drawn(with_operations(SCENE, resolve(SCENE, Delete(IDS), EditorState())))
     thing_alone = drawn(with_operations(SCENE, Delete(IDS)))
-    assert np.abs(without - clean).mean() < 0.3 * np.abs(thing_alone - clean).mean()
+    assert np.abs(without - clean).mean() < 0.35 * np.abs(thing_alone - clean).mean()
     half = SCENE.cameras.width // 2
     np.testing.assert_array_equal(without[:, half:], drawn(SCENE)[:, half:])  # the other one is untouched
 
@@ -98,10 +98,11 @@ def test_a_shadow_stays_on_the_ground_below_what_is_lifted_and_where_it_is_told_
 
 
 def test_loose_edges_go_along_and_a_half_does_not_take_the_other_half():
-    x = SCENE.posed(0.0).means[:, 0]
-    edge = SQUARE & (x > np.quantile(x[SQUARE], 0.97))
-    most, left = SQUARE & ~edge, SQUARE & (x < np.median(x[SQUARE]))
-    assert along(Delete(Ids.of(SCENE.ids[most])))[edge].all()
+    x, y, _ = SCENE.posed(0.0).means.T
+    corner = SQUARE & (x + y < np.quantile((x + y)[SQUARE], 0.03))
+    most, left = SQUARE & ~corner, SQUARE & (x < np.median(x[SQUARE]))
+    assert corner.any()
+    assert along(Delete(Ids.of(SCENE.ids[most])))[corner].all()
     assert along(Delete(Ids.of(SCENE.ids[left])))[SQUARE].mean() < 0.1
 
 

@@ -8,7 +8,7 @@ from test_query_objects import scene_with_ripples
 
 from f4x_core.scene import DynamicSet
 
-APART = 5 * HALF
+APART = 3.2 * HALF
 """World units from one square to the other, along x."""
 
 
