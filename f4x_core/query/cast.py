@@ -11,8 +11,13 @@ from ..language.cast_words import is_cast
 from ..scene import Scene
 from .attached import attached, mostly
 from .floaters import is_floaters
-from .objects import graph_of
+from .objects import MOSTLY, graph_of
 from .people import is_of_people
+
+LOOKS_LIKE_BEHIND = 0.05
+"""A Gaussian of a shadow that differs less from what is behind it belongs to no thing; others there may be a thing's own, as wheels
+are. Chosen on filmed clips: a word then selects car-shadow's car with IoU .924 in place of .863 (.919 with .04, .923 with .06), and
+of four clips a first-frame mask .005 more."""
 
 
 def needs_no_teacher(scene: Scene, label: str) -> bool:
@@ -27,6 +32,20 @@ def cast_of(scene: Scene, by: np.ndarray | None = None) -> np.ndarray:
     if by is not None and (thing := mostly(superpoints, by) & ~cast).any():
         cast = cast & attached(scene, superpoints, thing)
     return superpoints.spread(cast.astype(float), len(scene.ids))
+
+
+def without_shadow(scene: Scene, scores: np.ndarray) -> np.ndarray:
+    """`scores (N,)` of a thing, 0 for what is cast on the background and looks like it; unless most of the thing is cast."""
+    if not scores[scene.moving].any():
+        return scores
+    superpoints = graph_of(scene).moving
+    held = superpoints.gather(scores)
+    if superpoints.unlike is None or held[superpoints.cast].sum() > MOSTLY * held.sum():
+        return scores
+    alike = superpoints.cast[superpoints.index] & (superpoints.unlike < LOOKS_LIKE_BEHIND)
+    scores = scores.copy()
+    scores[superpoints.rows[alike]] = 0
+    return scores
 
 
 def moving_things(scene: Scene) -> np.ndarray:

@@ -362,7 +362,13 @@ def _after_edits(superpoints: Superpoints, scene: Scene) -> Superpoints:
     index = np.full(len(scene.base.ids), -1)
     index[superpoints.rows] = superpoints.index
     there = index[scene.origin]
-    return replace(superpoints, rows=np.flatnonzero(there >= 0), index=there[there >= 0])
+    rows = np.flatnonzero(there >= 0)
+    unlike = superpoints.unlike
+    if unlike is not None:
+        of_base = np.zeros(len(index))
+        of_base[superpoints.rows] = unlike
+        unlike = of_base[scene.origin[rows]]
+    return replace(superpoints, rows=rows, index=there[rows], unlike=unlike)
 
 
 def superpoints_of(scene: Scene) -> Graph:

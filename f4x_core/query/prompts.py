@@ -18,7 +18,7 @@ from ..progress import Progress, silent
 from ..scene import Scene
 from .blend_weights import lift_masks
 from .calibration import word_probabilities
-from .cast import cast_of
+from .cast import cast_of, without_shadow
 from .floaters import floater_scores, is_floaters
 from .following import FollowConfig, decoder_of, follow_masks, follow_thing
 from .labels import Encode, TextQuery, ask_for
@@ -94,6 +94,7 @@ def text_selection(
     names = ", ".join(query.labels[: query.targets])
     probability = word_probabilities(scene, query) if calibrated else None
     if probability is not None:
+        probability = without_shadow(scene, probability)
         return _selection(scene, probability, np.zeros(len(probability), bool), threshold, span, names)
     total, best = target_score(label_scores(query, scene.latents()), range(query.targets))
     return _selection(scene, np.clip(total, 0, 1), best, threshold, span, names)
@@ -187,7 +188,7 @@ def select_by_prompts(
                 f"The prompt on frame {frame} marks nothing that stands out there; give a mask, or another point."
             )
     scores = follow_masks(scene, masks, decoder, config, progress)
-    scores = _as_in_masks(scene, scores, exact)
+    scores = _as_in_masks(scene, without_shadow(scene, scores) if exact else scores, exact)
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
 
 

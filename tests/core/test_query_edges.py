@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from two_shadows import two_with_shadows
 
+from f4x_core.edit.apply import with_operations
+from f4x_core.edit.operations import Duplicate
+from f4x_core.edit.selects import Moving
 from f4x_core.query import objects, prompts
+from f4x_core.query.cast import cast_of, without_shadow
 from f4x_core.query.marks import Mask, Point
 from f4x_core.query.objects import graph_of
 from f4x_core.query.prompts import select_by_evidence, select_by_mask
@@ -71,3 +75,21 @@ def test_a_mark_on_what_is_not_meant_is_stronger_than_a_mask():
     one = select_by_evidence(SCENE, [Mask(frame, True, mask), Point(frame, False, middle)]).chosen
     assert both[SQUARE].mean() > 0.8 and both[OTHER].mean() > 0.8
     assert one[SQUARE].mean() > 0.8 and one[OTHER].mean() < both[OTHER].mean()
+
+
+def test_words_and_masks_leave_out_what_looks_like_the_background():
+    scores = (SQUARE | SHADOW).astype(float)
+    left = without_shadow(SCENE, scores)
+    cast = cast_of(SCENE) > 0
+    assert (left[SQUARE] == 1).all() and left[SHADOW & cast].mean() < 0.7 and (left[SHADOW & ~cast] == 1).all()
+    np.testing.assert_array_equal(without_shadow(SCENE, SHADOW.astype(float)), SHADOW)  # a shadow is meant
+    still = (~SCENE.moving).astype(float)
+    assert without_shadow(SCENE, still) is still
+
+
+def test_copies_are_told_from_shadows_as_their_originals_are():
+    moved = with_operations(SCENE, Duplicate(Moving(), (0.0, 0.5, 0.0)))
+    scores = np.concatenate([(SQUARE | SHADOW).astype(float), (SQUARE | SHADOW)[SCENE.moving]])
+    left = without_shadow(moved, scores)
+    np.testing.assert_array_equal(left[: len(SCENE.ids)], without_shadow(SCENE, (SQUARE | SHADOW).astype(float)))
+    np.testing.assert_array_equal(left[len(SCENE.ids) :], left[: len(SCENE.ids)][SCENE.moving])
