@@ -213,7 +213,8 @@ def select_by_evidence(
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
     frames = sorted({mark.frame for mark in marks})
     scores = follow_thing(scene, chosen, frames, FollowConfig(), backend, progress)
-    size, masks = (scene.cameras.height, scene.cameras.width), {}
+    size = (scene.cameras.height, scene.cameras.width)
+    masks: dict[int, np.ndarray] = {}
     for mark in marks:
         if mark.on and mark.exact and mark.around:
             masks[mark.frame] = masks.get(mark.frame, False) | mark.pixels(size)
