@@ -7,7 +7,7 @@ import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 from mathutils import Matrix
 
-from ...f4x_core.edit.operations import Delete
+from ...f4x_core.edit.operations import NOTHING_ALONG, Delete
 from ...f4x_core.edit.selects import Ids
 from ...f4x_core.errors import F4xError
 from ...f4x_core.query.floaters import floater_scores
@@ -56,7 +56,7 @@ class F4X_OT_remove_floaters(SceneOperator, bpy.types.Operator):  # noqa: N801 -
                 f"{scene_object.name} has no floaters at this strength; raise it under Adjust Last Operation."
             )
         ids = Ids.of(found)
-        scene_object.append(Delete(Ids(ids.ids, ids.first, ids.packed, "the floaters")))
+        scene_object.append(Delete(Ids(ids.ids, ids.first, ids.packed, "the floaters"), along=NOTHING_ALONG))
         display.refresh(scene_object)
         self.report({"INFO"}, f"Removed {len(found):,} of {len(scene.ids):,} Gaussians")
 
@@ -123,7 +123,9 @@ class F4X_OT_crop(SceneOperator, bpy.types.Operator):  # noqa: N801
             where = "inside" if self.keep == "OUTSIDE" else "outside"
             ids = Ids.of(scene.ids[gone])
             words = f"what is {where} the crop box"
-            stack = scene_object.append(Delete(Ids(ids.ids, ids.first, ids.packed, words)), sentence=sentence)
+            stack = scene_object.append(
+                Delete(Ids(ids.ids, ids.first, ids.packed, words), along=NOTHING_ALONG), sentence=sentence
+            )
         except F4xError:
             scene_object.set_stack(before)
             raise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,7 @@ from bpy_extras.io_utils import ExportHelper
 from mathutils import Euler
 
 from ...f4x_core.edit.operations import (
+    NOTHING_ALONG,
     Delete,
     Duplicate,
     Extract,
@@ -78,11 +79,30 @@ class _Edit(SceneOperator):
         """Return the operation to append."""
         raise NotImplementedError
 
+    def planned(self, scene_object: SceneObject) -> Operation:
+        """Return the operation to append, with all settings."""
+        return self.operation(scene_object)
+
     def act(self, context, scene_object):
         """Append and show it."""
-        scene_object.append(self.operation(scene_object))
+        scene_object.append(self.planned(scene_object))
         display.refresh(scene_object)
         self.report({"INFO"}, scene_object.state.history[-1].name)
+
+
+class _EditWithShadow(_Edit):
+    """An edit that the shadow of the selection takes part in unless it is told not to."""
+
+    shadow: BoolProperty(  # type: ignore[valid-type]
+        name="With Its Shadow",
+        description="Also change the moving shadow, reflection and loose edges of the selection",
+        default=True,
+    )
+
+    def planned(self, scene_object):
+        """Leave what would go along as it is where that is asked for."""
+        operation = self.operation(scene_object)
+        return operation if self.shadow else replace(operation, along=NOTHING_ALONG)
 
 
 class _Dialog(_Edit):
@@ -134,7 +154,7 @@ class F4X_OT_style(_Edit, bpy.types.Operator):  # noqa: N801
         return Style(scene_object.selected_ids, self.look, round(self.strength, 4), _span(scene_object))
 
 
-class F4X_OT_opacity(_Edit, bpy.types.Operator):  # noqa: N801
+class F4X_OT_opacity(_EditWithShadow, bpy.types.Operator):  # noqa: N801
     """Make the selection more or less transparent."""
 
     bl_idname, bl_label = "f4x.opacity", "Opacity"
@@ -146,7 +166,7 @@ class F4X_OT_opacity(_Edit, bpy.types.Operator):  # noqa: N801
         return Opacity(scene_object.selected_ids, round(self.factor, 4), _span(scene_object))
 
 
-class F4X_OT_remove(_Edit, bpy.types.Operator):  # noqa: N801
+class F4X_OT_remove(_EditWithShadow, bpy.types.Operator):  # noqa: N801
     """Remove the selection from the scene. Restore brings it back."""
 
     bl_idname, bl_label = "f4x.remove", "Remove"
@@ -183,7 +203,7 @@ class F4X_OT_restore(SceneOperator, bpy.types.Operator):  # noqa: N801
         display.refresh(scene_object)
 
 
-class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
+class F4X_OT_transform(_EditWithShadow, _Dialog, bpy.types.Operator):  # noqa: N801
     """Move, rotate and scale the selection, at once or gradually over time."""
 
     bl_idname, bl_label = "f4x.transform", "Move, Rotate, Scale"
@@ -206,7 +226,7 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
         """Draw the settings; the frames are greyed out unless Over Time is on."""
         layout = self.layout
         layout.use_property_split = True
-        for name in ("move", "turn", "size", "pivot", "over_time"):
+        for name in ("move", "turn", "size", "pivot", "shadow", "over_time"):
             layout.prop(self, name)
         column = layout.column(align=True)
         column.active = self.over_time
@@ -226,7 +246,7 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
         )
 
 
-class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
+class F4X_OT_duplicate(_EditWithShadow, _Dialog, bpy.types.Operator):  # noqa: N801
     """Copy the selection to another place or time."""
 
     bl_idname, bl_label = "f4x.duplicate", "Duplicate"
@@ -246,7 +266,7 @@ class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
         return Duplicate(ids, scene_object.axes.way_in_scene(self.offset), round(self.time_shift, 3), self.count)
 
 
-class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801
+class F4X_OT_freeze(_EditWithShadow, _Dialog, bpy.types.Operator):  # noqa: N801
     """Stop the motion of the selection from one frame on, or between two frames."""
 
     bl_idname, bl_label = "f4x.freeze", "Freeze"
@@ -260,7 +280,7 @@ class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801
         return Freeze(scene_object.selected_ids, float(self.first), float(self.last) if self.goes_on else None)
 
 
-class F4X_OT_retime(_Dialog, bpy.types.Operator):  # noqa: N801
+class F4X_OT_retime(_EditWithShadow, _Dialog, bpy.types.Operator):  # noqa: N801
     """Play the motion of the selection faster, slower or backwards."""
 
     bl_idname, bl_label = "f4x.retime", "Retime"

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...f4x_core.edit.operations import Delete, Operation, Transform
+from ...f4x_core.edit.operations import NOTHING_ALONG, Delete, Operation, Transform
 from ...f4x_core.edit.selects import Ids
 from ...f4x_core.errors import F4xError
 from ...f4x_core.geometry.similarity import Similarity, split_by_motion
@@ -59,10 +59,11 @@ class PointChanges:
                 rotate=_vector(motion.rotation_degrees),
                 scale=round(motion.scale, 7),
                 pivot=_vector(motion.pivot),
+                along=NOTHING_ALONG,
             )
             for ids, motion in self.moved
         )
-        return (*((Delete(Ids.of(self.deleted)),) if len(self.deleted) else ()), *moves)
+        return (*((Delete(Ids.of(self.deleted), along=NOTHING_ALONG),) if len(self.deleted) else ()), *moves)
 
 
 def changes_of(scene_object: SceneObject) -> PointChanges:

@@ -372,8 +372,8 @@ class EditedScene(Scene):
         kind = operation.pivot
         if isinstance(kind, tuple):
             return np.array(kind)
-        whom = step.chosen & ~step.before.gone
-        about = np.flatnonzero(whom if whom.any() else step.chosen)
+        whom = step.thing & ~step.before.gone
+        about = np.flatnonzero(whom if whom.any() else step.thing)
         if state is not None:
             return pivot_of(kind, state.means[about])
         return self._remember(below, time, lambda: pivot_of(kind, self._placement(below, time, about).means))

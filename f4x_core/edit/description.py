@@ -14,6 +14,7 @@ from .operations import (
     SHOWN,
     STANDING,
     Blur,
+    ChangeWithShadow,
     Delete,
     Duplicate,
     Extract,
@@ -121,7 +122,7 @@ def _(operation: Recolour) -> str:
 
 @_sentence.register
 def _(operation: Opacity) -> str:
-    who, factor = whom(operation.select), operation.factor
+    who, factor = whom_with(operation), operation.factor
     if factor == SHOWN:
         sentence = f"show {who} again"
     elif factor > 1:
@@ -142,7 +143,7 @@ def _(operation: Opacity) -> str:
 
 @_sentence.register
 def _(operation: Delete) -> str:
-    return f"remove {whom(operation.select)}" + _span(operation.frames)
+    return f"remove {whom_with(operation)}" + _span(operation.frames)
 
 
 @_sentence.register
@@ -152,7 +153,7 @@ def _(operation: Extract) -> str:
 
 @_sentence.register
 def _(operation: Transform) -> str:
-    who, parts = whom(operation.select), []
+    who, parts = whom_with(operation), []
     if operation.beside is not None:
         parts.append(f"put {who} {_beside(operation.translate)} {whom(operation.beside)}")
     elif any(operation.translate):
@@ -173,7 +174,7 @@ def _(operation: Transform) -> str:
 
 @_sentence.register
 def _(operation: Duplicate) -> str:
-    sentence = f"copy {whom(operation.select)}" + (f" {operation.count} times" if operation.count > 1 else "")
+    sentence = f"copy {whom_with(operation)}" + (f" {operation.count} times" if operation.count > 1 else "")
     if operation.beside is not None:
         sentence += f" {_beside(operation.offset)} {whom(operation.beside)}"
     elif any(operation.offset):
@@ -186,7 +187,7 @@ def _(operation: Duplicate) -> str:
 @_sentence.register
 def _(operation: Freeze) -> str:
     until = "" if operation.until is None else f" to frame {operation.until:g}"
-    return f"freeze {whom(operation.select)} {'from' if until else 'at'} frame {operation.at:g}{until}"
+    return f"freeze {whom_with(operation)} {'from' if until else 'at'} frame {operation.at:g}{until}"
 
 
 @_sentence.register
@@ -194,17 +195,17 @@ def _(operation: Retime) -> str:
     speeds = {2.0: "twice as fast", 0.5: "at half speed"}
     pace = speeds.get(operation.speed, f"at {_percent(operation.speed)} speed")
     eased = {"soft": " with soft ends"}.get(operation.ease or "", ", gradually" if operation.frames else " gradually")
-    return f"play {whom(operation.select)} {pace}" + _span(operation.frames) + (eased if operation.ease else "")
+    return f"play {whom_with(operation)} {pace}" + _span(operation.frames) + (eased if operation.ease else "")
 
 
 @_sentence.register
 def _(operation: Reverse) -> str:
-    return f"play {whom(operation.select)} backwards" + _span(operation.frames)
+    return f"play {whom_with(operation)} backwards" + _span(operation.frames)
 
 
 @_sentence.register
 def _(operation: Loop) -> str:
-    return f"loop {whom(operation.select)}" + _span(operation.frames, "to the end")
+    return f"loop {whom_with(operation)}" + _span(operation.frames, "to the end")
 
 
 @_sentence.register
@@ -316,6 +317,12 @@ def whom(select: SelectKind) -> str:
     if isinstance(select, Ids):
         return select.words or f"{len(select.array)} Gaussians"
     return {All: "everything", Moving: "what moves", Current: "the selection"}[type(select)]
+
+
+def whom_with(operation: ChangeWithShadow) -> str:
+    """The selection of an operation in words, with what goes along: "the car with its shadow"."""
+    along = operation.along
+    return whom(operation.select) + (f" with {along.words}" if isinstance(along, Ids) and along.words else "")
 
 
 def _both(select: And) -> str:

@@ -117,12 +117,12 @@ class Display:
         return replace(found, ids=self.scene.ids, scores=found.scores[origin], wins=found.wins[origin])
 
     def means_of(self, id: int, frame: float) -> np.ndarray:
-        """(n,3) centers at `frame` of the Gaussians that the edit `id` changes, as they are shown; none where it has no effect."""
+        """(n,3) centers at `frame` of the thing that the edit `id` changes, as it is shown; none where it has no effect."""
         step = next((step for step in self._steps if step.edit.id == id), None)
         if step is None:
             return np.zeros((0, 3), np.float32)
         assert isinstance(self.scene, EditedScene)
-        return self.scene.part(self.time(frame), np.flatnonzero(step.chosen)).means
+        return self.scene.part(self.time(frame), np.flatnonzero(step.thing)).means
 
     def moment(self, frame: float) -> PosedSplats:
         """The Gaussians that are drawn separately."""

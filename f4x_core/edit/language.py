@@ -14,6 +14,7 @@ from functools import cache, lru_cache
 from typing import Any
 
 from ..errors import F4xError
+from ..language.cast_words import is_cast
 from ..language.colour_names import COLOURS, SHADES
 from ..language.courtesies import WISHES
 from ..language.grammar import (
@@ -52,6 +53,7 @@ from .description import in_words
 from .making import BESIDE, COPY_DISTANCE, is_of_a_clip, is_of_a_picture
 from .operations import (
     SHOWN,
+    ChangeWithShadow,
     Delete,
     Duplicate,
     Extract,
@@ -66,7 +68,7 @@ from .operations import (
 from .phrases import SentenceContext, When, several_placed, together
 from .refusals import NO_EDIT, UNCLEAR, UNSURE, reason_of
 from .request import Request
-from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
+from .selects import All, And, Current, Instance, Named, Not, SelectKind, Text, parts_of
 from .slots import AGAIN, REMARK, TOPIC, Command
 from .which import removes
 
@@ -317,7 +319,7 @@ def _named_besides(read: Read) -> str:
 
 
 _SPOKEN_OF = word_set(
-    "background foreground everything everyone everybody selection shadow reflection original surroundings"
+    "background foreground everything everyone everybody selection shadow reflection ripple original surroundings"
 )
 """Words for whom or what a command is for, which are labels of no scene."""
 
@@ -336,7 +338,7 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
         if (
             token.is_word
             and not describes
-            and all({token.text, singular(token.text)}.isdisjoint(words) for words in (lexicon, parts))
+            and all({token.text, singular(token.text)}.isdisjoint(words) for words in (lexicon, parts, _SPOKEN_OF))
         ):
             meant = misspelt(token.text, parts | _SPOKEN_OF)
             meant = meant or (None if understood else misspelt(token.text, lexicon | parts))
@@ -579,6 +581,9 @@ def _remarked(who: SelectKind, piece: Mapping[str, Any], when: When, context: Se
 def _sparing(operation: Operation, spared: Sequence[SelectKind]) -> Operation:
     """The operation without those that stay as they are, where it is for everything, all others or several of their kind."""
     select = getattr(operation, "select", None)
+    cast = [one for one in spared if isinstance(one, Text) and all(map(is_cast, one.labels))]
+    if cast and isinstance(operation, ChangeWithShadow):  # "remove the car but keep its shadow"
+        return replace(operation, select=And((operation.select, Not(together(cast)))))
     left_out = [one for one in spared if one != select and not (isinstance(select, Not) and select.of == one)]
     if not left_out or select is None:
         return operation

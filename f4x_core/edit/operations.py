@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import F4xError
 from .records import Record, near, read_record
-from .selects import All, Moving, Named, SelectKind, Where
+from .selects import All, Ids, Moving, Named, SelectKind, Where
 from .styles import STYLES
 
 Vector = tuple[float, float, float]
@@ -48,6 +48,18 @@ class Change(Record):
 
     KEY = "op"
     select: SelectKind
+
+
+NOTHING_ALONG = Ids()
+"""`ChangeWithShadow.along` of an operation that leaves the shadow as it is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeWithShadow(Change):
+    """Base of the operations that change where, when or whether a thing is seen, so that its shadow changes with it."""
+
+    along: SelectKind | None = None
+    """What goes along: the shadow and loose edges of the selection. None: planning finds them; `NOTHING_ALONG` leaves them."""
 
 
 def _check_span(frames: Span | None) -> None:
@@ -106,7 +118,7 @@ class Recolour(Change):
 
 
 @dataclass(frozen=True)
-class Opacity(Change):
+class Opacity(ChangeWithShadow):
     """More or less transparent."""
 
     TAG = "opacity"
@@ -129,7 +141,7 @@ class Opacity(Change):
 
 
 @dataclass(frozen=True)
-class Delete(Change):
+class Delete(ChangeWithShadow):
     """Take it out."""
 
     TAG = "delete"
@@ -157,7 +169,7 @@ class Extract(Change):
 
 
 @dataclass(frozen=True)
-class Transform(Change):
+class Transform(ChangeWithShadow):
     """Move, turn and resize the posed Gaussians: x' = pivot + scale R (x - pivot) + translate."""
 
     TAG = "transform"
@@ -194,7 +206,7 @@ class Transform(Change):
 
 
 @dataclass(frozen=True)
-class Duplicate(Change):
+class Duplicate(ChangeWithShadow):
     """Copies of it, elsewhere or at another time. Their ids follow `first_id` in the order of the chosen ids."""
 
     TAG = "duplicate"
@@ -230,7 +242,7 @@ class Duplicate(Change):
 
 
 @dataclass(frozen=True)
-class Freeze(Change):
+class Freeze(ChangeWithShadow):
     """Stand still: from `at` on, or for a while, after which it goes on where it stood."""
 
     TAG = "freeze"
@@ -250,7 +262,7 @@ class Freeze(Change):
 
 
 @dataclass(frozen=True)
-class Retime(Change):
+class Retime(ChangeWithShadow):
     """Faster or slower."""
 
     TAG = "retime"
@@ -270,7 +282,7 @@ class Retime(Change):
 
 
 @dataclass(frozen=True)
-class Reverse(Change):
+class Reverse(ChangeWithShadow):
     """Backwards: at frame t what was at first + last - t."""
 
     TAG = "reverse"
@@ -284,7 +296,7 @@ class Reverse(Change):
 
 
 @dataclass(frozen=True)
-class Loop(Change):
+class Loop(ChangeWithShadow):
     """Again and again what happens from … to, from then to the end of the clip."""
 
     TAG = "loop"

@@ -11,7 +11,7 @@ import numpy as np
 from ..query.connected_objects import width_along
 from ..scene import Scene
 from .apply import edited, with_operations
-from .description import describe, steps_in_words, whom
+from .description import describe, steps_in_words, whom, whom_with
 from .operations import Blur, Duplicate, Name, Operation, Rekey, Swap, TakeBack, Transform, Vector
 from .resolve import rows_of, splat_rows
 from .stack import of
@@ -87,4 +87,4 @@ def as_seen(scene: Scene, operation: Operation, frame: float = 0.0) -> str:
     ] * bool(later)
     copies = "the copy" if operation.count == 1 else f"each of the {operation.count} copies, seen from the one before,"
     named = f", called {operation.name}" if operation.name else ""
-    return f"copy {who}{named}: {copies} {' and '.join(parts) or 'is in the same place'}"
+    return f"copy {whom_with(operation)}{named}: {copies} {' and '.join(parts) or 'is in the same place'}"

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
+from ..language.cast_words import caster, is_cast
 from ..language.compounds import head_of, names_another
 from ..language.lexicon import UNCOUNTED, plural_of, singular
+from ..query.attached import attached_to
 from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to, width_along
 from ..query.inventory import instead, labels_of
 from ..query.knowledge import refuse_unknown
@@ -24,7 +26,18 @@ from ..scene import Scene
 from ..scene.people import single_people
 from .apply import EditedScene, edited, next_id, pivot_of, with_operations
 from .description import whom
-from .operations import Duplicate, Freeze, Glow, Opacity, Operation, Rekey, Swap, TakeBack, Transform
+from .operations import (
+    ChangeWithShadow,
+    Duplicate,
+    Freeze,
+    Glow,
+    Opacity,
+    Operation,
+    Rekey,
+    Swap,
+    TakeBack,
+    Transform,
+)
 from .selects import (
     MAX_WORDS_LENGTH,
     All,
@@ -116,6 +129,7 @@ class Resolver:
         if isinstance(operation, Rekey | TakeBack):
             return operation
         self._hidden_too = isinstance(operation, Opacity) and operation.factor > 1
+        operation = _without_own_shadow(operation)
         changed: dict[str, Any] = {}
         for name in {"select", "source", "other", "beside"} & {entry.name for entry in fields(operation)}:
             if getattr(operation, name) is not None:
@@ -130,8 +144,14 @@ class Resolver:
             )
         if isinstance(operation, Transform) and (any(operation.rotate) or operation.scale != 1):
             changed["each"] = self._each(scene, operation.select, rows, tidy)
+        if isinstance(operation, ChangeWithShadow) and operation.along is None and _takes_shadow(operation.select):
+            lifted = isinstance(operation, Transform) and self._is_lift(scene, operation, changed["translate"])
+            changed["along"] = _attached(scene, rows, lifted)
+            if changed.get("each"):  # each has a pivot of its own, so that its shadow turns about the same
+                changed |= {"along": None, "each": tuple(_with_attached(scene, one) for one in changed["each"])}
         if isinstance(operation, Swap) and operation.shift is None:
             changed["shift"] = self._apart(scene, operation, rows, rows_of(scene, changed["other"]))
+            changed |= {name: _with_attached(scene, changed[name]) for name in ("select", "other")}
         if isinstance(operation, Duplicate | Glow):
             changed["first_id"] = next_id(scene)
         return replace(operation, **changed)
@@ -366,6 +386,12 @@ class Resolver:
         means = scene.posed(operation.frames[0] if operation.frames else self.context.frame).means
         return _vector(pivot_of("base", means[others]) - pivot_of("base", means[rows]))
 
+    def _is_lift(self, scene: Scene, operation: Transform, translate: tuple[float, float, float]) -> bool:
+        """Return True for a way that goes up or down more than aside, which leaves a shadow on the ground."""
+        time = operation.frames[0] if operation.frames else self.context.frame
+        right, down, forward = np.abs(scene.cameras.at(time).camera_to_world[:3, :3].T @ np.array(translate))
+        return bool(down > max(right, forward))
+
     def _split(self, scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`split_objects` of the Gaussians `rows (n,)` at the context's frame; people are known by themselves."""
         return split_objects(scene.posed(self.context.frame), rows, single_people(scene, rows))
@@ -404,6 +430,43 @@ def rows_of(scene: Scene, select: SelectKind) -> np.ndarray:
 def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
     """(N,) bool over `scene.posed`: the rows of a resolved selection."""
     return splat_rows(scene).chosen(select)
+
+
+def _takes_shadow(select: SelectKind) -> bool:
+    """Whether a shadow goes along with a selection: not with a part of a thing, nor where words speak of a shadow themselves."""
+    parts = list(parts_of(select))
+    return not any(isinstance(part, Part) or _cast_words(part) for part in parts)
+
+
+def _cast_words(select: SelectKind) -> tuple[str, ...]:
+    """Those words of a selection that name a shadow or the like."""
+    return tuple(filter(is_cast, select.labels)) if isinstance(select, Text) else ()
+
+
+def _without_own_shadow(operation: Operation) -> Operation:
+    """The operation; where its shadow goes along anyway, "the car and its shadow" are the car."""
+    select, shadows = operation.select, _cast_words(operation.select)
+    if not isinstance(operation, ChangeWithShadow) or not isinstance(select, Text) or any(map(caster, shadows)):
+        return operation
+    things = tuple(label for label in select.labels if label not in shadows)
+    return replace(operation, select=replace(select, labels=things)) if things and shadows else operation
+
+
+def _attached(scene: Scene, rows: np.ndarray, lifted: bool = False) -> Ids | None:
+    """What goes along with the Gaussians `rows (n,)`; of what is `lifted` the shadow stays. None: nothing."""
+    count = len(scene.base.ids)  # copies have the shadow that was copied with them
+    chosen = np.isin(np.arange(count), rows)
+    shadow, edges = (each & not_deleted(scene)[:count] for each in attached_to(scene.base, chosen))
+    shadow &= not lifted
+    words = "its shadow" if shadow.any() else "its edges"
+    along = shadow | edges
+    return replace(Ids.of(scene.base.ids[along]), words=words) if along.any() else None
+
+
+def _with_attached(scene: Scene, select: SelectKind) -> SelectKind:
+    """A selection with what goes along with it."""
+    along = _attached(scene, rows_of(scene, select))
+    return select if along is None else Or((select, along))
 
 
 def named(scene: Scene, selected: Selection | None = None) -> dict[str, Selection]:

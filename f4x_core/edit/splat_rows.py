@@ -9,7 +9,18 @@ import numpy as np
 
 from ..errors import F4xError
 from ..scene import Scene
-from .operations import Delete, Duplicate, Extract, Match, Name, Rekey, TakeBack, Transform, steps_of_operation
+from .operations import (
+    ChangeWithShadow,
+    Delete,
+    Duplicate,
+    Extract,
+    Match,
+    Name,
+    Rekey,
+    TakeBack,
+    Transform,
+    steps_of_operation,
+)
 from .retiming import TimeMap, copy_time_map, time_map_of
 from .selects import All, And, Ids, Moving, Named, Not, Or, SelectKind
 from .stack import Edit
@@ -76,12 +87,19 @@ class Step:
     """(N,) bool over `before`: the rows it changes."""
     source: np.ndarray | None = None
     """(N,) bool over `before`: the rows whose colours `match` takes."""
+    along: np.ndarray | None = None
+    """(N,) bool over `before`: those of the rows it changes that only go along, such as a shadow."""
     time_map: TimeMap | None = None
     """The time map of a retiming edit."""
     copied: np.ndarray | None = None
     """(n,) rows of `before` that `duplicate` copies, in the order of their ids."""
     copy_time_maps: tuple[TimeMap, ...] = ()
     """The time map of each copy."""
+
+    @property
+    def thing(self) -> np.ndarray:
+        """(N,) bool over `before`: the rows it changes without those that only go along."""
+        return self.chosen if self.along is None else self.chosen & ~self.along
 
     @property
     def reads(self) -> bool:
@@ -144,7 +162,11 @@ def _step(edit: Edit, rows: SplatRows, clip: tuple[float, float]) -> tuple[Step 
     source = rows.chosen(operation.source) if isinstance(operation, Match) else None
     if not chosen.any() or (source is not None and not source.any()):
         return None, _copied(operation, rows, np.zeros(0, int)) if isinstance(operation, Duplicate) else rows
-    step = Step(edit, rows, chosen, source, time_map_of(operation, clip))
+    along = None
+    if isinstance(operation, ChangeWithShadow) and operation.along is not None:
+        along = rows.chosen(operation.along) & ~chosen
+        chosen = chosen | along
+    step = Step(edit, rows, chosen, source, along, time_map_of(operation, clip))
     if isinstance(operation, Delete | Extract) and operation.frames is None:
         return step, replace(rows, gone=rows.gone | chosen)
     if isinstance(operation, Transform):

@@ -1,27 +1,23 @@
-"""Words for what things cast on the background: shadows, reflections, ripples. Needs numpy alone.
+"""What things cast on the background: shadows, reflections, ripples. Needs numpy alone.
 
 No teacher of words knows them; the graph of a scene tells them by how little they differ from what is behind (`standing_out`).
 """
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
+from ..language.cast_words import is_cast
 from ..scene import Scene
+from .attached import attached, mostly
 from .floaters import is_floaters
-from .objects import graph_of
+from .objects import MOSTLY, graph_of
 from .people import is_of_people
 
-_WORDS = re.compile(
-    r"(?:(?:the|its|his|her|their) )?(?:(?P<whose>.+)'s? )?(?:shadow|reflection|ripple)s?", re.IGNORECASE
-)
-
-
-def is_cast(label: str) -> bool:
-    """Whether `label` names what is cast: "shadow", "the dog's shadow", "reflections"."""
-    return _WORDS.fullmatch(" ".join(label.split())) is not None
+LOOKS_LIKE_BEHIND = 0.05
+"""A Gaussian of a shadow that differs less from what is behind it belongs to no thing; others there may be a thing's own, as wheels
+are. Chosen on filmed clips: a word then selects car-shadow's car with IoU .924 in place of .863 (.919 with .04, .923 with .06), and
+of four clips a first-frame mask .005 more."""
 
 
 def needs_no_teacher(scene: Scene, label: str) -> bool:
@@ -29,20 +25,27 @@ def needs_no_teacher(scene: Scene, label: str) -> bool:
     return is_cast(label) or is_floaters(label) or is_of_people(scene, label)
 
 
-def caster(label: str) -> str | None:
-    """Who casts what `label` names: "dog" of "the dog's shadow"; None where the word says it of nobody."""
-    found = _WORDS.fullmatch(" ".join(label.split()))
-    return found and found["whose"]
-
-
 def cast_of(scene: Scene, by: np.ndarray | None = None) -> np.ndarray:
-    """(N,) float64: 1 for the Gaussians of what is cast, by those `by (N,)` bool alone if given: what moves as one with them."""
+    """(N,) float64: 1 for the Gaussians of what is cast, by those `by (N,)` bool alone if given; by all if none of them moves."""
     superpoints = graph_of(scene).moving
-    cast = superpoints.cast.copy()
-    if by is not None and superpoints.piece is not None:
-        casting = superpoints.gather(by.astype(float)) * ~superpoints.cast
-        cast &= np.isin(superpoints.piece, superpoints.piece[casting > 0])
+    cast = superpoints.cast
+    if by is not None and (thing := mostly(superpoints, by) & ~cast).any():
+        cast = cast & attached(scene, superpoints, thing)
     return superpoints.spread(cast.astype(float), len(scene.ids))
+
+
+def without_shadow(scene: Scene, scores: np.ndarray) -> np.ndarray:
+    """`scores (N,)` of a thing, 0 for what is cast on the background and looks like it; unless most of the thing is cast."""
+    if not scores[scene.moving].any():
+        return scores
+    superpoints = graph_of(scene).moving
+    held = superpoints.gather(scores)
+    if superpoints.unlike is None or held[superpoints.cast].sum() > MOSTLY * held.sum():
+        return scores
+    alike = superpoints.cast[superpoints.index] & (superpoints.unlike < LOOKS_LIKE_BEHIND)
+    scores = scores.copy()
+    scores[superpoints.rows[alike]] = 0
+    return scores
 
 
 def moving_things(scene: Scene) -> np.ndarray:

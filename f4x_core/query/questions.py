@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import Trajectory, original
+from ..language.cast_words import caster, is_cast
 from ..language.compounds import ADJECTIVE, head_of, is_adjective, names_another
 from ..language.grammar import read_as_meant
 from ..language.lexicon import FUNCTION_WORDS, is_adverb, spellings, word_set
@@ -20,7 +21,7 @@ from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.people import single_people
 from ..scene.view import render
-from .cast import caster, is_cast, moving_things
+from .cast import moving_things
 from .chat import ChatServer, image_part
 from .connected_objects import separate_objects, width_along
 from .inventory import find, instead, is_doubtful, labels_of, things_there

@@ -9,8 +9,9 @@ from test_query_objects import scene_with_ripples
 
 from f4x_core.edit.naming import by_words
 from f4x_core.edit.plan import propose
+from f4x_core.language.cast_words import caster, is_cast
 from f4x_core.query import cast
-from f4x_core.query.cast import cast_of, caster, is_cast, moving_things
+from f4x_core.query.cast import moving_things
 from f4x_core.query.knowledge import refuse_unknown
 from f4x_core.query.objects import Graph, graph_of
 from f4x_core.query.prompts import select_by_text
@@ -58,15 +59,3 @@ def test_a_thing_with_its_shadow(monkeypatch):
     shadow, wall = (select_by_text(scene, [label]).chosen for label in ("shadow", "wall"))
     assert shadow.any() and not shadow[~scene.moving].any() and wall.any()
     np.testing.assert_array_equal(select_by_text(scene, ["wall", "shadow"]).chosen, wall | shadow)
-
-
-def test_somebody_s_shadow_moves_as_one_with_them(monkeypatch):
-    scene, _ = scene_with_ripples()
-    moving, static = graph_of(scene)
-    count = len(moving.weight)
-    halves = replace(moving, cast=np.arange(count) % 2 == 0, piece=np.arange(count) // (count // 2))
-    monkeypatch.setattr(cast, "graph_of", lambda scene: Graph(halves, static))
-    who = halves.spread((halves.piece == 0).astype(float), len(scene.ids)) > 0
-    found = halves.means(cast_of(scene, who), np.ones(len(scene.ids)))
-    np.testing.assert_array_equal(found > 0.5, halves.cast & (halves.piece == 0))
-    np.testing.assert_array_equal(halves.means(cast_of(scene), np.ones(len(scene.ids))) > 0.5, halves.cast)
