@@ -16,7 +16,7 @@ def test_remove_takes_the_shadow_along(tmp_path):
     write_scene(SCENE, tmp_path / "scene.f4x")
     np.save(tmp_path / "square.npy", SQUARE)
     script = """
-from feature4x.addon import marking
+from feature4x.addon.edits import marking
 bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene("EXEC_DEFAULT", True, filepath=str(folder / "scene.f4x"))
 square = np.load(folder / "square.npy")
