@@ -11,13 +11,10 @@ from typing import Any
 
 from ..language.amounts import (
     BEFORE_VERBS,
-    DEGREES,
     LEAST_PERCENTS,
-    Amount,
     amount,
     degree,
     distance,
-    factor,
     fraction,
     fraction_of,
     multiple,
@@ -29,21 +26,10 @@ from ..language.amounts import (
 )
 from ..language.colours import colour, colourish
 from ..language.courtesies import ASIDE, CALLS, COMMENTS, WISHES
-from ..language.grammar import (
-    Mismatch,
-    Rule,
-    constant,
-    either,
-    here,
-    keyword,
-    listed,
-    literal,
-    optional,
-    silent,
-    table,
-    unless,
-)
+from ..language.degrees import DEGREES, Amount, factor
+from ..language.grammar import Rule, constant, either, here, keyword, listed, literal, optional, silent, table, unless
 from ..language.lexicon import PICTURE, every_form, word_set
+from ..language.refusal import Mismatch
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES, any_form, asked_form
 from . import making, qualities

@@ -10,8 +10,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 
-from ..language.amounts import Amount, amount, comparison, fraction_of, softly
-from ..language.grammar import Mismatch, Rule, either, keyword, optional
+from ..language.amounts import amount, comparison, fraction_of, softly
+from ..language.degrees import Amount
+from ..language.grammar import Rule, either, keyword, optional
+from ..language.refusal import Mismatch
 from . import making
 from .making import Graded, Value
 

@@ -19,12 +19,8 @@ from ..language.courtesies import WISHES
 from ..language.grammar import (
     NAMES_TOO,
     VOCABULARY,
-    Doubt,
-    Final,
     Reading,
-    Refusal,
     Rule,
-    Slip,
     Token,
     keyword,
     literal,
@@ -44,6 +40,7 @@ from ..language.lexicon import (
     word_set,
     written,
 )
+from ..language.refusal import Doubt, Final, Refusal, Slip
 from ..language.times import HALF_WAY, START, Span, TimeExpression
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .clauses import OF_ALL, Clauses, Search, arguments

@@ -7,21 +7,11 @@ from dataclasses import replace
 from operator import attrgetter
 from typing import Any
 
-from ..language.amounts import (
-    DEGREES,
-    Amount,
-    Degree,
-    Distance,
-    Steps,
-    Vector,
-    degree_of,
-    displacement,
-    factor,
-)
 from ..language.colour_names import Colour
 from ..language.colours import GRAY
-from ..language.grammar import Final, Mismatch, Refusal
+from ..language.degrees import DEGREES, Amount, Degree, Distance, Steps, Vector, degree_of, displacement, factor
 from ..language.lexicon import PLACES
+from ..language.refusal import Final, Mismatch, Refusal
 from ..language.times import TimeExpression
 from .operations import (
     SHOWN,

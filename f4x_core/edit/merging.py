@@ -7,7 +7,6 @@ from typing import Any
 
 from ..scene import Scene
 from .apply import edited, next_id
-from .operations import Duplicate, Glow
 from .records import Record
 from .selects import Ids
 from .stack import EditStack, merge, with_stack
@@ -41,6 +40,6 @@ def _with_later_ids(value: Any, start: int, further: int) -> Any:
     if not isinstance(value, Record):
         return value
     inner = {entry.name: _with_later_ids(getattr(value, entry.name), start, further) for entry in fields(value)}  # type: ignore[arg-type]
-    if isinstance(value, Duplicate | Glow) and value.first_id >= start:
+    if getattr(value, "first_id", -1) >= start:
         inner["first_id"] += further
     return replace(value, **inner)  # type: ignore[type-var]  # every record is a dataclass

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..language.amounts import VIEWER, direction, number, number_at
 from ..language.colour_names import COLOURS, SHADES
@@ -14,9 +14,7 @@ from ..language.compounds import is_adjective
 from ..language.grammar import (
     NOTHING,
     VOCABULARY,
-    Final,
     Reading,
-    Refusal,
     Rule,
     either,
     generated,
@@ -45,9 +43,9 @@ from ..language.lexicon import (
     singular,
     word_set,
 )
+from ..language.refusal import Final, Refusal
 from ..language.times import END, START, Clip, Span, no_such_time
 from ..language.verbs import IMPERATIVES, any_form
-from .operations import Duplicate, Operation
 from .selects import (
     COPY,
     SHARES,
@@ -66,6 +64,9 @@ from .selects import (
     Text,
     Where,
 )
+
+if TYPE_CHECKING:
+    from .change import Change
 
 HIM_OR_HER = {"'him'": ("man", "boy", "person", "people"), "'her'": ("woman", "girl", "person", "people")}
 """Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
@@ -93,7 +94,7 @@ class SentenceContext(Clip):
     """"Overall" is said: "it" is the picture where nothing was named."""
     spared: list[SelectKind] = field(default_factory=list)
     """What the sentence says is to stay as it is."""
-    complaints: list[Operation] = field(default_factory=list)
+    complaints: list[Change] = field(default_factory=list)
     """What would help against what the sentence complains of."""
     earlier: Mapping[SelectKind, SelectKind] = field(default_factory=dict)
     """The copies of each earlier command that made some, the last one last -> what was copied."""
@@ -121,7 +122,7 @@ class SentenceContext(Clip):
             return together((self.copies[select.name], select))
         return select.of if isinstance(select, Instance) else select
 
-    def copied(self, operation: Duplicate) -> tuple[Duplicate, SelectKind]:
+    def copied(self, operation: Any) -> tuple[Any, SelectKind]:
         """The operation with a name for its copies, which are "it" from now on; and "they": a single one and its original."""
         name = operation.name
         if not name:

@@ -2,33 +2,12 @@
 
 from __future__ import annotations
 
-from ..language.amounts import (
-    DEGREES,
-    amount,
-    degree,
-    factor,
-    fraction,
-    fraction_of,
-    multiple,
-    number,
-    percent,
-    softly,
-)
+from ..language.amounts import amount, degree, fraction, fraction_of, multiple, number, percent, softly
 from ..language.colours import colour, colourish, more_colour
-from ..language.grammar import (
-    Mismatch,
-    constant,
-    either,
-    generated,
-    here,
-    keyword,
-    literal,
-    optional,
-    silent,
-    table,
-    unless,
-)
+from ..language.degrees import DEGREES, factor
+from ..language.grammar import constant, either, generated, here, keyword, literal, optional, silent, table, unless
 from ..language.lexicon import FUNCTION_WORDS
+from ..language.refusal import Mismatch
 from . import making
 from .graded import BLUR, BRIGHTNESS, CONTRAST, GLOW, OPACITY, QUALITIES, SATURATION, SPEED, WARMTH
 from .operations import SHOWN

@@ -6,9 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..language.amounts import Distance, distance, number, signed, steps
-from ..language.grammar import Mismatch, Rule, either, here, keyword, table
+from ..language.amounts import distance, number, signed, steps
+from ..language.degrees import Distance
+from ..language.grammar import Rule, either, here, keyword, table
 from ..language.lexicon import PICTURE
+from ..language.refusal import Mismatch
 from ..language.times import TimeExpression, duration
 from .making import Value
 from .phrases import beside_itself, name, place, thing

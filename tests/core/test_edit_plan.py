@@ -39,7 +39,7 @@ from f4x_core.edit.stack import of
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
-from f4x_core.language.grammar import Doubt
+from f4x_core.language.refusal import Doubt
 from f4x_core.query.connected_objects import label_components, pick_object, split_objects
 from f4x_core.query.prompts import select_by_text
 from f4x_core.scene import StaticSet, read_scene, write_scene

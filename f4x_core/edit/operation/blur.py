@@ -1,0 +1,65 @@
+"""Out of focus."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..change import MAX_SCALE, Change, Looking, Span, check_range, check_span
+from ..description import span_words, whom
+from ..selects import SelectKind
+from ..state import Appearance, Placement
+
+if TYPE_CHECKING:
+    from ..plan_lines import Seen
+
+USUAL = 0.02
+"""Radius of "blur" in world units, the usual degree of it."""
+
+
+@dataclass(frozen=True)
+class Blur(Change):
+    """Out of focus: every Gaussian gets wider and as much fainter."""
+
+    TAG = "blur"
+    select: SelectKind
+    radius: float = USUAL
+    """Standard deviation of the blur in world units."""
+    frames: Span | None = None
+    """In effect from … to; None = always."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        check_range("radius", self.radius, MAX_SCALE)
+        check_span(self.frames)
+
+    PLACES = LOOKS = True
+    lasts = False  # type: ignore[assignment]  # nodes and folded arrays would not carry the sizes alike
+
+    def placed(self, placed: Placement, fraction: float, pivot: Callable[[str], np.ndarray]) -> Placement:
+        """Wider."""
+        return placed._replace(scales=np.sqrt(placed.scales**2 + np.float32(self.radius**2)))
+
+    def shown(self, state: Appearance, chosen: np.ndarray, fraction: float, scene: Looking) -> Appearance:
+        """Fainter."""
+        return state.with_opacities(chosen, state.opacities * thinning(scene.sizes, self.radius))
+
+    def described(self) -> str:
+        """By a radius."""
+        return f"blur {whom(self.select)} by {self.radius:g} units" + span_words(self.frames)
+
+    def as_seen(self, seen: Seen) -> str:
+        """In pixels, too."""
+        depths = seen.camera.project(seen.means)[1]
+        depth = np.median(depths[depths > 0]) if (depths > 0).any() else np.inf
+        return f"{self.described()} ({self.radius * seen.camera.focal / depth:.1f} pixels where it is)"
+
+
+def thinning(sizes: np.ndarray, radius: float) -> np.ndarray:
+    """(n,) float32 factors of opacity of Gaussians of `sizes (n,3)` that a blur by `radius` widens: the light they stop stays the
+    same, seen along their thinnest axis."""
+    broad = np.sort(sizes.astype(np.float64), axis=1)[:, 1:]
+    return (np.prod(broad, 1) / np.prod(np.hypot(broad, radius), 1)).astype(np.float32)

@@ -1,0 +1,143 @@
+"""Copies, elsewhere or at another time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from ...errors import F4xError
+from ...language.refusal import Refusal
+from ..change import Change, Reply, TimeMap, Vector, check_name, check_numbers
+from ..description import beside_words, steps_in_words, way_words, whom
+from ..selects import Named, SelectKind, parts_of
+from ..splat_rows import with_copies, with_name
+from ._place import BESIDE, COPY_DISTANCE, Placing
+from .transform import Transform
+
+if TYPE_CHECKING:
+    from ..plan_lines import Seen
+    from ..splat_rows import SplatRows
+
+MAX_COPIES = 100
+"""Copies one operation makes at most: memory grows with every one."""
+
+
+@dataclass(frozen=True)
+class Duplicate(Placing):
+    """Copies of it, elsewhere or at another time. Their ids follow `first_id` in the order of the chosen ids."""
+
+    TAG = "duplicate"
+    select: SelectKind
+    offset: Vector = (0.0, 0.0, 0.0)
+    """Between one copy and the next, in `unit` along `axes`."""
+    time_shift: float = 0.0
+    """Clip frames that a copy lags behind; negative runs ahead. Each copy by as much again."""
+    count: int = 1
+    """Number of copies."""
+    unit: Literal["world", "size"] = "world"
+    axes: Literal["world", "camera"] = "world"
+    first_id: int = -1
+    """First id of the copies; planning reserves it."""
+    name: str = ""
+    """The copies can be selected by this name afterwards."""
+    beside: SelectKind | None = None
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if not 1 <= self.count <= MAX_COPIES:
+            raise F4xError(f"count is {self.count}; give 1 to {MAX_COPIES} copies.")
+        if not -1 <= self.first_id < 1 << 62:
+            raise F4xError(f"first_id is {self.first_id}; give a free id of the scene, or leave it out.")
+        check_numbers("offset", self.offset)
+        check_numbers("time_shift", [self.time_shift])
+        if self.name:
+            check_name(self.name)
+
+    WAY = "offset"
+    SEEN = "in copies"
+
+    def rows_after(self, rows: SplatRows, chosen: np.ndarray) -> SplatRows:
+        """With the copies."""
+        if chosen.any():
+            self.require_world()
+        return with_copies(rows, rows.by_id(chosen), self.count, self.first_id, self.name)
+
+    def rows_without(self, rows: SplatRows) -> SplatRows:
+        """Its name means nobody."""
+        free = self.name and self.name not in rows.names
+        return with_name(rows, self.name, np.zeros(0, int)) if free else rows
+
+    def copy_time_maps(self, clip: tuple[float, float]) -> tuple[TimeMap, ...]:
+        """Each delayed by as much again, clamped to the clip."""
+        return tuple(self._copy_time_map(copy * self.time_shift, clip) for copy in range(1, self.count + 1))
+
+    @staticmethod
+    def _copy_time_map(shift: float, clip: tuple[float, float]) -> TimeMap:
+        first, last = clip
+        return (lambda time: min(max(time - shift, first), last)) if shift else (lambda time: time)
+
+    def copy_motion(self, copy: np.ndarray) -> np.ndarray | None:
+        """As often the offset."""
+        return copy[:, None] * np.array(self.offset) if any(self.offset) else None
+
+    def untimed(self) -> Duplicate:
+        """Without the delay."""
+        return replace(self, time_shift=0.0)
+
+    def followed_by(self, later: Change) -> tuple[Change, ...]:
+        """A copy that is put somewhere at once is made there; Refusal where copies might be copied."""
+        if isinstance(later, Transform) and self.offset == BESIDE:
+            stays = replace(later, translate=(0.0, 0.0, 0.0), select=self.select, unit="world", axes="world")
+            if later.select == Named(self.name) and stays == Transform(self.select) and any(later.translate):
+                far = COPY_DISTANCE if max(map(abs, later.translate)) == 1 and later.unit == self.unit else 1.0
+                x, y, z = (far * step for step in later.translate)
+                if x or z:
+                    return (replace(self, offset=(x, y, z), unit=later.unit),)
+        if isinstance(later, Duplicate) and Named(self.name) in [*parts_of(later.select)][1:]:
+            raise Refusal("It is not said whether the copies are to be copied, too; name the thing to copy.")
+        return super().followed_by(later)
+
+    def times_as_much(self, factor: float) -> Duplicate:
+        """The distance."""
+        return replace(self, offset=self.further(factor))
+
+    def described(self) -> str:
+        """Copy the dog."""
+        sentence = f"copy {whom(self.select)}" + (f" {self.count} times" if self.count > 1 else "")
+        if self.beside is not None:
+            sentence += f" {beside_words(self.offset)} {whom(self.beside)}"
+        elif any(self.offset):
+            sentence += f" {way_words(self.offset, self.unit, self.axes)}"
+        if self.time_shift:
+            sentence += f" {abs(self.time_shift):g} frames {'later' if self.time_shift > 0 else 'earlier'}"
+        return sentence + (f", called {self.name}" if self.name else "")
+
+    def as_seen(self, seen: Seen) -> str:
+        """Where and when the copies are."""
+        way, later = steps_in_words(seen.in_widths(self.offset)), self.time_shift
+        parts = [f"ends {way} of it"] if way else []
+        if later:
+            seconds = f"{abs(later) / seen.scene.fps:.1f} s"
+            parts.append(f"plays {abs(later):g} frames ({seconds}) {'later' if later > 0 else 'earlier'}")
+        copies = "the copy" if self.count == 1 else f"each of the {self.count} copies, seen from the one before,"
+        named = f", called {self.name}" if self.name else ""
+        return f"copy {whom(self.select)}{named}: {copies} {' and '.join(parts) or 'is in the same place'}"
+
+    def in_axes(self, moved: Callable[[Vector], Vector], turned: Callable[[Vector], Vector]) -> Duplicate:
+        """The offset."""
+        return replace(self, offset=moved(self.offset)) if self.axes == "world" else self
+
+    @classmethod
+    def replies(cls) -> tuple[Reply, ...]:
+        """In percent of the target's width along the camera's axes."""
+
+        def make(answer: Any, who: SelectKind, _: Any) -> Duplicate:
+            offset = (answer.right / 100, -answer.up / 100, answer.away / 100)
+            return cls(who, offset, float(answer.later_frames), answer.copies, "size", "camera")
+
+        way, frames = range(-1000, 1001), range(-1_000_000, 1_000_001)
+        fields = {"right": way, "up": way, "away": way, "later_frames": frames, "copies": range(1, MAX_COPIES + 1)}
+        return (Reply(("duplicate",), "Copies beside it, or later in time.", make, fields, "Copy", timed=False),)
