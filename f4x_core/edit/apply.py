@@ -309,7 +309,8 @@ class EditedScene(Scene):
 
 
 class _Looking(Looking):
-    """What edit number `below` (0 = first) of a scene may ask about the Gaussians `rows` at `time`, which have `state` before it."""
+    "What edit number `below` (0 = first) of a scene may ask about the Gaussians `rows` at `time`, which have "
+    "`state` before it."
 
     def __init__(self, scene: EditedScene, below: int, time: float, rows: Wanted, state: Appearance):
         self.scene, self.below, self.time, self.rows, self.state = scene, below, time, rows, state

@@ -31,8 +31,8 @@ from ..language.refusal import Mismatch, Refusal
 from ..language.times import Span, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .commands import ADDS_NOTHING, COMMANDS
+from .english import AGAIN, REMARK, TOPIC, Command
 from .phrases import besides, known_thing, spares, thing
-from .slots import AGAIN, REMARK, TOPIC, Command
 
 
 class Clause(NamedTuple):

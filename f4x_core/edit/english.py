@@ -2,10 +2,11 @@
 
 An operation imports this in `said`, under the name `say`.
 """
-# ruff: noqa: F401
+# ruff: noqa: F401, I001
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,47 +21,19 @@ from ..language.amounts import (
     fraction_of,
     multiple,
     number,
-    percent,
-    signed,
-    softly,
-    steps,
-    stops,
 )
+from ..language.amounts import percent, signed, softly, steps, stops
 from ..language.colours import colour, colourish, more_colour
-from ..language.degrees import Amount, Distance
-from ..language.grammar import (
-    Reading,
-    Rule,
-    constant,
-    either,
-    generated,
-    here,
-    keyword,
-    listed,
-    literal,
-    optional,
-    silent,
-    table,
-    unless,
-)
+from ..language.degrees import DEGREES, Amount, Distance
+from ..language.grammar import Reading, Rule, alternatives, constant, either, generated, here, keyword, listed, literal
+from ..language.grammar import optional, silent, split, table, unless
 from ..language.lexicon import FUNCTION_WORDS, PICTURE, every_form, word_set
 from ..language.refusal import Mismatch, Refusal
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import IMPERATIVES, any_form, asked_form
-from .phrases import (
-    beside_itself,
-    everything_but,
-    familiar,
-    known_noun,
-    known_thing,
-    name,
-    place,
-    refuse_as_name,
-    there_already,
-    thing,
-    two_of_them,
-    whose,
-)
+from .phrases import SentenceContext, Who, beside_itself, everything_but, familiar, known_noun, known_thing, name, place
+from .phrases import there_already, thing, two_of_them, whose
+from .selects import All, SelectKind
 from .values import Given, Graded, Value
 
 
@@ -124,16 +97,69 @@ class Command:
 
 
 def command(
-    example: str,
-    make: Callable[..., Given] | Value,
-    needed: str,
-    use: Use = USUAL,
-    who: Rule = whom,
-    **slots: Rule | str,
+    example: str, make: Callable[..., Given], needed: str, use: Use = USUAL, who: Rule | str = whom, **slots: Any
 ) -> Command:
-    """A command; a slot may be written as words."""
-    rules = {name: literal(rule) if isinstance(rule, str) else rule for name, rule in slots.items()}
-    return Command(example, make, frozenset(needed.split()), rules, who, use)
+    """A command; its slots may be written in the notation of `phrase`, or as words with their values."""
+    rules = {
+        name: table(rule, reserve=False) if isinstance(rule, dict) else phrase(rule) for name, rule in slots.items()
+    }
+    return Command(example, make, frozenset(needed.split()), rules, phrase(who), use)
+
+
+def phrase(spec: str | Rule, **rules: Rule) -> Rule:
+    """The rule of a phrase in words: "by|(about) <number> [unit|units]", which has the values of the rules that it names.
+
+    `a|b`: one of them; `[a|b]`: one of them; `(a|b)`: one or none; `<number>`: a rule of this module or of `rules`, `<number?>`:
+    its value or None, `<.number>`: without its value; `!a`: not where a stands; `{blur}`: the verbs of a sense in all forms,
+    `{=sit}`: the forms of a verb, `{!take}`: those that ask for it.
+    """
+    if isinstance(spec, Rule):
+        return spec
+    forms: dict[str, Callable[[str], str]] = {"=": every_form, "!": asked_form}
+    spec = re.sub(
+        r"\{([=!]?)([^}]*)\}",
+        lambda found: forms[found[1]](found[2].replace("/", "|")) if found[1] else any_form(*found[2].split(",")),
+        spec,
+    )
+    plain = [one for one in alternatives(spec) if not _NOTATION.search(one)]
+    ways = [literal("|".join(plain))] if plain else []
+    ways += [_sequence(one, rules) for one in alternatives(spec) if one not in plain]
+    return ways[0] if len(ways) == 1 else either(*ways)
+
+
+_NOTATION = re.compile(r"[<!]|^\([^()]*\)$")
+"""In an alternative that is more than words: one that may be empty, too."""
+
+
+def _sequence(spec: str, rules: Mapping[str, Rule]) -> Rule:
+    """The rule of parts with spaces between."""
+    steps: list[Rule] = []
+    words: list[str] = []
+    for part in [*filter(None, split(spec, " ")), ""]:
+        if part and part[0] not in "<!" and "<" not in part and (part[0] != "(" or words):
+            words.append(part)
+            continue
+        if words:
+            steps.append(literal(" ".join(words)))
+            words = []
+        if part:
+            steps.append(_part(part, rules))
+    rule = steps[0]
+    for step in steps[1:]:
+        rule = rule + step
+    return rule
+
+
+def _part(part: str, rules: Mapping[str, Rule]) -> Rule:
+    if part[0] == "!":
+        return unless(_part(part[1:], rules) if part[1] in "<([" else phrase(part[1:], **rules))
+    if part[0] == "(":
+        return ~phrase(part[1:-1], **rules)
+    if part[0] == "[":
+        return phrase(part[1:-1], **rules)
+    name = part[1:-1].strip(".?")
+    rule = rules[name] if name in rules else globals()[name]
+    return silent(rule) if part[1] == "." else optional(rule) if part[-2] == "?" else rule
 
 
 @dataclass(frozen=True)
@@ -172,6 +198,11 @@ class Quality:
     """`much`, or else `little`, says by itself that it gets so: "a bit blurry", "30 % transparent"."""
     wished: bool = False
     """So do both where they are wished for: "the sand should be dark"."""
+
+    @property
+    def at_most_all(self) -> bool:
+        """Whether there is no more of it than all: "raise the opacity to 80 %"."""
+        return self.bare is False
 
     @property
     def value(self) -> Rule:
@@ -222,6 +253,10 @@ class Said:
     """Sense of a verb -> what it makes more of, or less."""
     too: Mapping[str, tuple[Value | None, Value | None]] = field(default_factory=dict)
     """Quality -> what is done where there is too much of it, and where there is not enough."""
+    early: tuple[Command, ...] = ()
+    """Commands that are preferred to those of qualities."""
+    given: tuple[Rule, ...] = ()
+    """Values that are preferred to those in `made`."""
 
 
 def always(value: Value) -> Callable[[], Value]:
@@ -364,3 +399,44 @@ LIGHT_VERBS = any_form("become", "apply", "leave")
 """Verbs that only carry what a noun or a value says: "stick a glow on it", "trim the contrast to 80 %"."""
 over = here(lambda reading, at: not reading.word(at).isalpha())
 has_to_go = literal("go|goes|gone") + over
+light_verb = literal(LIGHT_VERBS)
+SEEM = "look|looking|looks|looked|appear|seem|feel"
+REAL = "a|an|some|the|pure|that|this|made of|made out of|in|being|real"
+a_ = ~literal("(with|in|of|to|into) (a|an|some|the|that|this)")
+slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|touch of|bit of|dash of|little bit of")
+a_color = a_ + ~slight
+toward = ~literal(
+    "[up|down] to|something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|"
+    "picture|postcard] (,) (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|"
+    "classic|nice|some|for|but|but in|be of|from"
+)
+_MAX_DESCRIBING = 2
+described = generated(
+    lambda reading, at: (
+        (end, None)
+        for end in range(at + 1, at + _MAX_DESCRIBING + 1)
+        if all(reading.word(i).isalpha() and reading.word(i) not in FUNCTION_WORDS for i in range(at, end))
+    )
+)
+"""Adjectives before the name of a look, which says it all: "old photo sepia"."""
+
+
+def at_most(x: float) -> float:
+    """A share of something; Mismatch for more than all of it."""
+    if x > 1:
+        raise Mismatch
+    return x
+
+
+at_most_all = degree >> (lambda how: min(1.0, DEGREES[how.kind].share)) | percent >> at_most
+"""A part of the usual strength, or all of it."""
+
+
+def the_clip() -> Who:
+    """Whom a clip, its time or what happens then means: everything."""
+
+    def who(context: SentenceContext) -> SelectKind:
+        context.last = All()
+        return context.last
+
+    return who

@@ -11,9 +11,9 @@ from ..language.grammar import Reading, Rule, either, here, keyword, literal, si
 from ..language.lexicon import PICTURE, singular
 from ..language.times import duration, span
 from ..language.verbs import IMPERATIVES
-from .graded import QUALITIES
+from .commands import QUALITIES
+from .english import colored_noun, effect
 from .phrases import familiar, known_noun, known_thing
-from .qualities import colored_noun, effect
 
 UNDO = "That may be an undoing: use `f4x undo SCENE`, or the button for it, or say what is to be removed."
 _NEW = "Nothing new can be made; copies can, as in 'add another dog', and looks, as in 'make the dog look like ice'."

@@ -22,6 +22,9 @@ COPY_DISTANCE = 1.2
 BESIDE = (COPY_DISTANCE, 0.0, 0.0)
 """Where a copy goes when the sentence does not say, in sizes along the camera's axes."""
 
+LEFT, RIGHT, UP, DOWN = (((None, way, None),) for way in ((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0)))
+"""One step in a direction, as sentences have it."""
+
 
 class Placing(Change):
     """Base: a way in `unit` along `axes`, or beside another thing."""

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import F4xError
+from ...language.degrees import Amount
+from ...language.refusal import Mismatch
 from ..change import MAX_NUMBER, MAX_SCALE, Change, Span, Vector, check_range, check_span
 from ..description import colour_words, percent_words, span_words, whom
 from ..selects import Named, SelectKind
+from ..values import Value, only_more, refused, strong
 from .blur import Blur
 from .duplicate import Duplicate
 from .opacity import Opacity
 from .recolour import Recolour
+
+if TYPE_CHECKING:
+    from ..english import Said
 
 USUAL = 0.5
 """Strength of "glow", the usual degree of it."""
@@ -72,3 +79,48 @@ class Glow(Change):
         """Make the dog glow."""
         colour = f" {colour_words(self.rgb)}" if self.rgb else ""
         return f"make {whom(self.select)} glow{colour} by {percent_words(self.strength)}" + span_words(self.frames)
+
+    @classmethod
+    def said(cls) -> Said:
+        """Glowing, and a glow that is put on somebody."""
+        from .. import english as say
+
+        quality = say.Quality(
+            only_more(glowing), "glowier", "", much="glowing|glowy|luminous|aglow|radiant|shining|shimmering|glow", little="",
+            noun="glow|halo",
+        )  # fmt: skip
+        shining = say.keyword(quality.much)
+        put = say.command(
+            "add a soft blue glow around the dog", _haloed, "light", verb="!<has_to_go> <light_verb>",
+            light=say.phrase(
+                "(with) <a_bit> <shade_of> <colour?> (neon|light|outline) [glow|shimmer|halo|shine|aura|gleam|sheen|bloom|"
+                "radiance|emission|luminescence|phosphorescence|fluorescence|incandescence|glimmer|sparkle|nimbus|corona|"
+                "afterglow|emissive] (of light) (effect)"
+            ) >> (lambda how, rgb: (how, rgb)),
+            rgb="(in|in a|with) <colour> (light|color)",
+        )  # fmt: skip
+        glow = say.command(
+            "make the dog glow", glowing, "verb", verb="[{glow}|aglow|luminous|radiant] (on|effect|in the dark)",
+            how=say.softly | say.phrase("(by|at) <percent>") >> (lambda x: Amount("fraction", x)),
+            rgb="<a_color> <shade_of> <colour> (light|color|tone|shade|hue)",
+        )  # fmt: skip
+        made = say.either(
+            say.phrase("<how?> <shining> (in) <colour?>", how=say.softly | say.amount, shining=shining) >> glowing,
+            say.phrase("<shining> <how> (in) <colour?>", how=say.softly | say.amount, shining=shining) >> glowing,
+        )
+        return say.Said((put, glow), (quality,), made=(made,))
+
+
+def glowing(how: Amount | None = None, rgb: Vector | None = None) -> Value:
+    """A glow, in its own colours or in `rgb`, a bit, much or a fraction; Mismatch for other amounts."""
+    strength = how.value if how is not None and how.kind == "fraction" else strong(USUAL, how)
+    if strength > 1:
+        return refused("A glow of 100 % is the strongest; say for example 'make the dog glow by 80 %'.")
+    return lambda who, when, _: Glow(who, strength, rgb, **when.effect)
+
+
+def _haloed(light: tuple[Amount | None, Vector | None], rgb: Vector | None = None) -> Value:
+    how, own = light
+    if own is not None and rgb is not None:
+        raise Mismatch
+    return glowing(how, own or rgb)

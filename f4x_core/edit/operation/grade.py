@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import F4xError
 from ...geometry import spherical_harmonics
+from ...language.degrees import DEGREES, Amount
+from ...language.lexicon import PLACES
 from .. import colours
 from ..change import Ease, Span, check_range, check_span
 from ..description import percent_words, whom
 from ..selects import SelectKind
 from ..state import Appearance
+from ..values import Value, graded, refused, strong
 from ._color import ColorChange
+from .recolour import GRAYED
+
+if TYPE_CHECKING:
+    from ..english import Said
 
 MIN_GAMMA = 0.1
 """Minimum gamma, and the inverse of the maximum."""
@@ -77,3 +84,73 @@ class Grade(ColorChange):
         if self.warmth or not parts:
             parts.append(f"make {who} {percent_words(abs(self.warmth))} {'cooler' if self.warmth < 0 else 'warmer'}")
         return self.coming(" and ".join(parts))
+
+    @classmethod
+    def said(cls) -> Said:
+        """Contrast, saturation, warmth, gamma."""
+        from .. import english as say
+
+        qualities = (
+            say.Quality(graded(gamma, gone=False), more="", less="", much="", little="", noun="gamma"),
+            say.Quality(
+                graded(contrasted), "punchier|crisper", "flatter", much="contrasty|contrastful|punchy|contrasted", little="flat",
+                noun="contrast", lack="flatness", too="harsh|hard|contrast", wished=True,
+            ),
+            say.Quality(
+                _saturated, "richer|livelier", "duller|paler",
+                much="saturated|vivid|colorful|vibrant|intense|rich|lively|colored",
+                little="desaturated|muted|dull|washed out|pale|faded",
+                noun="saturation|sat|color saturation|color intensity|vibrance|vividness|colorfulness|chroma|color|colors",
+                lack="dullness|paleness", up="saturate", down="mute", excess="oversaturated|garish|gaudy",
+                dearth="washed out|faded|lifeless|bland|dull|drab", too="strong", wished=True,
+            ),
+            say.Quality(
+                warmed, "warmer|cozier|cosier", "cooler|colder|chillier", much="warm|cozy|cosy", little="cool|cold|chilly",
+                noun="warmth|color temperature|temperature", lack="coldness|coolness", up="warm", down="cool",
+                too="yellow|orange", too_little="blue|bluish", wished=True,
+            ),
+        )  # fmt: skip
+        pop = say.keyword(
+            "pop|pop more|pop out|stand out|stand out more|come alive|(more|really) vivid|(very) saturated|(very) colorful|vibrant"
+        ) + say.unless(say.known_thing)
+        lively = say.literal(
+            "[some|a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|oomph|zing|life|pep|"
+            "pizzazz|(a) (little) pop of color|more color|some color"
+        )
+        more = lambda: _saturated(None, True)  # noqa: E731
+        return say.Said((), qualities, (pop >> more,), (lively >> more,), {"desaturate": (grayed, False)})
+
+
+def gamma(to: float) -> Value:
+    """A gamma."""
+    return lambda who, when, _: Grade(who, gamma=round(to, PLACES), **when.coming)
+
+
+def contrasted(by: float) -> Value:
+    """So many times the contrast."""
+    return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.coming)
+
+
+def saturated(by: float) -> Value:
+    """So many times the saturation."""
+    return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.coming)
+
+
+def warmed(how: Amount | None, warmer: bool) -> Value:
+    """Warmer or cooler, by a part of all the warmth that there can be; twice as warm is by one part more."""
+    sign = 1 if warmer else -1
+    if how is None or how.kind in DEGREES:
+        warmth = sign * strong(WARMER, how)
+    else:
+        warmth = sign * (how.value if how.kind == "fraction" else how.value - 1)
+    if abs(warmth) > 1 or (how is not None and how.kind == "times" and how.value < 1):
+        return refused("Nothing gets warmer or cooler by more than 100 %; say for example '30 % warmer'.")
+    return lambda who, when, _: Grade(who, warmth=round(warmth, PLACES), **when.coming)
+
+
+_saturated = graded(saturated)
+
+
+def grayed(how: Amount | None, upward: bool) -> Value:
+    """As less saturated, where that without an amount means gray."""
+    return GRAYED if how is None else _saturated(how, upward)

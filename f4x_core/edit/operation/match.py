@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...language.refusal import Refusal
 from .. import colours
-from ..change import Ease, Reply, Span, check_range, check_span
+from ..change import Change, Ease, Reply, Span, check_range, check_span
 from ..description import strength_words, whom
 from ..selects import SelectKind
 from ..state import Appearance
+from ..values import Value
 from ._color import Dye
+
+if TYPE_CHECKING:
+    from ..english import Said
+    from ..phrases import SentenceContext, When, Who
 
 
 @dataclass(frozen=True)
@@ -57,3 +63,41 @@ class Match(Dye):
             return cls(who, select(answer.source), frames=answer.span)
 
         return (Reply(("match",), "The colours of something else.", make, {"source": "target"}, "MatchColors"),)
+
+    @classmethod
+    def said(cls) -> Said:
+        """Colors of others."""
+        from .. import english as say
+
+        source = (
+            ~say.keyword("that of|those of|the colors of|the color of")
+            + say.known_thing
+            + ~say.keyword("'s (color|colors)")
+        )
+        source = say.unless(say.literal("a|an|some")) + source
+        its = "[color scheme|color palette|color|colors|coloring|palette|look|appearance]"
+        made = say.either(
+            say.phrase(f"(a|an|the|some) {its} [of|from] <source>", source=source) >> matched,
+            say.phrase("<known_thing> ['s|'] [color|colors|coloring|look|appearance]") >> matched,
+            say.phrase(f"({say.SEEM}) [like|similar to|the same as] <source>", source=source) >> matched,
+        )
+        match = say.command(
+            "match the dog to the cat", matched, "verb source", who=say.whose("color|colors|coloring|look") | say.thing,
+            verb="{match}",
+            source="[to|with|and|from] (the [color|colors|coloring|look] of|that of|those of) <known_thing> "
+            "(['s|'] (color|colors|coloring))",
+        )  # fmt: skip
+        return say.Said(early=(match,), made=(made,))
+
+
+def matched(source: Who) -> Value:
+    """To take over the colours of `source`."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        found = source(context)
+        if found == who:
+            raise Refusal("A thing cannot be matched to itself; say whose colors it is to have.")
+        context.last = who  # what is spoken about is the thing that changes
+        return Match(who, found, **when.coming)
+
+    return value

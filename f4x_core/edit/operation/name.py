@@ -11,8 +11,11 @@ from ..change import Change, Reply, check_name
 from ..description import whom
 from ..selects import SelectKind
 from ..splat_rows import with_name
+from ..values import Value
 
 if TYPE_CHECKING:
+    from ..english import Said
+    from ..phrases import SentenceContext, When
     from ..splat_rows import SplatRows
 
 
@@ -48,3 +51,31 @@ class Name(Change):
             return cls(who, answer.name)
 
         return (Reply(("name",), "A name for it.", make, {"name": str}, "NameSelection", timed=False),)
+
+    @classmethod
+    def said(cls) -> Said:
+        """A name."""
+        from .. import english as say
+
+        ending = say.word_set("and then but so please now from")
+        name = say.command(
+            "call the dog rex", named, "verb called", say.NAMED, verb="{=call/name/label/tag/dub/nickname/rename/relabel}",
+            called=say.phrase("(as|to)")
+            + say.here(lambda reading, at: reading.word(at - 1) not in ("the", "my", "that", "this"))
+            + say.unless(say.here(lambda reading, at: reading.word(at) in say.IMPERATIVES))
+            + say.name
+            + say.here(lambda reading, at: not reading.word(at).isalpha() or reading.word(at) in ending),
+        )  # fmt: skip
+        return say.Said((name,))
+
+
+def named(called: str) -> Value:
+    """To have a name; Refusal for one that means something else."""
+    from ..phrases import refuse_as_name
+
+    refuse_as_name(called)
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        return Name(who, context.names.setdefault(called.lower(), called), **when.none("A name"))
+
+    return value

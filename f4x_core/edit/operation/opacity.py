@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import F4xError
+from ...language.lexicon import PLACES
+from ...language.refusal import Mismatch, Refusal
 from ..change import SHOWN, Change, Ease, Looking, Reply, Span, check_range, check_span
 from ..description import percent_words, span_words, whom
 from ..selects import SelectKind
 from ..state import Appearance
+from ..values import Value, graded
+
+if TYPE_CHECKING:
+    from ..english import Said
+    from ..phrases import SentenceContext, When
 
 FADED_DEPTH = 16.0
 """Optical depth, the sum of -log(1 - alpha) along a pixel, of objects in fits of real clips: at this depth a fade is linear."""
@@ -105,6 +113,58 @@ class Opacity(Change):
         doc = "Transparent: 0 hides, 100 is as before."
         return (Reply(("opacity",), doc, make, {"percent": range(101)}, "OpacityChange"),)
 
+    @classmethod
+    def said(cls) -> Said:
+        """Transparent, hidden, shown again, faded."""
+        from .. import english as say
+
+        quality = say.Quality(
+            graded(opacity, attrgetter("opacity")), more="", less="", much="opaque|solid|visible",
+            little="transparent|see through|translucent|sheer", noun="opacity|visibility|alpha", lack="transparency|translucency",
+            too_little="faint", bare=False,
+        )  # fmt: skip
+        share = say.percent | say.fraction | say.number >> _as_fraction
+        noun, lack = say.keyword(quality.noun), say.keyword(quality.lack)
+        made = say.either(
+            say.table(_OPAQUE),
+            say.table({"semi|partly|partially": 0.5, "mostly|almost|nearly": 0.2, "completely|fully|totally|entirely": 0.0})
+            + say.keyword(quality.little),
+            say.phrase("(like|about|roughly|only|just|say) (a|an|the|some) [<percent>|<fraction>] [opaque|"
+                       "visible|<noun>]", noun=noun),
+            say.phrase("[see through|transparent|translucent] (,|like|about|say|so) <percent> [visible|opacity|opaque]"),
+            say.phrase("(an|a) <noun> (of|to|at|=|is|down to) <share>", noun=noun, share=share),
+            say.phrase("[<percent>|<fraction>] <lack>|(a) <lack> (of|to|at|=|is) <share>", lack=lack, share=share)
+            >> (lambda x: 1 - x),
+        ) >> opacity  # fmt: skip
+        made = say.phrase("(at|to|with) [<made>|<value>]", made=made, value=quality.value)
+        slow = "((a|some) (slow|gentle|soft|quick|smooth|nice|long|short|gradual))"
+        again = say.literal("again|once more|back|back again|back in")
+        hide = say.command(
+            "hide the car from second 1 on", say.always(opacity(0.0)), "verb", say.NAMED,
+            say.whom | say.about + say.whose("visibility|display"),
+            verb="{hide}|away|go away|goes away|off|invisible|hidden|out of sight|do not show|not (to) (be) [visible|shown|seen]|"
+            "[nobody|no one|none] (should|must|can|may|shall) [see|sees|notice|notices]",
+        )  # fmt: skip
+        show = say.command(
+            "show the dog again", shown, "verb", say.NAMED, say.about + say.thing, verb="{show}", again=again >> (lambda: True)
+        )  # fmt: skip
+        back = say.command(
+            "bring the dog back", say.always(opacity(SHOWN)), "verb back", verb="{=bring/come/be}", back=again
+        )
+        sides = {
+            "in|up|into view|in from nothing|in from black": True,
+            "out|away|from view|to nothing|to zero|into nothing|completely": False,
+        }
+        fade_out = say.command(
+            "fade out the dog", faded, "verb", say.TIMED, verb=f"{slow} [{{vanish}}]",
+            inward=say.unless(say.silent(say.span)) + say.table(sides, reserve=False),  # "faded out in the last second"
+            by="to [<percent>|<fraction>]",
+        )  # fmt: skip
+        fade_in = say.command(
+            "fade in the dog from second 1 to 2", say.always(appearing), "verb", say.TIMED, verb=f"{slow} [{{appear}}]"
+        )
+        return say.Said((hide, show, back, fade_out, fade_in), (quality,), (made,))
+
 
 def thinned(opacities: np.ndarray, left: float) -> np.ndarray:
     """Opacities (n,) of which a picture shows the fraction `left` in [0, 1] of its alpha, where splats stand behind one another.
@@ -114,3 +174,74 @@ def thinned(opacities: np.ndarray, left: float) -> np.ndarray:
     """
     depth = -np.log1p(-left * -np.expm1(-FADED_DEPTH)) / FADED_DEPTH
     return (1 - (1 - np.minimum(opacities, MAX_ALPHA)) ** depth).astype(np.float32)
+
+
+_OPAQUE = {
+    "[barely|hardly|scarcely|just about|only just|faintly] [visible|seen|there|to be seen]|(very) faint|[almost|nearly|next to|"
+    "all but|close to] [invisible|transparent|gone|vanished]": 0.2,
+    "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|"
+    "disappear|disappeared": 0.0,
+    "(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|(completely|fully) solid again|"
+    "reappear": SHOWN,
+}
+"""Words for how opaque something is."""
+
+
+def opacity(by: float) -> Value:
+    """So many times as opaque."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        if when.slowly:
+            return faded(by)(who, when, context)
+        return Opacity(who, round(by, PLACES), **when.effect)
+
+    return value
+
+
+def shown(again: bool = False) -> Value:
+    """To be seen, again; Refusal for a time that may be the only one."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        if when.frames is not None and not again:
+            raise Refusal(
+                "'Show' with a time can be meant in two ways; say for example 'hide the dog until second 2', or 'show the dog again"
+                " from second 2'."
+            )
+        return Opacity(who, SHOWN, **when.effect)
+
+    return value
+
+
+def faded(by: float = 0.0, inward: bool = False, gone: bool = False) -> Value:
+    """To become so many times as opaque little by little, or to come from it (`inward`); `gone`: it ends so."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        when = replace(when, slowly=when.slowly or gone)
+        fading = when.fading(context, inward)
+        if when.slowly and when.frames is None:
+            fading = {"frames": (0.0, None), "ease": "linear"}
+        if (when.slowly or inward) and "ease" not in fading:
+            raise Refusal("It is not said from when to when it fades; add for example 'from second 1 to 2'.")
+        return Opacity(who, round(by, PLACES), **fading, inward=inward)
+
+    return value
+
+
+def appearing(who: SelectKind, when: When, context: SentenceContext) -> Change:
+    """To come into view over a while; at a moment: not to be seen until then."""
+    if (
+        when.kind == "moment"
+        and when.frames is not None
+        and when.frames[0] > 0
+        and when.edge is None
+        and not when.slowly
+    ):
+        return Opacity(who, 0.0, frames=(0.0, when.frames[0]))
+    return faded(0.0, inward=True)(who, when, context)
+
+
+def _as_fraction(x: float) -> float:
+    """A fraction, or percents that are said without their sign; Mismatch for neither."""
+    if x > 100:
+        raise Mismatch
+    return x if x <= 1 else x / 100

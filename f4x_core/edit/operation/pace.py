@@ -7,12 +7,19 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from ...errors import F4xError
+from ...language.lexicon import PLACES, word_set
+from ...language.refusal import Mismatch, Refusal
 from ..change import Change, Reply, Span, TimeMap, check_numbers, check_scale, check_span
 from ..description import percent_words, span_words, whom
 from ..selects import All, SelectKind
+from ..values import Value, graded
 
 if TYPE_CHECKING:
+    from ...language.grammar import Rule
+    from ...language.times import TimeExpression
     from ...scene import Scene
+    from ..english import Said
+    from ..phrases import SentenceContext, When
 
 SOFT = 0.25
 """Fraction of a span that each of its soft ends takes, or less where it is slow."""
@@ -71,6 +78,22 @@ class Freeze(Retiming):
             return cls(who, float(at), None if answer.last_frame < 0 else float(answer.last_frame))
 
         return (Reply(("freeze",), doc, make, {}, "Stop"),)
+
+    @classmethod
+    def said(cls) -> Said:
+        """Stand still."""
+        from .. import english as say
+
+        clip = say.literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement")
+        freeze = say.command(
+            "freeze the dog at frame 30", say.always(frozen), "verb", say.WHOLE, say.about + say.thing | clip >> say.the_clip,
+            lead="{=bring/come/hang/stand/stay/sit/remain/float/hover}|as a [still|freeze frame]|(in) [his|"
+                 "her|its|their|the|that|this] [pose|position|posture|stance|posing|gesture]",
+            verb="{freeze}|to a [stop|halt|standstill]|still frame|freeze frame on|hold the frame|motionless|"
+                 "standing still|not move|no movement|stop|stopped|(perfectly|completely|absolutely) [still|"
+                 "motionless|frozen]",
+        )  # fmt: skip
+        return say.Said((freeze,))
 
 
 @dataclass(frozen=True)
@@ -161,6 +184,52 @@ class Retime(Retiming):
         fields = {"percent": range(1, 10001), "ease": ("none", "smooth")}
         return (Reply(("speed",), "Faster or slower: 100 is as before.", make, fields, "Speed"),)
 
+    @classmethod
+    def said(cls) -> Said:
+        """Faster, slower, slow motion."""
+        from .. import english as say
+
+        quality = say.Quality(
+            graded(retimed, gone=False), "faster|quicker|swifter|speedier", "slower", much="fast|quick|quickly|speedy",
+            little="slow|slowly", noun="speed|pace|tempo|playback speed|playback rate|velocity", lack="slowness", up="quicken",
+            down="slow", sets="pace", too="hectic|rapid", too_little="sluggish", wished=True,
+        )  # fmt: skip
+        slow_motion = say.keyword(
+            "(on|in|at|a|into|in a) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]"
+        )
+        rate = say.phrase(
+            "(,|-) (at|with|in|to|of|down to|like|say|about|around|roughly|maybe) [<fraction>|<percent>] "
+            "((of) (the|its|their|his|her) (original|normal|usual|real|full)) (speed|pace|tempo|rate)"
+        )
+        speed = say.either(
+            slow_motion + rate >> retimed,
+            say.phrase("in <multiple> [(of) the time|its time|as much time]") >> stretched,
+            say.table(
+                {
+                    "(in|at) double time|(in) [fast forward|fast motion]|time lapse|timelapse": 2.0,
+                    "(in|at|a) [super|ultra|extreme|very|really] [slow motion|slow mo|slowmo|slo mo]": 0.25,
+                },
+                reserve=False,
+            )
+            >> retimed,
+            quality.value,
+            ~say.keyword("with") + slow_motion >> (lambda: retimed(0.5)),
+            ~say.keyword("at|to|with") + say.fraction_of("speed|pace|tempo|rate") >> retimed,
+            say.keyword("at|in|to")
+            + (say.fraction_of("speed|pace|tempo|rate|velocity") | ~say.keyword("a") + say.multiple)
+            >> retimed,
+        )
+        times = say.command(
+            "play the dog at 2x", retimed, "verb by", say.TIMED, _playing(),
+            verb=say.phrase("{run}") + say.here(lambda reading, at: reading.word(at - 1) not in MERELY),
+            by="(at|with|in|to) [<number> x|x <number>]|[at|to] <percent> ![transparent|visible|opacity|opaque|of]",
+        )  # fmt: skip
+        slow = say.command(
+            "slow motion, please", say.as_given, "values", say.WHOLE, _playing(), verb="{run}",
+            values=say.either(speed, _backward() >> (lambda: reversed)) >> (lambda value: ((value,),)),
+        )  # fmt: skip
+        return say.Said((times, slow), (quality,), alone=(speed,))
+
 
 @dataclass(frozen=True)
 class Reverse(Retiming):
@@ -202,6 +271,18 @@ class Reverse(Retiming):
 
         return (Reply(("reverse", "loop"), "Backwards, or again and again.", make, {}, "ReverseOrLoop"),)
 
+    @classmethod
+    def said(cls) -> Said:
+        """Backwards."""
+        from .. import english as say
+
+        reverse = say.command(
+            "play the dog in reverse", say.always(reversed), "verb", say.WHOLE, _playing(),
+            verb=say.phrase("{reverse}|backward|in reverse|reversed|the other way around in time|[{run}] "
+                            "<.back>", back=_backward()),
+        )  # fmt: skip
+        return say.Said((reverse,), alone=(~say.toward + _backward() >> (lambda: reversed),))
+
 
 @dataclass(frozen=True)
 class Loop(Retiming):
@@ -231,3 +312,92 @@ class Loop(Retiming):
     def replies(cls) -> tuple[Reply, ...]:
         """With those of `Reverse`."""
         return ()
+
+    @classmethod
+    def said(cls) -> Said:
+        """Again and again."""
+        from .. import english as say
+
+        loop = say.command(
+            "repeat the dog from second 1 to 2", say.always(looped), "again", say.WHOLE,
+            say.phrase("<motion>|<about> <thing> ('s)", motion=say.whose(MOTIONS)), verb="{run,loop}",
+            again="{loop}|on (a) loop|in a loop|on repeat|over and over (again)|again and again|endlessly|"
+                  "forever|in an endless loop|as a loop|a loop|repeatedly|looping",
+        )  # fmt: skip
+        return say.Said((loop,))
+
+
+def looped(who: SelectKind, when: When, _: SentenceContext) -> Change:
+    """To run again and again; Refusal without a time."""
+    if when.frames is None:
+        raise Refusal("It is not said which part is repeated; add for example 'from second 1 to 2'.")
+    return Loop(who, **when.effect)
+
+
+def reversed(who: SelectKind, when: When, _: SentenceContext) -> Change:
+    """To run backwards."""
+    return Reverse(who, **when.effect)
+
+
+MOTIONS = "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall|kick|leap|hop"
+MERELY = word_set("make makes making made get gets got be have has let put set keep")
+"""Of the verbs of playing those that do not say that it is about speed."""
+
+
+def _playing() -> Rule:
+    """What is played."""
+    from .. import english as say
+
+    return say.phrase("<motion>|<about> <thing>", motion=say.whose(MOTIONS))
+
+
+def _backward() -> Rule:
+    from .. import english as say
+
+    return say.keyword(
+        "backward ([in|through] time)|back in time|in reverse|reversed|in the opposite direction|back to front|from the end to "
+        "the start|in reverse order|(the) other way around|from back to front|from end to start"
+    )
+
+
+def retimed(by: float) -> Value:
+    """So many times as fast."""
+    return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
+
+
+def stretched(by: float) -> Value:
+    """So many times as long, all of the part that is named; Mismatch for none."""
+    if by <= 0:
+        raise Mismatch
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        fields = replace(when, soft=True).pace
+        start, end = fields.get("frames", (0.0, None))
+        if end is not None:
+            end = start + by * (end - start)
+            fields["frames"] = (start, None if end >= context.frames - 1 else round(end, PLACES))
+        return Retime(who, round(1 / by, PLACES), **fields)
+
+    return value
+
+
+def lasting(to: TimeExpression) -> Value:
+    """To take so long, the part of the clip that is named or all of it; Refusal for no time at all."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        if to.resolve(context) <= 0:
+            raise Refusal("Nothing can last no time at all; say a longer time.")
+        if when.frames and when.frames[1] is None and when.kind not in ("range", "from"):
+            raise Refusal("It is not said which part is to last so long; add for example 'from second 1 to 2'.")
+        start, end = when.frames or (0, context.frames)
+        length = (context.frames - 1 if end is None else end) - start
+        if length <= 0:
+            raise Refusal("A moment has no length; say from when to when, for example 'from second 1 to 2'.")
+        return stretched(to.resolve(context) / length)(who, when, context)
+
+    return value
+
+
+def frozen(who: SelectKind, when: When, context: SentenceContext) -> Change:
+    """To stand still."""
+    return Freeze(who, **when.pause(context))

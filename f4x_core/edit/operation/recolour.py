@@ -9,16 +9,20 @@ import numpy as np
 
 from ...errors import F4xError
 from ...language.colour_names import COLOURS
+from ...language.degrees import DEGREES, factor
 from ...language.lexicon import PLACES
 from .. import colours
 from ..change import Change, Ease, Reply, Span, Vector, check_range, check_span
 from ..description import colour_words, number_words, percent_words, strength_words, times_words, whom
-from ..selects import SelectKind
+from ..selects import All, Not, SelectKind
 from ..state import Appearance
+from ..values import Value, graded
 from ._color import Dye
 
 if TYPE_CHECKING:
-    pass
+    from ...language.grammar import Rule
+    from ..english import Said
+    from ..phrases import SentenceContext, When
 
 BLACK_AND_WHITE = (0.5, 0.5, 0.5)
 """As `hue`: no colour is left, light and dark stay."""
@@ -96,9 +100,9 @@ class Recolour(Dye):
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
         """Of "red until second 1, then blue" the later one begins where this one ends."""
-        if isinstance(later, Recolour) and (later.select, later.mode) == (self.select, self.mode):
-            if later.frames is None and self.frames is not None and self.frames[1] is not None:
-                later = replace(later, frames=(self.frames[1], None))
+        same = isinstance(later, Recolour) and (later.select, later.mode) == (self.select, self.mode)
+        if same and later.span is None and self.frames is not None and self.frames[1] is not None:
+            later = replace(later, frames=(self.frames[1], None))  # type: ignore[type-var]
         return super().followed_by(later)
 
     def described(self) -> str:
@@ -146,6 +150,47 @@ class Recolour(Dye):
             ),
         )
 
+    @classmethod
+    def said(cls) -> Said:
+        """Colors, brightness, black and white."""
+        from .. import english as say
+
+        quality = say.Quality(
+            graded(brightened), "brighter|lighter", "darker|dimmer|gloomier", much="bright|light", little="dark|dim",
+            noun="brightness|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain",
+            lack="darkness", up="brighten", down="darken", excess="overexposed|blown out|glaring",
+            dearth="underexposed|murky|gloomy|dim", too="shiny", too_little="black|shadowy", wished=True,
+        )  # fmt: skip
+        hue = say.command(
+            "shift the hue of the car to red", hued, "rgb", say.NAMED, say.whose("hue|hues|tone"), verb="{set,become}",
+            rgb=~say.keyword("to|toward|into") + say.colour,
+        )  # fmt: skip
+        tint = say.command(
+            "tint the dog orange", faintly, "verb rgb", verb="{tint}",
+            rgb="<a_color> <shade_of> [<colour>|<colourish>] (<colored>)",
+        )  # fmt: skip
+        rest = say.command(
+            "only the dog keeps its color", say.always(rest_grayed), "only keeps", say.NAMED, verb="{keep,show}|let",
+            only="[only|just|solely] !<.span>",
+            keeps="[keeps|keep|retains|stays|stay|remains|remain|has|have] (its|their|his|her) [color|colors|colored|in color]|in "
+            "(full|its) [color|colors]|colored",
+        )  # fmt: skip
+        light = say.command(
+            "lift the dog by half a stop", lambda way, by: brightened(factor(by, way)), "way by",
+            verb="![add|adds|adding|added] [{set,become,apply}]",
+            way={
+                "[raise|lift|push|bring|expose|pull|open|come|go] up|up|over|brighter|lighter|more|raise|lift|push|+|higher": True,
+                "[drop|pull|bring|knock|take|come|go] [down|back]|down|under|darker|dimmer|less|drop|lower|back|-": False,
+            },
+            by="(by|a) <stops>",
+        )  # fmt: skip
+        fade = say.command(
+            "fade to black at the end", fading_to, "verb rgb", say.WHOLE,
+            verb="{=fade/dissolve/dip/go/fade out/fade slowly}",
+            rgb="[to|into|out to|down to] (a|solid|pure|full|total|complete) <colour>",
+        )  # fmt: skip
+        return say.Said((hue, tint, rest, light, fade), (quality,), *_colors())
+
 
 def _more(rgb: Vector) -> str:
     """ "30 % more red" for what it adds; nothing when it is no basic colour."""
@@ -156,3 +201,101 @@ def _more(rgb: Vector) -> str:
             if rgb == tuple(round(share * c, PLACES) for c in pure):
                 return f"{percent_words(share)} {word} {name}"
     return ""
+
+
+def _colors() -> tuple[tuple[Rule, ...], tuple[Rule, ...]]:
+    """Values that are colors: behind "make the dog", and as they are."""
+    from .. import english as say
+
+    degree = say.degree >> (lambda how: DEGREES[how.kind].share)
+    much = say.either(degree, ~say.keyword("by") + (say.percent | say.fraction) >> (lambda x: x / MORE_COLOUR))
+    gray = say.keyword(
+        "black and white|black white|b and w|b / w|monochrome|monochromatic|(a) grayscale|gray scale|colorless|desaturated|"
+        "without (any|its|all) color|without colors"
+    ) + ~say.literal("look|filter|effect|video|clip|film|movie|version|picture|image|grade|treatment|footage")
+    flat = say.keyword("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
+    shade = say.shade_of + ~(say.keyword("from") + say.silent(say.colour) + ~say.keyword("to|into"))
+    partly = say.degree >> (lambda how: say.at_most(DEGREES[how.kind].share)) | say.keyword("faintly|kind of") >> (
+        lambda: A_BIT
+    )
+    share = say.percent >> say.at_most
+    fully = ~say.keyword("all|completely|fully|entirely|totally|wholly")
+    made = say.either(
+        say.phrase("(a|an|the|some) <flat> (<flat>) <colour> (<colored>)", flat=flat) >> recoloured,
+        (partly + (say.colour | say.colourish) | share + say.colour) >> (lambda part, rgb: assigned(rgb, part)),
+        say.phrase("(a|an|some) <colourish> (<colored>)") >> faintly,
+        fully + say.phrase("(a|an|some) <shade> (the color) <colour> (<colored>)", shade=shade) >> assigned,
+        say.phrase("(a|an|the) <share> <gray>", share=say.optional(share, 1.0), gray=gray)
+        >> (lambda part: hued(BLACK_AND_WHITE, part)),
+        say.more_colour + much >> (lambda more, times: added(times, more)),
+        say.optional(much, 1.0) + say.more_colour >> added,
+    )
+    hue = say.shade_of + (say.colour | say.colourish)
+    alone = say.either(
+        say.phrase("<a_> <slight> <hue> (tint|tinge|touch|cast|wash|hue|note|tone)", hue=hue) >> faintly,
+        say.phrase("<a_> <hue> [tint|tinge|touch|cast|wash|hint|note|filter|overlay|glaze|veil]", hue=hue) >> faintly,
+        say.phrase(
+            "<a_> (nice|fresh|new|good|coat of|layer of|lick of|splash of|shade of|tone of) <shade_of> <colour> [color|paint|shade|"
+            "coat|hue|coat of paint|paint job|version|one|variant|lacquer|dye|tone|tones|colors|finish|makeover|varnish|dye job|"
+            "respray|lick of paint|look|appearance]|(with|in|to|of|as) (the|a) color (:|=|of|to) <colour>"
+        )
+        >> assigned,
+    )
+    return (made,), (alone,)
+
+
+def recoloured(rgb: Vector, mode: Any = "assign", strength: float = 1.0) -> Value:
+    """A colour, laid on by `mode`."""
+    return lambda who, when, _: Recolour(who, rgb, mode, strength, **when.coming)
+
+
+def hued(rgb: Vector, strength: float = 1.0) -> Value:
+    """The hue of a colour; light and dark stay."""
+    return recoloured(rgb, "hue", strength)
+
+
+def assigned(rgb: Vector, strength: float = 1.0) -> Value:
+    """A colour with the light and shade of the thing; gray takes its colour away."""
+    if rgb == COLOURS["gray"]:
+        return recoloured(BLACK_AND_WHITE, "hue", strength)
+    return lambda who, when, _: Recolour(who, rgb, strength=strength, keep_luminance=True, **when.coming)
+
+
+def faintly(rgb: Vector) -> Value:
+    """A bit of a colour."""
+    return assigned(rgb, A_BIT)
+
+
+def brightened(by: float) -> Value:
+    """So many times as bright."""
+    return recoloured((round(by, PLACES),) * 3, "multiply")
+
+
+def added(times: float, more: tuple[Vector, int]) -> Value:
+    """Redder or less blue, `times` as much as usual."""
+    rgb, sign = more
+    red, green, blue = (round(times * sign * MORE_COLOUR * (c - 0.5), PLACES) for c in rgb)
+    return recoloured((red, green, blue), "add")
+
+
+def fading_to(rgb: Vector) -> Value:
+    """To take a colour little by little; everything without a time: over the last second."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        fields = when.fading(context, inward=False)
+        if "ease" not in fields:
+            start = max(context.frames - 1 - context.fps, 0.0) if who == All() else 0.0
+            fields = {"frames": (start, None), **fields, "ease": "linear"}
+        if not any(rgb):
+            return Recolour(who, rgb, "multiply", **fields)
+        return Recolour(who, rgb, **fields)
+
+    return value
+
+
+def rest_grayed(who: SelectKind, when: When, context: SentenceContext) -> Change:
+    """All others lose their colour."""
+    return GRAYED(Not(who), when, context)
+
+
+GRAYED = hued(BLACK_AND_WHITE)

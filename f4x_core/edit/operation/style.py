@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,11 @@ from ..records import near
 from ..selects import SelectKind
 from ..state import Appearance
 from ..styles import STYLES
+from ..values import Value
 from ._color import Dye
+
+if TYPE_CHECKING:
+    from ..english import Said
 
 PICTURE_LOOKS = ("night", "sunset", "sepia", "autumn", "neon")
 """Looks of a whole picture."""
@@ -71,3 +75,74 @@ class Style(Dye):
 
         fields = {"look": tuple(STYLES), "strength": range(101)}
         return (Reply(("style",), "A look from the table.", make, fields, "Look"),)
+
+    @classmethod
+    def said(cls) -> Said:
+        """Looks."""
+        from .. import english as say
+
+        name = say.table(
+            {f"{look}|{look}s": look for look in STYLES}
+            | {"flames|flame": "fire", "the night|night time|nighttime|moonlight": "night"},
+            reserve=False,
+        )
+        adjective = say.table(ADJECTIVES, reserve=False)
+        rules = {
+            "name": name,
+            "adjective": adjective,
+            "look": name | adjective,
+            "described": ~say.silent(say.described),
+        }
+        rules["strongly"] = say.optional(say.at_most_all, 1.0)
+        made = "([it is|they are|it was|it were|they were] ([made|carved|built|cast|cut|formed]) (out) ([of|from|in])|"
+        made += "[made|carved|cast] (out) [of|from]|(shot|filmed|taken|recorded|set) [at|in|during] (the))"
+        like = "[like ([it|he|she] [is|was|were]|they [are|were]|at)|as [if|though] [it|they] [were|is|was|are]|similar to]"
+        a_look = say.either(
+            say.phrase(f"({say.SEEM}) <strongly> {like} {made} (a|an|pure|solid|real) <look>", **rules),
+            say.constant(1.0)
+            + say.phrase(
+                "[(made|built|carved|cast) (out) of|in the style of|into|in] (a|an|pure|solid) <name> (<.effect>)",
+                **rules,
+            ),
+            say.constant(1.0) + say.phrase("[in|into|with] (a|an|the|some) <look> <effect>", **rules),
+            say.phrase(f"({say.SEEM}) <strongly> <adjective>", **rules),
+        ) >> (lambda strength, look: styled(look, strength))
+        at_night = say.table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False)
+        bare = say.phrase(
+            "((take|taking|takes) place at|(happen|happens|happening|set|shot|filmed|recorded) [at|during|in]|at|during|in the "
+            "(middle of the)|by) <look>",
+            look=at_night,
+        )
+        in_scene = say.table(PICTURES | {look: look for look in PICTURE_LOOKS}, reserve=False)
+        given = say.either(
+            say.phrase("[the|a] [texture|look|appearance|finish|surface|feel|sheen] of (a|an|pure|solid|real) <look>", **rules),
+            say.phrase("(a|an|the|some) <look> (like|colored) <effect>", **rules),
+            say.phrase("(a|an|the|some) frozen (like|colored) <effect>") >> (lambda: "ice"),
+        )  # fmt: skip
+        alone = say.either(
+            say.toward + say.phrase("(pure|solid) <look> (<effect>)", **rules),
+            say.phrase(f"[like|as|of] ({say.REAL}) <look> (<effect>)", **rules),
+            say.phrase(f"(in|with) ({say.REAL}) <described> <look> <effect>", **rules),
+            say.phrase("((in|into|to|with) (the|a|an|some|that|this)) <described> <look> (<effect>)", **rules | {"look": in_scene}),
+        )  # fmt: skip
+        return say.Said(made=(a_look, bare >> styled), alone=(alone >> styled,), given=(given >> styled,))
+
+
+ADJECTIVES = {
+    "golden": "gold", "silvery": "silver", "coppery": "copper", "icy|frozen over": "ice", "molten": "lava", "neon": "neon",
+    "fiery|flaming|burning|on fire|ablaze|in flames": "fire", "chrome|chromed|silver plated": "silver",
+    "gilded|gold plated": "gold", "nighttime|night time": "night", "grassy": "grass", "chocolatey|chocolaty": "chocolate",
+    "autumnal|autumn like|in autumn colors|autumn colored": "autumn", "ghostly|ghostlike": "ghost", "marbled": "marble",
+    "sepia|sepia toned|(old) [brown|brownish|yellowed] [photograph|photo|picture]": "sepia",
+}  # fmt: skip
+"""Words for looks -> the look."""
+PICTURES = {
+    "night time|nighttime|day for night": "night", "golden hour|magic hour|dusk|sundown": "sunset",
+    "sepia toned|sepia tone": "sepia",
+}  # fmt: skip
+"""Words for looks of a whole picture."""
+
+
+def styled(look: str, strength: float = 1.0) -> Value:
+    """To look like a material or a light."""
+    return lambda who, when, _: Style(who, look, strength, **when.coming)
