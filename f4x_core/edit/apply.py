@@ -309,7 +309,8 @@ class EditedScene(Scene):
 
 
 class _Looking(Looking):
-    "What edit number `below` (0 = first) of a scene may ask about the Gaussians `rows` at `time`, which have "
+    "What edit number `below` (0 = first) of a scene may ask about the Gaussians `rows` at `time`, which have"
+
     "`state` before it."
 
     def __init__(self, scene: EditedScene, below: int, time: float, rows: Wanted, state: Appearance):
@@ -404,7 +405,7 @@ def with_operations(scene: Scene, *operations: Change, sentence: str = "") -> Sc
     scene = base_of(scene)
     for operation in operations:
         if getattr(operation, "first_id", 0) < 0:
-            operation = replace(operation, first_id=next_id(scene))
+            operation = operation.altered(first_id=next_id(scene))
         scene = with_stack(scene, of(scene).append(operation, sentence))
     return edited(scene)
 

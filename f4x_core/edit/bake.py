@@ -11,7 +11,7 @@ its curves run through the same places.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -28,7 +28,8 @@ from ..scene.tints import PARTS, Tints, quantized
 from .apply import EditedScene, base_of, edited, next_id
 from .keys import with_keys_folded
 from .operations import Delete, Name
-from .selects import Ids, Moving, Select
+from .records import mapped
+from .selects import Ids, Moving
 from .splat_rows import SplatRows
 from .stack import Edit, EditStack, of, with_stack
 from .state import NO_MOTION, Motion
@@ -108,20 +109,7 @@ def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: SplatRows, f
 
 def _spelt(edit: Edit, rows: SplatRows) -> Any:
     """The operation with `moving` as ids: edits that are folded in make Gaussians move that did not."""
-
-    def spell(value: Any) -> Any:
-        if isinstance(value, Moving):
-            return Ids.of(rows.ids[rows.carried])
-        if isinstance(value, tuple):
-            return tuple(spell(part) for part in value)
-        if isinstance(value, Select):
-            inner = {entry.name: spell(getattr(value, entry.name)) for entry in fields(value)}  # type: ignore[arg-type]
-            return replace(value, **inner)  # type: ignore[type-var]  # every selection is a dataclass
-        return value
-
-    operation = edit.operation
-    names = [entry.name for entry in fields(operation) if isinstance(getattr(operation, entry.name), Select)]
-    return replace(operation, **{name: spell(getattr(operation, name)) for name in names})
+    return mapped(edit.operation, lambda value: Ids.of(rows.ids[rows.carried]) if isinstance(value, Moving) else None)
 
 
 def _off(scene: Scene, baked: Scene) -> float:

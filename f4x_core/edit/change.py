@@ -12,7 +12,7 @@ operations ask it by the methods below and know none by name.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .plan_lines import Seen
     from .resolve import Settling
     from .splat_rows import SplatRows
+    from .stack import Edit
 
 Vector = tuple[float, float, float]
 Span = tuple[float, float | None]
@@ -242,6 +243,10 @@ class Change(Record):
         if timed and later == replace(self, frames=later.span, ease=later.ease):  # type: ignore[attr-defined,type-var,call-arg]
             return (later,)
         return self, later
+
+    def planned(self, edits: Sequence[Edit]) -> tuple[Change, ...]:
+        """What it comes to in a scene with the edits `edits`."""
+        return (self,)
 
     def settled(self, at: Settling) -> dict[str, Any]:
         """Fields that planning works out in the scene, except selections."""

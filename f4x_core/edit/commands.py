@@ -247,54 +247,6 @@ def _by_number(x: float) -> Amount:
     return Amount("times", x) if x < LEAST_PERCENTS else Amount("fraction", _percents(x))
 
 
-def _changed(
-    quality: tuple[Quality, bool],
-    way: bool | None = None,
-    how: Amount | None = None,
-    to: float | None = None,
-    times: float | None = None,
-    particle: bool | None = None,
-    level: float | None = None,
-) -> Value:
-    changed, of_it = quality[0].changed, quality[1]
-    if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
-        if (how, to, times) != (None, None, None):
-            raise Mismatch
-        if level > 1 and (way, particle) != (None, None):  # 150 % more is rarely meant
-            raise Mismatch
-        to, how = (level, None) if way is None and particle is None else (None, Amount("fraction", level))
-        way = particle if way is None else way
-    if particle is not None and particle is not way:
-        raise Mismatch
-    if times is None and how is not None and how.kind == "times" and way is to is None:
-        times = how.value  # "twice the size"
-    if times is not None:
-        if (way, to) != (None, None):
-            raise Mismatch
-        return changed(Amount("as", times), of_it)
-    if to is not None:
-        to = to / 100 if to > SHOWN else to
-        if not quality[0].at_most_all and way and to < 1:
-            raise Mismatch
-        if (way is not None and how is not None) or to > SHOWN:
-            raise Mismatch
-        return changed(Amount("as", to if of_it else 1 - to), True)
-    if way is None:
-        raise Mismatch
-    return changed(how, way is of_it)
-
-
-def _percents(x: float) -> float:
-    """A number of a slider from 0 to 100, or a factor below 5; Mismatch for others."""
-    if x > 100:
-        raise Mismatch
-    return x if x < LEAST_PERCENTS else x / 100
-
-
-def _by_number(x: float) -> Amount:
-    return Amount("times", x) if x < LEAST_PERCENTS else Amount("fraction", _percents(x))
-
-
 _set = phrase("![add|adds|adding|added] [{set,become,apply}]")
 _by_how_much: dict[str, Rule] = {
     "verb": _set,

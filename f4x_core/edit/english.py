@@ -55,6 +55,8 @@ class Use:
     """After another command "it" may be left out: "move the dog left and turn around"."""
     whole: bool = False
     """Without a thing it is for everything: "increase the contrast"."""
+    alone: bool = False
+    """It is about no thing: "undo that"."""
     timed: bool = False
     """With a time and without a thing it is for everything: "play the last second in slow motion"."""
 
@@ -430,6 +432,10 @@ def at_most(x: float) -> float:
 
 at_most_all = degree >> (lambda how: min(1.0, DEGREES[how.kind].share)) | percent >> at_most
 """A part of the usual strength, or all of it."""
+
+
+nobody = table({})
+"""No words: of a command that is about no thing."""
 
 
 def the_clip() -> Who:

@@ -39,7 +39,7 @@ def rekeyed(scene: Scene, edits: Iterable[Edit]) -> Scaffold | None:
         number, edit = changes[0]
         raise F4xError(f"{scene.name}: {edit.titled(number)}: the scene has no scaffold; take the edit back.")
     place = {int(id): index for index, id in enumerate(scaffold.ids)}
-    knots = [scaffold.times, scene.cameras.times, *(edit.operation.times for _, edit in changes)]  # type: ignore[union-attr]
+    knots = [scaffold.times, scene.cameras.times, *(edit.operation.times for _, edit in changes)]  # type: ignore[attr-defined]
     times = np.unique(np.concatenate(knots))
     scaffold = resample_in_time(scaffold, times)
     xyz, quat = scaffold.xyz.copy(), scaffold.quat.copy()

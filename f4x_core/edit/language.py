@@ -167,7 +167,7 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
         raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
     named = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
     spare = context.spare - named
-    return tuple(_with(one, name="") if getattr(one, "name", "") in spare else one for one in operations)
+    return tuple(one.altered(name="") if getattr(one, "name", "") in spare else one for one in operations)
 
 
 def _read(
@@ -212,7 +212,7 @@ def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
     ]
     if len(tokens) > MAX_WORDS:
         raise Refusal(f"The sentence has {len(tokens)} words, more than {MAX_WORDS}; say fewer commands at once.")
-    if not any(token.is_word for token in tokens):
+    if not any(token.text.isalnum() for token in tokens):
         raise Refusal("Nothing is said that could be done.")
     return Reading.of(sentence, tokens, known)
 
@@ -461,6 +461,8 @@ def _whom(
 ) -> tuple[SelectKind, bool]:
     """Whom a command is for, and whether that is only assumed."""
     use = command.use
+    if use.alone:
+        return All(), False
     if "who" not in piece and context.last in context.spared:  # "black and white, but leave the rose alone"
         context.last = None
     unnamed = context.last is None and not context.selected and not context.overall
@@ -563,16 +565,11 @@ def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
     if not left_out or select is None:
         return operation
     if isinstance(select, All):
-        return _with(operation, select=Not(together(left_out)))
+        return operation.altered(select=Not(together(left_out)))
     if isinstance(select, Not):
-        return _with(operation, select=Not(together((select.of, *left_out))))
+        return operation.altered(select=Not(together((select.of, *left_out))))
     some = [one for one in left_out if isinstance(one, Instance) and one.of == select]
-    return _with(operation, select=And((select, Not(together(some))))) if some else operation
-
-
-def _with(operation: Any, **changed: Any) -> Change:
-    """The operation with other values in some fields."""
-    return replace(operation, **changed)  # type: ignore[no-any-return]
+    return operation.altered(select=And((select, Not(together(some))))) if some else operation
 
 
 def _placed(operations: Sequence[Change]) -> list[Change]:
@@ -593,7 +590,7 @@ def _about(moment: TimeExpression, length: Span) -> Span:
 def _same_way(one: Change, other: Change) -> bool:
     """Whether two changes differ in how far they go alone: "let it pop, way more saturated", "in slow motion, at 40 %"."""
     a, b = one.to_json(), other.to_json()
-    if a["op"] != b["op"] or a.keys() != b.keys() or a["select"] != b["select"]:
+    if a["op"] != b["op"] or a.keys() != b.keys() or a.get("select") != b.get("select"):
         return False
     pairs = [(a[key], b[key]) for key in one.FACTORS if key in a]
     return bool(pairs) and all((x > 1) == (y > 1) for x, y in pairs)

@@ -21,7 +21,7 @@ from .apply import edited, stack_of, with_operations
 from .change import Change
 from .description import describe
 from .judge import judge
-from .records import Record
+from .records import Record, mapped
 from .request import Request
 from .resolve import Absent, EditorState, Resolver, labels_of, rows_of
 from .selects import Ids, SelectKind, Text
@@ -156,7 +156,8 @@ def read_sentence(
             return operations, server.url, ()
         except F4xError as error:
             notes = (f"{error} The grammar read the sentence instead.",)
-    earlier, copies = next((edit.sentence for edit in reversed(of(scene).edits) if edit.enabled), ""), _copies(scene)
+    active = (edit for edit in reversed(of(scene).edits) if edit.enabled and edit.operation.taken_back is None)
+    earlier, copies = next((edit.sentence for edit in active), ""), _copies(scene)
 
     def read(text: str) -> tuple[Change, ...]:
         return language.parse(replace(request, sentence=text), copies=copies, earlier=earlier)
@@ -235,13 +236,6 @@ def _variants(asked: tuple[Change, ...]) -> Iterator[tuple[tuple[Change, ...], b
         yield changed, True, f"probability from {threshold:g}, without stray pieces"
 
 
-def _with_threshold(value: Any, threshold: float) -> Any:
-    """An operation, selection or field with another threshold for the words in it."""
-    if isinstance(value, Text):
-        return replace(value, threshold=threshold)
-    if isinstance(value, tuple):
-        return tuple(_with_threshold(part, threshold) for part in value)
-    if isinstance(value, Record):
-        inner = {entry.name: _with_threshold(getattr(value, entry.name), threshold) for entry in fields(value)}  # type: ignore[arg-type]
-        return replace(value, **inner)  # type: ignore[type-var]  # every record is a dataclass
-    return value
+def _with_threshold(operation: Change, threshold: float) -> Change:
+    """An operation with another threshold for the words in it."""
+    return mapped(operation, lambda value: value.altered(threshold=threshold) if isinstance(value, Text) else None)  # type: ignore[no-any-return]

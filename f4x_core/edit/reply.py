@@ -111,7 +111,9 @@ class RequestedChange(Strict):
         """The operation of which this is the reply; what is not asked for keeps its default."""
         values: dict[str, Any] = {"select": who}
         for entry in fields(self.KIND):
-            if entry.name == "frames":
+            if "degrees" in entry.metadata:
+                values[entry.name] = float(getattr(self, f"{entry.name}_degrees"))
+            elif entry.name == "frames":
                 values["frames"] = getattr(self, "span", None)
             elif entry.name == "other":
                 values["other"] = getattr(self, entry.name).select(request)
@@ -149,7 +151,9 @@ def _model(kind: type[Change], reply: Reply) -> type[RequestedChange]:
     shape: dict[str, Any] = {"op": (Literal[reply.op], ...)}
     if reply.make is None:
         for entry in fields(kind):  # type: ignore[arg-type]  # every operation is a dataclass
-            if entry.name == "other":
+            if most := entry.metadata.get("degrees"):
+                shape[f"{entry.name}_degrees"] = (_hint(range(-most, most + 1)), ...)
+            elif entry.name == "other":
                 shape["other"] = (Target, ...)
             elif entry.name == "rgb":
                 shape["color"] = (Annotated[list[Byte], Field(max_length=3)], ...)

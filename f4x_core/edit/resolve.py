@@ -47,6 +47,7 @@ from .selects import (
     parts_of,
 )
 from .splat_rows import SplatRows
+from .stack import of
 from .which import asked_about, which_of
 
 __all__ = ["Absent", "EditorState", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
@@ -97,6 +98,7 @@ class Resolver:
         Every single one has to be answered; `Absent` names the one that is not.
         """
         self._before, self._resolved = scene, {}
+        operations = [one for operation in operations for one in operation.planned(of(scene).edits)]
         self._ask_which(scene, operations)
         settled: list[Change] = []
         for operation in operations:
@@ -111,14 +113,16 @@ class Resolver:
         self._hidden_too = operation.brings_back
         named = {entry.name: getattr(operation, entry.name) for entry in fields(operation)}  # type: ignore[arg-type]
         changed: dict[str, Any] = {
-            name: self.select(scene, value, tidy) for name, value in named.items() if isinstance(value, Select)
+            name: self.select(scene, value, tidy)  # type: ignore[arg-type]  # each kind is in the union
+            for name, value in named.items()
+            if isinstance(value, Select)
         }
         if "select" not in changed:  # it is for no Gaussians
             return operation
         changed |= operation.settled(Settling(self, scene, operation, changed, tidy))
         if "first_id" in named:
             changed["first_id"] = next_id(scene)
-        return replace(operation, **changed)  # type: ignore[type-var]  # every operation is a dataclass
+        return operation.altered(**changed)
 
     def select(self, scene: Scene, select: SelectKind, tidy: bool = False) -> SelectKind:
         """The selection in ids, names, `all` and `moving`; F4xError where it is empty."""

@@ -188,8 +188,7 @@ def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
     for edit in theirs.edits:
         if edit.id not in was and edit not in ours.edits:
             if edit.operation.taken_back in renamed:
-                operation: Any = edit.operation
-                edit = replace(edit, operation=replace(operation, edit=renamed[operation.taken_back]))
+                edit = replace(edit, operation=edit.operation.altered(edit=renamed[edit.operation.taken_back]))
             taken = [e.id for e in merged.edits]
             if edit.id in taken:
                 renamed[edit.id] = 1 + max(taken)

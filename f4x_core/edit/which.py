@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 from ..errors import F4xError
 from ..language.lexicon import UNCOUNTED, plural_of, singular
 from .change import Change
 from .description import in_words
-from .records import Record
+from .records import mapped
 from .selects import And, Beside, Instance, Not, Or, Part, SelectKind, Text
 
 PLACES = {2: ("left", "right"), 3: ("left", "middle", "right")}
@@ -98,10 +98,6 @@ def _with(operations: Sequence[Change], text: Text, one: SelectKind) -> list[str
         if isinstance(value, Text) and text.labels[0] in value.single:
             others = tuple(label for label in value.labels if label != text.labels[0])
             return Or((one, replace(value, labels=others))) if others else one
-        if isinstance(value, tuple):
-            return tuple(map(changed, value))
-        if isinstance(value, Record):
-            return replace(value, **{entry.name: changed(getattr(value, entry.name)) for entry in fields(value)})  # type: ignore[arg-type,type-var]
-        return value
+        return None
 
-    return _lines([changed(operation) for operation in operations])
+    return _lines([mapped(operation, changed) for operation in operations])

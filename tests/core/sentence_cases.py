@@ -229,6 +229,8 @@ _NAMES = {"brightness", "contrast", "saturation", "warmth"}
 
 def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, Any]) -> bool:
     kind, op = slot["operation"], made["op"]
+    if op == "take_back":
+        return kind == "undo"
     amount = slot.get("factor", slot.get("change"))
     select = made["select"]
     ok = False

@@ -28,6 +28,8 @@ def test_contrast_spreads_lights_about_the_mean_and_keeps_tints():
     np.testing.assert_allclose(gray[:, 1:], 0, atol=1e-6)
     warm = colours.lab_from_rgb(colours.graded(colours.rgb_from_lab(lab), 1.0, 1.0, 0.5, 0.5))
     np.testing.assert_allclose(warm[:, 2] - lab[:, 2], 0.5 * colours.WARM[1] * lab[:, 0], atol=1e-6)
+    turned = colours.lab_from_rgb(colours.graded(colours.rgb_from_lab(lab), 1.0, 1.0, 0.0, 0.5, hue=90.0))
+    np.testing.assert_allclose(turned[:, 1:], np.stack([-lab[:, 2], lab[:, 1]], 1), atol=1e-6)
 
 
 def test_grading_by_nothing_changes_no_bit():

@@ -1,8 +1,8 @@
-"""Contrast, saturation, warmth and gamma."""
+"""Contrast, saturation, warmth, hue and gamma."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,6 +45,8 @@ class Grade(ColorChange):
     ease: Ease | None = None
     gamma: float = 1.0
     """Each channel is raised to 1 / gamma after the rest: above 1 the midtones get brighter, black and white stay."""
+    hue: float = field(default=0.0, metadata={"degrees": 180})
+    """Degrees by which hues turn, from red towards yellow, green and blue."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -52,6 +54,8 @@ class Grade(ColorChange):
         check_range("saturation", self.saturation, 10)
         if not MIN_GAMMA <= self.gamma <= 1 / MIN_GAMMA:
             raise F4xError(f"gamma is {self.gamma:g}; give a number from {MIN_GAMMA:g} to {1 / MIN_GAMMA:g}.")
+        if abs(self.hue) > 360:
+            raise F4xError(f"hue is {self.hue:g}; give degrees from -360 to 360.")
         if not -1 <= self.warmth <= 1:
             raise F4xError(f"warmth is {self.warmth:g}; give a number from -1 to 1.")
         check_span(self.frames)
@@ -61,11 +65,11 @@ class Grade(ColorChange):
 
     def coloured(self, whom: Appearance, tones: Any) -> Appearance:
         """Contrast about the mean light `tones`, then gamma."""
-        plain = (self.contrast, self.saturation, self.warmth) == (1, 1, 0)
+        plain = (self.contrast, self.saturation, self.warmth, self.hue) == (1, 1, 0, 0)
         if plain and self.gamma == 1:
             return whom
         rgb = colours.colours_of(whom.sh)
-        goal = rgb if plain else colours.graded(rgb, self.contrast, self.saturation, self.warmth, tones)
+        goal = rgb if plain else colours.graded(rgb, self.contrast, self.saturation, self.warmth, tones, self.hue)
         if self.gamma != 1:
             goal = np.maximum(goal, 0) ** (1 / self.gamma)
         dc = spherical_harmonics.dc_from_rgb(goal).astype(np.float32)
@@ -81,6 +85,8 @@ class Grade(ColorChange):
             parts.append(f"set the saturation of {who} to {percent_words(self.saturation)}")
         if self.gamma != 1:
             parts.append(f"set the gamma of {who} to {self.gamma:g}")
+        if self.hue:
+            parts.append(f"shift the hue of {who} by {self.hue:g} degrees")
         if self.warmth or not parts:
             parts.append(f"make {who} {percent_words(abs(self.warmth))} {'cooler' if self.warmth < 0 else 'warmer'}")
         return self.coming(" and ".join(parts))
@@ -117,8 +123,13 @@ class Grade(ColorChange):
             "[some|a little|(a) bit|a touch|extra] (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|oomph|zing|life|pep|"
             "pizzazz|(a) (little) pop of color|more color|some color"
         )
+        hue = say.command(
+            "shift the hue of the dog by 40 degrees", hue_turned, "hue angle", say.WHOLE, verb="{set,become}|{rotate}|offset",
+            hue="(the|its|a|all) [hue|hues] (shift|rotation|rotate|turn|offset|angle)",
+            angle="(by|of|=|+) <signed> (degrees|degree|deg|°|º)",
+        )  # fmt: skip
         more = lambda: _saturated(None, True)  # noqa: E731
-        return say.Said((), qualities, (pop >> more,), (lively >> more,), {"desaturate": (grayed, False)})
+        return say.Said((hue,), qualities, (pop >> more,), (lively >> more,), {"desaturate": (grayed, False)})
 
 
 def gamma(to: float) -> Value:
@@ -129,6 +140,11 @@ def gamma(to: float) -> Value:
 def contrasted(by: float) -> Value:
     """So many times the contrast."""
     return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.coming)
+
+
+def hue_turned(angle: float) -> Value:
+    """Hues turned by degrees."""
+    return lambda who, when, _: Grade(who, hue=angle, **when.coming)
 
 
 def saturated(by: float) -> Value:

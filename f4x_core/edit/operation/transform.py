@@ -239,6 +239,12 @@ class Transform(Placing):
             verb="{=make/get/want/need/blow}",
             by="(to|up to) [<number> x|x <number>]",
         )
+        bare = say.command(
+            "the dog +25 %", scaled, "by",
+            by=say.phrase("+ <percent>") >> (lambda x: 1 + x)
+            | say.phrase("- <percent>") >> (lambda x: 1 - x)
+            | say.phrase("<number> x|x <number>"),
+        )  # fmt: skip
         not_little = say.here(
             lambda reading, at: (
                 reading.words[at - 1 : at + 1] != ["a", "little"] and reading.word(at - 1) not in ("as", "so")
@@ -260,7 +266,7 @@ class Transform(Placing):
             "(at|to) [<percent>|<multiple>] [of what it [is|was] (now|before)|of [it|itself]|as it [is|was] (now)]"
         )
         too = {words: (moved(back), moved(away)) for words, (back, away) in TOO_FAR.items()}
-        return say.Said((*_turning(), *_moving(), times), (quality,), made, (alone >> scaled,), {}, too)
+        return say.Said((*_turning(), *_moving(), times, bare), (quality,), made, (alone >> scaled,), {}, too)
 
 
 def _turning() -> tuple[Command, ...]:
