@@ -6,11 +6,13 @@ stand in its file, in `said`.
 
 from __future__ import annotations
 
-from ..language.amounts import LEAST_PERCENTS, amount, degree, fraction, fraction_of, multiple, number, percent
+from typing import Any
+
+from ..language.amounts import LEAST_PERCENTS, amount, degree, fraction_of, multiple, number, percent
 from ..language.colours import colour
 from ..language.courtesies import ASIDE, CALLS, COMMENTS, WISHES
 from ..language.degrees import Amount
-from ..language.grammar import Rule, either, here, keyword, listed, literal, optional, silent, table, unless
+from ..language.grammar import either, here, keyword, listed, literal, optional, silent, table, unless
 from ..language.lexicon import PICTURE, every_form, word_set
 from ..language.refusal import Mismatch
 from ..language.times import span
@@ -247,20 +249,17 @@ def _by_number(x: float) -> Amount:
     return Amount("times", x) if x < LEAST_PERCENTS else Amount("fraction", _percents(x))
 
 
-_set = phrase("![add|adds|adding|added] [{set,become,apply}]")
-_by_how_much: dict[str, Rule] = {
-    "verb": _set,
+_by_how_much: dict[str, Any] = {
+    "verb": "![add|adds|adding|added] [{set,become,apply}]",
     "way": _way,
     "level": percent
-    | here(lambda reading, at: reading.word(at - 1) != "to") + number + unless(literal("x|times|stop|stops"))
-    >> _percents,
-    "how": amount | literal("by") + number >> _by_number | literal("way") >> (lambda: Amount("large")),
+    | here(lambda reading, at: reading.word(at - 1) != "to") + phrase("<number> ![x|times|stop|stops]") >> _percents,
+    "how": amount | phrase("by <number>") >> _by_number | literal("way") >> (lambda: Amount("large")),
     "to": _to_value,
-    "particle": table({"up": True, "down": False}, reserve=False),
+    "particle": {"up": True, "down": False},
     "times": _times_as_much,
 }
 """How much more or less of a quality there is to be, or to what it comes."""
-
 _SIDES: dict[str, tuple[Graded, bool | None]] = {
     sense: (quality.changed, upward)
     for quality in QUALITIES
@@ -268,12 +267,6 @@ _SIDES: dict[str, tuple[Graded, bool | None]] = {
     if sense
 } | {sense: side for said in SAID for sense, side in said.verbs.items()}
 """Sense of a verb -> what it makes more or less."""
-
-_until = (
-    literal("until [it|he|she|they] [is|are]")
-    + multiple
-    + literal("as [big|tall|large|high|long|wide|small|fast|bright]")
-)
 
 
 def _more(verb: tuple[Graded, bool | None], how: Amount | None = None, to: float | None = None) -> Value:
@@ -298,100 +291,57 @@ _complained = either(
     thing,
 )
 """Who is complained of."""
-_RESUMED = every_form("go|come|carry|walk|move|run|drive|ride|swim|fly|roll|jump|dance|jog|play|skate|sail")
 COMMANDS: list[Command] = [
     command(
-        "but leave the dog as it is",
-        REMARK,
-        "spared",
-        NAMED,
-        verb=literal(every_form("leave|keep|let|stay|remain")),
-        spared=untouched,
+        "but leave the dog as it is", REMARK, "spared", NAMED, verb="{=leave/keep/let/stay/remain}", spared=untouched
     ),
     command(
-        "do not touch the dog",
-        REMARK,
-        "spared",
-        NAMED,
-        spared=literal(
-            "do not [touch|change|affect|alter]|without [touching|changing]|[ignore|skip]|never [touch|change]"
-        ),
+        "do not touch the dog", REMARK, "spared", NAMED,
+        spared="do not [touch|change|affect|alter]|without [touching|changing]|[ignore|skip]|never [touch|change]",
     ),
     *(one for said in SAID for one in said.early),
     command(
-        "make the dog red",
-        as_given,
-        "values",
-        who=either(
-            whom,
-            about
-            + whose(
-                "color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint"
-            ),
-        ),
-        verb=_becoming,
-        values=listed(_quality, _joined | _led),
+        "make the dog red", as_given, "values", verb=_becoming, values=listed(_quality, _joined | _led), who=whom | about
+        + whose("color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint"),
     ),
     command(
-        "increase the contrast of the dog",
-        _changed,
-        "quality",
-        WHOLE,
-        who=whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
-        quality=~literal("(punch|oomph|bite|kick|pop|boost) (the|a|'s|some|of|in|to|with [the|its|his|her|their])")
-        + ~literal("(the) (overall|whole|entire|general)")
-        + _nouns
-        + ~literal("level|value|slider|amount|setting"),
+        "increase the contrast of the dog", _changed, "quality", WHOLE,
+        whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
+        quality=phrase(
+            "(punch|oomph|bite|kick|pop|boost) (the|a|'s|some|of|in|to|with [the|its|his|her|their]) ((the) (overall|whole|entire|"
+            "general)) <noun> (level|value|slider|amount|setting)", noun=_nouns,
+        ),
         **_by_how_much,
     ),
     command(
-        "darken the sky",
-        _more,
-        "verb",
+        "darken the sky", _more, "verb",
         verb=either(*(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items())),
-        how=amount | literal("by") + number >> (lambda x: Amount("times", x)),
-        to=either(
-            ~literal("to|down to|up to|at|by|until")
-            + fraction_of("size|sizes|dimensions|scale|height|width|length|speed|pace|tempo|brightness"),
-            literal("to|down to|up to|at|until") + either(fraction, percent, multiple, literal("x") + number),
-            literal("in half|by half|by a half") >> (lambda: 0.5),
-            _until,
-        )
-        + ~literal(
-            "of [its|the|their|his|her] (original|normal|present|current) [size|speed|brightness|pace]|"
-            "of what it [is|was] (now|before)|[size|speed|the size|the speed|its size|opacity]"
+        how=amount | phrase("by <number>") >> (lambda x: Amount("times", x)),
+        to=phrase(
+            "[(to|down to|up to|at|by|until) <size>|[to|down to|up to|at|until] [<fraction>|<percent>|"
+            "<multiple>|x <number>]|<half>|until [it|he|she|they] [is|are] <multiple> as [big|tall|large|high|"
+            "long|wide|small|fast|bright]] (of [its|the|their|his|her] (original|normal|present|current) "
+            "[size|speed|brightness|pace]|of what it [is|was] (now|before)|[size|speed|the size|the speed|its "
+            "size|opacity])", half=table({"in half|by half|by a half": 0.5}, reserve=False),
+            size=fraction_of("size|sizes|dimensions|scale|height|width|length|speed|pace|tempo|brightness"),
         ),
-        particle=literal(
-            "(right|way) [up|down]|in size|in tempo|more|even more|further|([keeping|with]) ([from|about|around|at|on]) [its|"
-            "the|their|his|her] [base|bottom|feet|foot|ground] ([planted|fixed|on the ground|in place|where it is|where they are])"
-        ),
+        particle="(right|way) [up|down]|in size|in tempo|more|even more|further|([keeping|with]) ([from|about|"
+                 "around|at|on]) [its|the|their|his|her] [base|bottom|feet|foot|ground] ([planted|fixed|on "
+                 "the ground|in place|where it is|where they are])",
     ),
     command(
-        "the dog is too dark",
-        REMARK,
-        "complaint",
-        who=_complained,
-        complaint=literal("is|are|'s|looks|look|seems|seem|feels|reads") + rather
-        | ~literal(
-            "is|are|'s|looks|look|seems|seem|feels|reads|comes across as|appears|appear|was|it is|has|have|(is|are) ["
-            + every_form(
-                "happen|walk|run|move|go|play|drive|stand|sit|ride|swim|fly|dance|hang|lie|jump|turn|spin|hover|float"
-            )
-            + "]"
-        )
-        + either(
-            too_much,
-            silent(~literal("a bit|a little|much|way|far|so|very|rather|quite|really|too") + literal(QUALITY_WORDS))
-            >> (lambda: None),
+        "the dog is too dark", REMARK, "complaint", who=_complained,
+        complaint=phrase(
+            "[is|are|'s|looks|look|seems|seem|feels|reads] <rather>|(is|are|'s|looks|look|seems|seem|feels|"
+            "reads|comes across as|appears|appear|was|it is|has|have|(is|are) "
+            "[{=happen/walk/run/move/go/play/drive/stand/sit/ride/swim/fly/dance/hang/lie/jump/turn/spin/hover"
+            "/float}]) [<too_much>|<ugly>]", rather=rather, too_much=too_much,
+            ugly=phrase(f"(a bit|a little|much|way|far|so|very|rather|quite|really|too) [{QUALITY_WORDS}]") >> (lambda: None),
         ),
     ),
     *(one for said in SAID for one in said.commands),
     command(
-        "the cat too",
-        AGAIN,
-        "again",
-        NAMED,
-        verb=literal("do|it|that|this|make it|apply it|apply that|go on|continue|and|be"),
+        "the cat too", AGAIN, "again", NAMED, verb="do|it|that|this|make it|apply it|apply that|go on|continue|and|be",
         again=literal(
             "(and) so [too|should|must|shall|does|do|is|are|can] (too)|as well as|along with|together with|again (but) "
             "[with|for|to|on]|ditto (for|with|on)|[do|apply|repeat] [that|this|it] (again) (but) [with|for|to|"
@@ -400,17 +350,16 @@ COMMANDS: list[Command] = [
         | literal("then|and then") + here(lambda reading, at: not {*reading.words[: at - 1]}.isdisjoint(IMPERATIVES)),
     ),
     command(
-        "and nothing else",
-        REMARK,
-        "nothing",
-        WHOLE,
-        nothing=literal(
-            "[keep|keeping|retain|without changing|do not change|leave] [its|the|their] (original|current|own) [color|colors|size|"
-            "shape|position|place|speed|look|brightness]|nothing else ([changes|moves|should change])|nothing more|that is [all|it]|"
-            "only that|[keep|leave] the rest|the [rest|others] ([can|may|should|must]) [stay|stays|remain|remains|is|are] (there|fine|"
-            "as [it|they] [is|are])|(its|the|their) [position|place|size|color|colors|speed|look] [stays|remains] [untouched|unchanged|"
-            f"the same|as it is]|(then) let [it|him|her|them] ([go|keep]) [continue|resume|{_RESUMED}] (on|again|as before)"
-        ),
+        "and nothing else", REMARK, "nothing", WHOLE,
+        nothing="[keep|keeping|retain|without changing|do not change|leave] [its|the|their] (original|current|"
+                "own) [color|colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|"
+                "moves|should change])|nothing more|that is [all|it]|only that|[keep|leave] the rest|the "
+                "[rest|others] ([can|may|should|must]) [stay|stays|remain|remains|is|are] (there|fine|as [it|"
+                "they] [is|are])|(its|the|their) [position|place|size|color|colors|speed|look] [stays|"
+                "remains] [untouched|unchanged|the same|as it is]|(then) let [it|him|her|them] ([go|keep]) "
+                "[continue|resume|"
+                "{=go/come/carry/walk/move/run/drive/ride/swim/fly/roll/jump/dance/jog/play/skate/sail}] (on|"
+                "again|as before)",
     ),
-]
+]  # fmt: skip
 """In the order in which they are preferred."""

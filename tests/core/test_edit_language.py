@@ -246,7 +246,7 @@ def test_long_texts_take_bounded_time(part):
     [
         ("make the dog not red", "'not'"),
         ("don't remove the dog", "'don't'"),
-        ("undo the last edit", "`f4x undo SCENE`"),
+        ("undo the last two edits", "`f4x undo SCENE`"),
         ("scale the scene to meters", "Scale to Length"),
         ("align it to the floor", "Align to Floor"),
         ("relight the scene", "as it was filmed"),

@@ -115,7 +115,8 @@ class Delete(Removal):
                  "have]|[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of",
             out=say.OUT
             | say.literal(
-                f"completely|entirely|fully|for good|(in) there|in it|any more|anymore|any longer|in [the|this|my|our] [{say.PICTURE}]"
+                "completely|entirely|fully|for good|(in) there|in it|any more|anymore|any longer|"
+                f"in [the|this|my|our] [{say.PICTURE}]"
             ),
         )  # fmt: skip
         return say.Said((all_but, without, take_out, delete))

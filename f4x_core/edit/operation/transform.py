@@ -243,7 +243,7 @@ class Transform(Placing):
             "the dog +25 %", scaled, "by",
             by=say.phrase("+ <percent>") >> (lambda x: 1 + x)
             | say.phrase("- <percent>") >> (lambda x: 1 - x)
-            | say.phrase("<number> x|x <number>"),
+            | say.phrase("<number> x|x <number>") >> _no_count,
         )  # fmt: skip
         not_little = say.here(
             lambda reading, at: (
@@ -416,3 +416,10 @@ def _turned(
         if how is not None:
             angle = DEGREES[how.kind].angle
     return verb(angle, sense or 1)  # type: ignore[no-any-return]
+
+
+def _no_count(x: float) -> float:
+    """A factor that is no number of copies: "1.5x"; Mismatch for "3x"."""
+    if x == int(x):
+        raise Mismatch
+    return x
