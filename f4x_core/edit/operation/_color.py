@@ -24,7 +24,6 @@ class ColorChange(Change):
     """As of `Opacity`: None, or how it comes between the two, to stay."""
 
     def shown(self, state: Appearance, chosen: np.ndarray, fraction: float, scene: Looking) -> Appearance:
-        """Colors are linear in the harmonics."""
         before = Appearance(*(part[chosen] for part in state))
         after = self.coloured(before, scene.tones)
         if fraction < 1:
@@ -36,7 +35,6 @@ class ColorChange(Change):
         """The Gaussians with their new colors in full; `tones` of `Change.tones`."""
 
     def tones(self, whom: Appearance, other: Appearance | None) -> Any:
-        """The mean light."""
         return colours.mean_of(colours.lab_from_rgb(colours.colours_of(whom.sh))[:, 0], whom.opacities)
 
     def coming(self, sentence: str) -> str:

@@ -52,7 +52,6 @@ class Placing(Change):
             )
 
     def settled(self, at: Settling) -> dict[str, Any]:
-        """The way in world units and axes."""
         if self.beside is not None:
             return {"unit": "world", "axes": "world", "beside": None, self.WAY: self._way_beside(at)}
         move = np.array(self.way)

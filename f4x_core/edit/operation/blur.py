@@ -35,7 +35,6 @@ class Blur(Change):
     """In effect from … to; None = always."""
 
     def __post_init__(self) -> None:
-        """Validate."""
         check_range("radius", self.radius, MAX_SCALE)
         check_span(self.frames)
 
@@ -43,19 +42,15 @@ class Blur(Change):
     lasts = False  # type: ignore[assignment]  # nodes and folded arrays would not carry the sizes alike
 
     def placed(self, placed: Placement, fraction: float, pivot: Callable[[str], np.ndarray]) -> Placement:
-        """Wider."""
         return placed._replace(scales=np.sqrt(placed.scales**2 + np.float32(self.radius**2)))
 
     def shown(self, state: Appearance, chosen: np.ndarray, fraction: float, scene: Looking) -> Appearance:
-        """Fainter."""
         return state.with_opacities(chosen, state.opacities * thinning(scene.sizes, self.radius))
 
     def described(self) -> str:
-        """By a radius."""
         return f"blur {whom(self.select)} by {self.radius:g} units" + span_words(self.frames)
 
     def as_seen(self, seen: Seen) -> str:
-        """In pixels, too."""
         depths = seen.camera.project(seen.means)[1]
         depth = np.median(depths[depths > 0]) if (depths > 0).any() else np.inf
         return f"{self.described()} ({self.radius * seen.camera.focal / depth:.1f} pixels where it is)"

@@ -52,7 +52,6 @@ class Duplicate(Placing):
     beside: SelectKind | None = None
 
     def __post_init__(self) -> None:
-        """Validate."""
         if not 1 <= self.count <= MAX_COPIES:
             raise F4xError(f"count is {self.count}; give 1 to {MAX_COPIES} copies.")
         if not -1 <= self.first_id < 1 << 62:
@@ -66,13 +65,11 @@ class Duplicate(Placing):
     SEEN = "in copies"
 
     def rows_after(self, rows: SplatRows, chosen: np.ndarray) -> SplatRows:
-        """With the copies."""
         if chosen.any():
             self.require_world()
         return with_copies(rows, rows.by_id(chosen), self.count, self.first_id, self.name)
 
     def rows_without(self, rows: SplatRows) -> SplatRows:
-        """Its name means nobody."""
         free = self.name and self.name not in rows.names
         return with_name(rows, self.name, np.zeros(0, int)) if free else rows
 
@@ -86,11 +83,9 @@ class Duplicate(Placing):
         return (lambda time: min(max(time - shift, first), last)) if shift else (lambda time: time)
 
     def copy_motion(self, copy: np.ndarray) -> np.ndarray | None:
-        """As often the offset."""
         return copy[:, None] * np.array(self.offset) if any(self.offset) else None
 
     def untimed(self) -> Duplicate:
-        """Without the delay."""
         return replace(self, time_shift=0.0)
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
@@ -107,11 +102,9 @@ class Duplicate(Placing):
         return super().followed_by(later)
 
     def times_as_much(self, factor: float) -> Duplicate:
-        """The distance."""
         return replace(self, offset=self.further(factor))
 
     def described(self) -> str:
-        """Copy the dog."""
         sentence = f"copy {whom(self.select)}" + (f" {self.count} times" if self.count > 1 else "")
         if self.beside is not None:
             sentence += f" {beside_words(self.offset)} {whom(self.beside)}"
@@ -122,7 +115,6 @@ class Duplicate(Placing):
         return sentence + (f", called {self.name}" if self.name else "")
 
     def as_seen(self, seen: Seen) -> str:
-        """Where and when the copies are."""
         way, later = steps_in_words(seen.in_widths(self.offset)), self.time_shift
         parts = [f"ends {way} of it"] if way else []
         if later:
@@ -133,7 +125,6 @@ class Duplicate(Placing):
         return f"copy {whom(self.select)}{named}: {copies} {' and '.join(parts) or 'is in the same place'}"
 
     def in_axes(self, moved: Callable[[Vector], Vector], turned: Callable[[Vector], Vector]) -> Duplicate:
-        """The offset."""
         return replace(self, offset=moved(self.offset)) if self.axes == "world" else self
 
     @classmethod
@@ -150,7 +141,6 @@ class Duplicate(Placing):
 
     @classmethod
     def said(cls) -> Said:
-        """Copies, trails."""
         from .. import english as say
 
         one = "another|one more|a second|an extra|a new|a further|an additional|one other|a"

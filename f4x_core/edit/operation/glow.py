@@ -48,7 +48,6 @@ class Glow(Change):
     """First id of the halo; planning reserves it."""
 
     def __post_init__(self) -> None:
-        """Validate."""
         check_range("strength", self.strength)
         check_range("radius", self.radius, MAX_SCALE)
         check_span(self.frames)
@@ -76,7 +75,6 @@ class Glow(Change):
         return tuple(steps)
 
     def described(self) -> str:
-        """Make the dog glow."""
         colour = f" {colour_words(self.rgb)}" if self.rgb else ""
         return f"make {whom(self.select)} glow{colour} by {percent_words(self.strength)}" + span_words(self.frames)
 

@@ -49,7 +49,6 @@ class Grade(ColorChange):
     """Degrees by which hues turn, from red towards yellow, green and blue."""
 
     def __post_init__(self) -> None:
-        """Validate."""
         check_range("contrast", self.contrast, 10)
         check_range("saturation", self.saturation, 10)
         if not MIN_GAMMA <= self.gamma <= 1 / MIN_GAMMA:
@@ -77,7 +76,6 @@ class Grade(ColorChange):
         return Appearance(whom.opacities, np.concatenate([dc[:, None], rest], axis=1))
 
     def described(self) -> str:
-        """What differs from before."""
         who, parts = whom(self.select), []
         if self.contrast != 1:
             parts.append(f"set the contrast of {who} to {percent_words(self.contrast)}")
@@ -93,7 +91,6 @@ class Grade(ColorChange):
 
     @classmethod
     def said(cls) -> Said:
-        """Contrast, saturation, warmth, gamma."""
         from .. import english as say
 
         qualities = (

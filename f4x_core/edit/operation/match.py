@@ -34,7 +34,6 @@ class Match(Dye):
     ease: Ease | None = None
 
     def __post_init__(self) -> None:
-        """Validate."""
         check_range("strength", self.strength)
         check_span(self.frames)
 
@@ -42,22 +41,18 @@ class Match(Dye):
     has_tones = True  # type: ignore[assignment]  # of both
 
     def tones(self, whom: Appearance, other: Appearance | None) -> Any:
-        """Means and spreads of both."""
         assert other is not None
         both = (whom, other)
         return tuple(colours.moments_of(colours.colours_of(one.sh), one.opacities) for one in both)
 
     def goal(self, rgb: np.ndarray, whom: Appearance, tones: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The spread about the other mean."""
         return colours.matched(rgb, *tones), whom.sh[:, 1:], whom.opacities
 
     def described(self) -> str:
-        """Match the dog to the cat."""
         return self.coming(f"match {whom(self.select)} {strength_words(self.strength)}to {whom(self.source)}")
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """With another target."""
 
         def make(answer: Any, who: SelectKind, select: Any) -> Match:
             return cls(who, select(answer.source), frames=answer.span)
@@ -66,7 +61,6 @@ class Match(Dye):
 
     @classmethod
     def said(cls) -> Said:
-        """Colors of others."""
         from .. import english as say
 
         source = (

@@ -29,7 +29,6 @@ class Name(Change):
     """Letters, digits, spaces, - and _; a later `name` of the same name replaces it."""
 
     def __post_init__(self) -> None:
-        """Validate."""
         check_name(self.name)
 
     ACTS = False
@@ -40,12 +39,10 @@ class Name(Change):
         return with_name(rows, self.name, np.flatnonzero(self.chosen(rows)))
 
     def described(self) -> str:
-        """Call the dog "rex"."""
         return f'call {whom(self.select)} "{self.name}"'
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """The name."""
 
         def make(answer: Any, who: SelectKind, _: Any) -> Name:
             return cls(who, answer.name)
@@ -54,7 +51,6 @@ class Name(Change):
 
     @classmethod
     def said(cls) -> Said:
-        """A name."""
         from .. import english as say
 
         ending = say.word_set("and then but so please now from")

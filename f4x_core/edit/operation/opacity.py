@@ -43,7 +43,6 @@ class Opacity(Change):
     """With `ease`: it is there from the start and goes between the two."""
 
     def __post_init__(self) -> None:
-        """Validate."""
         check_range("factor", self.factor, 10)
         check_span(self.frames)
         if self.inward and self.ease is None:
@@ -52,7 +51,6 @@ class Opacity(Change):
     LOOKS = UNCOVERS = True
 
     def fraction(self, time: float, last: float) -> float:
-        """It goes where it is `inward`."""
         fraction = super().fraction(time, last)
         return 1 - fraction if self.inward else fraction
 
@@ -70,12 +68,10 @@ class Opacity(Change):
 
     @property
     def hides(self) -> bool:
-        """Where nothing of it is seen."""
         return not self.factor
 
     @property
     def brings_back(self) -> bool:
-        """Above 1."""
         return self.factor > 1
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
@@ -88,7 +84,6 @@ class Opacity(Change):
         return super().followed_by(later)
 
     def described(self) -> str:
-        """Hide, show, fade."""
         who, factor = whom(self.select), self.factor
         if factor == SHOWN:
             sentence = f"show {who} again"
@@ -105,7 +100,6 @@ class Opacity(Change):
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """In percent."""
 
         def make(answer: Any, who: SelectKind, _: Any) -> Opacity:
             return cls(who, answer.percent / 100, answer.span)
@@ -115,7 +109,6 @@ class Opacity(Change):
 
     @classmethod
     def said(cls) -> Said:
-        """Transparent, hidden, shown again, faded."""
         from .. import english as say
 
         quality = say.Quality(

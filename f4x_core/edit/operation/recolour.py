@@ -50,7 +50,6 @@ class Recolour(Dye):
     ease: Ease | None = None
 
     def __post_init__(self) -> None:
-        """Validate."""
         low, high = {"add": (-1, 1), "multiply": (0, 10)}.get(self.mode, (0, 1))
         if not all(low <= value <= high for value in self.rgb):
             raise F4xError(f"rgb is {list(self.rgb)}; for {self.mode} give three numbers from {low} to {high}.")
@@ -59,11 +58,9 @@ class Recolour(Dye):
 
     @property
     def has_tones(self) -> bool:
-        """Where the mean light is kept."""
         return self.keep_luminance
 
     def goal(self, rgb: np.ndarray, whom: Appearance, tones: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """By mode."""
         target = np.array(self.rgb)
         if self.mode == "multiply":
             rest = (whom.sh[:, 1:] * (1 + self.strength * (target - 1))).astype(np.float32)
@@ -80,12 +77,10 @@ class Recolour(Dye):
 
     @property
     def of_picture(self) -> bool:
-        """Brighter, more blue, black and white."""
         return self.mode in ("multiply", "add") or (self.mode, self.rgb) == ("hue", BLACK_AND_WHITE)
 
     @property
     def aspect(self) -> tuple[Any, ...]:
-        """Less green and more yellow are two."""
         return (Recolour, self.mode, self.rgb if self.mode == "add" else None)
 
     @property
@@ -106,7 +101,6 @@ class Recolour(Dye):
         return super().followed_by(later)
 
     def described(self) -> str:
-        """By mode."""
         who, rgb, strong = whom(self.select), self.rgb, strength_words(self.strength)
         if self.mode == "hue" and set(rgb) == {0.5}:
             sentence = f"make {who} {strong}black and white"
@@ -125,7 +119,6 @@ class Recolour(Dye):
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """A color, or how bright."""
         byte = range(256)
 
         def painted(answer: Any, who: SelectKind, _: Any) -> Recolour:
@@ -152,7 +145,6 @@ class Recolour(Dye):
 
     @classmethod
     def said(cls) -> Said:
-        """Colors, brightness, black and white."""
         from .. import english as say
 
         quality = say.Quality(

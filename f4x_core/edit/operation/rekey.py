@@ -33,7 +33,6 @@ class Rekey(Change):
     select: ClassVar[SelectKind] = Moving()  # type: ignore[misc]  # whoever follows the nodes
 
     def __post_init__(self) -> None:
-        """Validate."""
         if not self.nodes or not self.times:
             raise F4xError("it names no node or no time; give at least one of each.")
         if len(set(self.nodes)) < len(self.nodes):
@@ -70,11 +69,9 @@ class Rekey(Change):
         return poses[..., :3], poses[..., 3:]
 
     def described(self) -> str:
-        """How many nodes, and when."""
         count, first, last = len(self.nodes), self.times[0], self.times[-1]
         return f"move {count} {plural('node', count)} of the scaffold, frames {first:g} to {last:g}"
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """None."""
         return ()

@@ -26,20 +26,16 @@ class Removal(Change):
     frames: Span | None
 
     def __post_init__(self) -> None:
-        """Validate."""
         check_span(self.frames)
 
     def rows_after(self, rows: SplatRows, chosen: np.ndarray) -> SplatRows:
-        """Gone, where it is for all times."""
         return rows if self.frames is not None else replace(rows, gone=rows.gone | chosen)
 
     def shown(self, state: Appearance, chosen: np.ndarray, fraction: float, scene: Looking) -> Appearance:
-        """With opacity 0."""
         return state.with_opacities(chosen, np.float32(0))
 
     @property
     def removes(self) -> bool:
-        """Always."""
         return True
 
 
@@ -63,12 +59,10 @@ class Delete(Removal):
         return super().followed_by(later)
 
     def described(self) -> str:
-        """Remove the dog."""
         return f"remove {whom(self.select)}" + span_words(self.frames)
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """Both kinds of removal."""
 
         def make(answer: Any, who: SelectKind, _: Any) -> Removal:
             return Delete(who, answer.span) if answer.op == "delete" else Extract(who, answer.span)
@@ -77,7 +71,6 @@ class Delete(Removal):
 
     @classmethod
     def said(cls) -> Said:
-        """Remove."""
         from .. import english as say
 
         all_but = say.command(
@@ -135,12 +128,10 @@ class Extract(Removal):
     ANSWERS = 1
 
     def chosen(self, rows: SplatRows) -> np.ndarray:
-        """All others."""
         return ~rows.chosen(self.select)
 
     @property
     def left(self) -> SelectKind:
-        """What is extracted."""
         return self.select
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
@@ -150,17 +141,14 @@ class Extract(Removal):
         )
 
     def described(self) -> str:
-        """Keep only the dog."""
         return f"keep only {whom(self.select)}" + span_words(self.frames)
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """With those of `Delete`."""
         return ()
 
     @classmethod
     def said(cls) -> Said:
-        """Keep only."""
         from .. import english as say
 
         leaving = frozenset(say.every_form("leave|let").split("|"))

@@ -38,7 +38,6 @@ class Style(Dye):
     ease: Ease | None = None
 
     def __post_init__(self) -> None:
-        """Validate."""
         if self.look not in STYLES:
             raise F4xError(f"there is no look {self.look!r}{near(self.look, STYLES)}; known: {', '.join(STYLES)}.")
         check_range("strength", self.strength)
@@ -52,23 +51,19 @@ class Style(Dye):
         return colours.lights_of(rgb[visible] if visible.any() else rgb)
 
     def goal(self, rgb: np.ndarray, whom: Appearance, tones: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The ramp; some looks are translucent."""
         look = STYLES[self.look]
         opacities = whom.opacities * np.float32(1 + self.strength * (look.opacity - 1))
         return colours.styled(rgb, look, *tones), self.faded(whom), opacities
 
     @property
     def of_picture(self) -> bool:
-        """Night, sunset."""
         return self.look in PICTURE_LOOKS
 
     def described(self) -> str:
-        """Look like gold."""
         return self.coming(f"make {whom(self.select)} look {strength_words(self.strength)}like {self.look}")
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """Its name and strength."""
 
         def make(answer: Any, who: SelectKind, _: Any) -> Style:
             return cls(who, answer.look, answer.strength / 100, answer.span)
@@ -78,7 +73,6 @@ class Style(Dye):
 
     @classmethod
     def said(cls) -> Said:
-        """Looks."""
         from .. import english as say
 
         name = say.table(

@@ -40,14 +40,12 @@ class Swap(Change):
     """As in `Transform`."""
 
     def __post_init__(self) -> None:
-        """Validate."""
         check_numbers("shift", self.shift or ())
         check_span(self.frames)
 
     UNCOVERS = True
 
     def steps(self) -> tuple[Change, ...]:
-        """Two ways."""
         if self.shift is None:
             raise F4xError("it is not measured yet how far they go; plan the edit, which settles that.")
         x, y, z = self.shift
@@ -64,18 +62,15 @@ class Swap(Change):
         return {"shift": vector(pivot_of("base", at.means[others]) - pivot_of("base", at.means[at.rows]))}
 
     def described(self) -> str:
-        """Swap the dog with the cat."""
         when = f" at frame {self.frames[0]:g}" if self.frames and self.ease == "step" else ""
         return f"swap {whom(self.select)} with {whom(self.other)}" + (when or span_words(self.frames, "to the end"))
 
     def as_seen(self, seen: Seen) -> str:
-        """With the way."""
         way = steps_in_words(seen.in_widths(self.shift or (0.0, 0.0, 0.0)))
         return f"{self.described()}: {whom(self.select)} goes {way or 'nowhere'}, {whom(self.other)} the other way"
 
     @classmethod
     def said(cls) -> Said:
-        """Change places."""
         from .. import english as say
 
         spots = say.literal("place|position|spot|location|places|positions|spots|locations")

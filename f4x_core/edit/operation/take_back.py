@@ -36,7 +36,6 @@ class TakeBack(Change):
 
     @property
     def taken_back(self) -> int:
-        """That edit."""
         return self.edit
 
     def planned(self, edits: Sequence[Edit]) -> tuple[TakeBack, ...]:
@@ -51,14 +50,12 @@ class TakeBack(Change):
         return tuple(TakeBack(edit.id, edit.operation.described()) for edit in last)
 
     def described(self) -> str:
-        """What it did."""
         if self.edit == LAST:
             return "take back the last edit"
         return f"take back '{self.words}'" if self.words else f"take back the edit of id {self.edit}"
 
     @classmethod
     def said(cls) -> Said:
-        """Undo that."""
         from .. import english as say
 
         last = "(that|it|this|(the|my|that) [last|previous] [edit|change|step|command|one|thing])"
@@ -70,5 +67,4 @@ class TakeBack(Change):
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """None."""
         return ()

@@ -82,7 +82,6 @@ class Transform(Placing):
     """The separate things of the selection, each with a pivot of its own; none: one pivot for all. Planning finds them."""
 
     def __post_init__(self) -> None:
-        """Validate."""
         check_scale("scale", self.scale)
         check_numbers("translate", self.translate)
         check_numbers("rotate", self.rotate)
@@ -96,11 +95,9 @@ class Transform(Placing):
 
     @property
     def lasts(self) -> bool:
-        """Nodes have no sizes that change over time."""
         return self.frames is None or self.scale == 1
 
     def steps(self) -> tuple[Change, ...]:
-        """One for each thing."""
         return tuple(replace(self, select=one, each=()) for one in self.each) or (self,)
 
     def rows_after(self, rows: SplatRows, chosen: np.ndarray) -> SplatRows:
@@ -128,11 +125,9 @@ class Transform(Placing):
 
     @property
     def aspect(self) -> tuple[Any, ...]:
-        """Turns about two axes are two."""
         return (Transform, self.rotate)
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
-        """Refusal where the later one moves it back."""
         if isinstance(later, Transform) and any(later.translate):
             back = (-self.translate[0], -self.translate[1], -self.translate[2])
             if later == replace(self, translate=back):
@@ -154,7 +149,6 @@ class Transform(Placing):
         return replace(self, translate=self.further(factor), scale=self.scale**factor)
 
     def described(self) -> str:
-        """Move, rotate and scale."""
         who, parts = whom(self.select), []
         if self.beside is not None:
             parts.append(f"put {who} {beside_words(self.translate)} {whom(self.beside)}")
@@ -188,13 +182,11 @@ class Transform(Placing):
         return f"rotate {who} by ({rounded_words(self.rotate)}) degrees about {whose}"
 
     def as_seen(self, seen: Seen) -> str:
-        """Along the camera's axes."""
         x, y, z = (float(np.round(angle, 1)) for angle in seen.axes.T @ np.array(self.rotate))
         way = seen.in_widths(self.translate)
         return replace(self, translate=way, rotate=(x, y, z), unit="size", axes="camera").described()
 
     def in_axes(self, moved: Callable[[Vector], Vector], turned: Callable[[Vector], Vector]) -> Transform:
-        """Way and turn."""
         if self.axes != "world":
             return self
         return replace(self, translate=moved(self.translate), rotate=turned(self.rotate))
@@ -225,7 +217,6 @@ class Transform(Placing):
 
     @classmethod
     def said(cls) -> Said:
-        """Move, turn, resize."""
         from .. import english as say
 
         quality = say.Quality(
