@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ...errors import F4xError
 from ...language.lexicon import PLACES, word_set
-from ...language.refusal import Refusal
+from ...language.refusal import Mismatch, Refusal
 from ..change import Change, Reply, Span, TimeMap, check_numbers, check_scale, check_span
 from ..description import percent_words, span_words, whom
 from ..selects import All, SelectKind
@@ -43,6 +43,7 @@ class Freeze(Retiming):
     """Clip frame at which it goes on, late by the pause; None = never."""
 
     def __post_init__(self) -> None:
+        """Validate."""
         check_numbers("at or until", [self.at, self.at if self.until is None else self.until])
         if self.until is not None and self.until < self.at:
             raise F4xError(
@@ -53,13 +54,16 @@ class Freeze(Retiming):
 
     @property
     def moments(self) -> tuple[float | None, ...]:
+        """When it stops and goes on."""
         return self.at, self.until
 
     def time_map(self, clip: tuple[float, float]) -> TimeMap:
+        """Held, then late."""
         at, end = self.at, math.inf if self.until is None else self.until
         return lambda time: time if time <= at else at if time <= end else time - (end - at)
 
     def described(self) -> str:
+        """Freeze the dog."""
         until = "" if self.until is None else f" to frame {self.until:g}"
         return f"freeze {whom(self.select)} {'from' if until else 'at'} frame {self.at:g}{until}"
 
@@ -76,6 +80,7 @@ class Freeze(Retiming):
 
     @classmethod
     def said(cls) -> Said:
+        """Stand still."""
         from .. import english as say
 
         clip = say.literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement")
@@ -105,6 +110,7 @@ class Retime(Retiming):
     comes and goes at both ends of the span, of which as much is shown as at once."""
 
     def __post_init__(self) -> None:
+        """Validate."""
         check_scale("speed", self.speed)
         check_span(self.frames)
 
@@ -112,6 +118,7 @@ class Retime(Retiming):
     FACTORS = ("speed",)
 
     def time_map(self, clip: tuple[float, float]) -> TimeMap:
+        """By the speed or its integral."""
         (first, last), speed = clip, self.speed
         begin, end = self.frames or (first, None)
         stop = math.inf if end is None else end
@@ -160,6 +167,7 @@ class Retime(Retiming):
         return told
 
     def described(self) -> str:
+        """Play the dog at half speed."""
         speeds = {2.0: "twice as fast", 0.5: "at half speed"}
         pace = speeds.get(self.speed, f"at {percent_words(self.speed)} speed")
         eased = {"soft": " with soft ends"}.get(self.ease or "", ", gradually" if self.frames else " gradually")
@@ -167,6 +175,7 @@ class Retime(Retiming):
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
+        """With soft ends where it comes smoothly."""
 
         def make(answer: Any, who: SelectKind, _: Any) -> Retime:
             return cls(who, answer.percent / 100, answer.span, None if answer.ease == "none" else "smooth")
@@ -176,6 +185,7 @@ class Retime(Retiming):
 
     @classmethod
     def said(cls) -> Said:
+        """Faster, slower, slow motion."""
         from .. import english as say
 
         quality = say.Quality(
@@ -192,6 +202,7 @@ class Retime(Retiming):
         )
         speed = say.either(
             slow_motion + rate >> retimed,
+            say.phrase("in <multiple> [(of) the time|its time|as much time]") >> stretched,
             say.table(
                 {
                     "(in|at) double time|(in) [fast forward|fast motion]|time lapse|timelapse": 2.0,
@@ -229,6 +240,7 @@ class Reverse(Retiming):
     """Only from … to; None = the whole clip."""
 
     def __post_init__(self) -> None:
+        """Validate."""
         check_span(self.frames)
 
     CLIP = True
@@ -242,10 +254,12 @@ class Reverse(Retiming):
         return lambda time: begin + end - time if since <= time <= until else time
 
     def described(self) -> str:
+        """Play the dog backwards."""
         return f"play {whom(self.select)} backwards" + span_words(self.frames)
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
+        """With those of `Loop`."""
 
         def make(answer: Any, who: SelectKind, _: Any) -> Retiming:
             if answer.op == "reverse":
@@ -258,6 +272,7 @@ class Reverse(Retiming):
 
     @classmethod
     def said(cls) -> Said:
+        """Backwards."""
         from .. import english as say
 
         reverse = say.command(
@@ -278,6 +293,7 @@ class Loop(Retiming):
     """The part that is repeated."""
 
     def __post_init__(self) -> None:
+        """Validate."""
         check_span(self.frames)
 
     def time_map(self, clip: tuple[float, float]) -> TimeMap:
@@ -288,14 +304,17 @@ class Loop(Retiming):
         return lambda time: time if time <= end else min(begin + (time - begin) % (end - begin + 1), end)
 
     def described(self) -> str:
+        """Loop the dog."""
         return f"loop {whom(self.select)}" + span_words(self.frames, "to the end")
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
+        """With those of `Reverse`."""
         return ()
 
     @classmethod
     def said(cls) -> Said:
+        """Again and again."""
         from .. import english as say
 
         loop = say.command(
@@ -343,6 +362,22 @@ def _backward() -> Rule:
 def retimed(by: float) -> Value:
     """So many times as fast."""
     return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
+
+
+def stretched(by: float) -> Value:
+    """So many times as long, all of the part that is named; Mismatch for none."""
+    if by <= 0:
+        raise Mismatch
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        fields = replace(when, soft=True).pace
+        start, end = fields.get("frames", (0.0, None))
+        if end is not None:
+            end = start + by * (end - start)
+            fields["frames"] = (start, None if end >= context.frames - 1 else round(end, PLACES))
+        return Retime(who, round(1 / by, PLACES), **fields)
+
+    return value
 
 
 def frozen(who: SelectKind, when: When, context: SentenceContext) -> Change:
