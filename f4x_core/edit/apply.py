@@ -22,7 +22,7 @@ from ..scene import PosedSplats, Scene, read_scene
 from ..scene.foreign import open_any
 from ..scene.model import faded
 from ..scene.tints import gain_of, tinted
-from .change import Change, Looking
+from .change import Change
 from .keys import rekeyed
 from .splat_rows import SplatRows, Step, steps_of
 from .stack import Edit, EditStack, of, with_stack
@@ -279,7 +279,7 @@ class EditedScene(Scene):
         chosen, fraction = step.chosen[rows], step.edit.operation.fraction(time, self._last)
         if not fraction or not chosen.any():
             return state
-        return step.edit.operation.shown(state, chosen, fraction, _Looking(self, below, time, rows, state))
+        return step.edit.operation.shown(state, chosen, fraction, Looking(self, below, time, rows, state))
 
     def _growth(self, below: int) -> np.ndarray:
         """(n,) float32 how many times as large the transforms that last, before edit number `below` (0 = first), made each row.
@@ -308,17 +308,16 @@ class EditedScene(Scene):
         return known[below, time]
 
 
-class _Looking(Looking):
-    "What edit number `below` (0 = first) of a scene may ask about the Gaussians `rows` at `time`, which have"
-
-    "`state` before it."
+class Looking:
+    """What an operation may ask of the scene while it changes the appearance of Gaussians; each is worked out when asked."""
 
     def __init__(self, scene: EditedScene, below: int, time: float, rows: Wanted, state: Appearance):
+        """Of edit number `below` (0 = first) for Gaussians `rows` at `time`, which have `state` before it."""
         self.scene, self.below, self.time, self.rows, self.state = scene, below, time, rows, state
         self.step = scene.steps[below]
 
     @property
-    def tones(self) -> Any:  # type: ignore[override]
+    def tones(self) -> Any:
         """Of all chosen Gaussians; cached where only some are looked at."""
         scene, below = self.scene, self.below
         if not self.step.edit.operation.has_tones:
@@ -335,18 +334,18 @@ class _Looking(Looking):
         return self.step.edit.operation.tones(fetch(np.flatnonzero(self.step.chosen)), other)
 
     @property
-    def sizes(self) -> np.ndarray:  # type: ignore[override]
+    def sizes(self) -> np.ndarray:
         """Those of the base times the growth of earlier edits."""
         growth = self.scene._growth(self.below)[self.rows, None]
         return self.scene._constant["scales"][self.step.before.origin[self.rows]] * growth
 
     @property
-    def opacities(self) -> np.ndarray:  # type: ignore[override]
+    def opacities(self) -> np.ndarray:
         """Of the rows that they come from."""
         return self.scene._constant["opacities"][self.step.before.origin[self.rows]]
 
     @property
-    def gone(self) -> np.ndarray:  # type: ignore[override]
+    def gone(self) -> np.ndarray:
         """Before the edit."""
         return self.step.before.gone[self.rows]
 

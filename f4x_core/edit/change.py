@@ -25,6 +25,7 @@ from .state import Appearance, Motion, Placement
 
 if TYPE_CHECKING:
     from ..scene import Scene
+    from .apply import Looking
     from .english import Said
     from .plan_lines import Seen
     from .resolve import Settling
@@ -69,19 +70,6 @@ class Reply:
     """Name in the schema; none: that of the operation with "Reply"."""
     timed: bool = True
     """Has a first and a last frame."""
-
-
-class Looking:
-    """What an operation may ask of the scene while it changes appearances of n Gaussians; each is worked out when asked."""
-
-    tones: Any
-    """What `Change.tones` found for the edit."""
-    sizes: np.ndarray
-    """(n,3) standard deviations before motions over time."""
-    opacities: np.ndarray
-    """(n,) of the base scene."""
-    gone: np.ndarray
-    """(n,) bool: deleted at all times."""
 
 
 class Change(Record):

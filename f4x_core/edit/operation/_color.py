@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...geometry import spherical_harmonics
 from .. import colours
-from ..change import Change, Ease, Looking, Span
+from ..change import Change, Ease, Span
 from ..description import span_words
 from ..state import Appearance, put
+
+if TYPE_CHECKING:
+    from ..apply import Looking
 
 
 class ColorChange(Change):

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...language.degrees import Amount
-from ..change import MAX_SCALE, Change, Looking, Span, check_range, check_span
+from ..change import MAX_SCALE, Change, Span, check_range, check_span
 from ..description import span_words, whom
 from ..selects import SelectKind
 from ..state import Appearance, Placement
 from ..values import Value, only_more, refused, strong
 
 if TYPE_CHECKING:
+    from ..apply import Looking
     from ..english import Said
     from ..plan_lines import Seen
 

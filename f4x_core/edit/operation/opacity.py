@@ -11,13 +11,14 @@ import numpy as np
 from ...errors import F4xError
 from ...language.lexicon import PLACES
 from ...language.refusal import Mismatch, Refusal
-from ..change import SHOWN, Change, Ease, Looking, Reply, Span, check_range, check_span
+from ..change import SHOWN, Change, Ease, Reply, Span, check_range, check_span
 from ..description import percent_words, span_words, whom
 from ..selects import SelectKind
 from ..state import Appearance
 from ..values import Value, graded
 
 if TYPE_CHECKING:
+    from ..apply import Looking
     from ..english import Said
     from ..phrases import SentenceContext, When
 

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...language.refusal import Refusal
-from ..change import Change, Looking, Reply, Span, check_span
+from ..change import Change, Reply, Span, check_span
 from ..description import span_words, whom
 from ..selects import All, Not, SelectKind
 from ..state import Appearance
 
 if TYPE_CHECKING:
+    from ..apply import Looking
     from ..english import Said
     from ..phrases import SentenceContext, When
     from ..splat_rows import SplatRows
