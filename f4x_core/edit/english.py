@@ -25,9 +25,10 @@ from ..language.amounts import (
 from ..language.amounts import percent, signed, softly, steps, stops
 from ..language.colours import colour, colourish, more_colour
 from ..language.degrees import DEGREES, Amount, Distance
-from ..language.grammar import Reading, Rule, alternatives, constant, either, generated, here, keyword, listed, literal
-from ..language.grammar import optional, silent, split, table, unless
+from ..language.grammar import Reading, Rule, constant, either, generated, here, keyword, listed, literal
+from ..language.grammar import optional, silent, table, unless
 from ..language.lexicon import FUNCTION_WORDS, PICTURE, every_form, word_set
+from ..language.notation import Notation
 from ..language.refusal import Mismatch, Refusal
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import IMPERATIVES, any_form, asked_form
@@ -98,6 +99,10 @@ class Command:
     use: Use = USUAL
 
 
+phrase = Notation(globals())
+"""The rule of a phrase in words, which may name rules of this module."""
+
+
 def command(
     example: str, make: Callable[..., Given], needed: str, use: Use = USUAL, who: Rule | str = whom, **slots: Any
 ) -> Command:
@@ -106,62 +111,6 @@ def command(
         name: table(rule, reserve=False) if isinstance(rule, dict) else phrase(rule) for name, rule in slots.items()
     }
     return Command(example, make, frozenset(needed.split()), rules, phrase(who), use)
-
-
-def phrase(spec: str | Rule, **rules: Rule) -> Rule:
-    """The rule of a phrase in words: "by|(about) <number> [unit|units]", which has the values of the rules that it names.
-
-    `a|b`: one of them; `[a|b]`: one of them; `(a|b)`: one or none; `<number>`: a rule of this module or of `rules`, `<number?>`:
-    its value or None, `<.number>`: without its value; `!a`: not where a stands; `{blur}`: the verbs of a sense in all forms,
-    `{=sit}`: the forms of a verb, `{!take}`: those that ask for it.
-    """
-    if isinstance(spec, Rule):
-        return spec
-    forms: dict[str, Callable[[str], str]] = {"=": every_form, "!": asked_form}
-    spec = re.sub(
-        r"\{([=!]?)([^}]*)\}",
-        lambda found: forms[found[1]](found[2].replace("/", "|")) if found[1] else any_form(*found[2].split(",")),
-        spec,
-    )
-    plain = [one for one in alternatives(spec) if not _NOTATION.search(one)]
-    ways = [literal("|".join(plain))] if plain else []
-    ways += [_sequence(one, rules) for one in alternatives(spec) if one not in plain]
-    return ways[0] if len(ways) == 1 else either(*ways)
-
-
-_NOTATION = re.compile(r"[<!]|^\([^()]*\)$")
-"""In an alternative that is more than words: one that may be empty, too."""
-
-
-def _sequence(spec: str, rules: Mapping[str, Rule]) -> Rule:
-    """The rule of parts with spaces between."""
-    steps: list[Rule] = []
-    words: list[str] = []
-    for part in [*filter(None, split(spec, " ")), ""]:
-        if part and part[0] not in "<!" and "<" not in part and (part[0] != "(" or words):
-            words.append(part)
-            continue
-        if words:
-            steps.append(literal(" ".join(words)))
-            words = []
-        if part:
-            steps.append(_part(part, rules))
-    rule = steps[0]
-    for step in steps[1:]:
-        rule = rule + step
-    return rule
-
-
-def _part(part: str, rules: Mapping[str, Rule]) -> Rule:
-    if part[0] == "!":
-        return unless(_part(part[1:], rules) if part[1] in "<([" else phrase(part[1:], **rules))
-    if part[0] == "(":
-        return ~phrase(part[1:-1], **rules)
-    if part[0] == "[":
-        return phrase(part[1:-1], **rules)
-    name = part[1:-1].strip(".?")
-    rule = rules[name] if name in rules else globals()[name]
-    return silent(rule) if part[1] == "." else optional(rule) if part[-2] == "?" else rule
 
 
 @dataclass(frozen=True)

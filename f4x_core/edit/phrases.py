@@ -43,6 +43,7 @@ from ..language.lexicon import (
     singular,
     word_set,
 )
+from ..language.notation import Notation
 from ..language.refusal import Final, Refusal
 from ..language.times import END, START, Clip, Span, no_such_time
 from ..language.verbs import IMPERATIVES, any_form
@@ -555,35 +556,25 @@ def _plural_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
 
 
 _wearing = ~_article + _things(_wearing_at)
+_say = Notation(globals(), reserve=True)
 _all_that = keyword(
     "what|whatever|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
 )
-_moving = either(
-    _all_that + keyword("moves|move|is moving|are moving|is in motion|does move"),
-    ~_article + keyword("moving") + _objects,
-    keyword("[the|all the] (whole|entire) foreground"),
-    keyword(
-        "the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|walks|walk|running|walking|moving|moves|move]"
-    ),
+_moving = _say(
+    "<_all_that> [moves|move|is moving|are moving|is in motion|does move]|(<_article>) moving <_objects>|[the|"
+    "all the] (whole|entire) foreground|the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|"
+    "walks|walk|running|walking|moving|moves|move]"
 ) >> _always(Moving())
-_static = either(
-    _all_that
-    + keyword(
-        "stands still|stand still|stays still|stay still|is still|are still|is static|are static|does not move|do not move|"
-        "is not moving|are not moving|rests|is at rest|never moves"
-    ),
-    ~_article
-    + keyword("static|still|standing|stationary|motionless|unmoving|fixed")
-    + either(_objects, keyword("background|scene")),
-    ~keyword(
-        "([everything|all|anything|what is|whatever is|all that is|everything that is] (back) in) (the|its|all the)"
-    )
-    + keyword("(whole|entire) [background|backdrop|surroundings|scenery]"),
+_static = _say(
+    "<_all_that> [stands still|stand still|stays still|stay still|is still|are still|is static|are static|"
+    "does not move|do not move|is not moving|are not moving|rests|is at rest|never moves]|(<_article>) "
+    "[static|still|standing|stationary|motionless|unmoving|fixed] [<_objects>|background|scene]|(([everything|"
+    "all|anything|what is|whatever is|all that is|everything that is] (back) in) (the|its|all the)) (whole|"
+    "entire) [background|backdrop|surroundings|scenery]"
 ) >> _always(Not(Moving()))
-_moving_noun = either(
-    ~_article + keyword("moving") + _noun,
-    (~_article + _noun | _everybody)
-    + keyword("[that|which|who] [is moving|are moving|moves|move|is in motion|are in motion]"),
+_moving_noun = _say(
+    "(<_article>) moving <_noun>|[(<_article>) <_noun>|<_everybody>] [that|which|who] [is moving|are moving|"
+    "moves|move|is in motion|are in motion]"
 ) >> (lambda noun: lambda context: And((noun(context), Moving())))
 _WHICH = {
     "left|leftmost|left most|left hand|far left": "left",
@@ -623,8 +614,7 @@ _seen_in = optional(keyword("[of|as of|seen in|seen at] frame") + number)
 _kind = either(
     _moving,
     _moving_noun,
-    _noun,
-    keyword("[one|ones] of (the|these|those|my|all the)") + _noun,
+    _say("<_noun>|[one|ones] of (the|these|those|my|all the) <_noun>"),
     keyword("of (the|these|those|my|all the)") + ~_several + generated(_plural_at),
     keyword("one|ones") >> (lambda: SentenceContext.one),
     keyword("thing|object|item|element") >> _always(All()),
@@ -667,16 +657,7 @@ _point = keyword(
 ) + _place + optional(_seen_then) + unless(_seen_then) >> (
     lambda x, y, seen: lambda context: Point(context.present if seen is None else _frame(seen, context), x, y)
 )
-_SIDE_OF = {
-    "upper|top": "top",
-    "lower|bottom": "bottom",
-    "left": "left",
-    "right": "right",
-    "left hand": "left",
-    "right hand": "right",
-}
-
-
+_SIDE_OF = {"upper|top": "top", "lower|bottom": "bottom", "left|left hand": "left", "right|right hand": "right"}
 _whole = later(lambda: _whole_thing)
 """A thing that has parts; by name, because things are made of parts of things."""
 _part_of = ~keyword("the|its") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
@@ -719,24 +700,16 @@ def _the_copy(context: SentenceContext) -> SelectKind:
     return next(iter(context.earlier))
 
 
-_current = either(
-    keyword("(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected"),
-    keyword("(the|my|our|this|these|those|all) (the) (currently) selected") + _objects,
+_current = _say(
+    "(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected|(the|my|our|"
+    "this|these|those|all) (the) (currently) selected <_objects>"
 ) >> (lambda *_: lambda context: Current() if context.selected else context.it("the selection"))
-_everything = silent(
-    either(
-        keyword(
-            "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the "
-            "[things|objects]|all [things|objects]|every (single) [object|thing]|[everything|all] there is (to see)"
-        ),
-        keyword(
-            f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|[the|"
-            f"this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
-        ),
-    )
+_everything = keyword(
+    "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the [things|objects]|all "
+    "[things|objects]|every (single) [object|thing]|[everything|all] there is (to see)|"
+    f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|[the|this|my|our] "
+    f"[{PICTURE}]|all of the [{PICTURE}]"
 )
-
-
 _around = keyword(
     "(the) [world|scene|surroundings] around|(the|all the) things around|everything around|all around|(the) space around"
 ) + _neighbour >> (lambda who: lambda context: Not(who(context)))
