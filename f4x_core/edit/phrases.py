@@ -707,8 +707,8 @@ _current = _say(
 _everything = keyword(
     "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the [things|objects]|all "
     "[things|objects]|every (single) [object|thing]|[everything|all] there is (to see)|"
-    f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|[the|this|my|our] "
-    f"[{PICTURE}]|all of the [{PICTURE}]"
+    f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|"
+    f"[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
 )
 _around = keyword(
     "(the) [world|scene|surroundings] around|(the|all the) things around|everything around|all around|(the) space around"
@@ -901,41 +901,30 @@ untouched = literal(
     "keeping|retains] [its|his|her|their] (own|original|current) [size|place|position|color|colors|speed|look]"
 ) | literal("the same") + unless(literal("for|with|to|on|as|color|size"))
 """How something stays that is not touched."""
-_sparing = (
-    ~keyword("(,) [but|and|yet|while]")
-    + keyword(
-        "(please|just|only|do) [leave|leaving|keep|keeping|spare|skip|ignore|leave out|exclude|omit|omitting] (only|just)|[not|"
-        "without] [affecting|changing|touching|including]|do not [affect|change|touch|include]"
-    )
-    + ~keyword("the [color|colors] of")
+_sparing = _say(
+    "((,) [but|and|yet|while]) [(please|just|only|do) [leave|leaving|keep|keeping|spare|skip|ignore|leave out|"
+    "exclude|omit|omitting] (only|just)|[not|without] [affecting|changing|touching|including]|do not [affect|"
+    "change|touch|include]] (the [color|colors] of)"
 )
 _spared_after = (
     keyword("'s (own) [color|colors]") | untouched | keyword(f"out|there|behind|in [the|this] [{PICTURE}|plate]")
 )
-_besides = ~keyword(",") + (
-    keyword(_EXCEPT) + (_union | _the_biggest)
-    | _union + keyword("excepted|aside|excluded|exempted|not included|left out|being left out")
+_besides = _say(
+    "(,) [<except> [<_union>|<_the_biggest>]|<_union> [excepted|aside|excluded|exempted|not included|left out|being left out]]",
+    **{"except": keyword(_EXCEPT)},
 )
 _over = here(
     lambda reading, at: not reading.word(at).isalpha() or reading.word(at) in ("and", "but", "while", "please")
 )
-spares = (
-    ~keyword(",")
-    + either(
-        _sparing + (_union | _the_biggest) + ~_spared_after,
-        _union + keyword("[should|must|may|can] not (be) [change|changed|affected|touched]|[does|do] not change"),
-        ~keyword("(,) [but|and|while]")
-        + _union
-        + keyword("stays|remains|[may|can|should|must|shall|has to|is to] [stay|remain]")
-        + ~untouched,
-    )
-    + _over
+spares = _say(
+    "(,) [<_sparing> [<_union>|<_the_biggest>] (<_spared_after>)|<_union> [[should|must|may|can] not (be) [change|changed|affected|"
+    "touched]|[does|do] not change]|((,) [but|and|while]) <_union> [stays|remains|[may|can|should|must|shall|has to|is to] [stay|"
+    "remain]] (<untouched>)] <_over>"
 )
 """Whom a command for everything or several leaves as they are, said in a clause of its own: "but keep the dog"."""
-everything_but = either(
-    _everywhere_else + _union,
-    (_everything | silent(everything_else)) + _in_scene + (_besides | spares | keyword("not") + _union),
-    keyword("[what|whatever|all that|anything that] is not") + _union,
+everything_but = _say(
+    "<_everywhere_else> <_union>|[<_everything>|<.everything_else>] <_in_scene> [<_besides>|<spares>|not "
+    "<_union>]|[what|whatever|all that|anything that] is not <_union>"
 )
 """What is spared in "everything except the dog": a `Who`."""
 
