@@ -61,7 +61,7 @@ class TakeBack(Change):
         last = "(that|it|this|(the|my|that) [last|previous] [edit|change|step|command|one|thing])"
         undo = say.command(
             "take back the last edit", say.always(lambda *_: cls()), "undo", say.Use(alone=True), say.nobody,
-            undo=f"[undo|revert|[take|takes|taking] back] {last}|[take|takes] [that|it|this] back",
+            undo=f"[undo|revert|[take|takes|taking] back] {last}|take [that|this] back",
         )  # fmt: skip
         return say.Said(early=(undo,))
 
