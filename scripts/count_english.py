@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 ROOMS = {
-    "edit": "clauses commands graded language making phrases qualities refusals slots which",
+    "edit": "clauses commands english language phrases refusals values which",
     "language": "*",
     "query": "cues people wording",
 }
 """Room -> its files whose lines turn sentences into operations or questions."""
+OPERATIONS = ROOT / "f4x_core" / "edit" / "operation"
+"""Files of which `said` and what it calls, functions beside the class, read English."""
 IMPORT = "import time; t = time.process_time(); import f4x_core.edit.plan; print(time.process_time() - t)"
 PHRASES = """
 import f4x_core.edit.plan, f4x_core.query.wording, gc
@@ -20,6 +23,17 @@ from f4x_core.language.grammar import _Table
 tables = [one for one in gc.get_objects() if isinstance(one, _Table)]
 print(len({id(phrase) for table in tables for row in table.rows.values() for phrase, _ in row}))
 """
+
+
+def said_lines(file: Path) -> int:
+    """Lines of the methods `said` and of the functions beside classes."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    functions += [
+        one for node in classes for one in node.body if isinstance(one, ast.FunctionDef) and one.name == "said"
+    ]
+    return sum((node.end_lineno or node.lineno) - node.lineno + 1 for node in functions)
 
 
 def main() -> None:
@@ -30,6 +44,10 @@ def main() -> None:
         lines = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
         total += lines
         print(f"{room}: {lines} lines in {len(files)} files")
+    files = [*OPERATIONS.glob("*.py")]
+    lines = sum(map(said_lines, files))
+    total += lines
+    print(f"edit/operation: {lines} lines of {len(files)} files")
     asked = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
              for code in (PHRASES, IMPORT)]  # fmt: skip
     print(

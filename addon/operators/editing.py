@@ -42,8 +42,8 @@ from ...f4x_core.edit.plan_lines import plan_lines
 from ...f4x_core.edit.selects import All
 from ...f4x_core.edit.styles import STYLES
 from ...f4x_core.errors import F4xError
-from ...f4x_core.language.grammar import Doubt
 from ...f4x_core.language.lexicon import PLACES, plural
+from ...f4x_core.language.refusal import Doubt
 from ...f4x_core.progress import Progress
 from ...f4x_core.troubles import EXPECTED
 from ..common.wording import error_line, panel_words

@@ -20,8 +20,8 @@ from bpy.app.handlers import persistent
 from bpy.props import IntProperty
 from mathutils import Quaternion, Vector
 
+from ...f4x_core.edit.change import progress
 from ...f4x_core.edit.operations import MAX_SCALE, Transform
-from ...f4x_core.edit.retiming import progress
 from ...f4x_core.errors import F4xError
 from ..common.axes import SceneAxes
 from ..edits import display, fields

@@ -36,7 +36,7 @@ from ..files import replace_file
 from ..geometry import trajectory
 from ..geometry.camera import CameraPath
 from ..geometry.trajectory import View
-from ..language.grammar import Doubt
+from ..language.refusal import Doubt
 from ..progress import Progress, silent
 from ..query.inventory import PERSON
 from ..query.labels import encode_labels

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..edit.apply import base_of, open_scene, with_operations
-from ..edit.operations import Operation
+from ..edit.change import Change
 from ..edit.plan import Candidate, Proposal, preview, propose
 from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, of, write_stack
@@ -30,7 +30,7 @@ class EditRequest:
 
     sentence: str = ""
     """Plain English; empty where operations are given."""
-    operations: tuple[Operation, ...] = ()
+    operations: tuple[Change, ...] = ()
     """In place of a sentence."""
     source: str = ""
     """The file of the operations, for errors."""
@@ -121,9 +121,9 @@ def edit_file(
     return edited
 
 
-def _resolved(scene: Scene, request: EditRequest, progress: Progress) -> tuple[Operation, ...]:
+def _resolved(scene: Scene, request: EditRequest, progress: Progress) -> tuple[Change, ...]:
     """The operations of a request, each resolved in the scene that those before it leave."""
-    resolved: list[Operation] = []
+    resolved: list[Change] = []
     encode = encoder(progress)
     for number, operation in enumerate(request.operations, 1):
         progress("edit", number - 1, 0, operation.TAG)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..edit.apply import with_operations
-from ..edit.bake import bake, needs_time
+from ..edit.bake import bake
 from ..edit.description import SCENE_AXES, describe
 from ..edit.operations import Name
 from ..edit.plan_lines import as_seen
@@ -83,7 +83,7 @@ def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def _why_not_folded(scene: Scene) -> str:
     """The reason why the first remaining edit cannot be folded in."""
     for number, edit in enumerate(of(scene).edits, 1):
-        if edit.enabled and needs_time(edit):
+        if edit.enabled and not edit.operation.lasts:
             return f"{edit.titled(number)} changes with time what base arrays hold once, and those after it build on it"
     return "the nodes of a scaffold cannot hold their moments exactly"
 

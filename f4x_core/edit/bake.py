@@ -11,7 +11,8 @@ its curves run through the same places.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -24,13 +25,14 @@ from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.linear import fitted_look, is_refitted, linear_scene, with_look
 from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
 from ..scene.tints import PARTS, Tints, quantized
-from .apply import APPEARANCE_OPERATIONS, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
+from .apply import EditedScene, base_of, edited, next_id
 from .keys import with_keys_folded
-from .operations import Blur, Delete, Duplicate, Glow, Name, Opacity, TakeBack, Transform
-from .retiming import progress
-from .selects import Ids, Moving, Select
+from .operations import Delete, Name
+from .records import mapped
+from .selects import Ids, Moving
 from .splat_rows import SplatRows
 from .stack import Edit, EditStack, of, with_stack
+from .state import NO_MOTION, Motion
 
 TOLERANCE = 0.02
 """Maximum error of a folded Gaussian in pixels at any clip frame; edits with a larger error stay in the stack."""
@@ -63,7 +65,7 @@ def _bake(scene: Scene) -> Scene:
     """
     scene = with_keys_folded(base_of(scene))
     stack = of(scene)
-    active = tuple(edit for edit in stack.edits if edit.enabled and not isinstance(edit.operation, TakeBack))
+    active = tuple(edit for edit in stack.edits if edit.enabled and edit.operation.taken_back is None)
     kept = EditStack(active)
     whole = edited(with_stack(scene, kept))
     for count in _foldable(scene, active):
@@ -82,23 +84,13 @@ def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
     whole = edited(with_stack(scene, EditStack(active)))
     steps = whole.steps if isinstance(whole, EditedScene) else ()
     # what comes and goes is there by the clip's clock: edits that show other moments of it cannot be folded
-    lasting = next((s.edit.id for s in steps if needs_time(s.edit) or (s.reads and scene.fades)), None)
+    lasting = next((s.edit.id for s in steps if not s.edit.operation.lasts or (s.reads and scene.fades)), None)
     count = len(active) if lasting is None else [edit.id for edit in active].index(lasting)
-    factors = [edit.operation.factor if isinstance(edit.operation, Opacity) else 1.0 for edit in active]
+    hidden = [edit.operation.hides for edit in active]
     inexact = {step.edit.id for step in steps if step.reads}
     for few in (count, *(index for index in range(count - 1, -1, -1) if active[index].id in inexact), 0):
-        brings_back = any(factor > 1 for factor in factors[few:]) and 0 in factors[:few]
-        yield factors.index(0) if brings_back else few  # what stays brings back what was hidden, as the base has it
-
-
-def needs_time(edit: Edit) -> bool:
-    """Whether an edit changes appearance or sizes over time, which base arrays cannot hold."""
-    operation = edit.operation
-    if isinstance(operation, Transform):
-        return operation.frames is not None and operation.scale != 1
-    if isinstance(operation, Glow | Blur):  # sizes that nodes and folded arrays would not carry alike
-        return True
-    return isinstance(operation, APPEARANCE_OPERATIONS) and operation.frames is not None
+        brings_back = any(edit.operation.brings_back for edit in active[few:]) and any(hidden[:few])
+        yield hidden.index(True) if brings_back else few  # what stays brings back what was hidden, as the base has it
 
 
 def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: SplatRows, folded: Scene) -> EditStack:
@@ -117,20 +109,7 @@ def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: SplatRows, f
 
 def _spelt(edit: Edit, rows: SplatRows) -> Any:
     """The operation with `moving` as ids: edits that are folded in make Gaussians move that did not."""
-
-    def spell(value: Any) -> Any:
-        if isinstance(value, Moving):
-            return Ids.of(rows.ids[rows.carried])
-        if isinstance(value, tuple):
-            return tuple(spell(part) for part in value)
-        if isinstance(value, Select):
-            inner = {entry.name: spell(getattr(value, entry.name)) for entry in fields(value)}  # type: ignore[arg-type]
-            return replace(value, **inner)  # type: ignore[type-var]  # every selection is a dataclass
-        return value
-
-    operation = edit.operation
-    names = [entry.name for entry in fields(operation) if isinstance(getattr(operation, entry.name), Select)]
-    return replace(operation, **{name: spell(getattr(operation, name)) for name in names})
+    return mapped(edit.operation, lambda value: Ids.of(rows.ids[rows.carried]) if isinstance(value, Moving) else None)
 
 
 def _off(scene: Scene, baked: Scene) -> float:
@@ -185,7 +164,7 @@ def _histories(scene: EditedScene, there: np.ndarray) -> list[np.ndarray]:
         if step.copied is not None:
             _, below, part = step.read(0.0, np.arange(len(scene.after(depth).ids)))
             code = code[below]
-        elif isinstance(step.edit.operation, APPEARANCE_OPERATIONS):
+        elif step.edit.operation.LOOKS:
             continue
         code = np.unique(code * (part.max() + 1) + part, return_inverse=True)[1]
     index = np.flatnonzero(there)
@@ -213,12 +192,11 @@ def _track(scene: EditedScene, row: int, time: float) -> tuple[float, Motion]:
         if step.reads:
             when, at, copy = step.read(time, np.array([row]))
             time, row = float(when[0]), int(at[0])
-            if isinstance(operation, Duplicate):
-                whole = whole.after(NO_MOTION._replace(translate=copy[0] * np.array(operation.offset)))
-        elif isinstance(operation, Transform) and step.chosen[row]:
-            fraction = progress(operation.frames, operation.ease, time, last)
-            if fraction:
-                whole = whole.after(motion_of(operation, fraction, scene.pivot(below, time)))
+            if (shift := operation.copy_motion(copy)) is not None:
+                whole = whole.after(NO_MOTION._replace(translate=shift[0]))
+        elif step.chosen[row] and (fraction := operation.fraction(time, last)):
+            motion = operation.motion(fraction, partial(scene.pivot, below, time=time))
+            whole = whole if motion is None else whole.after(motion)
     return time, whole
 
 
@@ -265,9 +243,7 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
     if base.tints is not None:
         extra |= _tints(scene, base.tints, static_rows, followers)
     folded_edits = [
-        {"op": edit.operation.TAG, "said": edit.sentence}
-        for edit in of(scene).edits
-        if not isinstance(edit.operation, Name)
+        {"op": edit.operation.TAG, "said": edit.sentence} for edit in of(scene).edits if edit.operation.ACTS
     ]
     return replace(
         base,

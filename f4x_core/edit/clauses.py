@@ -11,9 +11,7 @@ from ..language.amounts import number
 from ..language.grammar import (
     NOTHING,
     Cover,
-    Mismatch,
     Reading,
-    Refusal,
     Rule,
     covers,
     either,
@@ -29,11 +27,12 @@ from ..language.grammar import (
 )
 from ..language.idle import EMPTY, idle_gaps
 from ..language.lexicon import FUNCTION_WORDS, word_set
+from ..language.refusal import Mismatch, Refusal
 from ..language.times import Span, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .commands import ADDS_NOTHING, COMMANDS
+from .english import AGAIN, REMARK, TOPIC, Command
 from .phrases import besides, known_thing, spares, thing
-from .slots import AGAIN, REMARK, TOPIC, Command
 
 
 class Clause(NamedTuple):

@@ -98,11 +98,18 @@ def with_hue(rgb: np.ndarray, target: np.ndarray) -> np.ndarray:
     return rgb_from_lab(lab_from_rgb(rgb)[:, :1] * goal / goal[0])
 
 
-def graded(rgb: np.ndarray, contrast: float, saturation: float, warmth: float, lightness: float) -> np.ndarray:
-    """sRGB (n,3): `rgb (n,3)` with its lights spread about OKLab `lightness`, its saturation scaled and its tints shifted."""
+def graded(
+    rgb: np.ndarray, contrast: float, saturation: float, warmth: float, lightness: float, hue: float = 0.0
+) -> np.ndarray:
+    """sRGB (n,3): `rgb (n,3)` with its lights spread about OKLab `lightness`, its saturation scaled, its hues turned by `hue`
+    degrees and its tints shifted."""
     lab = lab_from_rgb(rgb)
     light = lightness + contrast * (lab[:, :1] - lightness)
-    tint = saturation * lab[:, 1:] + warmth * np.array(WARM) * np.clip(light, 0, 1)
+    tint = saturation * lab[:, 1:]
+    if hue:
+        cos, sin = np.cos(np.deg2rad(hue)), np.sin(np.deg2rad(hue))
+        tint = tint @ np.array([[cos, sin], [-sin, cos]])
+    tint = tint + warmth * np.array(WARM) * np.clip(light, 0, 1)
     return rgb_from_lab(np.concatenate([light, tint], 1))
 
 

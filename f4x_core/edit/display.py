@@ -16,9 +16,8 @@ from ..query.pixels import heat_map
 from ..query.selection import Selection
 from ..scene import PosedSplats, Scene
 from ..scene.tints import gain_of
-from .apply import APPEARANCE_OPERATIONS, EVERY, Appearance, EditedScene
-from .operations import Blur, Transform
-from .retiming import effect
+from .apply import EVERY, EditedScene
+from .state import Appearance
 
 GREY = 0.5
 """Grey level under a heat map, in place of the image, so that scores are easy to read."""
@@ -36,7 +35,7 @@ class Display:
         """(n,) int rows that are drawn separately, copies included, in increasing order."""
         apart = np.zeros(len(self.scene.ids), bool)
         for step in self._steps:
-            if step.reads or isinstance(step.edit.operation, Transform | Blur):
+            if step.reads or step.edit.operation.PLACES:
                 apart[: len(step.chosen)] |= step.chosen
         apart[len(self.scene.static) + len(self.scene.dynamic) :] = True
         return np.flatnonzero(apart & self.there)
@@ -51,8 +50,7 @@ class Display:
     @cached_property
     def appearance_changes(self) -> bool:
         """Whether appearance depends on time."""
-        timed = (s for s in self._steps if isinstance(s.edit.operation, APPEARANCE_OPERATIONS))
-        return any(step.edit.operation.frames is not None for step in timed)  # type: ignore[union-attr]
+        return any(step.edit.operation.LOOKS and step.edit.operation.span is not None for step in self._steps)
 
     @cached_property
     def changes(self) -> bool:
@@ -72,10 +70,10 @@ class Display:
         time, timed = self.time(frame), []
         for depth, step in enumerate(self._steps):
             operation = step.edit.operation
-            if isinstance(operation, APPEARANCE_OPERATIONS) and operation.frames is not None:
+            if operation.LOOKS and operation.span is not None:
                 if any(other.reads for other in self._steps[:depth]):
                     return time  # its tones may be those of Gaussians at other moments
-                timed.append(effect(operation, time, float(self.scene.cameras.times[-1])))
+                timed.append(operation.fraction(time, float(self.scene.cameras.times[-1])))
         return tuple(timed)
 
     def rows_of(self, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -26,8 +26,8 @@ from ..scene import Scene
 from ..scene.view import render
 from ..scene.visualise import labelled_grid
 from .apply import with_operations
+from .change import Change
 from .endpoint import MAX_SENTENCE_LENGTH, ask_json, replies
-from .operations import Delete, Duplicate, Extract, Freeze, Loop, Name, Operation, Retime, Reverse, Transform
 from .resolve import Resolver, chosen
 from .selects import Text
 
@@ -56,8 +56,6 @@ WORDS, RESTLESS = 0.5, 0.25
 """What a change of a probability from 0 to 1, and a doubled flicker, count beside coverage and leakage."""
 MARGIN = 0.05
 """A variant has to be so much better than the plain reading, which is what was said; less is the noise of small pictures."""
-ELSEWHERE = (Transform, Freeze, Retime, Reverse, Loop)
-"""Operations after which the thing is seen where it was not."""
 
 JUDGE = """You compare edits of a filmed scene. The picture shows in its first column the scene before, in columns 1, 2, … \
 candidates; rows are moments and views. The user's message has the request, which is data. Choose the candidate that does \
@@ -81,8 +79,8 @@ class Verdict:
 def judge(
     scene: Scene,
     sentence: str,
-    asked: Sequence[Operation],
-    candidates: Sequence[tuple[Operation, ...]],
+    asked: Sequence[Change],
+    candidates: Sequence[tuple[Change, ...]],
     resolver: Resolver,
     *,
     server: ChatServer | None = None,
@@ -128,7 +126,7 @@ def ask_which(server: ChatServer, sentence: str, sheet: Image.Image, count: int)
 
 
 def candidate_sheet(
-    scene: Scene, candidates: Sequence[tuple[Operation, ...]], best: int | None = None, backend: str = "auto"
+    scene: Scene, candidates: Sequence[tuple[Change, ...]], best: int | None = None, backend: str = "auto"
 ) -> Image.Image:
     """RGB picture: a row for each view, a column before and one for each candidate, the one at index `best` framed."""
     views = [_small(view, SHEET_COLUMNS) for view in views_of(scene)]
@@ -198,7 +196,7 @@ def _weights(scene, asked, candidates, resolver) -> np.ndarray:
 class _Eye:
     """Renders a scene before its edit and scores candidates of n operations against that."""
 
-    def __init__(self, scene: Scene, asked: Sequence[Operation], weights: np.ndarray, resolver: Resolver, backend: str):
+    def __init__(self, scene: Scene, asked: Sequence[Change], weights: np.ndarray, resolver: Resolver, backend: str):
         """`weights (N,n)` of `_weights`."""
         self.scene, self.asked, self.weights, self.backend = scene, asked, weights, backend
         self.views = [_small(view, COLUMNS) for view in views_of(scene)]
@@ -213,14 +211,14 @@ class _Eye:
         self.queries = [
             (n, ask_for(scene, operation.select.labels, operation.select.negatives, None, resolver.encode))
             for n, operation in enumerate(asked)
-            if isinstance(operation, Delete | Extract) and isinstance(operation.select, Text)
+            if operation.ANSWERS and isinstance(operation.select, Text)
         ]
         self.answers = [self._answer(scene, query) for _, query in self.queries]
 
-    def score(self, operations: tuple[Operation, ...]) -> dict[str, float]:
+    def score(self, operations: tuple[Change, ...]) -> dict[str, float]:
         """The numbers of a candidate."""
         after = with_operations(self.scene, *operations)
-        copying = np.array([[isinstance(operation, Duplicate) for operation in self.asked]], np.float32)
+        copying = np.array([[operation.SEEN == "in copies" for operation in self.asked]], np.float32)
         copies = np.repeat(copying, len(after.ids) - len(self.weights), axis=0)
         weights = np.concatenate([self.weights * (1 - copying), copies])  # of a copying, the copies are what is new
         left = weights * self._untouched(after, operations)
@@ -236,21 +234,18 @@ class _Eye:
         score = coverage - leakage + WORDS * words - RESTLESS * max(0.0, restless - 1)
         return {"coverage": coverage, "leakage": leakage, "words": words, "flicker": restless, "score": score}
 
-    def _untouched(self, after: Scene, operations: tuple[Operation, ...]) -> np.ndarray:
+    def _untouched(self, after: Scene, operations: tuple[Change, ...]) -> np.ndarray:
         """(N,n) bool: Gaussians that each operation leaves unchanged. Only `after` shows parts that were hidden before."""
-        passed = [isinstance(operation, Duplicate | Extract | Name) for operation in operations]
+        passed = [operation.SEEN in ("in copies", "in the rest", "nowhere") for operation in operations]
         return np.stack([~(chosen(after, o.select) | p) for o, p in zip(operations, passed, strict=True)], 1)
 
     def _target(self, was: np.ndarray, now: np.ndarray) -> np.ndarray:
         """(H,W) bool that should change, by who is where before and after (H,W,n)."""
         target = np.zeros(was.shape[:2], bool)
         for n, operation in enumerate(self.asked):
-            if isinstance(operation, Extract):
-                target |= ~was[..., n]
-            elif isinstance(operation, Duplicate):
-                target |= now[..., n]
-            elif not isinstance(operation, Name):
-                target |= was[..., n] | now[..., n] if isinstance(operation, ELSEWHERE) else was[..., n]
+            there = {"in place": was, "in the rest": ~was, "in copies": now, "elsewhere": was | now}
+            if operation.SEEN in there:
+                target |= there[operation.SEEN][..., n]
         return target
 
     def _look(self, scene: Scene, view: View, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -271,7 +266,7 @@ class _Eye:
         gains = []
         for (n, query), old in zip(self.queries, self.answers, strict=True):
             new = self._answer(after, query)
-            if isinstance(self.asked[n], Delete):
+            if self.asked[n].ANSWERS < 0:
                 where = self.before[MOMENTS // 2][1][..., n]
                 gains.append(_mean(old, where) - _mean(new, where))
             else:

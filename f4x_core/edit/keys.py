@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from ..scaffold import Scaffold
 from ..scaffold.control import resample_in_time
 from ..scaffold.deformation import align_signs
 from ..scene import Scene
-from .operations import Rekey
 from .stack import Edit, EditStack, of, with_stack
 
 LEAD = 100.0
@@ -32,20 +32,19 @@ def rekeyed(scene: Scene, edits: Iterable[Edit]) -> Scaffold | None:
     nodes that are not there.
     """
     scaffold = scene.scaffold
-    changes = [(n, edit) for n, edit in enumerate(edits, 1) if edit.enabled and isinstance(edit.operation, Rekey)]
+    changes = [(n, edit) for n, edit in enumerate(edits, 1) if edit.enabled and edit.operation.REKEYS]
     if not changes:
         return scaffold
     if scaffold is None:
         number, edit = changes[0]
         raise F4xError(f"{scene.name}: {edit.titled(number)}: the scene has no scaffold; take the edit back.")
     place = {int(id): index for index, id in enumerate(scaffold.ids)}
-    knots = [scaffold.times, scene.cameras.times, *(edit.operation.times for _, edit in changes)]  # type: ignore[union-attr]
+    knots = [scaffold.times, scene.cameras.times, *(edit.operation.times for _, edit in changes)]  # type: ignore[attr-defined]
     times = np.unique(np.concatenate(knots))
     scaffold = resample_in_time(scaffold, times)
     xyz, quat = scaffold.xyz.copy(), scaffold.quat.copy()
     for number, edit in changes:
-        operation = edit.operation
-        assert isinstance(operation, Rekey)
+        operation: Any = edit.operation
         missing = [id for id in operation.nodes if id not in place]
         if missing:
             raise F4xError(
@@ -63,7 +62,7 @@ def with_keys_folded(scene: Scene) -> Scene:
     """
     stack, old = of(scene), scene.scaffold
     moved = rekeyed(scene, stack.edits)
-    left = EditStack(tuple(edit for edit in stack.edits if not isinstance(edit.operation, Rekey)))
+    left = EditStack(tuple(edit for edit in stack.edits if not edit.operation.REKEYS))
     if moved is None or old is None or moved is old:
         return scene if len(left) == len(stack) else with_stack(scene, left)
     dynamic = scene.dynamic

@@ -20,12 +20,8 @@ from ..language.courtesies import WISHES
 from ..language.grammar import (
     NAMES_TOO,
     VOCABULARY,
-    Doubt,
-    Final,
     Reading,
-    Refusal,
     Rule,
-    Slip,
     Token,
     keyword,
     literal,
@@ -45,31 +41,18 @@ from ..language.lexicon import (
     word_set,
     written,
 )
+from ..language.refusal import Doubt, Final, Refusal, Slip
 from ..language.times import HALF_WAY, START, Span, TimeExpression
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
+from .change import Change, ChangeWithShadow
 from .clauses import OF_ALL, Clauses, Search, arguments
 from .commands import COMMANDS
 from .description import in_words
-from .making import BESIDE, COPY_DISTANCE, is_of_a_clip, is_of_a_picture
-from .operations import (
-    SHOWN,
-    ChangeWithShadow,
-    Delete,
-    Duplicate,
-    Extract,
-    Match,
-    Opacity,
-    Operation,
-    Recolour,
-    Retime,
-    Style,
-    Transform,
-)
+from .english import AGAIN, REMARK, TOPIC, Command
 from .phrases import SentenceContext, When, several_placed, together
 from .refusals import NO_EDIT, UNCLEAR, UNSURE, reason_of
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, Text, parts_of
-from .slots import AGAIN, REMARK, TOPIC, Command
 from .which import removes
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
@@ -90,7 +73,7 @@ _DROPPED = word_set("please kindly thanks thank")
 
 def parse(
     request: Request, *, copies: Mapping[SelectKind, SelectKind] | None = None, earlier: str = ""
-) -> tuple[Operation, ...]:
+) -> tuple[Change, ...]:
     """Return the operations that a sentence asks for, in order; selections are words, not yet resolved in a scene.
 
     `copies`: those of earlier sentences -> what was copied; `earlier`: the sentence before, of which "it", "the other one" and
@@ -103,7 +86,7 @@ def parse(
     sentence = written(request.sentence)
     known = _known(tuple(request.labels), tuple(request.names))
 
-    def settled(read: Read) -> tuple[Operation, ...]:
+    def settled(read: Read) -> tuple[Change, ...]:
         context = SentenceContext(
             request.fps,
             request.frames,
@@ -148,7 +131,7 @@ class Read:
     """The words of the sentence, or of the other way to say it that was understood."""
     clauses: Clauses = ()
     """Each behind its separators; none: not understood."""
-    operations: tuple[Operation, ...] = ()
+    operations: tuple[Change, ...] = ()
     """What it asks for, where that was worked out to know whether it is understood."""
     idle: tuple[int, ...] = ()
     """Words that no phrase explains."""
@@ -166,12 +149,12 @@ def _holds(rule: Rule, reading: Reading) -> bool:
     return any(rule.at(reading, at) for at in range(len(reading.tokens)))
 
 
-Settle = Callable[[Read], tuple[Operation, ...]]
+Settle = Callable[[Read], tuple[Change, ...]]
 Said = tuple[Command, dict[str, Any]]
 """A command with the slots that a sentence gave it."""
 
 
-def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple[Operation, ...]:
+def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple[Change, ...]:
     """The operations of a sentence; raises F4xError."""
     operations = _placed([_sparing(one, context.spared) for one in list(_operations(read.clauses, context, before))])
     operations = operations or context.complaints
@@ -181,15 +164,11 @@ def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple
         raise Refusal(
             "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the people'."
         )
-    if read.only_then and any(
-        isinstance(one, Extract) or (isinstance(one, Opacity) and one.factor > 1) for one in operations
-    ):
+    if read.only_then and any(one.left is not None or one.brings_back for one in operations):
         raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
     named = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
     spare = context.spare - named
-    return tuple(
-        replace(one, name="") if isinstance(one, Duplicate) and one.name in spare else one for one in operations
-    )
+    return tuple(one.altered(name="") if getattr(one, "name", "") in spare else one for one in operations)
 
 
 def _read(
@@ -234,7 +213,7 @@ def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
     ]
     if len(tokens) > MAX_WORDS:
         raise Refusal(f"The sentence has {len(tokens)} words, more than {MAX_WORDS}; say fewer commands at once.")
-    if not any(token.is_word for token in tokens):
+    if not any(token.text.isalnum() for token in tokens):
         raise Refusal("Nothing is said that could be done.")
     return Reading.of(sentence, tokens, known)
 
@@ -353,7 +332,7 @@ def _lexicon() -> frozenset[str]:
     return frozenset().union(VOCABULARY, NAMES_TOO, FUNCTION_WORDS, NO_THINGS, EMPTY, COLOURS, SHADES)
 
 
-def _selected(operation: Operation) -> Iterator[SelectKind]:
+def _selected(operation: Change) -> Iterator[SelectKind]:
     """Every selection in an operation."""
     for name in ("select", "source"):
         if hasattr(operation, name):
@@ -439,7 +418,7 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Said | None:
     return (done[-1].command, done[-1].slots) if done else None
 
 
-def _operations(clauses: Clauses, context: SentenceContext, before: Said | None = None) -> Iterator[Operation]:
+def _operations(clauses: Clauses, context: SentenceContext, before: Said | None = None) -> Iterator[Change]:
     """The operations of clauses; `before`: the command before them."""
     front: Span | None = None
     topics: list[SelectKind] = []
@@ -472,7 +451,7 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
         time = own or front or _time_behind(clauses, at)
         settled = When.of(time, context, slowly="slowly" in piece, soft=piece.get("slowly", False))
         for operation in _made(command, piece, who, settled, context, assumed):
-            if isinstance(operation, Duplicate):
+            if operation.SEEN == "in copies":
                 operation, topics[-1] = context.copied(operation)
             yield operation
         context.they = together(topics)
@@ -483,6 +462,8 @@ def _whom(
 ) -> tuple[SelectKind, bool]:
     """Whom a command is for, and whether that is only assumed."""
     use = command.use
+    if use.alone:
+        return All(), False
     if "who" not in piece and context.last in context.spared:  # "black and white, but leave the rose alone"
         context.last = None
     unnamed = context.last is None and not context.selected and not context.overall
@@ -516,13 +497,13 @@ def _time_behind(clauses: Clauses, at: int) -> Span | None:
 
 def _made(
     command: Command, piece: Mapping[str, Any], who: SelectKind, when: When, context: SentenceContext, assumed: bool
-) -> list[Operation]:
+) -> list[Change]:
     """The operations of one command; Refusal where it is not said for whom something strong is done."""
     made = command.make(**arguments(piece))
     values = made if isinstance(made, tuple) else ((made,),)
     operations = _compatible([value(who, when, context) for (value,) in values])
-    of_all = who == All() and not all(map(is_of_a_picture, operations))
-    if assumed and (of_all or any(isinstance(one, Match | Delete | Extract) for one in operations)):
+    of_all = who == All() and not all(one.of_picture for one in operations)
+    if assumed and (of_all or any(one.NEEDS_WHOM for one in operations)):
         raise Refusal("It is not said whom or what the command is for; name a thing, or say 'it' for what is selected.")
     return operations
 
@@ -555,7 +536,7 @@ def _of_a_clip(command: Command, piece: Mapping[str, Any]) -> bool:
         return False
     with suppress(F4xError):  # it is refused when the command is carried out
         return all(
-            is_of_a_clip(value(All(), When(), SentenceContext(1.0, 1)))
+            (one := value(All(), When(), SentenceContext(1.0, 1))).CLIP or one.of_picture
             for (value,) in (made if isinstance(made, tuple) else ((made,),))
         )
     return False
@@ -573,87 +554,34 @@ def _remarked(who: SelectKind, piece: Mapping[str, Any], when: When, context: Se
     if piece.get("complaint"):
         context.last = who
         helps = piece["complaint"](who, when, context)
-        if who == All() and isinstance(helps, Transform):
+        if who == All() and helps.PLACES and not helps.LOOKS:
             raise Refusal("The clip itself has no size and no place to change; say which thing is meant.")
         context.complaints.append(helps)
 
 
-def _sparing(operation: Operation, spared: Sequence[SelectKind]) -> Operation:
+def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
     """The operation without those that stay as they are, where it is for everything, all others or several of their kind."""
     select = getattr(operation, "select", None)
     cast = [one for one in spared if isinstance(one, Text) and all(map(is_cast, one.labels))]
     if cast and isinstance(operation, ChangeWithShadow):  # "remove the car but keep its shadow"
-        return replace(operation, select=And((operation.select, Not(together(cast)))))
+        return operation.altered(select=And((operation.select, Not(together(cast)))))
     left_out = [one for one in spared if one != select and not (isinstance(select, Not) and select.of == one)]
     if not left_out or select is None:
         return operation
     if isinstance(select, All):
-        return replace(operation, select=Not(together(left_out)))  # type: ignore[call-arg,arg-type]  # it has one
+        return operation.altered(select=Not(together(left_out)))
     if isinstance(select, Not):
-        return replace(operation, select=Not(together((select.of, *left_out))))  # type: ignore[call-arg,arg-type]
+        return operation.altered(select=Not(together((select.of, *left_out))))
     some = [one for one in left_out if isinstance(one, Instance) and one.of == select]
-    return replace(operation, select=And((select, Not(together(some))))) if some else operation  # type: ignore[call-arg,arg-type]
+    return operation.altered(select=And((select, Not(together(some))))) if some else operation
 
 
-def _placed(operations: list[Operation]) -> list[Operation]:
-    """The operations; a copy that is put somewhere at once is made there: "copy the dog and put the copy on the left"."""
-    placed: list[Operation] = []
+def _placed(operations: Sequence[Change]) -> list[Change]:
+    """The operations, each with the one before it as it says."""
+    placed: list[Change] = []
     for one in operations:
-        made = placed[-1] if placed else None
-        if isinstance(made, Duplicate) and isinstance(one, Transform) and made.offset == BESIDE:
-            stays = replace(one, translate=(0.0, 0.0, 0.0), select=made.select, unit="world", axes="world")
-            if one.select == Named(made.name) and stays == Transform(made.select) and any(one.translate):
-                far = COPY_DISTANCE if max(map(abs, one.translate)) == 1 and one.unit == made.unit else 1.0
-                x, y, z = (far * step for step in one.translate)
-                if x or z:
-                    placed[-1] = replace(made, offset=(x, y, z), unit=one.unit)
-                    continue
-        if isinstance(made, Duplicate) and _copies_of(made, one):
-            raise Refusal("It is not said whether the copies are to be copied, too; name the thing to copy.")
-        if isinstance(made, Opacity) and one == Opacity(made.select, SHOWN) and made.frames and made.frames[1]:
-            continue  # "hide it for a second, then it is back"
-        if isinstance(made, Transform) and isinstance(one, Transform) and any(one.translate):
-            back = (-made.translate[0], -made.translate[1], -made.translate[2])
-            if one == replace(made, translate=back):
-                raise Refusal("Two of the directions are on one line; say one of them.")
-        if isinstance(made, Delete | Extract) and removes(one):
-            if one.select == made.select or (isinstance(made, Extract) and one.select == Not(made.select)):
-                continue  # "keep only the dog and delete the rest"
-            if isinstance(made, Delete) and one.select == Not(made.select):
-                raise Refusal("Nothing would be left; say for example 'keep only the dog' if the rest is to go.")
-        if one != made and _is_overridden(made, one):
-            placed.pop()
-        if (
-            isinstance(made, Recolour | Retime)
-            and type(one) is type(made)
-            and (made.select, getattr(made, "mode", "")) == (one.select, getattr(one, "mode", ""))
-            and one.frames is None
-            and made.frames is not None
-            and made.frames[1] is not None
-        ):
-            one = replace(one, frames=(made.frames[1], None))  # "red until second 1, then blue"
-        if one != made:
-            placed.append(one)
+        placed[-1:] = placed[-1].followed_by(one) if placed else (one,)
     return placed
-
-
-def _copies_of(made: Duplicate, one: Operation) -> bool:
-    """True if copies are made of a thing and of its copies."""
-    return isinstance(one, Duplicate) and Named(made.name) in [*parts_of(one.select)][1:]
-
-
-def _is_overridden(made: Any, one: Any) -> bool:
-    """True if the next operation says all that this one does: "it is too dark, make it twice as bright"."""
-    if isinstance(made, Style | Recolour) and isinstance(one, Recolour) and one.mode == "assign" and one.strength == 1:
-        return getattr(made, "mode", "assign") == "assign" and (made.select, made.frames) == (one.select, one.frames)
-    if isinstance(made, Retime) and isinstance(one, Retime):  # "speed it up so that it only takes a second"
-        return (made.select, made.frames) == (one.select, one.frames)
-    if isinstance(one, Extract):
-        return made is not None and removes(made) and made.select == Not(one.select)
-    if isinstance(made, Opacity) and isinstance(one, Opacity) and one.frames and not made.frames:
-        return made.select == one.select  # "start with the boat invisible and let it fade in"
-    timed = type(made) is type(one) and hasattr(made, "ease") and made.frames is None and one.frames is not None
-    return timed and one == replace(made, frames=one.frames, ease=one.ease)
 
 
 def _about(moment: TimeExpression, length: Span) -> Span:
@@ -663,28 +591,21 @@ def _about(moment: TimeExpression, length: Span) -> Span:
     return Span(start, start.plus(far))
 
 
-def _same_way(one: Operation, other: Operation) -> bool:
+def _same_way(one: Change, other: Change) -> bool:
     """Whether two changes differ in how far they go alone: "let it pop, way more saturated", "in slow motion, at 40 %"."""
     a, b = one.to_json(), other.to_json()
-    if a["op"] != b["op"] or a.keys() != b.keys() or a["select"] != b["select"]:
+    if a["op"] != b["op"] or a.keys() != b.keys() or a.get("select") != b.get("select"):
         return False
-    pairs = [(a[key], b[key]) for key in ("contrast", "saturation", "speed", "scale") if key in a]
+    pairs = [(a[key], b[key]) for key in one.FACTORS if key in a]
     return bool(pairs) and all((x > 1) == (y > 1) for x, y in pairs)
 
 
-def _added(one: Operation) -> tuple[float, float, float] | None:
-    """The color that is added: "less green, more yellow" are two."""
-    return one.rgb if isinstance(one, Recolour) and one.mode == "add" else None
-
-
-def _compatible(operations: list[Operation]) -> list[Operation]:
+def _compatible(operations: list[Change]) -> list[Change]:
     """The operations; Refusal when two of them set the same thing."""
     if all(_same_way(one, operations[-1]) for one in operations):
         operations = operations[-1:]
-    names = ("mode", "rotate")
-    kinds = {(type(one), *(getattr(one, name, None) for name in names), _added(one)) for one in operations}
-    unseen = len(operations) > 1 and any(isinstance(one, Opacity) and one.factor == 0 for one in operations)
-    if unseen or len(kinds) < len(operations):
+    unseen = len(operations) > 1 and any(one.removes for one in operations)
+    if unseen or len({one.aspect for one in operations}) < len(operations):
         raise Final("Two things are said that exclude one another, as 'red and blue' do; say one of them.")
     return operations
 
@@ -741,7 +662,7 @@ def is_command(sentence: str, labels: Sequence[str]) -> bool:
     return bool(_done_by(sentence, labels))
 
 
-def _done_by(sentence: str, labels: Sequence[str]) -> tuple[Operation, ...]:
+def _done_by(sentence: str, labels: Sequence[str]) -> tuple[Change, ...]:
     """The operations of such a sentence; none where it cannot be carried out or has two meanings."""
     clip = SentenceContext(1.0, MOST_FRAMES, selected=True, labels=frozenset(labels))
     with suppress(F4xError):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 from ..scene import Scene
 from .apply import edited, next_id
-from .operations import Duplicate, Glow
-from .records import Record
+from .change import Change
+from .records import mapped
 from .selects import Ids
 from .stack import EditStack, merge, with_stack
 
@@ -31,16 +31,14 @@ def merge_edits(scene: Scene, base: EditStack, ours: EditStack, theirs: EditStac
     return merged
 
 
-def _with_later_ids(value: Any, start: int, further: int) -> Any:
-    """An operation or a part of one, in which every Gaussian id from `start` on is larger by `further`."""
-    if isinstance(value, Ids):
-        ids = value.array
-        return replace(Ids.of(ids + further * (ids >= start)), words=value.words)
-    if isinstance(value, tuple):
-        return tuple(_with_later_ids(part, start, further) for part in value)
-    if not isinstance(value, Record):
-        return value
-    inner = {entry.name: _with_later_ids(getattr(value, entry.name), start, further) for entry in fields(value)}  # type: ignore[arg-type]
-    if isinstance(value, Duplicate | Glow) and value.first_id >= start:
-        inner["first_id"] += further
-    return replace(value, **inner)  # type: ignore[type-var]  # every record is a dataclass
+def _with_later_ids(operation: Change, start: int, further: int) -> Change:
+    """An operation in which every Gaussian id from `start` on is larger by `further`."""
+
+    def later(value: Any) -> Any:
+        if isinstance(value, Ids):
+            return Ids.of(value.array + further * (value.array >= start)).altered(words=value.words)
+        return None
+
+    moved: Change = mapped(operation, later)
+    first = getattr(moved, "first_id", -1)
+    return moved.altered(first_id=first + further) if first >= start else moved

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..language.amounts import VIEWER, direction, number, number_at
 from ..language.colour_names import COLOURS, SHADES
@@ -14,9 +14,7 @@ from ..language.compounds import is_adjective
 from ..language.grammar import (
     NOTHING,
     VOCABULARY,
-    Final,
     Reading,
-    Refusal,
     Rule,
     either,
     generated,
@@ -45,9 +43,10 @@ from ..language.lexicon import (
     singular,
     word_set,
 )
+from ..language.notation import Notation
+from ..language.refusal import Final, Refusal
 from ..language.times import END, START, Clip, Span, no_such_time
 from ..language.verbs import IMPERATIVES, any_form
-from .operations import Duplicate, Operation
 from .selects import (
     COPY,
     SHARES,
@@ -66,6 +65,9 @@ from .selects import (
     Text,
     Where,
 )
+
+if TYPE_CHECKING:
+    from .change import Change
 
 HIM_OR_HER = {"'him'": ("man", "boy", "person", "people"), "'her'": ("woman", "girl", "person", "people")}
 """Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
@@ -93,7 +95,7 @@ class SentenceContext(Clip):
     """"Overall" is said: "it" is the picture where nothing was named."""
     spared: list[SelectKind] = field(default_factory=list)
     """What the sentence says is to stay as it is."""
-    complaints: list[Operation] = field(default_factory=list)
+    complaints: list[Change] = field(default_factory=list)
     """What would help against what the sentence complains of."""
     earlier: Mapping[SelectKind, SelectKind] = field(default_factory=dict)
     """The copies of each earlier command that made some, the last one last -> what was copied."""
@@ -121,7 +123,7 @@ class SentenceContext(Clip):
             return together((self.copies[select.name], select))
         return select.of if isinstance(select, Instance) else select
 
-    def copied(self, operation: Duplicate) -> tuple[Duplicate, SelectKind]:
+    def copied(self, operation: Any) -> tuple[Any, SelectKind]:
         """The operation with a name for its copies, which are "it" from now on; and "they": a single one and its original."""
         name = operation.name
         if not name:
@@ -554,35 +556,25 @@ def _plural_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
 
 
 _wearing = ~_article + _things(_wearing_at)
+_say = Notation(globals(), reserve=True)
 _all_that = keyword(
     "what|whatever|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
 )
-_moving = either(
-    _all_that + keyword("moves|move|is moving|are moving|is in motion|does move"),
-    ~_article + keyword("moving") + _objects,
-    keyword("[the|all the] (whole|entire) foreground"),
-    keyword(
-        "the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|walks|walk|running|walking|moving|moves|move]"
-    ),
+_moving = _say(
+    "<_all_that> [moves|move|is moving|are moving|is in motion|does move]|(<_article>) moving <_objects>|[the|"
+    "all the] (whole|entire) foreground|the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|"
+    "walks|walk|running|walking|moving|moves|move]"
 ) >> _always(Moving())
-_static = either(
-    _all_that
-    + keyword(
-        "stands still|stand still|stays still|stay still|is still|are still|is static|are static|does not move|do not move|"
-        "is not moving|are not moving|rests|is at rest|never moves"
-    ),
-    ~_article
-    + keyword("static|still|standing|stationary|motionless|unmoving|fixed")
-    + either(_objects, keyword("background|scene")),
-    ~keyword(
-        "([everything|all|anything|what is|whatever is|all that is|everything that is] (back) in) (the|its|all the)"
-    )
-    + keyword("(whole|entire) [background|backdrop|surroundings|scenery]"),
+_static = _say(
+    "<_all_that> [stands still|stand still|stays still|stay still|is still|are still|is static|are static|"
+    "does not move|do not move|is not moving|are not moving|rests|is at rest|never moves]|(<_article>) "
+    "[static|still|standing|stationary|motionless|unmoving|fixed] [<_objects>|background|scene]|(([everything|"
+    "all|anything|what is|whatever is|all that is|everything that is] (back) in) (the|its|all the)) (whole|"
+    "entire) [background|backdrop|surroundings|scenery]"
 ) >> _always(Not(Moving()))
-_moving_noun = either(
-    ~_article + keyword("moving") + _noun,
-    (~_article + _noun | _everybody)
-    + keyword("[that|which|who] [is moving|are moving|moves|move|is in motion|are in motion]"),
+_moving_noun = _say(
+    "(<_article>) moving <_noun>|[(<_article>) <_noun>|<_everybody>] [that|which|who] [is moving|are moving|"
+    "moves|move|is in motion|are in motion]"
 ) >> (lambda noun: lambda context: And((noun(context), Moving())))
 _WHICH = {
     "left|leftmost|left most|left hand|far left": "left",
@@ -622,8 +614,7 @@ _seen_in = optional(keyword("[of|as of|seen in|seen at] frame") + number)
 _kind = either(
     _moving,
     _moving_noun,
-    _noun,
-    keyword("[one|ones] of (the|these|those|my|all the)") + _noun,
+    _say("<_noun>|[one|ones] of (the|these|those|my|all the) <_noun>"),
     keyword("of (the|these|those|my|all the)") + ~_several + generated(_plural_at),
     keyword("one|ones") >> (lambda: SentenceContext.one),
     keyword("thing|object|item|element") >> _always(All()),
@@ -666,16 +657,7 @@ _point = keyword(
 ) + _place + optional(_seen_then) + unless(_seen_then) >> (
     lambda x, y, seen: lambda context: Point(context.present if seen is None else _frame(seen, context), x, y)
 )
-_SIDE_OF = {
-    "upper|top": "top",
-    "lower|bottom": "bottom",
-    "left": "left",
-    "right": "right",
-    "left hand": "left",
-    "right hand": "right",
-}
-
-
+_SIDE_OF = {"upper|top": "top", "lower|bottom": "bottom", "left|left hand": "left", "right|right hand": "right"}
 _whole = later(lambda: _whole_thing)
 """A thing that has parts; by name, because things are made of parts of things."""
 _part_of = ~keyword("the|its") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
@@ -718,24 +700,16 @@ def _the_copy(context: SentenceContext) -> SelectKind:
     return next(iter(context.earlier))
 
 
-_current = either(
-    keyword("(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected"),
-    keyword("(the|my|our|this|these|those|all) (the) (currently) selected") + _objects,
+_current = _say(
+    "(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected|(the|my|our|"
+    "this|these|those|all) (the) (currently) selected <_objects>"
 ) >> (lambda *_: lambda context: Current() if context.selected else context.it("the selection"))
-_everything = silent(
-    either(
-        keyword(
-            "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the "
-            "[things|objects]|all [things|objects]|every (single) [object|thing]|[everything|all] there is (to see)"
-        ),
-        keyword(
-            f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|[the|"
-            f"this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
-        ),
-    )
+_everything = keyword(
+    "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the [things|objects]|all "
+    "[things|objects]|every (single) [object|thing]|[everything|all] there is (to see)|"
+    f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|"
+    f"[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
 )
-
-
 _around = keyword(
     "(the) [world|scene|surroundings] around|(the|all the) things around|everything around|all around|(the) space around"
 ) + _neighbour >> (lambda who: lambda context: Not(who(context)))
@@ -927,41 +901,30 @@ untouched = literal(
     "keeping|retains] [its|his|her|their] (own|original|current) [size|place|position|color|colors|speed|look]"
 ) | literal("the same") + unless(literal("for|with|to|on|as|color|size"))
 """How something stays that is not touched."""
-_sparing = (
-    ~keyword("(,) [but|and|yet|while]")
-    + keyword(
-        "(please|just|only|do) [leave|leaving|keep|keeping|spare|skip|ignore|leave out|exclude|omit|omitting] (only|just)|[not|"
-        "without] [affecting|changing|touching|including]|do not [affect|change|touch|include]"
-    )
-    + ~keyword("the [color|colors] of")
+_sparing = _say(
+    "((,) [but|and|yet|while]) [(please|just|only|do) [leave|leaving|keep|keeping|spare|skip|ignore|leave out|"
+    "exclude|omit|omitting] (only|just)|[not|without] [affecting|changing|touching|including]|do not [affect|"
+    "change|touch|include]] (the [color|colors] of)"
 )
 _spared_after = (
     keyword("'s (own) [color|colors]") | untouched | keyword(f"out|there|behind|in [the|this] [{PICTURE}|plate]")
 )
-_besides = ~keyword(",") + (
-    keyword(_EXCEPT) + (_union | _the_biggest)
-    | _union + keyword("excepted|aside|excluded|exempted|not included|left out|being left out")
+_besides = _say(
+    "(,) [<except> [<_union>|<_the_biggest>]|<_union> [excepted|aside|excluded|exempted|not included|left out|being left out]]",
+    **{"except": keyword(_EXCEPT)},
 )
 _over = here(
     lambda reading, at: not reading.word(at).isalpha() or reading.word(at) in ("and", "but", "while", "please")
 )
-spares = (
-    ~keyword(",")
-    + either(
-        _sparing + (_union | _the_biggest) + ~_spared_after,
-        _union + keyword("[should|must|may|can] not (be) [change|changed|affected|touched]|[does|do] not change"),
-        ~keyword("(,) [but|and|while]")
-        + _union
-        + keyword("stays|remains|[may|can|should|must|shall|has to|is to] [stay|remain]")
-        + ~untouched,
-    )
-    + _over
+spares = _say(
+    "(,) [<_sparing> [<_union>|<_the_biggest>] (<_spared_after>)|<_union> [[should|must|may|can] not (be) [change|changed|affected|"
+    "touched]|[does|do] not change]|((,) [but|and|while]) <_union> [stays|remains|[may|can|should|must|shall|has to|is to] [stay|"
+    "remain]] (<untouched>)] <_over>"
 )
 """Whom a command for everything or several leaves as they are, said in a clause of its own: "but keep the dog"."""
-everything_but = either(
-    _everywhere_else + _union,
-    (_everything | silent(everything_else)) + _in_scene + (_besides | spares | keyword("not") + _union),
-    keyword("[what|whatever|all that|anything that] is not") + _union,
+everything_but = _say(
+    "<_everywhere_else> <_union>|[<_everything>|<.everything_else>] <_in_scene> [<_besides>|<spares>|not "
+    "<_union>]|[what|whatever|all that|anything that] is not <_union>"
 )
 """What is spared in "everything except the dog": a `Who`."""
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..errors import F4xError
-from ..language.grammar import Doubt, Refusal, read_as_meant
+from ..language.grammar import read_as_meant
+from ..language.refusal import Doubt, Refusal
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.inventory import words_there
@@ -19,14 +18,13 @@ from ..query.people import in_ordinals, remarks_on
 from ..scene import Scene, read_scene, updating
 from . import endpoint, language
 from .apply import edited, stack_of, with_operations
+from .change import Change
 from .description import describe
 from .judge import judge
-from .operations import Duplicate, Freeze, Loop, Operation, Retime, Reverse, Transform
-from .records import Record
+from .records import Record, mapped
 from .request import Request
 from .resolve import Absent, EditorState, Resolver, labels_of, rows_of
-from .retiming import time_map_of
-from .selects import All, Ids, SelectKind, Text
+from .selects import Ids, SelectKind, Text
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
 from .stack import undo as undo
@@ -46,7 +44,7 @@ AMOUNTS = (0.7, 1.4)
 class Candidate:
     """One way to carry out a sentence."""
 
-    operations: tuple[Operation, ...]
+    operations: tuple[Change, ...]
     """Resolved: as they go into the stack."""
     why: str = ""
     """How it differs from the plain reading."""
@@ -144,7 +142,7 @@ def propose(
 
 def read_sentence(
     scene: Scene, sentence: str, context: EditorState, server: ChatServer | None = None
-) -> tuple[tuple[Operation, ...], str, tuple[str, ...]]:
+) -> tuple[tuple[Change, ...], str, tuple[str, ...]]:
     """(operations in the words of the sentence, not yet resolved; who understood it; notes). Raises F4xError."""
     names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
     chosen = None if context.selection is None else context.selection.for_ids(scene.ids).chosen
@@ -158,9 +156,10 @@ def read_sentence(
             return operations, server.url, ()
         except F4xError as error:
             notes = (f"{error} The grammar read the sentence instead.",)
-    earlier, copies = next((edit.sentence for edit in reversed(of(scene).edits) if edit.enabled), ""), _copies(scene)
+    active = (edit for edit in reversed(of(scene).edits) if edit.enabled and edit.operation.taken_back is None)
+    earlier, copies = next((edit.sentence for edit in active), ""), _copies(scene)
 
-    def read(text: str) -> tuple[Operation, ...]:
+    def read(text: str) -> tuple[Change, ...]:
         return language.parse(replace(request, sentence=text), copies=copies, earlier=earlier)
 
     try:
@@ -176,11 +175,11 @@ def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:
     """The copies that the edits of a scene made and that are there -> what was copied, in order."""
     found: dict[SelectKind, SelectKind] = {}
     for step in getattr(scene, "steps", ()):
-        operation = step.edit.operation
-        if isinstance(operation, Duplicate):
-            copies = Ids.of(operation.first_id + np.arange(len(step.copied) * operation.count))
+        if step.copied is not None:
+            copies = Ids.of(step.copy_ids)
             if len(rows_of(scene, copies)):
-                found[replace(copies, words="the copy" if operation.count == 1 else "the copies")] = operation.select
+                words = "the copy" if len(step.copy_time_maps) == 1 else "the copies"
+                found[replace(copies, words=words)] = step.edit.operation.select
     return found
 
 
@@ -199,22 +198,15 @@ def words_in(value: Any) -> Iterator[str]:
         yield from words_in(part)
 
 
-def _idle(scene: Scene, operations: tuple[Operation, ...]) -> Iterator[str]:
+def _idle(scene: Scene, operations: tuple[Change, ...]) -> Iterator[str]:
     """A sentence about each operation that gives other moments to what is the same at all of them, or leaves some out."""
-    first, last = (float(time) for time in scene.cameras.times[[0, -1]])
+    clip = (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
     for operation in operations:
-        retimes = isinstance(operation, Freeze | Retime | Reverse | Loop) and not scene.fades
-        if retimes and not scene.moving[rows_of(scene, operation.select)].any():
+        retimes = operation.time_map(clip) is not None
+        if retimes and not scene.fades and not scene.moving[rows_of(scene, operation.select)].any():
             yield f"{describe(operation)}: that stands still already, so nothing changes."
-        elif (
-            isinstance(operation, Retime)
-            and (shown := time_map_of(operation, (first, last)))
-            and shown(last) < last - 1
-        ):
-            told = f"{describe(operation)}: the clip keeps its length, so what comes after frame {shown(last):.0f} is not shown."
-            if operation.select == All() and operation.frames is None:
-                told += f" `f4x render --path slow:{1 / operation.speed:.3g}` shows all of it, with a slower camera."
-            yield told
+        elif remark := operation.remark(scene):
+            yield remark
         scene = with_operations(scene, operation)
 
 
@@ -231,7 +223,7 @@ def apply(path: Path | str, candidate: Candidate) -> EditStack:
     return stack
 
 
-def _variants(asked: tuple[Operation, ...]) -> Iterator[tuple[tuple[Operation, ...], bool, str]]:
+def _variants(asked: tuple[Change, ...]) -> Iterator[tuple[tuple[Change, ...], bool, str]]:
     """(operations, tidy, why): the plain reading first, then others; some may come to the same."""
     yield asked, False, ""
     yield asked, True, "without stray pieces"
@@ -240,29 +232,10 @@ def _variants(asked: tuple[Operation, ...]) -> Iterator[tuple[tuple[Operation, .
         yield changed, False, f"probability from {threshold:g}"
         if number < len(AMOUNTS):
             amount = AMOUNTS[number]
-            yield tuple(_with_amount(operation, amount) for operation in asked), False, f"{amount:g} times as much"
+            yield tuple(operation.times_as_much(amount) for operation in asked), False, f"{amount:g} times as much"
         yield changed, True, f"probability from {threshold:g}, without stray pieces"
 
 
-def _with_threshold(value: Any, threshold: float) -> Any:
-    """An operation, selection or field with another threshold for the words in it."""
-    if isinstance(value, Text):
-        return replace(value, threshold=threshold)
-    if isinstance(value, tuple):
-        return tuple(_with_threshold(part, threshold) for part in value)
-    if isinstance(value, Record):
-        inner = {entry.name: _with_threshold(getattr(value, entry.name), threshold) for entry in fields(value)}  # type: ignore[arg-type]
-        return replace(value, **inner)  # type: ignore[type-var]  # every record is a dataclass
-    return value
-
-
-def _with_amount(operation: Operation, factor: float) -> Operation:
-    """An operation that goes so many times as far or resizes as much, where it speaks of widths or sizes; angles stay."""
-    if isinstance(operation, Duplicate) and operation.unit == "size":
-        x, y, z = operation.offset
-        return replace(operation, offset=(factor * x, factor * y, factor * z))
-    if not isinstance(operation, Transform):
-        return operation
-    x, y, z = operation.translate
-    further = (factor * x, factor * y, factor * z) if operation.unit == "size" else operation.translate
-    return replace(operation, translate=further, scale=operation.scale**factor)
+def _with_threshold(operation: Change, threshold: float) -> Change:
+    """An operation with another threshold for the words in it."""
+    return mapped(operation, lambda value: value.altered(threshold=threshold) if isinstance(value, Text) else None)  # type: ignore[no-any-return]

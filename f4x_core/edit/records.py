@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 import types
-from collections.abc import Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields, is_dataclass, replace
 from difflib import get_close_matches
 from functools import cache
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hints
 
 from ..errors import F4xError
 
@@ -40,6 +40,22 @@ class Record:
             if entry.default is MISSING or value != entry.default:
                 values[entry.name] = _plain(value)
         return values
+
+    def altered(self, **changed: Any) -> Self:
+        """The same with other values in some fields."""
+        return replace(self, **changed)  # type: ignore[type-var]  # every subclass is a dataclass
+
+
+def mapped(value: Any, change: Callable[[Any], Any]) -> Any:
+    """`value`, a record or a part of one, in which everything of which `change` makes something is replaced by that."""
+    found = change(value)
+    if found is not None:
+        return found
+    if isinstance(value, tuple):
+        return tuple(mapped(part, change) for part in value)
+    if isinstance(value, Record):
+        return value.altered(**{entry.name: mapped(getattr(value, entry.name), change) for entry in fields(value)})  # type: ignore[arg-type]
+    return value
 
 
 def read_record(family: Any, data: Any, where: str, depth: int = 0) -> Any:

@@ -11,9 +11,9 @@ from ..language.grammar import Reading, Rule, either, here, keyword, literal, si
 from ..language.lexicon import PICTURE, singular
 from ..language.times import duration, span
 from ..language.verbs import IMPERATIVES
-from .graded import QUALITIES
+from .commands import QUALITIES
+from .english import colored_noun, effect
 from .phrases import familiar, known_noun, known_thing
-from .qualities import colored_noun, effect
 
 UNDO = "That may be an undoing: use `f4x undo SCENE`, or the button for it, or say what is to be removed."
 _NEW = "Nothing new can be made; copies can, as in 'add another dog', and looks, as in 'make the dog look like ice'."
@@ -41,12 +41,12 @@ UNSURE: tuple[tuple[Rule, str], ...] = (
     (
         _begin
         + literal(
-            "[scratch|strike|scrap|drop|forget|cancel|kill|lose|axe|ditch|discard|undo|ignore|revoke] (about) "
+            "[scratch|strike|scrap|drop|forget|cancel|kill|lose|axe|ditch|discard|ignore|revoke] (about) "
             "[it|that|this] (all|one|again)|never mind (that|it)|nevermind|not [that|it] (one)|leave it|"
-            "[rather|better] not|[just] kidding|take [it|that] back|[undo|revert|restore|reset|redo] "
-            "(everything|all|it|the original)|undo|redo|revert|start over|[put|take|bring|turn] [it|that|this|"
+            "[rather|better] not|[just] kidding|take it back|[restore|reset|redo] (everything|all|it|the original)|[undo|revert] "
+            "[everything|all|the original]|redo|start over|[put|bring|turn] [it|that|this|"
             "them|everything] back (to how it was|how it was|as it was) (again)|step back|go (one|two|three|"
-            "a) [step|steps] back|go back ([one|two|three|a|some] [step|steps|edits])|[undo|scratch|cancel|"
+            "a) [step|steps] back|go back ([one|two|three|a|some] [step|steps|edits])|[scratch|cancel|"
             "delete|remove|reverse] (my|the|that) [last|previous] ([two|three|few]) [edit|edits|change|"
             "changes|step|steps|command|one|thing]"
         )

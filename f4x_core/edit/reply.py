@@ -12,33 +12,12 @@ from dataclasses import fields
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, Union
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, StringConstraints, ValidationError, create_model
 
 from ..errors import F4xError
-from .operations import (
-    MAX_COPIES,
-    Blur,
-    Delete,
-    Duplicate,
-    Extract,
-    Freeze,
-    Glow,
-    Grade,
-    Loop,
-    Match,
-    Name,
-    Opacity,
-    Operation,
-    Recolour,
-    Retime,
-    Reverse,
-    Span,
-    Style,
-    Swap,
-    Transform,
-)
+from .change import Change, Reply, Span
+from .operations import kinds
 from .selects import All, And, Current, Instance, Moving, Named, Not, Part, SelectKind, Text
-from .styles import STYLES
 
 if TYPE_CHECKING:
     from .request import Request
@@ -57,9 +36,6 @@ Words = Annotated[list[Word], Field(max_length=MAX_WORDS)]
 Frame = Annotated[int, Field(ge=-1, le=LAST_FRAME)]
 """Clip frame; -1 = none."""
 Byte = Annotated[int, Field(ge=0, le=255)]
-Percent = Annotated[int, Field(ge=0, le=100)]
-Offset = Annotated[int, Field(ge=-1000, le=1000)]
-"""Percent of the target's width."""
 Which = Literal["any", "left", "right", "top", "bottom", "middle", "nearest", "farthest", "largest", "smallest"]
 Half = Literal["whole", "top", "bottom", "left", "right"]
 
@@ -113,16 +89,41 @@ class Target(Strict):
 class RequestedChange(Strict):
     """One operation; `op` stands first, so that a model under a grammar decides it first."""
 
+    REPLY: ClassVar[Reply]
+    KIND: ClassVar[type[Any]]
     op: str
     target: Target
 
-    def operation(self, request: Request) -> Operation:
+    def operation(self, request: Request) -> Change:
         """The typed operation, unresolved."""
-        return self.about(self.target.select(request))
+        self._present = request.frame
+        who, make = self.target.select(request), self.REPLY.make
+        return self._field_by_field(who, request) if make is None else make(self, who, lambda one: one.select(request))
 
-    def about(self, select: SelectKind) -> Operation:
-        """The typed operation of `select`."""
-        raise NotImplementedError
+    @property
+    def present(self) -> float:
+        """The present frame."""
+        return self._present
+
+    _present: float = PrivateAttr(0.0)
+
+    def _field_by_field(self, who: SelectKind, request: Request) -> Change:
+        """The operation of which this is the reply; what is not asked for keeps its default."""
+        values: dict[str, Any] = {"select": who}
+        for entry in fields(self.KIND):
+            if "degrees" in entry.metadata:
+                values[entry.name] = float(getattr(self, f"{entry.name}_degrees"))
+            elif entry.name == "frames":
+                values["frames"] = getattr(self, "span", None)
+            elif entry.name == "other":
+                values["other"] = getattr(self, entry.name).select(request)
+            elif f"{entry.name}_percent" in type(self).model_fields:
+                usual = entry.default if entry.name in _USUAL else 1.0
+                values[entry.name] = getattr(self, f"{entry.name}_percent") / 100 * usual
+        color = getattr(self, "color", [])  # none: its own
+        if len(color) not in (0, 3):
+            raise F4xError("color needs red, green and blue, or nothing")
+        return self.KIND(**values, **({"rgb": tuple(part / 255 for part in color)} if color else {}))  # type: ignore[no-any-return]
 
 
 class Timed(RequestedChange):
@@ -139,220 +140,49 @@ class Timed(RequestedChange):
         return float(max(self.first_frame, 0)), None if self.last_frame < 0 else float(self.last_frame)
 
 
-class Paint(Timed):
-    """Another colour; `paint` keeps light and dark, `flat` does not, `hue` turns the hue alone."""
-
-    op: Literal["paint"]
-    red: Byte
-    green: Byte
-    blue: Byte
-    mode: Literal["paint", "flat", "hue"]
-    strength: Percent
-
-    def about(self, select: SelectKind) -> Operation:
-        """A `Recolour` towards the colour, over the span."""
-        rgb = (self.red / 255, self.green / 255, self.blue / 255)
-        mode: Literal["hue", "assign"] = "hue" if self.mode == "hue" else "assign"
-        return Recolour(select, rgb, mode, self.strength / 100, self.mode == "paint", self.span)
-
-
-class Brightness(Timed):
-    """Brighter or darker: 100 is as before."""
-
-    op: Literal["brightness"]
-    percent: Annotated[int, Field(ge=0, le=1000)]
-
-    def about(self, select: SelectKind) -> Operation:
-        """A `Recolour` that multiplies all channels by the same factor."""
-        factor = self.percent / 100
-        return Recolour(select, (factor, factor, factor), "multiply", frames=self.span)
-
-
-class OpacityChange(Timed):
-    """Transparent: 0 hides, 100 is as before."""
-
-    op: Literal["opacity"]
-    percent: Percent
-
-    def about(self, select: SelectKind) -> Operation:
-        """An `Opacity` of that factor, over the span."""
-        return Opacity(select, self.percent / 100, self.span)
-
-
-class RemovalChange(Timed):
-    """Delete it, or leave nothing else."""
-
-    op: Literal["delete", "keep_only"]
-
-    def about(self, select: SelectKind) -> Operation:
-        """A `Delete`, or an `Extract` for `keep_only`, over the span."""
-        return Delete(select, self.span) if self.op == "delete" else Extract(select, self.span)
-
-
-class TransformChange(Timed):
-    """Move, turn and resize, in one go or over the span; 0, 0, 0, 0, 0, 100 is as before."""
-
-    op: Literal["transform"]
-    right: Offset
-    up: Offset
-    away: Offset
-    turn_right_degrees: Annotated[int, Field(ge=-360, le=360)]
-    roll_right_degrees: Annotated[int, Field(ge=-360, le=360)]
-    size: Annotated[int, Field(ge=1, le=10000)]
-
-    def about(self, select: SelectKind) -> Operation:
-        """A `Transform` in units of the target's width and axes of the camera; with a first frame alone it is a jump."""
-        jump = self.first_frame >= 0 and self.last_frame < 0
-        return Transform(
-            select,
-            (self.right / 100, -self.up / 100, self.away / 100),
-            (0.0, float(self.turn_right_degrees), float(self.roll_right_degrees)),
-            self.size / 100,
-            "base" if self.size != 100 else "centroid",
-            "size",
-            "camera",
-            (float(self.first_frame),) * 2 if jump else self.span,
-            "step" if jump else "smooth",
-        )
-
-
-class Copy(RequestedChange):
-    """Copies beside it, or later in time."""
-
-    op: Literal["duplicate"]
-    right: Offset
-    up: Offset
-    away: Offset
-    later_frames: Annotated[int, Field(ge=-LAST_FRAME, le=LAST_FRAME)]
-    copies: Annotated[int, Field(ge=1, le=MAX_COPIES)]
-
-    def about(self, select: SelectKind) -> Operation:
-        """A `Duplicate`, its offset in widths of the target and axes of the camera."""
-        offset = (self.right / 100, -self.up / 100, self.away / 100)
-        return Duplicate(select, offset, float(self.later_frames), self.copies, "size", "camera")
-
-
-class Stop(Timed):
-    """Stand still from the first frame (-1: the present one) to the last (-1: for good)."""
-
-    op: Literal["freeze"]
-
-    def operation(self, request: Request) -> Operation:
-        """A `Freeze`; without a first frame it begins at the present one."""
-        at = float(request.frame if self.first_frame < 0 else self.first_frame)
-        return Freeze(self.target.select(request), at, None if self.last_frame < 0 else float(self.last_frame))
-
-
-class Speed(Timed):
-    """Faster or slower: 100 is as before."""
-
-    op: Literal["speed"]
-    percent: Annotated[int, Field(ge=1, le=10000)]
-    ease: Literal["none", "smooth"]
-
-    def about(self, select: SelectKind) -> Operation:
-        """A `Retime` over the span, with soft ends where it comes smoothly."""
-        return Retime(select, self.percent / 100, self.span, None if self.ease == "none" else "smooth")
-
-
-class ReverseOrLoop(Timed):
-    """Backwards, or again and again."""
-
-    op: Literal["reverse", "loop"]
-
-    def about(self, select: SelectKind) -> Operation:
-        """A `Reverse` or a `Loop`; F4xError for a loop without a span."""
-        if self.op == "reverse":
-            return Reverse(select, self.span)
-        if self.span is None:
-            raise F4xError("a loop needs first_frame and last_frame")
-        return Loop(select, self.span)
-
-
-class Look(Timed):
-    """A look from the table."""
-
-    op: Literal["style"]
-    look: Literal[tuple(STYLES)]  # type: ignore[valid-type]  # the table says which
-    strength: Percent
-
-    def about(self, select: SelectKind) -> Operation:
-        """A `Style` of that name, over the span."""
-        return Style(select, self.look, self.strength / 100, self.span)
-
-
-class MatchColors(Timed):
-    """The colours of something else."""
-
-    op: Literal["match"]
-    source: Target
-
-    def operation(self, request: Request) -> Operation:
-        """A `Match` of the target with the source, over the span."""
-        return Match(self.target.select(request), self.source.select(request), frames=self.span)
-
-
-class NameSelection(RequestedChange):
-    """A name for it."""
-
-    op: Literal["name"]
-    name: Word
-
-    def about(self, select: SelectKind) -> Operation:
-        """A `Name` for the selection."""
-        return Name(select, self.name)
-
-
-class Derived(Timed):
-    """A change whose fields come from an operation's own: see `_derived`."""
-
-    KIND: ClassVar[type[Any]]
-
-    def operation(self, request: Request) -> Operation:
-        """The operation of which this is the reply; what is not asked for keeps its default."""
-        values: dict[str, Any] = {"select": self.target.select(request), "frames": self.span}
-        for entry in fields(self.KIND):
-            if entry.name == "other":
-                values["other"] = getattr(self, entry.name).select(request)
-            elif f"{entry.name}_percent" in type(self).model_fields:
-                usual = entry.default if entry.name in _USUAL else 1.0
-                values[entry.name] = getattr(self, f"{entry.name}_percent") / 100 * usual
-        color = getattr(self, "color", [])  # none: its own
-        if len(color) not in (0, 3):
-            raise F4xError("color needs red, green and blue, or nothing")
-        return self.KIND(**values, **({"rgb": tuple(part / 255 for part in color)} if color else {}))
-
-
 _USUAL = ("radius",)
 """Fields that are told in percent of their default, because their unit is the scene's own."""
-_HIDDEN = ("shift", "first_id", "ease")
+_HIDDEN = ("shift", "first_id", "ease", "along")
 """Fields that are worked out in the scene, or keep their default."""
 
 
-def _derived(kind: type[Any]) -> type[Derived]:
-    """The reply for an operation, from its dataclass: numbers become percentages, a second selection a target, a colour bytes."""
-    shape: dict[str, Any] = {"op": (Literal[kind.TAG], ...)}
-    for entry in fields(kind):
-        if entry.name == "other":
-            shape["other"] = (Target, ...)
-        elif entry.name == "rgb":
-            shape["color"] = (Annotated[list[Byte], Field(max_length=3)], ...)
-        elif entry.name not in ("select", "frames", *_HIDDEN):
-            low = -100 if entry.default == 0.0 else 0
-            shape[f"{entry.name}_percent"] = (Annotated[int, Field(ge=low, le=1000 if low == 0 else 100)], ...)
-    doc = (kind.__doc__ or "").splitlines()[0]  # what the model reads
-    model = create_model(f"{kind.__name__}Reply", __base__=Derived, __doc__=doc, **shape)
-    model.KIND = kind
+def _model(kind: type[Change], reply: Reply) -> type[RequestedChange]:
+    """The model of a reply: numbers within their range, or percentages of the operation's own fields."""
+    shape: dict[str, Any] = {"op": (Literal[reply.op], ...)}
+    if reply.make is None:
+        for entry in fields(kind):  # type: ignore[arg-type]  # every operation is a dataclass
+            if most := entry.metadata.get("degrees"):
+                shape[f"{entry.name}_degrees"] = (_hint(range(-most, most + 1)), ...)
+            elif entry.name == "other":
+                shape["other"] = (Target, ...)
+            elif entry.name == "rgb":
+                shape["color"] = (Annotated[list[Byte], Field(max_length=3)], ...)
+            elif entry.name not in ("select", "frames", *_HIDDEN):
+                low = -100 if entry.default == 0.0 else 0
+                shape[f"{entry.name}_percent"] = (Annotated[int, Field(ge=low, le=1000 if low == 0 else 100)], ...)
+    for name, values in reply.fields.items():
+        shape[name] = (_TYPES[values] if isinstance(values, str | type) else _hint(values), ...)
+    base = Timed if reply.timed else RequestedChange
+    model = create_model(reply.name or f"{kind.__name__}Reply", __base__=base, __doc__=reply.doc, **shape)
+    model.KIND, model.REPLY = kind, reply
     return model
 
 
-DERIVED = tuple(_derived(kind) for kind in (Grade, Blur, Glow, Swap))
-"""Replies that need no words of their own."""
-_OWN = (
-    Paint, Brightness, OpacityChange, RemovalChange, TransformChange, Copy, Stop, Speed, ReverseOrLoop, Look, MatchColors,
-    NameSelection,
-)  # fmt: skip
-AnyChange: Any = Union.__getitem__((*_OWN, *DERIVED))
+_TYPES: dict[Any, Any] = {str: Word, "target": Target}
+
+
+def _hint(values: range | tuple[str, ...]) -> Any:
+    if isinstance(values, range):
+        return Annotated[int, Field(ge=values[0], le=values[-1])]
+    return Literal[values]  # type: ignore[valid-type]  # the operation says which
+
+
+_REPLIES = [(kind, reply) for kind in kinds() for reply in kind.replies()]
+AnyChange: Any = Union.__getitem__(
+    tuple(
+        _model(*one) for one in sorted(_REPLIES, key=lambda one: one[1].make is None)
+    )  # those of their own words first
+)
 """Any of the replies."""
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..language.cast_words import caster, is_cast
 from ..language.compounds import head_of, names_another
 from ..language.lexicon import UNCOUNTED, plural_of, singular
 from ..query.attached import attached_to
-from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to, width_along
+from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to
 from ..query.inventory import instead, labels_of
 from ..query.knowledge import refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label
@@ -24,20 +25,9 @@ from ..query.selection import SELECTED, Selection, fingerprint
 from ..query.surroundings import NO_THING, everything_to, is_backdrop, known_things
 from ..scene import Scene
 from ..scene.people import single_people
-from .apply import EditedScene, edited, next_id, pivot_of, with_operations
+from .apply import EditedScene, edited, next_id, with_operations
+from .change import Change, ChangeWithShadow
 from .description import whom
-from .operations import (
-    ChangeWithShadow,
-    Duplicate,
-    Freeze,
-    Glow,
-    Opacity,
-    Operation,
-    Rekey,
-    Swap,
-    TakeBack,
-    Transform,
-)
 from .selects import (
     MAX_WORDS_LENGTH,
     All,
@@ -59,13 +49,10 @@ from .selects import (
     parts_of,
 )
 from .splat_rows import SplatRows
+from .stack import of
 from .which import asked_about, which_of
 
 __all__ = ["Absent", "EditorState", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
-
-
-GAP = 1.1
-"""Things that are put beside one another stand so many half widths of both apart."""
 
 
 class Absent(F4xError):  # noqa: N818  # nothing went wrong
@@ -84,7 +71,7 @@ class EditorState:
     """A word that is probably misspelt is read as what was meant, and what nobody knows is left out; else `Doubt` asks."""
 
 
-def resolve(scene: Scene, operation: Operation, context: EditorState, encode: Encode | None = None) -> Operation:
+def resolve(scene: Scene, operation: Change, context: EditorState, encode: Encode | None = None) -> Change:
     """`operation` as a stack holds it: it means the same whenever it is replayed on `scene` with its present edits.
 
     Words, prompts, "it" and "the left one" become `Ids`; `All`, `Moving`, `Named` and combinations stay. `unit: size` becomes
@@ -106,55 +93,39 @@ class Resolver:
         self._resolved: dict[SelectKind, SelectKind] = {}
         self._hidden_too = False
 
-    def resolve_sentence(
-        self, scene: Scene, operations: Sequence[Operation], tidy: bool = False
-    ) -> tuple[Operation, ...]:
+    def resolve_sentence(self, scene: Scene, operations: Sequence[Change], tidy: bool = False) -> tuple[Change, ...]:
         """The operations of one sentence, each resolved in the scene that those before it leave.
 
         Words mean what they match before the sentence, and the same each time they occur: a copy is no second dog.
         Every single one has to be answered; `Absent` names the one that is not.
         """
         self._before, self._resolved = scene, {}
+        operations = [one for operation in operations for one in operation.planned(of(scene).edits)]
         self._ask_which(scene, operations)
-        settled: list[Operation] = []
+        settled: list[Change] = []
         for operation in operations:
             scene = with_operations(scene, settled[-1]) if settled else scene
             settled.append(self.resolve(scene, operation, tidy))
         self._before = None
         return tuple(settled)
 
-    def resolve(self, scene: Scene, operation: Operation, tidy: bool = False) -> Operation:
+    def resolve(self, scene: Scene, operation: Change, tidy: bool = False) -> Change:
         """Resolve one operation, as the function `resolve` does; `tidy` leaves out small stray components of what words select."""
         _check_times(scene, operation, self.context.frame)
-        if isinstance(operation, Rekey | TakeBack):
-            return operation
-        self._hidden_too = isinstance(operation, Opacity) and operation.factor > 1
+        self._hidden_too = operation.brings_back
         operation = _without_own_shadow(operation)
-        changed: dict[str, Any] = {}
-        for name in {"select", "source", "other", "beside"} & {entry.name for entry in fields(operation)}:
-            if getattr(operation, name) is not None:
-                changed[name] = self.select(scene, getattr(operation, name), tidy)
-        rows = rows_of(scene, changed["select"])
-        if isinstance(operation, Transform | Duplicate):
-            beside = changed.pop("beside", None)
-            changed |= (
-                self._in_the_world(scene, operation, rows)
-                if beside is None
-                else self._beside(scene, operation, rows, rows_of(scene, beside))
-            )
-        if isinstance(operation, Transform) and (any(operation.rotate) or operation.scale != 1):
-            changed["each"] = self._each(scene, operation.select, rows, tidy)
-        if isinstance(operation, ChangeWithShadow) and operation.along is None and _takes_shadow(operation.select):
-            lifted = isinstance(operation, Transform) and self._is_lift(scene, operation, changed["translate"])
-            changed["along"] = _attached(scene, rows, lifted)
-            if changed.get("each"):  # each has a pivot of its own, so that its shadow turns about the same
-                changed |= {"along": None, "each": tuple(_with_attached(scene, one) for one in changed["each"])}
-        if isinstance(operation, Swap) and operation.shift is None:
-            changed["shift"] = self._apart(scene, operation, rows, rows_of(scene, changed["other"]))
-            changed |= {name: _with_attached(scene, changed[name]) for name in ("select", "other")}
-        if isinstance(operation, Duplicate | Glow):
+        named = {entry.name: getattr(operation, entry.name) for entry in fields(operation)}  # type: ignore[arg-type]
+        changed: dict[str, Any] = {
+            name: self.select(scene, value, tidy)  # type: ignore[arg-type]  # each kind is in the union
+            for name, value in named.items()
+            if isinstance(value, Select) and name != "along"
+        }
+        if "select" not in changed:  # it is for no Gaussians
+            return operation
+        changed |= operation.settled(Settling(self, scene, operation, changed, tidy))
+        if "first_id" in named:
             changed["first_id"] = next_id(scene)
-        return replace(operation, **changed)
+        return operation.altered(**changed)
 
     def select(self, scene: Scene, select: SelectKind, tidy: bool = False) -> SelectKind:
         """The selection in ids, names, `all` and `moving`; F4xError where it is empty."""
@@ -177,7 +148,7 @@ class Resolver:
         # Being the best label says no more than a majority would, so it is not enough where more is asked for.
         return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)
 
-    def _ask_which(self, scene: Scene, operations: Sequence[Operation]) -> None:
+    def _ask_which(self, scene: Scene, operations: Sequence[Change]) -> None:
         """Raise `Several` where one of several of a kind is meant and the sentence does not say which."""
         for operation in operations:
             self._hidden_too = False
@@ -197,7 +168,7 @@ class Resolver:
         backdrop = is_backdrop(scene, rows[owner == np.bincount(owner).argmax()], self.context.frame)
         return np.zeros(len(rows), int) if backdrop else owner
 
-    def _each(self, scene: Scene, select: SelectKind, rows: np.ndarray, tidy: bool) -> tuple[SelectKind, ...]:
+    def each(self, scene: Scene, select: SelectKind, rows: np.ndarray, tidy: bool) -> tuple[SelectKind, ...]:
         """The separate things of a selection, each of which turns and grows about itself; none where it is one, or all there is."""
         if isinstance(select, Text) and len(select.labels) > 1:
             kinds: tuple[SelectKind, ...] = tuple(replace(select, labels=(label,)) for label in select.labels)
@@ -344,54 +315,6 @@ class Resolver:
         self.context.selection.require_scene(scene)
         return self.context.selection.for_ids(scene.ids)
 
-    def _in_the_world(self, scene: Scene, operation: Transform | Duplicate, rows: np.ndarray) -> dict[str, Any]:
-        """The fields of a transform or duplicate that speak of sizes and of the camera, in world units and axes."""
-        span = operation.frames if isinstance(operation, Transform) else None
-        time = span[0] if span else self.context.frame
-        axes = scene.cameras.at(time).camera_to_world[:3, :3]  # columns: right, down, forward
-        move = np.array(operation.translate if isinstance(operation, Transform) else operation.offset)
-        if operation.unit == "size" and move.any():
-            move = move * width_along(scene.posed(time).means[rows], axes[:, 0])
-        resolved: dict[str, Any] = {"unit": "world", "axes": "world"}
-        turn = axes if operation.axes == "camera" else np.eye(3)
-        if isinstance(operation, Duplicate):
-            return resolved | {"offset": _vector(turn @ move)}
-        return resolved | {"translate": _vector(turn @ move), "rotate": _vector(turn @ np.array(operation.rotate))}
-
-    def _beside(
-        self, scene: Scene, operation: Transform | Duplicate, rows: np.ndarray, others: np.ndarray
-    ) -> dict[str, Any]:
-        """The fields of a transform or duplicate by which it stands beside the Gaussians `others`, in world units and axes."""
-        if len(np.intersect1d(rows, others)):
-            raise F4xError("A thing cannot go beside itself; name two separate things.")
-        span = operation.frames if isinstance(operation, Transform) else None
-        time = span[0] if span else self.context.frame
-        axes = scene.cameras.at(time).camera_to_world[:3, :3]  # columns: right, down, forward
-        means = scene.posed(time).means
-        apart = pivot_of("base", means[others]) - pivot_of("base", means[rows])
-        way = np.sign(np.array(operation.translate if isinstance(operation, Transform) else operation.offset))
-        if not way.any():  # on the side where it is already, right or left
-            way[0] = -1.0 if axes[:, 0] @ apart > 0 else 1.0
-        axis = int(np.abs(way).argmax())
-        widths = [width_along(means[some], axes[:, axis]) for some in (rows, others)]
-        gap = widths[1] if axis == 1 and way[1] < 0 else widths[0] if axis == 1 else GAP * sum(widths) / 2
-        move = _vector(apart + axes @ way * gap)
-        settled: dict[str, Any] = {"unit": "world", "axes": "world", "beside": None}
-        return settled | ({"offset": move} if isinstance(operation, Duplicate) else {"translate": move})
-
-    def _apart(self, scene: Scene, operation: Swap, rows: np.ndarray, others: np.ndarray) -> tuple[float, float, float]:
-        """World units from the base of the Gaussians `rows` to that of `others`, at the first frame concerned."""
-        if len(np.intersect1d(rows, others)):
-            raise F4xError("The two things share Gaussians, so they cannot change places; name two separate things.")
-        means = scene.posed(operation.frames[0] if operation.frames else self.context.frame).means
-        return _vector(pivot_of("base", means[others]) - pivot_of("base", means[rows]))
-
-    def _is_lift(self, scene: Scene, operation: Transform, translate: tuple[float, float, float]) -> bool:
-        """Return True for a way that goes up or down more than aside, which leaves a shadow on the ground."""
-        time = operation.frames[0] if operation.frames else self.context.frame
-        right, down, forward = np.abs(scene.cameras.at(time).camera_to_world[:3, :3].T @ np.array(translate))
-        return bool(down > max(right, forward))
-
     def _split(self, scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`split_objects` of the Gaussians `rows (n,)` at the context's frame; people are known by themselves."""
         return split_objects(scene.posed(self.context.frame), rows, single_people(scene, rows))
@@ -409,6 +332,61 @@ class Resolver:
             reason = f"there is only one of {whom(words)}, so " if one else ""
             return f"In the scene '{scene.name}' {reason}nothing is left of {whom(select)}."
         return nothing_called(scene, words.labels, words.threshold, best, self.encode)
+
+
+@dataclass(frozen=True, eq=False)
+class Settling:
+    """An operation that is being resolved in a scene, as `Change.settled` sees it."""
+
+    resolver: Resolver
+    scene: Scene
+    operation: Change
+    """As it was asked for."""
+    selects: Mapping[str, Any]
+    """Its selections by field, in ids."""
+    tidy: bool
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """(n,) rows of the scene that it is for."""
+        return self.rows_of("select")
+
+    def rows_of(self, name: str) -> np.ndarray:
+        """(n,) rows of the selection in a field."""
+        return rows_of(self.scene, self.selects[name])
+
+    @property
+    def time(self) -> float:
+        """The first frame concerned, else the present one."""
+        return self.operation.span[0] if self.operation.span else self.resolver.context.frame
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """(3,3) right, down, forward of the camera then as columns."""
+        return self.scene.cameras.at(self.time).camera_to_world[:3, :3]
+
+    @cached_property
+    def means(self) -> np.ndarray:
+        """(N,3) centers then."""
+        return self.scene.posed(self.time).means
+
+    def each(self) -> tuple[SelectKind, ...]:
+        """The separate things that it is for; none where it is one."""
+        return self.resolver.each(self.scene, self.operation.select, self.rows, self.tidy)
+
+    @property
+    def takes_shadow(self) -> bool:
+        """Whether a shadow goes along: not with a part of a thing, nor where words speak of a shadow themselves."""
+        return not any(isinstance(part, Part) or _cast_words(part) for part in parts_of(self.operation.select))
+
+    def attached(self, lifted: bool = False) -> Ids | None:
+        """What goes along with what it is for; of what is `lifted` the shadow stays."""
+        return _attached(self.scene, self.rows, lifted)
+
+    def with_attached(self, select: SelectKind) -> SelectKind:
+        """A selection with what goes along with it."""
+        along = _attached(self.scene, rows_of(self.scene, select))
+        return select if along is None else Or((select, along))
 
 
 def nothing_called(
@@ -432,24 +410,18 @@ def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
     return splat_rows(scene).chosen(select)
 
 
-def _takes_shadow(select: SelectKind) -> bool:
-    """Whether a shadow goes along with a selection: not with a part of a thing, nor where words speak of a shadow themselves."""
-    parts = list(parts_of(select))
-    return not any(isinstance(part, Part) or _cast_words(part) for part in parts)
-
-
 def _cast_words(select: SelectKind) -> tuple[str, ...]:
     """Those words of a selection that name a shadow or the like."""
     return tuple(filter(is_cast, select.labels)) if isinstance(select, Text) else ()
 
 
-def _without_own_shadow(operation: Operation) -> Operation:
+def _without_own_shadow(operation: Change) -> Change:
     """The operation; where its shadow goes along anyway, "the car and its shadow" are the car."""
     select, shadows = operation.select, _cast_words(operation.select)
     if not isinstance(operation, ChangeWithShadow) or not isinstance(select, Text) or any(map(caster, shadows)):
         return operation
     things = tuple(label for label in select.labels if label not in shadows)
-    return replace(operation, select=replace(select, labels=things)) if things and shadows else operation
+    return operation.altered(select=replace(select, labels=things)) if things and shadows else operation
 
 
 def _attached(scene: Scene, rows: np.ndarray, lifted: bool = False) -> Ids | None:
@@ -461,12 +433,6 @@ def _attached(scene: Scene, rows: np.ndarray, lifted: bool = False) -> Ids | Non
     words = "its shadow" if shadow.any() else "its edges"
     along = shadow | edges
     return replace(Ids.of(scene.base.ids[along]), words=words) if along.any() else None
-
-
-def _with_attached(scene: Scene, select: SelectKind) -> SelectKind:
-    """A selection with what goes along with it."""
-    along = _attached(scene, rows_of(scene, select))
-    return select if along is None else Or((select, along))
 
 
 def named(scene: Scene, selected: Selection | None = None) -> dict[str, Selection]:
@@ -487,17 +453,10 @@ def splat_rows(scene: Scene) -> SplatRows:
     return scene.rows if isinstance(scene, EditedScene) else SplatRows.of(scene)
 
 
-def _vector(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
-
-
-def _check_times(scene: Scene, operation: Operation, frame: float) -> None:
+def _check_times(scene: Scene, operation: Change, frame: float) -> None:
     """Raise F4xError for a time of `operation`, or a present frame, outside the clip."""
     first, last = scene.cameras.times[[0, -1]]
-    span = getattr(operation, "frames", None) or ()
-    asked = (operation.at, operation.until) if isinstance(operation, Freeze) else span
-    for time in (*asked, frame):
+    for time in (*operation.moments, frame):
         if time is not None and not first <= time <= last:
             raise F4xError(
                 f"{operation.TAG}: frame {time:g} lies outside the clip, whose frames are {first:g} to {last:g}."

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..language.grammar import Refusal
+from ..language.refusal import Refusal
 from ..query.labels import Encode
 from ..query.people import remarks_on
 from ..scene import Scene

@@ -4,26 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import F4xError
 from ..scene import Scene
-from .operations import (
-    ChangeWithShadow,
-    Delete,
-    Duplicate,
-    Extract,
-    Match,
-    Name,
-    Rekey,
-    TakeBack,
-    Transform,
-    steps_of_operation,
-)
-from .retiming import TimeMap, copy_time_map, time_map_of
+from .change import TimeMap
 from .selects import All, And, Ids, Moving, Named, Not, Or, SelectKind
-from .stack import Edit
+
+if TYPE_CHECKING:
+    from .stack import Edit
 
 MAX_GAUSSIANS = 10_000_000
 """Maximum number of Gaussians of an edited scene, copies included: a few gigabytes."""
@@ -52,6 +43,11 @@ class SplatRows:
         moving = np.arange(len(scene.static) + len(scene.dynamic)) >= len(scene.static)
         ids = np.concatenate([scene.static.ids, scene.dynamic.ids])
         return cls(ids, np.arange(len(ids)), moving, moving, np.zeros(len(ids), bool), {})
+
+    def by_id(self, chosen: np.ndarray) -> np.ndarray:
+        """(n,) the rows `chosen (N,) bool` in the order of their ids."""
+        picked = np.flatnonzero(chosen)
+        return picked[np.argsort(self.ids[picked])]
 
     def chosen(self, select: SelectKind) -> np.ndarray:
         """(N,) bool: the rows that `select` selects. Unknown ids, such as those of copies of a disabled edit, are ignored."""
@@ -110,7 +106,13 @@ class Step:
     def retimes(self) -> bool:
         """True if it shows other times than the clip's."""
         operation = self.edit.operation
-        return self.time_map is not None or (isinstance(operation, Duplicate) and operation.time_shift != 0)
+        return self.time_map is not None or operation.untimed() != operation
+
+    @property
+    def copy_ids(self) -> np.ndarray:
+        """(n,) ids of the copies that it makes."""
+        made = 0 if self.copied is None else len(self.copied) * len(self.copy_time_maps)
+        return getattr(self.edit.operation, "first_id", 0) + np.arange(made)
 
     def read(self, time: float, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """For its own `rows (n,)` at `time`: (time (n,), row of `before` (n,), number of the copy (n,), 0 = none)."""
@@ -133,7 +135,7 @@ def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], S
     steps = []
     for number, edit in enumerate(edits, 1):
         try:
-            for operation in steps_of_operation(edit.operation):
+            for operation in edit.operation.steps():
                 step, rows = _step(
                     edit if operation is edit.operation else replace(edit, operation=operation), rows, clip
                 )
@@ -146,66 +148,36 @@ def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], S
 
 def _step(edit: Edit, rows: SplatRows, clip: tuple[float, float]) -> tuple[Step | None, SplatRows]:
     operation = edit.operation
-    if isinstance(
-        operation, Rekey | TakeBack
-    ):  # changes the motion that all steps read; has switched off an earlier edit
-        return None, rows
-    if isinstance(operation, Name):  # what was named once stays named, or edits after it would mean nobody
-        return None, _named(rows, operation.name, np.flatnonzero(rows.chosen(operation.select)))
-    if not edit.enabled:
-        if isinstance(operation, Duplicate) and operation.name and operation.name not in rows.names:
-            rows = _named(rows, operation.name, np.zeros(0, int))
-        return None, rows
-    chosen = rows.chosen(operation.select)
-    if isinstance(operation, Extract):
-        chosen = ~chosen
-    source = rows.chosen(operation.source) if isinstance(operation, Match) else None
+    if not edit.enabled or not operation.ACTS:
+        return None, operation.rows_without(rows)
+    chosen, other = operation.chosen(rows), getattr(operation, "source", None)
+    source = None if other is None else rows.chosen(other)
+    along = getattr(operation, "along", None)
+    only_along = rows.chosen(along) & ~chosen if along is not None and chosen.any() else None
+    chosen = chosen if only_along is None else chosen | only_along
+    after = operation.rows_after(rows, chosen)
     if not chosen.any() or (source is not None and not source.any()):
-        return None, _copied(operation, rows, np.zeros(0, int)) if isinstance(operation, Duplicate) else rows
-    along = None
-    if isinstance(operation, ChangeWithShadow) and operation.along is not None:
-        along = rows.chosen(operation.along) & ~chosen
-        chosen = chosen | along
-    step = Step(edit, rows, chosen, source, along, time_map_of(operation, clip))
-    if isinstance(operation, Delete | Extract) and operation.frames is None:
-        return step, replace(rows, gone=rows.gone | chosen)
-    if isinstance(operation, Transform):
-        _require_world(operation)
-        still = operation.frames is None and (
-            operation.pivot not in ("centroid", "base") or not rows.moves[chosen].any() or _is_shift(operation)
-        )
-        return step, rows if still else replace(rows, moves=rows.moves | chosen)
-    if isinstance(operation, Duplicate):
-        _require_world(operation)
-        picked = np.flatnonzero(chosen)
-        picked = picked[np.argsort(rows.ids[picked])]
-        copy_time_maps = tuple(copy_time_map(operation, copy, clip) for copy in range(1, operation.count + 1))
-        return replace(step, copied=picked, copy_time_maps=copy_time_maps), _copied(operation, rows, picked)
-    return step, rows
+        return None, after
+    copy_time_maps, copied = operation.copy_time_maps(clip), None
+    if copy_time_maps:
+        copied = rows.by_id(chosen)
+    return Step(edit, rows, chosen, source, only_along, operation.time_map(clip), copied, copy_time_maps), after
 
 
-def _is_shift(operation: Transform) -> bool:
-    return operation.scale == 1 and not any(operation.rotate)
+def with_name(rows: SplatRows, name: str, named: np.ndarray) -> SplatRows:
+    """`rows` of which `named (n,)` have a name."""
+    return replace(rows, names={**rows.names, name: named})
 
 
-def _require_world(operation: Transform | Duplicate) -> None:
-    if (operation.unit, operation.axes) != ("world", "world"):
-        raise F4xError("its distances are not in world units along world axes yet; plan the edit, which settles them.")
-
-
-def _named(rows: SplatRows, name: str, chosen: np.ndarray) -> SplatRows:
-    return replace(rows, names={**rows.names, name: chosen})
-
-
-def _copied(operation: Duplicate, rows: SplatRows, picked: np.ndarray) -> SplatRows:
-    """`rows` with `count` copies of the rows `picked` after them."""
-    total = len(rows.ids) + len(picked) * operation.count
+def with_copies(rows: SplatRows, picked: np.ndarray, count: int, first_id: int, name: str = "") -> SplatRows:
+    """`rows` with `count` copies of the rows `picked (n,)` after them, which have a name and ids from `first_id` on."""
+    total = len(rows.ids) + len(picked) * count
     if total > MAX_GAUSSIANS:
         raise F4xError(f"the scene would come to {total:,} Gaussians; {MAX_GAUSSIANS:,} are the most, so copy less.")
-    ids = operation.first_id + np.arange(len(picked) * operation.count)
-    if len(ids) and (operation.first_id < 0 or np.isin(ids, rows.ids).any()):
+    ids = first_id + np.arange(len(picked) * count)
+    if len(ids) and (first_id < 0 or np.isin(ids, rows.ids).any()):
         raise F4xError("ids of its copies are taken or missing; plan the edit, which reserves its first_id.")
-    again = np.concatenate([np.arange(len(rows.ids)), np.tile(picked, operation.count)])
+    again = np.concatenate([np.arange(len(rows.ids)), np.tile(picked, count)])
     many = SplatRows(
         np.append(rows.ids, ids),
         rows.origin[again],
@@ -214,4 +186,4 @@ def _copied(operation: Duplicate, rows: SplatRows, picked: np.ndarray) -> SplatR
         rows.gone[again],
         rows.names,
     )
-    return _named(many, operation.name, np.arange(len(rows.ids), total)) if operation.name else many
+    return with_name(many, name, np.arange(len(rows.ids), total)) if name else many

@@ -15,7 +15,8 @@ from typing import Any
 
 from ..errors import F4xError
 from ..scene import Scene, read_header, updating, write_edits
-from .operations import Operation, TakeBack, read_operation
+from .change import Change
+from .operations import read_operation
 
 UNDONE = "undone"
 """The field of scene.json with the undone edits, the one undone last at the end."""
@@ -29,7 +30,7 @@ MAX_SENTENCE_LENGTH = 2000
 class Edit:
     """An operation in a stack."""
 
-    operation: Operation
+    operation: Change
     """What is done; its selections are ids, names, `all` or `moving`."""
     id: int
     """Unique in the stack, its undone edits included."""
@@ -104,11 +105,11 @@ class EditStack:
                 return index
         raise F4xError(f"there is no edit {id}; the stack has {', '.join(str(e.id) for e in self.edits) or 'none'}.")
 
-    def append(self, operation: Operation, sentence: str = "") -> EditStack:
+    def append(self, operation: Change, sentence: str = "") -> EditStack:
         """The stack with one more edit, after which there is nothing to redo. Its inverse: `undo`."""
         id = 1 + max((edit.id for edit in (*self.edits, *self.undone)), default=0)
-        if isinstance(operation, TakeBack) and not self.edits[self.position(operation.edit)].enabled:
-            raise F4xError(f"the edit {operation.edit} is switched off already.")
+        if operation.taken_back is not None and not self.edits[self.position(operation.taken_back)].enabled:
+            raise F4xError(f"the edit {operation.taken_back} is switched off already.")
         edit = Edit(operation, id, sentence=sentence[:MAX_SENTENCE_LENGTH])
         return EditStack((*self.edits, edit))._taken_back(edit)
 
@@ -129,7 +130,7 @@ class EditStack:
         edit = replace(self.edits[self.position(id)], enabled=on)
         return self._with(edit)._taken_back(edit)
 
-    def replace(self, id: int, operation: Operation) -> EditStack:
+    def replace(self, id: int, operation: Change) -> EditStack:
         """With another operation as edit `id`, in its place. Its inverse: `replace` by the old one."""
         return self._with(replace(self.edits[self.position(id)], operation=operation))
 
@@ -151,8 +152,7 @@ class EditStack:
 
     def _taken_back(self, edit: Edit, back: bool = True) -> EditStack:
         """With the edit that `edit` takes back switched off, or on again where that is not `back` any more."""
-        one = edit.operation
-        named = (other for other in self.edits if isinstance(one, TakeBack) and other.id == one.edit)
+        named = (other for other in self.edits if other.id == edit.operation.taken_back)
         return next((self._with(replace(other, enabled=not (back and edit.enabled))) for other in named), self)
 
     def _with(self, edit: Edit) -> EditStack:
@@ -187,8 +187,8 @@ def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
     renamed: dict[int, int] = {}
     for edit in theirs.edits:
         if edit.id not in was and edit not in ours.edits:
-            if isinstance(edit.operation, TakeBack) and edit.operation.edit in renamed:
-                edit = replace(edit, operation=replace(edit.operation, edit=renamed[edit.operation.edit]))
+            if edit.operation.taken_back in renamed:
+                edit = replace(edit, operation=edit.operation.altered(edit=renamed[edit.operation.taken_back]))
             taken = [e.id for e in merged.edits]
             if edit.id in taken:
                 renamed[edit.id] = 1 + max(taken)

@@ -13,19 +13,8 @@ from ..geometry.arrays import evenly_spaced
 from ..scene import MADE_UP, Scene
 from ..scene.view import render
 from .apply import edited
-from .operations import (
-    Delete,
-    Extract,
-    Freeze,
-    Loop,
-    Opacity,
-    Operation,
-    Rekey,
-    Retime,
-    Reverse,
-    Swap,
-    Transform,
-)
+from .change import Change
+from .operations import kinds
 from .stack import of
 
 VIEWS, COLUMNS = 8, 240
@@ -37,7 +26,6 @@ SHOWS = 0.5
 LEAST = 0.002
 """Fraction of a picture from which on it is told: 250 pixels of 480 x 270."""
 _KNOWN: WeakKeyDictionary[Scene, Uncovered] = WeakKeyDictionary()
-_TAKES_AWAY = (Delete, Extract, Freeze, Loop, Opacity, Rekey, Retime, Reverse, Swap, Transform)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +60,9 @@ class Uncovered:
         )
 
 
-def takes_away(operations: Iterable[Operation]) -> bool:
+def takes_away(operations: Iterable[Change]) -> bool:
     """Whether any of the operations can bring to light what is behind."""
-    return any(isinstance(one, _TAKES_AWAY) for one in operations)
+    return any(one.UNCOVERS for one in operations)
 
 
 def summary_of(shows: Uncovered | None) -> str:
@@ -93,7 +81,7 @@ def uncovered(scene: Scene) -> Uncovered | None:
     in_effect = takes_away(edit.operation for edit in of(scene).edits if edit.enabled)
     if "import" in scene.provenance:  # splats of another program, which no clip shows
         return None
-    if not in_effect and folded.isdisjoint(kind.TAG for kind in _TAKES_AWAY):
+    if not in_effect and folded.isdisjoint(kind.TAG for kind in kinds() if kind.UNCOVERS):
         return None
     scene = edited(scene)
     if scene not in _KNOWN:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 from ..errors import F4xError
 from ..language.lexicon import UNCOUNTED, plural_of, singular
+from .change import Change
 from .description import in_words
-from .operations import Delete, Extract, Opacity, Operation
-from .records import Record
+from .records import mapped
 from .selects import And, Beside, Instance, Not, Or, Part, SelectKind, Text
 
 PLACES = {2: ("left", "right"), 3: ("left", "middle", "right")}
@@ -29,12 +29,12 @@ class Several(F4xError):  # noqa: N818  # nothing went wrong
         self.reason, self.commands = reason, commands
 
 
-def removes(operation: Operation) -> bool:
+def removes(operation: Change) -> bool:
     """Return True where the operation makes something invisible."""
-    return isinstance(operation, Delete | Extract) or (isinstance(operation, Opacity) and not operation.factor)
+    return operation.removes
 
 
-def asked_about(operation: Operation) -> Iterator[SelectKind]:
+def asked_about(operation: Change) -> Iterator[SelectKind]:
     """The selections of an operation of which it has to be certain whom they mean, in the words of a sentence."""
     if removes(operation):
         yield from _certain(operation.select)
@@ -74,7 +74,7 @@ def _beside_in(select: SelectKind) -> Iterator[SelectKind]:
         yield from _beside_in(part)
 
 
-def which_of(operations: Sequence[Operation], select: SelectKind, many: int, frame: int) -> Several:
+def which_of(operations: Sequence[Change], select: SelectKind, many: int, frame: int) -> Several:
     """The question which of `many` things of a kind is meant, with a command for each and one for all."""
     text = next(part for part in (select, *getattr(select, "of", ())) if isinstance(part, Text))
     noun = plural_of(singular(text.labels[0]))
@@ -87,21 +87,17 @@ def which_of(operations: Sequence[Operation], select: SelectKind, many: int, fra
     return Several(f"There are {many} {noun} in the scene, and it is not said which one is meant.", offered)
 
 
-def _lines(operations: Sequence[Operation]) -> list[str]:
+def _lines(operations: Sequence[Change]) -> list[str]:
     return [in_words([one]) for one in operations]
 
 
-def _with(operations: Sequence[Operation], text: Text, one: SelectKind) -> list[str]:
+def _with(operations: Sequence[Change], text: Text, one: SelectKind) -> list[str]:
     """The operations in words, with another selection in place of a thing that is named."""
 
     def changed(value: Any) -> Any:
         if isinstance(value, Text) and text.labels[0] in value.single:
             others = tuple(label for label in value.labels if label != text.labels[0])
             return Or((one, replace(value, labels=others))) if others else one
-        if isinstance(value, tuple):
-            return tuple(map(changed, value))
-        if isinstance(value, Record):
-            return replace(value, **{entry.name: changed(getattr(value, entry.name)) for entry in fields(value)})  # type: ignore[arg-type,type-var]
-        return value
+        return None
 
-    return _lines([changed(operation) for operation in operations])
+    return _lines([mapped(operation, changed) for operation in operations])

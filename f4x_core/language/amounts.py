@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from operator import attrgetter
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any
 
+from .degrees import DEGREES, Amount, Distance
 from .grammar import (
     NOTHING,
     VOCABULARY,
-    Mismatch,
     Reading,
-    Refusal,
     Rule,
     either,
     generated,
@@ -25,9 +23,7 @@ from .grammar import (
     word_if,
 )
 from .lexicon import FRACTIONS, ONES, PICTURE, PLACES, TENS, word_set
-
-Vector = tuple[float, float, float]
-
+from .refusal import Mismatch
 
 _MANY = {"hundred": 100.0, "dozen": 12.0}
 _fraction_word = table(
@@ -107,45 +103,6 @@ LEAST_PERCENTS = 5
 """Numbers from this on are percents: "contrast 20", "scale 1.5"."""
 
 
-class Degree(NamedTuple):
-    """What a degree comes to in each kind of change."""
-
-    factors: tuple[float, float]
-    """Up and down."""
-    opacity: tuple[float, float]
-    """As `factors`, of how opaque something is."""
-    share: float
-    """Of the usual strength of a color, a light or a blur."""
-    widths: float
-    """How far something goes."""
-    angle: float
-    """Degrees that it turns."""
-
-
-DEGREES: Mapping[str, Degree] = {
-    "least": Degree((1.1, 0.91), (1.1, 0.9), 0.25, 0.15, 10.0),
-    "small": Degree((1.2, 0.83), (1.25, 0.8), 0.5, 0.3, 15.0),
-    "usual": Degree((1.5, 0.67), (2.0, 0.5), 1.0, 1.0, 90.0),
-    "large": Degree((2.0, 0.5), (5.0, 0.2), 2.0, 2.0, 120.0),
-    "most": Degree((2.5, 0.4), (10.0, 0.1), 3.0, 3.0, 150.0),
-}
-"""A tiny bit, a little, what is meant where no degree is said, much, a lot: each more than the one before."""
-
-
-class Amount(NamedTuple):
-    """An amount of a change."""
-
-    kind: str
-    """One of `DEGREES`; `times` more, a `fraction` more; `as`: so many times as much; `to` a value in its own unit."""
-    value: float = 1.0
-    """Of the last four."""
-
-
-def degree_of(how: Amount | None) -> Degree | None:
-    """What a degree comes to, the usual one where no amount is said; None for what is measured."""
-    return DEGREES.get(how.kind if how else "usual")
-
-
 _not_much = ~keyword(",") + literal(
     "(but|just) not [by much|too much|so much|that much|a lot|much|too strong|too strongly]|nothing too [strong|much|crazy|extreme]"
 )
@@ -209,24 +166,6 @@ amount = either(
     ~keyword("by") + _hedge + fraction >> (lambda x: Amount("fraction", x)),
     ~keyword("by") + _hedge + multiple >> (lambda x: Amount("times", x)),
 )
-
-
-def factor(
-    how: Amount | None, upward: bool, of: Callable[[Degree], tuple[float, float]] = attrgetter("factors")
-) -> float:
-    """The factor of something that gets more (`upward`) or less by an amount; Mismatch where it would be none.
-
-    `of`: what a degree comes to, up and down.
-    """
-    if how is None or how.kind in DEGREES:
-        return of(DEGREES[how.kind if how else "usual"])[not upward]
-    if how.kind == "fraction":
-        return 1 + how.value if upward else 1 - how.value
-    if upward or (how.kind == "times" and 0 < how.value < 1):  # "half smaller" is "half as big"
-        return how.value
-    if how.value <= 0:
-        raise Mismatch
-    return 1 / how.value
 
 
 _IS = "is|are|was|were|does|do|did|has|looks"
@@ -331,18 +270,6 @@ beside = table(
 )
 
 
-Unit = Literal["world", "size"]
-
-
-class Distance(NamedTuple):
-    """A distance in `unit`."""
-
-    value: float
-    unit: Unit = "size"
-
-
-Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...]
-"""(distance before, direction, distance behind) of each step of a way."""
 _body = keyword(
     "size|sizes|width|widths|height|heights|length|lengths|body [width|widths|length|lengths|height|heights|size|sizes]"
 )
@@ -382,21 +309,3 @@ steps = either(
     beside >> (lambda way: ((None, way, None),)),
 )
 """`Steps` of "a bit to the left and up by 2 widths"."""
-
-
-def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vector, Unit]:
-    """The sum of steps along the camera's axes, and its unit; each by its own distance, the last's, `far` or the default."""
-    shared = way[-1][2] or far or Distance(default)
-    vector, units = [0.0, 0.0, 0.0], set()
-    for before, signs, behind in way:
-        one = before or behind or shared
-        units.add(one.unit)
-        for axis, step in enumerate(signs):
-            if step and vector[axis] * step > 0:  # "back, away from the camera" is one way said twice
-                continue
-            if step and vector[axis]:
-                raise Refusal("Two of the directions are on one line; say one of them.")
-            vector[axis] += step * one.value
-    if len(units) > 1:
-        raise Refusal("One distance is in sizes and another in units of the world; use one of them.")
-    return (vector[0], vector[1], vector[2]), units.pop()

@@ -15,8 +15,8 @@ from itertools import count
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeVar
 
-from ..errors import F4xError
 from .lexicon import CONTRACTIONS, SPELLING
+from .refusal import Doubt, Mismatch, Slip
 
 Meaning = TypeVar("Meaning")
 Ways = dict[int, tuple[Any, ...]]
@@ -267,42 +267,6 @@ class Rule:
         return Rule(match, lambda: self.first, self.may_be_empty, of=self)
 
 
-class Refusal(F4xError):  # noqa: N818  # nothing went wrong
-    """A sentence that is not understood, or asks for what cannot be."""
-
-    def __init__(self, reason: str, nearest: tuple[str, ...] = ()):
-        """`reason`: why, one sentence; `nearest`: commands that are known, as example sentences."""
-        hint = " Try: " + "; ".join(f'"{example}"' for example in nearest) + "." if nearest else ""
-        super().__init__(reason + hint)
-        self.reason = reason
-        self.nearest = nearest
-
-    def behind(self, notes: Sequence[str]) -> Refusal:
-        """The same, with what else a person should know in front."""
-        return Refusal(" ".join([*notes, self.reason]), self.nearest)
-
-
-class Final(Refusal):
-    """A sentence that is understood and cannot be carried out, so that no other reading of it is looked for."""
-
-
-class Doubt(Refusal):
-    """A sentence that would be understood if a word were spelt otherwise or left out: it is asked about, and not done."""
-
-    def __init__(self, reason: str, instead: str):
-        """`instead`: the sentence that was probably meant."""
-        super().__init__(reason)
-        self.instead = instead
-
-    def behind(self, notes: Sequence[str]) -> Doubt:
-        """As for every refusal."""
-        return type(self)(" ".join([*notes, self.reason]), self.instead)
-
-
-class Slip(Doubt):
-    """A word of the language itself that is misspelt, where nothing would be removed: it is mended, and that is said."""
-
-
 def read_as_meant(read: Callable[[str], Meaning], sentence: str, agreed: bool) -> tuple[Meaning, tuple[str, ...]]:
     """What `read` makes of a sentence, or of what was probably meant, and a line for people for each time it is read otherwise.
 
@@ -316,10 +280,6 @@ def read_as_meant(read: Callable[[str], Meaning], sentence: str, agreed: bool) -
             if not (agreed or isinstance(doubt, Slip)):
                 raise
             sentence, notes = doubt.instead, (*notes, f"Read as '{doubt.instead}'.")
-
-
-class Mismatch(Exception):  # noqa: N818  # it never leaves the grammar
-    """The words fit a rule and their meaning does not."""
 
 
 VOCABULARY: set[str] = set()

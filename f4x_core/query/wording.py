@@ -15,10 +15,8 @@ from typing import Any
 from ..errors import F4xError
 from ..language.grammar import (
     NOTHING,
-    Doubt,
     Reading,
     Rule,
-    Slip,
     covers,
     either,
     generated,
@@ -43,6 +41,7 @@ from ..language.lexicon import (
     word_set,
     written,
 )
+from ..language.refusal import Doubt, Slip
 from ..language.times import END, START, Clip, Span, no_such_time, span
 from ..language.verbs import IMPERATIVES
 from .cues import COLOURS, CUES, ROWS, WORDS, cue

@@ -14,7 +14,7 @@ from f4x_core.edit.resolve import EditorState
 from f4x_core.errors import F4xError
 from f4x_core.geometry import spherical_harmonics
 from f4x_core.language.colour_names import COLOURS
-from f4x_core.language.grammar import Doubt
+from f4x_core.language.refusal import Doubt
 from f4x_core.query.selection import Selection, fingerprint
 
 DATA = Path(__file__).parents[1] / "data"

@@ -15,8 +15,8 @@ from f4x_core.edit.selects import Named
 from f4x_core.errors import F4xError
 from f4x_core.fit.vocabulary import EVERYDAY
 from f4x_core.language.colour_names import COLOURS, SHADES, shaded
-from f4x_core.language.grammar import Doubt, Slip
 from f4x_core.language.lexicon import singular
+from f4x_core.language.refusal import Doubt, Slip
 from f4x_core.query.wording import read_question
 
 OPENED = Path(__file__).parents[1] / "data" / "sentences_opened.json"
@@ -229,6 +229,8 @@ _NAMES = {"brightness", "contrast", "saturation", "warmth"}
 
 def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, Any]) -> bool:
     kind, op = slot["operation"], made["op"]
+    if op == "take_back":
+        return kind == "undo"
     amount = slot.get("factor", slot.get("change"))
     select = made["select"]
     ok = False

@@ -37,7 +37,6 @@ from f4x_core.edit.operations import (
     Reverse,
     Style,
     Transform,
-    rotation_of,
 )
 from f4x_core.edit.selects import All, Ids, Moving, Named, Not, Point, Text
 from f4x_core.edit.stack import EditStack, of, with_stack
@@ -155,7 +154,7 @@ def test_identity_changes_no_bit():
 def test_transform_moves_posed_gaussians_rigidly_at_all_times():
     pivot, angle, factor, shift = (0.1, 0.2, 2.0), (20.0, 50.0, -10.0), 1.4, (0.3, -0.1, 0.2)
     e = with_operations(SCENE, Transform(SOME, shift, angle, factor, pivot))
-    q = quaternion.from_rotation_vector(rotation_of(angle))
+    q = quaternion.from_rotation_vector(np.deg2rad(angle))
     matrix = quaternion.to_matrix(q)
     for time in (0.0, 0.7, 3.0, 7.0):
         a, b = SCENE.posed(time), e.posed(time)
@@ -194,7 +193,7 @@ def test_what_is_gone_is_no_part_of_a_pivot():
 )  # fmt: skip
 def test_transform_grows_over_its_span(ease, at, share):
     e = with_operations(SCENE, Transform(SOME, (0.8, 0, 0), (0, 0, 90), 4.0, (0, 0, 0), frames=(1, 5), ease=ease))
-    q = quaternion.from_rotation_vector(share * rotation_of((0, 0, 90)))
+    q = quaternion.from_rotation_vector(share * np.deg2rad((0, 0, 90)))
     want = 4.0**share * quaternion.rotate(q, SCENE.posed(at).means[SOME_ROWS].astype(float)) + [0.8 * share, 0, 0]
     np.testing.assert_allclose(e.posed(at).means[SOME_ROWS], want, atol=1e-5)
 

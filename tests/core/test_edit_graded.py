@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import pytest
 
 from f4x_core.edit.language import parse
-from f4x_core.edit.making import BLUR, GLOW
+from f4x_core.edit.operation.blur import USUAL as BLUR
+from f4x_core.edit.operation.glow import USUAL as GLOW
 from f4x_core.edit.operations import Blur, Glow, Grade, Opacity, Operation, Recolour, Retime, Transform
 from f4x_core.edit.request import Request
 from f4x_core.errors import F4xError

@@ -5,11 +5,11 @@ import pytest
 from random_scene import random_scene
 
 from f4x_core.edit import colours
-from f4x_core.edit.apply import edited, thinning, with_operations
+from f4x_core.edit.apply import edited, with_operations
 from f4x_core.edit.bake import bake
+from f4x_core.edit.operation.blur import thinning
 from f4x_core.edit.operations import Blur, Duplicate, Glow, Grade, Retime, Swap, Transform
 from f4x_core.edit.resolve import EditorState, resolve
-from f4x_core.edit.retiming import time_map_of
 from f4x_core.edit.selects import All, Ids, Part
 from f4x_core.edit.stack import of
 from f4x_core.errors import F4xError
@@ -28,6 +28,8 @@ def test_contrast_spreads_lights_about_the_mean_and_keeps_tints():
     np.testing.assert_allclose(gray[:, 1:], 0, atol=1e-6)
     warm = colours.lab_from_rgb(colours.graded(colours.rgb_from_lab(lab), 1.0, 1.0, 0.5, 0.5))
     np.testing.assert_allclose(warm[:, 2] - lab[:, 2], 0.5 * colours.WARM[1] * lab[:, 0], atol=1e-6)
+    turned = colours.lab_from_rgb(colours.graded(colours.rgb_from_lab(lab), 1.0, 1.0, 0.0, 0.5, hue=90.0))
+    np.testing.assert_allclose(turned[:, 1:], np.stack([-lab[:, 2], lab[:, 1]], 1), atol=1e-6)
 
 
 def test_grading_by_nothing_changes_no_bit():
@@ -93,7 +95,7 @@ def test_what_cannot_be_folded_stays_in_the_stack():
 
 @pytest.mark.parametrize("ease", ["linear", "smooth"])
 def test_an_eased_speed_is_the_old_one_at_first_and_the_new_one_at_last(ease):
-    shown = time_map_of(Retime(All(), 0.5, (10.0, 20.0), ease), (0.0, 59.0))
+    shown = Retime(All(), 0.5, (10.0, 20.0), ease).time_map((0.0, 59.0))
     times = np.linspace(0, 40, 401)
     speed = np.gradient([shown(t) for t in times], times)
     np.testing.assert_allclose(speed[(times < 9.9)], 1, atol=1e-6)
@@ -104,7 +106,7 @@ def test_an_eased_speed_is_the_old_one_at_first_and_the_new_one_at_last(ease):
 
 @pytest.mark.parametrize("speed", [0.1, 0.5, 0.9, 2.0, 5.0])
 def test_a_speed_with_soft_ends_shows_as_much_as_at_once_and_is_over_at_the_last_frame(speed):
-    soft, hard = (time_map_of(Retime(All(), speed, (10.0, 30.0), ease), (0.0, 199.0)) for ease in ("soft", None))
+    soft, hard = (Retime(All(), speed, (10.0, 30.0), ease).time_map((0.0, 199.0)) for ease in ("soft", None))
     times = np.linspace(0, 40, 4001)
     speeds = np.gradient([soft(t) for t in times], times)
     assert soft(30.0) == pytest.approx(hard(30.0))

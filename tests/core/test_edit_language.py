@@ -11,16 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from f4x_core.edit import styles
+from f4x_core.edit.change import SHOWN
 from f4x_core.edit.commands import COMMANDS
 from f4x_core.edit.description import describe, in_words
+from f4x_core.edit.english import AGAIN, REMARK
 from f4x_core.edit.language import MAX_CHARACTERS, Refusal, about_there, nearest, parse
 from f4x_core.edit.lengths import in_units
-from f4x_core.edit.making import SHOWN
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Retime, Transform, read_operation
 from f4x_core.edit.request import Request
-from f4x_core.edit.retiming import time_map_of
 from f4x_core.edit.selects import Current, Ids, Instance, Named, Not, Or, Text
-from f4x_core.edit.slots import AGAIN, REMARK
 from f4x_core.errors import F4xError
 from f4x_core.language.colour_names import COLOURS
 from f4x_core.language.grammar import VOCABULARY
@@ -247,7 +246,7 @@ def test_long_texts_take_bounded_time(part):
     [
         ("make the dog not red", "'not'"),
         ("don't remove the dog", "'don't'"),
-        ("undo the last edit", "`f4x undo SCENE`"),
+        ("undo the last two edits", "`f4x undo SCENE`"),
         ("scale the scene to meters", "Scale to Length"),
         ("align it to the floor", "Align to Floor"),
         ("relight the scene", "as it was filmed"),
@@ -281,7 +280,7 @@ def test_lengths_are_units_of_a_scene_that_is_known_to_be_so_large(sentence, exp
 )
 def test_a_part_that_gets_another_length_is_shown_whole_in_it(sentence, part, length):
     (retime,) = say(sentence)
-    (start, end), shown = part, time_map_of(retime, (0, 59))
+    (start, end), shown = part, retime.time_map((0, 59))
     assert shown(start) == pytest.approx(start)
     assert shown(start + length) == pytest.approx(end, abs=0.02)  # speeds have three decimals
     assert shown(start + length + 5) == pytest.approx(end + 5, abs=0.02)  # then it goes on as it was

@@ -39,7 +39,7 @@ from f4x_core.edit.stack import of
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
-from f4x_core.language.grammar import Doubt
+from f4x_core.language.refusal import Doubt
 from f4x_core.query.connected_objects import label_components, pick_object, split_objects
 from f4x_core.query.prompts import select_by_text
 from f4x_core.scene import StaticSet, read_scene, write_scene
@@ -683,3 +683,24 @@ def test_a_fade_is_even_in_the_picture(scene, inward, wanted):
     assert inside.sum() > 50
     shown = [float(one[inside].mean()) for one in alpha]
     np.testing.assert_allclose(shown, wanted, atol=0.15)
+
+
+@pytest.mark.parametrize(
+    "sentence", ["undo that", "please take that back", "take back the last edit", "undo my last change"]
+)
+def test_a_sentence_takes_all_edits_of_the_last_one_back_and_can_be_undone(scene, sentence):
+    scene = with_operations(scene, Recolour(Moving(), (0, 0, 1)), sentence="make what moves blue")
+    done = plan.preview(scene, plan.propose(scene, "make the square darker and blur it").chosen)
+    back = plan.preview(done, plan.propose(done, sentence).chosen)
+    assert [edit.enabled for edit in of(back).edits] == [True, False, False, True, True]
+    assert np.array_equal(back.posed(2.0).sh, scene.posed(2.0).sh)
+    assert of(back).undo().undo().edits == of(done).edits
+    first = plan.preview(back, plan.propose(back, sentence).chosen)
+    with pytest.raises(F4xError, match="No edit is in effect"):
+        plan.propose(first, sentence)
+
+
+def test_what_is_said_beside_an_undoing_is_for_the_thing_before(scene):
+    done = with_operations(scene, Recolour(Moving(), (0, 0, 1)), sentence="make the square blue")
+    _, red = plan.propose(done, "undo that and make it red").chosen.operations
+    assert red.select != All()

@@ -10,7 +10,7 @@ from effect_scenes import effect_scene
 from f4x_core.edit import plan
 from f4x_core.edit.plan_lines import plan_lines
 from f4x_core.edit.resolve import EditorState
-from f4x_core.language.grammar import Refusal
+from f4x_core.language.refusal import Refusal
 from f4x_core.query.questions import answer
 from f4x_core.query.selection import Selection, fingerprint
 

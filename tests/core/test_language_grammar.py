@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from f4x_core.language import lexicon
+from f4x_core.language import lexicon, notation
 from f4x_core.language.grammar import (
     Reading,
     Rule,
@@ -71,3 +71,29 @@ def test_the_misspelt_word_is_found_among_all():
         pairs = [(lexicon.slips(word, other), other) for other in known]
         near = [pair for pair in pairs if 0 < pair[0] <= allowed and lexicon._typed(word, pair[1])]
         assert lexicon.misspelt(word, known) == min(near, default=(0, None))[1]
+
+
+SAY = notation.Notation({"colour": COLOUR})
+
+
+@pytest.mark.parametrize(
+    ("phrase", "sentence", "values"),
+    [
+        ("by <colour>", "by dark red", ("r",)),
+        ("(very) <colour> [paint|tint]", "blue paint", ("b",)),
+        ("(very) <colour> [paint|tint]", "very red tint", ("r",)),
+        ("paint <colour?>", "paint", (None,)),
+        ("paint <.colour>", "paint red", ()),
+        ("[in <colour>|plain]", "in blue", ("b",)),
+        ("[in <colour>|plain]", "plain", ()),
+        ("![dark|deep] <colour>", "dark red", None),
+        ("![dark|deep] <colour>", "red", ("r",)),
+        ("{blur}|nothing", "blurring", ()),
+        ("{=sit} (<colour>)", "sits red", ("r",)),
+        ("(in|with) <colour>|<colour> too", "red too", ("r",)),
+        ("(a|the)", "", ()),
+    ],
+)
+def test_phrases_are_read_as_they_are_written(phrase, sentence, values):
+    ways = SAY(phrase).at(Reading.of(sentence, tokenise(sentence), {}), 0)
+    assert ways.get(len(tokenise(sentence))) == values

@@ -6,7 +6,7 @@ import sentence_cases
 from f4x_core.edit.description import describe
 from f4x_core.edit.language import Refusal, parse
 from f4x_core.edit.request import Request
-from f4x_core.language.grammar import Doubt, Slip
+from f4x_core.language.refusal import Doubt, Slip
 
 
 @pytest.mark.slow

@@ -61,11 +61,11 @@ def test_the_longest_name_that_fits_decides(module, code):
 
 
 def test_the_code_is_that_of_the_first_cause_and_stands_once():
-    from f4x_core.edit.operations import _check_range
+    from f4x_core.edit.change import check_range
 
     try:
         try:
-            _check_range("strength", 2.0)
+            check_range("strength", 2.0)
         except F4xError as error:
             raise F4xError(f"edit 3: {error}") from error
     except F4xError as error:

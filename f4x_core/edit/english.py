@@ -1,0 +1,397 @@
+"""The words and rules that operations say their sentences in: those of the language, of things and times, and what commands share.
+
+An operation imports this in `said`, under the name `say`.
+"""
+# ruff: noqa: F401, I001
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..language.amounts import (
+    BEFORE_VERBS,
+    amount,
+    comparison,
+    degree,
+    distance,
+    fraction,
+    fraction_of,
+    multiple,
+    number,
+)
+from ..language.amounts import percent, signed, softly, steps, stops
+from ..language.colours import colour, colourish, more_colour
+from ..language.degrees import DEGREES, Amount, Distance
+from ..language.grammar import Reading, Rule, constant, either, generated, here, keyword, listed, literal
+from ..language.grammar import optional, silent, table, unless
+from ..language.lexicon import FUNCTION_WORDS, PICTURE, every_form, word_set
+from ..language.notation import Notation
+from ..language.refusal import Mismatch, Refusal
+from ..language.times import TimeExpression, duration, span
+from ..language.verbs import IMPERATIVES, any_form, asked_form
+from .phrases import SentenceContext, Who, beside_itself, everything_but, familiar, known_noun, known_thing, name, place
+from .phrases import there_already, thing, two_of_them, whose
+from .selects import All, SelectKind
+from .values import Given, Graded, Value
+
+
+def REMARK() -> Value:  # it stands for what is said and asks for nothing
+    """Make nothing: "leave the dog alone"."""
+    raise Mismatch
+
+
+def AGAIN() -> Value:  # likewise for the command before
+    """Make what was said before: "do the same with the cat"."""
+    raise Mismatch
+
+
+@dataclass(frozen=True)
+class Use:
+    """How a command may be said beside its full form."""
+
+    bare: bool = True
+    """After another command "it" may be left out: "move the dog left and turn around"."""
+    whole: bool = False
+    """Without a thing it is for everything: "increase the contrast"."""
+    alone: bool = False
+    """It is about no thing: "undo that"."""
+    timed: bool = False
+    """With a time and without a thing it is for everything: "play the last second in slow motion"."""
+
+
+USUAL = Use()
+NAMED = Use(bare=False)
+TIMED = Use(timed=True)
+WHOLE = Use(whole=True)
+
+
+about = ~literal("of|for|on|to|in|with|around|round|about|onto|over|at|from|upon|into|through|across|all over")
+_SEEN_ALONE = word_set("visible seen shown left remain remaining remains there")
+_not_seen_alone = here(lambda reading, at: _SEEN_ALONE.isdisjoint(reading.words))
+"""Of "only the dog should be visible" the rest is not to be seen."""
+whom = (
+    unless(literal("over the [clip|video|film|scene|shot]|across the board"))
+    + ~(_not_seen_alone + literal("(but) [only|just|only for|just for|only with]"))
+    + about
+    + thing
+    + ~literal("only|alone")
+)
+"""Whom a command is about, with what may stand before and behind."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """What may be said besides somebody and a time, and what is then done."""
+
+    example: str
+    """A sentence that uses it."""
+    make: Callable[..., Given]
+    """From the values of the slots to what is done."""
+    needed: frozenset[str]
+    """Slots without which it means nothing."""
+    slots: Mapping[str, Rule]
+    """By argument name of `make`, in any order; those without a value are words that belong to the command and add nothing."""
+    who: Rule = whom
+    """The phrase for whom it is about."""
+    use: Use = USUAL
+
+
+phrase = Notation(globals())
+"""The rule of a phrase in words, which may name rules of this module."""
+
+
+def command(
+    example: str, make: Callable[..., Given], needed: str, use: Use = USUAL, who: Rule | str = whom, **slots: Any
+) -> Command:
+    """A command; its slots may be written in the notation of `phrase`, or as words with their values."""
+    rules = {
+        name: table(rule, reserve=False) if isinstance(rule, dict) else phrase(rule) for name, rule in slots.items()
+    }
+    return Command(example, make, frozenset(needed.split()), rules, phrase(who), use)
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Something that there is more or less of. Words are alternatives with `|`."""
+
+    changed: Graded
+    """What is done for so much more or less of it."""
+    more: str
+    """"brighter"."""
+    less: str
+    """"darker"."""
+    much: str
+    """"bright", which also stands behind "more", "less", "as", "too" and "not"."""
+    little: str
+    """"dark", likewise."""
+    noun: str
+    """"brightness"."""
+    lack: str = ""
+    """"darkness"."""
+    up: str = ""
+    """Sense of `language.verbs` of making more of it."""
+    down: str = ""
+    """And less."""
+    excess: str = ""
+    """What it is where there is too much of it: "overexposed"."""
+    dearth: str = ""
+    """And too little: "murky"."""
+    too: str = ""
+    """More words behind "too": "shiny"."""
+    too_little: str = ""
+    """And for too little: "shadowy"."""
+    sets: str = ""
+    """Sense of what brings it to a value: "scale the dog to 80 %"."""
+    bare: bool | None = None
+    """`much`, or else `little`, says by itself that it gets so: "a bit blurry", "30 % transparent"."""
+    wished: bool = False
+    """So do both where they are wished for: "the sand should be dark"."""
+
+    @property
+    def at_most_all(self) -> bool:
+        """Whether there is no more of it than all: "raise the opacity to 80 %"."""
+        return self.bare is False
+
+    @property
+    def value(self) -> Rule:
+        """What is done: "brighter by a third", "twice as bright", "half the brightness"."""
+        compared = comparison(self.changed, self.more, self.less, self.much, self.little)
+        rules = [compared, fraction_of(self.noun) >> self.times]
+        if self.bare is not None:
+            word, how = keyword(self.much if self.bare else self.little), softly | amount
+            rules += [rule >> self._becomes for rule in (optional(how) + word, word + how)]
+        return either(*rules)
+
+    def _becomes(self, how: Amount | None) -> Value:
+        return self.changed(how, bool(self.bare))
+
+    def times(self, by: float) -> Value:
+        """What is done for so many times as much of it."""
+        if by == 1:
+            raise Mismatch  # "in full color" asks for no more or less of it
+        return self.changed(Amount("as", by), True)
+
+    def complaints(self) -> Iterator[tuple[str, str, bool]]:
+        """Words behind "too", those that complain by themselves, and whether more of it helps."""
+        nouns = self.noun.split("|")
+        yield "|".join((self.much, self.too, *(f"much {noun}" for noun in nouns))), self.excess, False
+        yield "|".join((self.little, self.too_little, *(f"little {noun}" for noun in nouns))), self.dearth, True
+
+    def helps(self, upward: bool) -> Value | None:
+        """What is done for more or less of it; None where that cannot be."""
+        try:
+            return self.changed(None, upward)
+        except Mismatch:
+            return None
+
+
+@dataclass(frozen=True)
+class Said:
+    """The sentences that ask for an operation."""
+
+    commands: tuple[Command, ...] = ()
+    """In the order in which they are preferred."""
+    qualities: tuple[Quality, ...] = ()
+    """What it makes more or less of."""
+    made: tuple[Rule, ...] = ()
+    """What stands behind "make the dog": values, as "red"."""
+    alone: tuple[Rule, ...] = ()
+    """Values that stand there as they are, without "to", "in" or "more"."""
+    verbs: Mapping[str, tuple[Graded, bool | None]] = field(default_factory=dict)
+    """Sense of a verb -> what it makes more of, or less."""
+    too: Mapping[str, tuple[Value | None, Value | None]] = field(default_factory=dict)
+    """Quality -> what is done where there is too much of it, and where there is not enough."""
+    early: tuple[Command, ...] = ()
+    """Commands that are preferred to those of qualities."""
+    given: tuple[Rule, ...] = ()
+    """Values that are preferred to those in `made`."""
+
+
+def always(value: Value) -> Callable[[], Value]:
+    """Make the same value, whatever is said besides."""
+    return lambda: value
+
+
+def as_given(values: Given) -> Given:
+    """Make the values themselves of a slot `values`."""
+    return values
+
+
+OUT = keyword(
+    f"out|away|off|[off|out of|away from] [the|this|my|our] (whole|entire) [{PICTURE}]|out of [there|here|sight]|from "
+    f"[sight|view]|from [the|this|my|our] (whole|entire) [{PICTURE}]"
+)
+
+# Moving and turning
+SENSE = table(
+    {
+        "(over) (to|toward|on|into) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise"
+        "|counter clockwise|anticlockwise|anti clockwise": -1,
+        "(over) (to|toward|on|into) (the|its|his|her|their) right (side|hand side)|rightward|clockwise": 1,
+    }
+)
+FULL_TURN = table(
+    {
+        "(a) half (a) [turn|rotation|spin|circle|revolution]|you turn|a 180": 180.0,
+        "(a) quarter (of a) [turn|rotation|spin|circle]|(a) right angle": 90.0,
+        "(a) three quarter turn|three quarters of a turn": 270.0,
+        "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution]|a [turn|spin|rotation]|(a) 360|full 360": 360.0,
+        "two (full) [turns|rotations|spins]": 720.0,
+        "three (full) [turns|rotations|spins]": 1080.0,
+    },
+    reserve=False,
+)
+_so_often = table(
+    {
+        "180|[halfway|half way] (around|round)": 180.0,
+        "360|all the way around|once (around|completely)|around once|one [full|complete|whole] time": 360.0,
+        "twice|two times": 720.0,
+        "three times": 1080.0,
+        "quarter": 90.0,
+    },
+    reserve=False,
+)
+_by = ~keyword("by|through|for")
+ANGLE = either(
+    _by + signed + keyword("degrees|degree|deg|°|º"),
+    ~keyword("by") + here(lambda reading, at: reading.word(at - 1) != ":") + signed,
+    _by + ~keyword("a|one") + (FULL_TURN | _so_often),
+)
+# Copies
+_copies = ~keyword(
+    "(,) (please ,) (and|but|with|while|that|which|who|by) ([each|every|both] (one) (of them)|[he|she|it|they|the copy|the copies|"
+    "all] (of them)|that) (is|are|being|to be)"
+)
+_behind = (
+    "[it|him|her|itself|the original|the first (one)|the real one|the other (one)|the [one|copy|last|previous] (one) "
+    "([before|ahead] (of) (it|that))]"
+)
+_lagging = keyword(
+    "[delay|delayed|lag|lags|lagging|trail|trails|trailing|stagger|staggered|spaced|offset|shift|slip|push|follow|follows|following|"
+    f"chase|chases|chasing|tail|tailing|shadowing|runs|walks|moves] ([behind|after]) ({_behind}|that|them) (back|late|later) "
+    "([by|with|at|on the same path]) (a [delay|lag|distance] of)"
+)
+_coming = keyword(
+    "[come|comes|coming|start|starts|starting|run|runs|running|play|plays|moves|move|moving|enter|enters|join|joins|arrive|arrives|"
+    "appear|appears|go|goes|set|sets|begin|begins] (in|on|off|out|with|up) (by|with)"
+)
+_late = keyword(
+    f"(too) [later|behind|late|after|delayed|afterward] ([than|from|behind|after] {_behind})|[after|behind] {_behind}|"
+    f"in the future|"
+    "offset (each)|(of) [delay|lag]|apart (each)|(in) between ((each of) [them|each (one)|the copies])|from [each "
+    "other|one another]|"
+    "on its path|along (its|the same) path"
+)
+_early = keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
+_following = keyword(
+    f"(that|to) [follow|trail|chase|follows|trails|chases|lags|following|trailing|lagging|chasing] [behind|after] ({_behind})|"
+    f"(that|to) [follow|trail|chase|follows|trails|chases|lags|runs|walks|moves|following|trailing|lagging|chasing|"
+    f"tailing|shadowing] "
+    f"([behind|after]) {_behind}|that [follows|trails|lags]|follow|trail"
+)
+TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
+"""Copies of a trail, and the time from one to the next."""
+SHIFT = either(
+    _copies + (_lagging | keyword("with (a) ([lag|delay|gap] of)")) + duration + ~_late,
+    _copies + ~_coming + ~keyword("each (one)") + duration + _late,
+    _copies + ~_coming + duration + _early >> (lambda length: length.plus(length, -2.0)),
+    _copies + keyword("[a bit|a little|slightly] [late|later|behind|delayed]") >> (lambda: TRAIL_LAG),
+    ~keyword(",") + _following + ~keyword("on the same path") >> (lambda: TRAIL_LAG),
+)
+_apart = distance + keyword("apart") | ~keyword("by") + number + keyword("apart") >> Distance
+BESIDE_IT: dict[str, Any] = {
+    "own": beside_itself | place,
+    "way": ~keyword(",") + steps,
+    "far": ~keyword(",") + _apart | distance,
+    "shift": SHIFT,
+    "called": keyword("(,) [called|named|by the name of]") + name,
+}
+
+
+# What is said in passing, and commands without a verb
+TOPIC = Command("the dog: make it red", REMARK, frozenset(), {})
+QUALITY_WORDS = (
+    "washed out|faded|lifeless|bland|ugly|weird|odd|bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
+    "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge|so "
+    "[mid|meh|lame|basic|plain|dull|stale|tacky|dreary|drab|boring|last year|ugly|bland]"
+)
+
+# What colors, lights and looks share
+shade_of = ~keyword(
+    "(nice|lovely|bright|strong|warm|cool) [shade|tone|tint|hue] of|any [shade|tone] of|nice|lovely|beautiful|pretty|"
+    "kind of|really|very|warm|cool|soft|rich|strong|plain"
+) + ~literal(
+    "vivid|fluorescent|shiny|glossy|matte|metallic|intense|gorgeous|fresh|proper|real|true|good old|super|bold|juicy|loud|"
+    "screaming|striking|deep and rich|electric|luminous|total|totally|all|autumn|fire|fire engine|blood|cherry|ice|icy|baby|"
+    "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|crimson|cute"
+)
+colored = ~keyword("(in) color|colored|tone") + unless(keyword("tint|filter"))
+colored_noun = literal("color|paint|tint|tinge|touch|shade|hue|tone|glow|light|halo|shimmer|cast|wash|coat|aura|shine")
+effect = keyword(
+    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|vibes|mood|tone|tones|light|coloring|treatment|"
+    "feeling|grade"
+) | literal("statue|sculpture|figurine|atmosphere|version|theme|aesthetic|paint|coat")
+a_bit = ~literal("some|a|an|a bit of|a little|a touch of|the") + optional(
+    table(
+        {
+            "(very) [slight|soft|light|gentle|little|subtle|small|faint|tiny|mild]|touch of|hint of|bit of": Amount(
+                "small"
+            ),
+            "(very) [strong|heavy|thick|bright|intense|big|huge|hard|massive]|lot of": Amount("large"),
+        },
+        reserve=False,
+    )
+)
+"""How much of something is put on somebody."""
+LIGHT_VERBS = any_form("become", "apply", "leave")
+"""Verbs that only carry what a noun or a value says: "stick a glow on it", "trim the contrast to 80 %"."""
+over = here(lambda reading, at: not reading.word(at).isalpha())
+has_to_go = literal("go|goes|gone") + over
+light_verb = literal(LIGHT_VERBS)
+SEEM = "look|looking|looks|looked|appear|seem|feel"
+REAL = "a|an|some|the|pure|that|this|made of|made out of|in|being|real"
+a_ = ~literal("(with|in|of|to|into) (a|an|some|the|that|this)")
+slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|touch of|bit of|dash of|little bit of")
+a_color = a_ + ~slight
+toward = ~literal(
+    "[up|down] to|something like|something in|a kind of|more of|(look|looks) like (an|some) old [movie|film|photo|photograph|"
+    "picture|postcard] (,) (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|"
+    "classic|nice|some|for|but|but in|be of|from"
+)
+_MAX_DESCRIBING = 2
+described = generated(
+    lambda reading, at: (
+        (end, None)
+        for end in range(at + 1, at + _MAX_DESCRIBING + 1)
+        if all(reading.word(i).isalpha() and reading.word(i) not in FUNCTION_WORDS for i in range(at, end))
+    )
+)
+"""Adjectives before the name of a look, which says it all: "old photo sepia"."""
+
+
+def at_most(x: float) -> float:
+    """A share of something; Mismatch for more than all of it."""
+    if x > 1:
+        raise Mismatch
+    return x
+
+
+at_most_all = degree >> (lambda how: min(1.0, DEGREES[how.kind].share)) | percent >> at_most
+"""A part of the usual strength, or all of it."""
+
+
+nobody = table({})
+"""No words: of a command that is about no thing."""
+
+
+def the_clip() -> Who:
+    """Whom a clip, its time or what happens then means: everything."""
+
+    def who(context: SentenceContext) -> SelectKind:
+        context.last = All()
+        return context.last
+
+    return who

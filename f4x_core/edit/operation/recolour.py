@@ -1,0 +1,293 @@
+"""Another color, or more and less of one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from ...errors import F4xError
+from ...language.colour_names import COLOURS
+from ...language.degrees import DEGREES, factor
+from ...language.lexicon import PLACES
+from .. import colours
+from ..change import Change, Ease, Reply, Span, Vector, check_range, check_span
+from ..description import colour_words, number_words, percent_words, strength_words, times_words, whom
+from ..selects import All, Not, SelectKind
+from ..state import Appearance
+from ..values import Value, graded
+from ._color import Dye
+
+if TYPE_CHECKING:
+    from ...language.grammar import Rule
+    from ..english import Said
+    from ..phrases import SentenceContext, When
+
+BLACK_AND_WHITE = (0.5, 0.5, 0.5)
+"""As `hue`: no colour is left, light and dark stay."""
+A_BIT = 0.5
+"""Strength of a tint."""
+MORE_COLOUR = 0.3
+"""How far "redder" goes from gray to red."""
+_BASIC = ("red", "green", "blue", "yellow", "orange", "purple", "pink", "cyan", "brown", "white", "black")
+
+
+@dataclass(frozen=True)
+class Recolour(Dye):
+    """Another colour."""
+
+    TAG = "recolour"
+    select: SelectKind
+    rgb: Vector
+    """sRGB in [0, 1]; for `add` -1 to 1, for `multiply` 0 to 10."""
+    mode: Literal["assign", "add", "multiply", "hue"] = "assign"
+    """`assign` the colour; `add` it; `multiply` by it; take its `hue` and saturation and leave light and dark."""
+    strength: float = 1.0
+    keep_luminance: bool = False
+    """With `assign`: shading and texture stay, brightened or darkened so that their mean is the colour's."""
+    frames: Span | None = None
+    ease: Ease | None = None
+
+    def __post_init__(self) -> None:
+        low, high = {"add": (-1, 1), "multiply": (0, 10)}.get(self.mode, (0, 1))
+        if not all(low <= value <= high for value in self.rgb):
+            raise F4xError(f"rgb is {list(self.rgb)}; for {self.mode} give three numbers from {low} to {high}.")
+        check_range("strength", self.strength)
+        check_span(self.frames)
+
+    @property
+    def has_tones(self) -> bool:
+        return self.keep_luminance
+
+    def goal(self, rgb: np.ndarray, whom: Appearance, tones: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        target = np.array(self.rgb)
+        if self.mode == "multiply":
+            rest = (whom.sh[:, 1:] * (1 + self.strength * (target - 1))).astype(np.float32)
+            return rgb * self.rgb, rest, whom.opacities
+        if self.mode == "add":
+            return rgb + self.rgb, whom.sh[:, 1:], whom.opacities
+        if self.mode == "hue":
+            goal = colours.with_hue(rgb, target)
+        elif self.keep_luminance:
+            goal = colours.painted(rgb, target, tones)
+        else:
+            goal = np.broadcast_to(target, rgb.shape)
+        return goal, self.faded(whom), whom.opacities
+
+    @property
+    def of_picture(self) -> bool:
+        return self.mode in ("multiply", "add") or (self.mode, self.rgb) == ("hue", BLACK_AND_WHITE)
+
+    @property
+    def aspect(self) -> tuple[Any, ...]:
+        return (Recolour, self.mode, self.rgb if self.mode == "add" else None)
+
+    @property
+    def covers(self) -> bool:
+        """A color of its own, in full."""
+        return self.mode == "assign" and self.strength == 1
+
+    @property
+    def is_covered(self) -> bool:
+        """A color of its own."""
+        return self.mode == "assign"
+
+    def followed_by(self, later: Change) -> tuple[Change, ...]:
+        """Of "red until second 1, then blue" the later one begins where this one ends."""
+        same = isinstance(later, Recolour) and (later.select, later.mode) == (self.select, self.mode)
+        if same and later.span is None and self.frames is not None and self.frames[1] is not None:
+            later = replace(later, frames=(self.frames[1], None))  # type: ignore[type-var]
+        return super().followed_by(later)
+
+    def described(self) -> str:
+        who, rgb, strong = whom(self.select), self.rgb, strength_words(self.strength)
+        if self.mode == "hue" and set(rgb) == {0.5}:
+            sentence = f"make {who} {strong}black and white"
+        elif self.mode == "hue":
+            sentence = f"shift the hue of {who} {strong}to {colour_words(rgb)}"
+        elif self.mode == "multiply" and len(set(rgb)) == 1:
+            sentence = f"make {who} {times_words(rgb[0], 'bright', 'brighter', 'darker')}"
+        elif self.mode == "multiply":
+            sentence = f"multiply the color of {who} by {number_words(rgb)}"
+        elif self.mode == "add":
+            more = _more(rgb)
+            sentence = f"make {who} {more}" if more else f"add {number_words(rgb)} to the color of {who}"
+        else:
+            sentence = f"make {who} {strong}{'' if self.keep_luminance else 'solid '}{colour_words(rgb)}"
+        return self.coming(sentence)
+
+    @classmethod
+    def replies(cls) -> tuple[Reply, ...]:
+        byte = range(256)
+
+        def painted(answer: Any, who: SelectKind, _: Any) -> Recolour:
+            rgb = (answer.red / 255, answer.green / 255, answer.blue / 255)
+            mode: Literal["hue", "assign"] = "hue" if answer.mode == "hue" else "assign"
+            return Recolour(who, rgb, mode, answer.strength / 100, answer.mode == "paint", answer.span)
+
+        def brightened(answer: Any, who: SelectKind, _: Any) -> Recolour:
+            return Recolour(who, (answer.percent / 100,) * 3, "multiply", frames=answer.span)
+
+        doc = "Another colour; `paint` keeps light and dark, `flat` does not, `hue` turns the hue alone."
+        bytes_ = {"red": byte, "green": byte, "blue": byte}
+        mixed = {**bytes_, "mode": ("paint", "flat", "hue"), "strength": range(101)}
+        return (
+            Reply(("paint",), doc, painted, mixed, "Paint"),
+            Reply(
+                ("brightness",),
+                "Brighter or darker: 100 is as before.",
+                brightened,
+                {"percent": range(1001)},
+                "Brightness",
+            ),
+        )
+
+    @classmethod
+    def said(cls) -> Said:
+        from .. import english as say
+
+        quality = say.Quality(
+            graded(brightened), "brighter|lighter", "darker|dimmer|gloomier", much="bright|light", little="dark|dim",
+            noun="brightness|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain",
+            lack="darkness", up="brighten", down="darken", excess="overexposed|blown out|glaring",
+            dearth="underexposed|murky|gloomy|dim", too="shiny", too_little="black|shadowy", wished=True,
+        )  # fmt: skip
+        hue = say.command(
+            "shift the hue of the car to red", hued, "rgb", say.NAMED, say.whose("hue|hues|tone"), verb="{set,become}",
+            rgb=~say.keyword("to|toward|into") + say.colour,
+        )  # fmt: skip
+        tint = say.command(
+            "tint the dog orange", faintly, "verb rgb", verb="{tint}",
+            rgb="<a_color> <shade_of> [<colour>|<colourish>] (<colored>)",
+        )  # fmt: skip
+        rest = say.command(
+            "only the dog keeps its color", say.always(rest_grayed), "only keeps", say.NAMED, verb="{keep,show}|let",
+            only="[only|just|solely] !<.span>",
+            keeps="[keeps|keep|retains|stays|stay|remains|remain|has|have] (its|their|his|her) [color|colors|colored|in color]|in "
+            "(full|its) [color|colors]|colored",
+        )  # fmt: skip
+        light = say.command(
+            "lift the dog by half a stop", lambda way, by: brightened(factor(by, way)), "way by",
+            verb="![add|adds|adding|added] [{set,become,apply}]",
+            way={
+                "[raise|lift|push|bring|expose|pull|open|come|go] up|up|over|brighter|lighter|more|raise|lift|push|+|higher": True,
+                "[drop|pull|bring|knock|take|come|go] [down|back]|down|under|darker|dimmer|less|drop|lower|back|-": False,
+            },
+            by="(by|a) <stops>",
+        )  # fmt: skip
+        fade = say.command(
+            "fade to black at the end", fading_to, "verb rgb", say.WHOLE,
+            verb="{=fade/dissolve/dip/go/fade out/fade slowly}",
+            rgb="[to|into|out to|down to] (a|solid|pure|full|total|complete) <colour>",
+        )  # fmt: skip
+        return say.Said((hue, tint, rest, light, fade), (quality,), *_colors())
+
+
+def _more(rgb: Vector) -> str:
+    """ "30 % more red" for what it adds; nothing when it is no basic colour."""
+    for word, sign in (("more", 1), ("less", -1)):
+        for name in _BASIC:
+            pure = [sign * (c - 0.5) for c in COLOURS[name]]
+            share = round(max(map(abs, rgb)) / max(map(abs, pure)), PLACES)
+            if rgb == tuple(round(share * c, PLACES) for c in pure):
+                return f"{percent_words(share)} {word} {name}"
+    return ""
+
+
+def _colors() -> tuple[tuple[Rule, ...], tuple[Rule, ...]]:
+    """Values that are colors: behind "make the dog", and as they are."""
+    from .. import english as say
+
+    degree = say.degree >> (lambda how: DEGREES[how.kind].share)
+    much = say.either(degree, ~say.keyword("by") + (say.percent | say.fraction) >> (lambda x: x / MORE_COLOUR))
+    gray = say.keyword(
+        "black and white|black white|b and w|b / w|monochrome|monochromatic|(a) grayscale|gray scale|colorless|desaturated|"
+        "without (any|its|all) color|without colors"
+    ) + ~say.literal("look|filter|effect|video|clip|film|movie|version|picture|image|grade|treatment|footage")
+    flat = say.keyword("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
+    shade = say.shade_of + ~(say.keyword("from") + say.silent(say.colour) + ~say.keyword("to|into"))
+    partly = say.degree >> (lambda how: say.at_most(DEGREES[how.kind].share)) | say.keyword("faintly|kind of") >> (
+        lambda: A_BIT
+    )
+    share = say.percent >> say.at_most
+    fully = ~say.keyword("all|completely|fully|entirely|totally|wholly")
+    made = say.either(
+        say.phrase("(a|an|the|some) <flat> (<flat>) <colour> (<colored>)", flat=flat) >> recoloured,
+        (partly + (say.colour | say.colourish) | share + say.colour) >> (lambda part, rgb: assigned(rgb, part)),
+        say.phrase("(a|an|some) <colourish> (<colored>)") >> faintly,
+        fully + say.phrase("(a|an|some) <shade> (the color) <colour> (<colored>)", shade=shade) >> assigned,
+        say.phrase("(a|an|the) <share> <gray>", share=say.optional(share, 1.0), gray=gray)
+        >> (lambda part: hued(BLACK_AND_WHITE, part)),
+        say.more_colour + much >> (lambda more, times: added(times, more)),
+        say.optional(much, 1.0) + say.more_colour >> added,
+    )
+    hue = say.shade_of + (say.colour | say.colourish)
+    alone = say.either(
+        say.phrase("<a_> <slight> <hue> (tint|tinge|touch|cast|wash|hue|note|tone)", hue=hue) >> faintly,
+        say.phrase("<a_> <hue> [tint|tinge|touch|cast|wash|hint|note|filter|overlay|glaze|veil]", hue=hue) >> faintly,
+        say.phrase(
+            "<a_> (nice|fresh|new|good|coat of|layer of|lick of|splash of|shade of|tone of) <shade_of> <colour> [color|paint|shade|"
+            "coat|hue|coat of paint|paint job|version|one|variant|lacquer|dye|tone|tones|colors|finish|makeover|varnish|dye job|"
+            "respray|lick of paint|look|appearance]|(with|in|to|of|as) (the|a) color (:|=|of|to) <colour>"
+        )
+        >> assigned,
+    )
+    return (made,), (alone,)
+
+
+def recoloured(rgb: Vector, mode: Any = "assign", strength: float = 1.0) -> Value:
+    """A colour, laid on by `mode`."""
+    return lambda who, when, _: Recolour(who, rgb, mode, strength, **when.coming)
+
+
+def hued(rgb: Vector, strength: float = 1.0) -> Value:
+    """The hue of a colour; light and dark stay."""
+    return recoloured(rgb, "hue", strength)
+
+
+def assigned(rgb: Vector, strength: float = 1.0) -> Value:
+    """A colour with the light and shade of the thing; gray takes its colour away."""
+    if rgb == COLOURS["gray"]:
+        return recoloured(BLACK_AND_WHITE, "hue", strength)
+    return lambda who, when, _: Recolour(who, rgb, strength=strength, keep_luminance=True, **when.coming)
+
+
+def faintly(rgb: Vector) -> Value:
+    """A bit of a colour."""
+    return assigned(rgb, A_BIT)
+
+
+def brightened(by: float) -> Value:
+    """So many times as bright."""
+    return recoloured((round(by, PLACES),) * 3, "multiply")
+
+
+def added(times: float, more: tuple[Vector, int]) -> Value:
+    """Redder or less blue, `times` as much as usual."""
+    rgb, sign = more
+    red, green, blue = (round(times * sign * MORE_COLOUR * (c - 0.5), PLACES) for c in rgb)
+    return recoloured((red, green, blue), "add")
+
+
+def fading_to(rgb: Vector) -> Value:
+    """To take a colour little by little; everything without a time: over the last second."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        fields = when.fading(context, inward=False)
+        if "ease" not in fields:
+            start = max(context.frames - 1 - context.fps, 0.0) if who == All() else 0.0
+            fields = {"frames": (start, None), **fields, "ease": "linear"}
+        if not any(rgb):
+            return Recolour(who, rgb, "multiply", **fields)
+        return Recolour(who, rgb, **fields)
+
+    return value
+
+
+def rest_grayed(who: SelectKind, when: When, context: SentenceContext) -> Change:
+    """All others lose their colour."""
+    return GRAYED(Not(who), when, context)
+
+
+GRAYED = hued(BLACK_AND_WHITE)
