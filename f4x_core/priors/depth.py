@@ -403,7 +403,9 @@ def between_samples(values: np.ndarray, height: int, width: int) -> np.ndarray:
 
     step, first = 1 / STRIDE, -(STRIDE // 2) / STRIDE
     how = {"flags": cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, "borderMode": cv2.BORDER_REPLICATE}
-    return cv2.warpAffine(values.astype(np.float32), np.array([[step, 0, first], [0, step, first]]), (width, height), **how)
+    return cv2.warpAffine(
+        values.astype(np.float32), np.array([[step, 0, first], [0, step, first]]), (width, height), **how
+    )
 
 
 def _measure(
