@@ -32,7 +32,7 @@ MIN_GRADIENT = 1e-3
 UNMATCHED_WEIGHT = 0.1
 """Weight of sightings that are not matched: with less, frames that share few patches come loose."""
 ANCHOR_STEP = 4
-"""Patches are taken from every such frame where the point is seen in one, so that many are matched between the same two pictures."""
+"""Patches are taken from every such frame that sees the point, so that many are matched between the same two pictures."""
 
 
 def match_anew(pictures: np.ndarray, seen: Observations) -> Observations:
