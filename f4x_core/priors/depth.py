@@ -78,9 +78,12 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     moving = priors.mask if priors.mask is not None else np.zeros((frames, priors.height, priors.width), bool)
     seen = np.ones_like(moving) if clip.hidden is None else ~clip.hidden[priors.frames]
     statistics: dict[str, Any] = {}
+    outlined = clip.hidden is None and priors.motion is not None and moving.any() and not mask_is_given(priors)
+    if outlined and priors.camera_kind != "moving":  # such a camera sees what is behind at any depth
+        moving = _with_outlines(clip, priors, np.ones(moving.shape, np.float32), moving)
     if priors.camera_kind == "moving":
         inverse, confidence = _static_depth(clip, priors, config, moving | ~seen, progress, statistics)
-        if clip.hidden is None and priors.motion is not None and moving.any() and not mask_is_given(priors):
+        if outlined:
             moving = _with_outlines(clip, priors, inverse, moving)
     elif priors.camera_kind == "static":
         inverse, confidence = _before_standing_camera(clip, priors, cameras, statistics)

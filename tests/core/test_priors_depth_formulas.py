@@ -476,6 +476,26 @@ def test_depth_and_statistics_of_a_standing_camera():
     assert found["mean_confidence"] == pytest.approx(module.GUESS_CONFIDENCE, abs=6e-4)
 
 
+@pytest.mark.parametrize("kind", ["static", "pan"])
+def test_outlines_before_a_camera_that_stays_in_its_place(kind):
+    """It sees what is behind a mover at any depth: a leg that the mask lacks comes back, before depth is guessed from the mask."""
+    clip, priors, _ = plane_priors(frames=14, step=0.0)
+    clip.frames[:] = clip.frames[0]
+    priors.camera_kind = kind
+    priors.motion = np.zeros(priors.mask.shape, np.float16)
+    true = np.zeros_like(priors.mask)
+    for t in range(14):
+        left = 4 + 3 * t
+        clip.frames[t, 10:34, left : left + 12] = clip.frames[t, 34:48, left + 4 : left + 8] = (230, 30, 40)
+        true[t, 10:34, left : left + 12] = true[t, 34:48, left + 4 : left + 8] = True
+        priors.mask[t, 10:34, left : left + 12] = True
+    before = priors.mask.copy()
+    module.provide(clip, priors, PriorsConfig(), silent)
+    lacked = true & ~before
+    assert (priors.mask & lacked).sum() > 0.9 * lacked.sum()
+    assert (priors.motion[priors.mask & lacked] > 0.5).all()
+
+
 def test_confidence_is_kept_between_nothing_and_certainty(monkeypatch):
     clip, priors, _ = plane_priors(frames=3)
     beyond = np.linspace(-0.5, 1.5, priors.mask.size).reshape(priors.mask.shape)
