@@ -7,8 +7,9 @@
    Clip", 2016); else pycolmap on keyframes, or own incremental structure from motion. 3. It is compared with its mirror image
    in depth (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the
    clip is a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the
-   focal length with them; frames that are missed are found from the points of the others (`trusted`). 6. Where what moves
-   fills the picture's border, cameras of all tracks are tried, too (`rigid`).
+   focal length with them; frames that are missed are found from the points of the others (`trusted`), and sightings are
+   matched anew with one picture of their track (`rematch`). 6. Where what moves fills the picture's border, cameras of all
+   tracks are tried, too (`rigid`).
 7. What moving cameras explain as static is taken out of what moves (`second_look`).
 
 Held-out frames are never looked at; how much real shake their interpolated cameras will miss is measured
