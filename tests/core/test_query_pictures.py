@@ -11,7 +11,8 @@ from f4x_core.query import blend_weights, leakage, pixels
 from f4x_core.query.labels import ask_for
 from f4x_core.query.score import text_scores
 from f4x_core.query.selection import Selection
-from f4x_core.scene.view import COVERED, render
+from f4x_core.scene.clouds import COVERED
+from f4x_core.scene.view import render
 from f4x_core.scene.visualise import SPECTRUM
 
 
