@@ -309,7 +309,7 @@ class EditedScene(Scene):
 
 
 class Looking:
-    """What an operation may ask of the scene while it changes the appearance of Gaussians; each is worked out when asked."""
+    """The scene as an operation sees it while it changes the appearance of Gaussians; each value is computed on demand."""
 
     def __init__(self, scene: EditedScene, below: int, time: float, rows: Wanted, state: Appearance):
         """Of edit number `below` (0 = first) for Gaussians `rows` at `time`, which have `state` before it."""

@@ -80,7 +80,7 @@ def _bake(scene: Scene) -> Scene:
 
 
 def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
-    """How many edits from the first on may be folded, the most first; after that, fewer by one that shows other moments."""
+    """Numbers of edits, from the first on, that may be folded, largest first; each next one ends before one that shows other times."""
     whole = edited(with_stack(scene, EditStack(active)))
     steps = whole.steps if isinstance(whole, EditedScene) else ()
     # what comes and goes is there by the clip's clock: edits that show other moments of it cannot be folded
@@ -143,11 +143,11 @@ class _Group:
 
     @property
     def lasts(self) -> bool:
-        """Whether G is the same at all times."""
+        """Return True if G is the same at all times."""
         return bool((self.turns == self.turns[0]).all() and (self.shifts == self.shifts[0]).all())
 
     def is_nothing(self, times: np.ndarray) -> bool:
-        """Whether these Gaussians are where the base has them."""
+        """Return True if these Gaussians are where the base has them."""
         still = not self.turns[:, 1:].any() and not self.shifts.any() and self.scale == 1
         return still and bool((self.moments == times).all())
 
@@ -300,7 +300,7 @@ class _Followers(NamedTuple):
     strength: np.ndarray
     """(n,)"""
     kept: bool = False
-    """Whether the base has them in the same place at the same reference time."""
+    """True where the base has them in the same place at the same reference time."""
 
 
 class _Nodes:

@@ -56,12 +56,12 @@ KINDS: dict[str, type[Change]] = {}
 
 @dataclass(frozen=True)
 class Reply:
-    """How a language model asks for an operation: whole numbers, words and names of the scene."""
+    """A language model's form of an operation: whole numbers, words and names of the scene."""
 
     op: tuple[str, ...]
     """Values of its field `op`; the first is usual."""
     doc: str
-    """What the model reads about it."""
+    """Description that the model reads."""
     make: Callable[[Any, SelectKind, Callable[[Any], SelectKind]], Any] | None = None
     """The operation from (the answer, its target, what makes a selection of another target); None: field by field."""
     fields: Mapping[str, Any] = field(default_factory=dict)
@@ -93,11 +93,11 @@ class Change(Record):
     FACTORS: ClassVar[tuple[str, ...]] = ()
     """Fields that are factors: of two sentences that both make them larger, or smaller, the later one is right."""
     SEEN: ClassVar[Literal["in place", "elsewhere", "in the rest", "in copies", "nowhere"]] = "in place"
-    """Where a picture changes: where the selection is, there and where it goes, everywhere else, in its copies."""
+    """Part of the picture that changes: at the selection, there and at its new place, everywhere else, in its copies."""
     REKEYS: ClassVar[bool] = False
     """Has `nodes`, `times` and `arrays` with new poses of scaffold nodes, in place of effects on Gaussians."""
     ANSWERS: ClassVar[int] = 0
-    """Whether words answer more (1) or less (-1) afterwards."""
+    """1: words select more afterwards, -1: less, 0: the same."""
 
     def __init_subclass__(cls) -> None:
         """Register the class by its tag."""
@@ -121,7 +121,7 @@ class Change(Record):
 
     @property
     def lasts(self) -> bool:
-        """Whether arrays that are the same at all times can hold what it does."""
+        """Return True if arrays that are the same at all times can hold what it does."""
         return not self.LOOKS or self.span is None
 
     # Which rows
@@ -169,7 +169,7 @@ class Change(Record):
 
     @property
     def growth(self) -> float:
-        """How many times as large it makes Gaussians at all times."""
+        """Factor by which it enlarges Gaussians at all times."""
         return 1.0
 
     def shown(self, state: Appearance, chosen: np.ndarray, fraction: float, scene: Looking) -> Appearance:
@@ -178,7 +178,7 @@ class Change(Record):
 
     @property
     def has_tones(self) -> bool:
-        """Whether the colours of one Gaussian depend on those of others."""
+        """Return True if the colours of one Gaussian depend on those of others."""
         return False
 
     def tones(self, whom: Appearance, other: Appearance | None) -> Any:
@@ -188,17 +188,17 @@ class Change(Record):
     # What it comes to in an edit stack
     @property
     def removes(self) -> bool:
-        """Whether it makes something invisible."""
+        """Return True if it makes something invisible."""
         return self.hides
 
     @property
     def hides(self) -> bool:
-        """Whether it makes something invisible that can be shown again."""
+        """Return True if it makes something invisible that can be shown again."""
         return False
 
     @property
     def brings_back(self) -> bool:
-        """Whether it can make visible what was hidden."""
+        """Return True if it can make visible what was hidden."""
         return False
 
     @property
@@ -213,12 +213,12 @@ class Change(Record):
 
     @property
     def of_picture(self) -> bool:
-        """Whether it may be meant for everything where a sentence names nothing: "more contrast"."""
+        """Return True if it may be meant for everything where a sentence names nothing: "more contrast"."""
         return False
 
     @property
     def aspect(self) -> tuple[Any, ...]:
-        """What it sets; two operations of one sentence do not set the same."""
+        """Key of the property that it sets; two operations of one sentence do not set the same."""
         return (type(self),)
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
@@ -233,7 +233,7 @@ class Change(Record):
         return self, later
 
     def planned(self, edits: Sequence[Edit]) -> tuple[Change, ...]:
-        """What it comes to in a scene with the edits `edits`."""
+        """Return the operations that it stands for in a scene with the edits `edits`."""
         return (self,)
 
     def settled(self, at: Settling) -> dict[str, Any]:
@@ -270,7 +270,7 @@ class Change(Record):
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """How a language model asks for it, by default field by field."""
+        """Return the forms in which a language model asks for it, by default field by field."""
         return (Reply((cls.TAG,), (cls.__doc__ or "").splitlines()[0]),)
 
 
@@ -283,15 +283,15 @@ class ChangeWithShadow(Change):
     """Base of the operations that change where, when or whether a thing is seen, so that its shadow changes with it."""
 
     along: SelectKind | None = None
-    """What goes along: the shadow and loose edges of the selection. None: planning finds them; `NOTHING_ALONG` leaves them."""
+    """The shadow and loose edges of the selection, which change with it. None: planning finds them; `NOTHING_ALONG` leaves them."""
 
     def settled(self, at: Settling) -> dict[str, Any]:
-        """What goes along, where the sentence does not say."""
+        """Find the shadow and loose edges, where the sentence says nothing of them."""
         return {"along": at.attached()} if self.along is None and at.takes_shadow else {}
 
 
 def holds(frames: Span | None, time: float) -> bool:
-    """Whether `time` lies within `frames`, both ends included."""
+    """Return True if `time` lies within `frames`, both ends included."""
     return frames is None or frames[0] <= time <= (math.inf if frames[1] is None else frames[1])
 
 

@@ -180,7 +180,7 @@ class Search:
                 )
 
     def _is_gapped(self, start: int) -> bool:
-        """Whether a clause begins with no verb."""
+        """Return True if a clause begins with no verb."""
         words = (word for word in self.reading.words[start:] if word not in _JOINING)
         return next(words) not in COMMAND_VERBS
 
@@ -234,22 +234,22 @@ def _first_made(
 
 
 def _lends(before: Clause, command: Command) -> bool:
-    """Whether a clause that follows may do without the verb of the command, which is said already."""
+    """Return True if a clause that follows may do without the verb of the command, which is said already."""
     return command is before.command and "verb" in command.needed & before.slots.keys()
 
 
 def _says_more(slots: Mapping[str, Any], needed: frozenset[str]) -> bool:
-    """Whether slots say more than whom: "and the cat" alone belongs to the clause before it."""
+    """Return True if slots say more than whom: "and the cat" alone belongs to the clause before it."""
     return bool(slots.keys() & ((needed | {"when"}) - {"verb", "who"}))
 
 
 def _commands(found: Found) -> bool:
-    """Whether there is a clause that is no mere topic."""
+    """Return True if there is a clause that is no mere topic."""
     return any(clause.command is not TOPIC for clause in found.clauses)
 
 
 def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
-    """Whether the values of a command go together."""
+    """Return True if the values of a command go together."""
     if command.make in (REMARK, AGAIN):
         return not {"nothing", "when"} <= filled.keys()  # "and let it run again at second 2" asks for something
     with suppress(Refusal, Mismatch):

@@ -1,4 +1,4 @@
-"""What is said of all operations alike: qualities and more or less of them, complaints, remarks, and what was said before.
+"""Commands that belong to no single operation: qualities and more or less of them, complaints, remarks, and references back.
 
 Between the phrases there may be words that add nothing; every other word has to belong to a phrase. The phrases of one operation
 stand in its file, in `said`.
@@ -47,7 +47,7 @@ from .values import Graded, Value, refused
 SAID = [kind.said() for kind in kinds()]
 """The sentences of each operation."""
 QUALITIES: tuple[Quality, ...] = tuple(quality for said in SAID for quality in said.qualities)
-"""What things are more or less of."""
+"""Qualities that things have more or less of."""
 
 
 _TOO: dict[str, tuple[Value | None, Value | None]] = {
@@ -74,7 +74,7 @@ too_much = either(
     + table({words: more for words, (_, more) in _TOO.items() if more}, reserve=False)
     + keyword("enough"),
 )
-"""What is done about too much or too little of a quality: a value."""
+"""Values against too much or too little of a quality."""
 rather = (
     literal(
         "a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite|terribly|awfully|horribly|"
@@ -83,7 +83,7 @@ rather = (
     )
     + _too
 )
-"""What is done about "it is a bit dark"."""
+"""Values for complaints such as "it is a bit dark"."""
 simply = optional(degree) + ~literal("more|really|very|rather|quite") + table(
     {words: (quality, upward) for quality in QUALITIES if quality.wished
      for words, upward in ((quality.much, True), (quality.little, False))},
@@ -94,7 +94,7 @@ simply = optional(degree) + ~literal("more|really|very|rather|quite") + table(
 made = either(
     *(quality.value for quality in QUALITIES if quality.bare is None), *(rule for said in SAID for rule in said.made)
 )
-"""What may stand behind "make the dog"."""
+"""Phrases that may follow "make the dog"."""
 _WANTED = (
     "needs|wants|requires|deserves|is in need of|calls for|is crying out for|[should|must|could|can|may|will|would|shall|has "
     "got to|have got to|has to|have to|needs to|need to|ought to|is to|are to|wants to|want to|is supposed to|are supposed to|"
@@ -198,7 +198,7 @@ _to_value = (
     + either(percent, multiple, number)
     + ~literal("of [its|the|their] (original|current|normal|present) (value|size|speed|brightness|level)")
 )
-"""What a quality comes to."""
+"""Values of qualities."""
 
 
 def _changed(
@@ -259,7 +259,7 @@ _by_how_much: dict[str, Any] = {
     "particle": {"up": True, "down": False},
     "times": _times_as_much,
 }
-"""How much more or less of a quality there is to be, or to what it comes."""
+"""Amounts more or less of a quality, or values that it reaches."""
 _SIDES: dict[str, tuple[Graded, bool | None]] = {
     sense: (quality.changed, upward)
     for quality in QUALITIES
@@ -290,7 +290,7 @@ _complained = either(
     literal("(the) [white balance|color temperature|exposure|overall look|overall color|grade|lighting]") >> the_clip,
     thing,
 )
-"""Who is complained of."""
+"""The target of a complaint."""
 COMMANDS: list[Command] = [
     command(
         "but leave the dog as it is", REMARK, "spared", NAMED, verb="{=leave/keep/let/stay/remain}", spared=untouched

@@ -72,7 +72,7 @@ _STANDING = {
 
 
 def beside_words(way: Vector) -> str:
-    """How a thing that goes beside another stands to it, in words."""
+    """The place of a thing beside another, in words."""
     return next(_STANDING[where] for where, standing in STANDING.items() if standing == way)
 
 
@@ -125,7 +125,7 @@ def _both(select: And) -> str:
 
 
 def span_words(frames: tuple[float, float | None] | None, open_end: str = "on") -> str:
-    """When it is in effect: " from frame 5 to frame 20"; nothing for all times."""
+    """The span of an operation in words: " from frame 5 to frame 20"; empty for all times."""
     if frames is None:
         return ""
     start, end = frames

@@ -49,12 +49,12 @@ class Display:
 
     @cached_property
     def appearance_changes(self) -> bool:
-        """Whether appearance depends on time."""
+        """Return True if appearance depends on time."""
         return any(step.edit.operation.LOOKS and step.edit.operation.span is not None for step in self._steps)
 
     @cached_property
     def changes(self) -> bool:
-        """Whether frames differ in more than the motion of the base."""
+        """Return True if frames differ in more than the motion of the base."""
         if self.appearance_changes or not len(self.apart):
             return self.appearance_changes
         other_tints = self.scene.tints is not None and any(step.retimes for step in self._steps)

@@ -50,7 +50,7 @@ def AGAIN() -> Value:  # likewise for the command before
 
 @dataclass(frozen=True)
 class Use:
-    """How a command may be said beside its full form."""
+    """Forms of a command besides its full one."""
 
     bare: bool = True
     """After another command "it" may be left out: "move the dog left and turn around"."""
@@ -84,7 +84,7 @@ whom = (
 
 @dataclass(frozen=True)
 class Command:
-    """What may be said besides somebody and a time, and what is then done."""
+    """The slots of a command besides its target and time, and the value that they make."""
 
     example: str
     """A sentence that uses it."""
@@ -118,7 +118,7 @@ class Quality:
     """Something that there is more or less of. Words are alternatives with `|`."""
 
     changed: Graded
-    """What is done for so much more or less of it."""
+    """The value for an amount more or less of it."""
     more: str
     """"brighter"."""
     less: str
@@ -136,7 +136,7 @@ class Quality:
     down: str = ""
     """And less."""
     excess: str = ""
-    """What it is where there is too much of it: "overexposed"."""
+    """Adjectives for too much of it: "overexposed"."""
     dearth: str = ""
     """And too little: "murky"."""
     too: str = ""
@@ -152,12 +152,12 @@ class Quality:
 
     @property
     def at_most_all(self) -> bool:
-        """Whether there is no more of it than all: "raise the opacity to 80 %"."""
+        """Return True if there is no more of it than all: "raise the opacity to 80 %"."""
         return self.bare is False
 
     @property
     def value(self) -> Rule:
-        """What is done: "brighter by a third", "twice as bright", "half the brightness"."""
+        """The value: "brighter by a third", "twice as bright", "half the brightness"."""
         compared = comparison(self.changed, self.more, self.less, self.much, self.little)
         rules = [compared, fraction_of(self.noun) >> self.times]
         if self.bare is not None:
@@ -169,7 +169,7 @@ class Quality:
         return self.changed(how, bool(self.bare))
 
     def times(self, by: float) -> Value:
-        """What is done for so many times as much of it."""
+        """The value for a multiple of it."""
         if by == 1:
             raise Mismatch  # "in full color" asks for no more or less of it
         return self.changed(Amount("as", by), True)
@@ -181,7 +181,7 @@ class Quality:
         yield "|".join((self.little, self.too_little, *(f"little {noun}" for noun in nouns))), self.dearth, True
 
     def helps(self, upward: bool) -> Value | None:
-        """What is done for more or less of it; None where that cannot be."""
+        """The value for more or less of it; None where there is none."""
         try:
             return self.changed(None, upward)
         except Mismatch:
@@ -195,9 +195,9 @@ class Said:
     commands: tuple[Command, ...] = ()
     """In the order in which they are preferred."""
     qualities: tuple[Quality, ...] = ()
-    """What it makes more or less of."""
+    """Qualities that it changes."""
     made: tuple[Rule, ...] = ()
-    """What stands behind "make the dog": values, as "red"."""
+    """Values after "make the dog", such as "red"."""
     alone: tuple[Rule, ...] = ()
     """Values that stand there as they are, without "to", "in" or "more"."""
     verbs: Mapping[str, tuple[Graded, bool | None]] = field(default_factory=dict)
@@ -345,7 +345,7 @@ a_bit = ~literal("some|a|an|a bit of|a little|a touch of|the") + optional(
         reserve=False,
     )
 )
-"""How much of something is put on somebody."""
+"""Amount of something that is put on a thing."""
 LIGHT_VERBS = any_form("become", "apply", "leave")
 """Verbs that only carry what a noun or a value says: "stick a glow on it", "trim the contrast to 80 %"."""
 over = here(lambda reading, at: not reading.word(at).isalpha())

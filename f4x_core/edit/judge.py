@@ -1,4 +1,4 @@
-"""Which of several candidates does what was asked, by small pictures of the scene before and after.
+"""Chooses among several candidates by small pictures of the scene before and after.
 
 Measured: what fraction of the thing changed, less what of it is left as it was (coverage), what fraction of the change lies beside
 it (leakage), whether words answer as they should once something is gone or alone, and whether the region flickers more than
@@ -53,7 +53,7 @@ FLICKER_FRAMES = 4
 STILL = 1 / 255
 """Added to both sides of the flicker ratio: one step of a display is none."""
 WORDS, RESTLESS = 0.5, 0.25
-"""What a change of a probability from 0 to 1, and a doubled flicker, count beside coverage and leakage."""
+"""Weights of a change of a probability from 0 to 1, and of a doubled flicker, beside coverage and leakage."""
 MARGIN = 0.05
 """A variant has to be so much better than the plain reading, which is what was said; less is the noise of small pictures."""
 
@@ -73,7 +73,7 @@ class Verdict:
     judged_by: str = MEASURED
     """`measured`, or the address of the server whose model chose."""
     notes: tuple[str, ...] = ()
-    """What a person should know."""
+    """Notes for a person."""
 
 
 def judge(

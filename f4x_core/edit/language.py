@@ -132,7 +132,7 @@ class Read:
     clauses: Clauses = ()
     """Each behind its separators; none: not understood."""
     operations: tuple[Change, ...] = ()
-    """What it asks for, where that was worked out to know whether it is understood."""
+    """Operations that it asks for, where they were computed to see if it is understood."""
     idle: tuple[int, ...] = ()
     """Words that no phrase explains."""
     reason: str = ""
@@ -140,12 +140,12 @@ class Read:
 
     @property
     def only_then(self) -> bool:
-        """Whether "only" stands before a time."""
+        """Return True if "only" stands before a time."""
         return _holds(_ONLY_WHEN, self.reading)
 
 
 def _holds(rule: Rule, reading: Reading) -> bool:
-    """Whether a phrase stands somewhere in a sentence."""
+    """Return True if a phrase stands somewhere in a sentence."""
     return any(rule.at(reading, at) for at in range(len(reading.tokens)))
 
 
@@ -219,7 +219,7 @@ def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
 
 
 def _is_picture(token: Token) -> bool:
-    """Whether a sign is an emoji or a bracket that means nothing here."""
+    """Return True if a sign is an emoji or a bracket that means nothing here."""
     return len(token.text) == 1 and (
         token.text in "[]{}*~" or unicodedata.category(token.text) in ("So", "Sk", "Mn", "Cn")
     )
@@ -257,7 +257,7 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
 
 
 def _is_a_verb(reading: Reading, at: int) -> bool:
-    """Whether a word that nobody knows says what to do with something: "knit the swan a scarf"."""
+    """Return True if a word that nobody knows says what to do with something: "knit the swan a scarf"."""
     if reading.word(at - 1) in _ASKED_FOR or any(
         reading.word(at) in words for words in (VOCABULARY, FUNCTION_WORDS, EMPTY)
     ):
@@ -266,7 +266,7 @@ def _is_a_verb(reading: Reading, at: int) -> bool:
 
 
 def _without_idle(read: Read) -> Doubt:
-    """What a sentence comes to without its idle words, to be asked."""
+    """Operations of a sentence without its idle words, to be asked."""
     tokens, typed = read.reading.tokens, read.reading.sentence
     kept, begin = "", 0
     left_out: list[str] = []
@@ -285,7 +285,7 @@ def _without_idle(read: Read) -> Doubt:
 
 
 def _removes_loosely(read: Read) -> bool:
-    """Whether something is no longer seen and a word is left unexplained that may say whether or what."""
+    """Return True if something is no longer seen and a word is left unexplained that may say whether or what."""
     words = {read.reading.word(at) for at in read.idle}
     return any(map(removes, read.operations)) and not words <= EMPTY | {"the"}
 
@@ -358,7 +358,7 @@ _SURELY_ASKED = word_set("is are does did")
 
 
 def _asks(part: Sequence[Token]) -> bool:
-    """Whether words ask something and are no polite command."""
+    """Return True if words ask something and are no polite command."""
     reading = Reading("", list(part))
     return _first_asked(part) in _INTERROGATIVES and not (
         WISHES.at(reading, 0) or any(_polite.at(reading, at) for at in range(min(len(part), _POLITE_BEFORE)))
@@ -526,7 +526,7 @@ def _shared(clauses: Clauses) -> Clauses:
 
 
 def _of_a_clip(command: Command, piece: Mapping[str, Any]) -> bool:
-    """Whether a command may be for everything where it is for "it" and nothing was named."""
+    """Return True if a command may be for everything where it is for "it" and nothing was named."""
     made = (
         piece.get("complaint")
         if command.make is REMARK
@@ -592,7 +592,7 @@ def _about(moment: TimeExpression, length: Span) -> Span:
 
 
 def _same_way(one: Change, other: Change) -> bool:
-    """Whether two changes differ in how far they go alone: "let it pop, way more saturated", "in slow motion, at 40 %"."""
+    """Return True if two changes differ in how far they go alone: "let it pop, way more saturated", "in slow motion, at 40 %"."""
     a, b = one.to_json(), other.to_json()
     if a["op"] != b["op"] or a.keys() != b.keys() or a.get("select") != b.get("select"):
         return False

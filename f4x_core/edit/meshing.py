@@ -25,7 +25,7 @@ from .stack import EditStack
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """What a mesh is made of."""
+    """Sources of a mesh."""
 
     scene: Path
     """The scene file."""

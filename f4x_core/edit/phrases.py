@@ -94,9 +94,9 @@ class SentenceContext(Clip):
     overall: bool = False
     """"Overall" is said: "it" is the picture where nothing was named."""
     spared: list[SelectKind] = field(default_factory=list)
-    """What the sentence says is to stay as it is."""
+    """Selections that are to stay as they are."""
     complaints: list[Change] = field(default_factory=list)
-    """What would help against what the sentence complains of."""
+    """Operations that would help against the complaint of the sentence."""
     earlier: Mapping[SelectKind, SelectKind] = field(default_factory=dict)
     """The copies of each earlier command that made some, the last one last -> what was copied."""
 
@@ -246,7 +246,7 @@ class When:
 # Who -----------------------------------------------------------------------------------------------------------------
 
 Who = Callable[[SentenceContext], SelectKind]
-"""What an object phrase means; it notes itself as the last thing named."""
+"""Rule of an object phrase; it notes itself as the last thing named."""
 
 _DESCRIBING = word_set("big large small tiny bright dark light fast slow quick static standing still whole little")
 """Words of the grammar that may also stand before a noun."""
@@ -271,7 +271,7 @@ def _is_noun(reading: Reading, at: int) -> bool:
 
 
 def _open(reading: Reading, at: int) -> bool:
-    """Whether the word could be (part of) the name of a thing that nobody knows yet."""
+    """Return True if the word could be (part of) the name of a thing that nobody knows yet."""
     word = reading.word(at)
     return (
         at < len(reading.tokens)
@@ -329,12 +329,12 @@ _COPYING = frozenset(any_form("copy").split("|"))
 
 
 def _describes(word: str) -> bool:
-    """Whether a word before a noun says what it is like, also where it means something elsewhere: "the shiny car"."""
+    """Return True if a word before a noun says what it is like, also where it means something elsewhere: "the shiny car"."""
     return is_adjective(word) and word not in FUNCTION_WORDS | NO_THINGS | _SELECTING | ONES.keys() | TENS.keys()
 
 
 def _is_done_with(reading: Reading, at: int) -> bool:
-    """Whether a verb before a known thing says what it is for: "drift car"."""
+    """Return True if a verb before a known thing says what it is for: "drift car"."""
     word = reading.word(at)
     return word in IMPERATIVES - FUNCTION_WORDS - _SELECTING - _COPYING and any(_known_at(reading, at + 1))
 
@@ -357,7 +357,7 @@ def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 _CAST = word_set("shadow shadows reflection reflections")
-"""What is cast: it may stand without an article, "shadow of dog"."""
+"""Nouns of cast things, which may stand without an article: "shadow of dog"."""
 
 
 _OF_WHOLE = word_set("the a an that this my all every any")
@@ -394,7 +394,7 @@ _WORN = word_set(
     "uniform vest boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail horn collar "
     "top t tie mask belt sock"
 )
-"""What somebody is told by: of "the dog with the cat" nobody knows whether it is one thing or two."""
+"""Words that tell things of a kind apart. "The dog with the cat" may be one thing or two."""
 
 
 def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -838,7 +838,7 @@ _and_also = _with_its | keyword(
 
 
 def _is_same_wish(reading: Reading, at: int) -> bool:
-    """Whether no thing follows with a quality of its own as the one before it has: "red cow, blue sky" are two wishes."""
+    """Return True if no thing follows with a quality of its own as the one before it has: "red cow, blue sky" are two wishes."""
     start = at
     while start > 0 and reading.word(start - 1) in _SEPARATORS:
         start -= 1
@@ -900,7 +900,7 @@ untouched = literal(
     "(on) [moving|going] (on|normally|as before)|[goes|go|carries|carry|moves|move|runs|run] on|continues|continue|[keeps|keep|"
     "keeping|retains] [its|his|her|their] (own|original|current) [size|place|position|color|colors|speed|look]"
 ) | literal("the same") + unless(literal("for|with|to|on|as|color|size"))
-"""How something stays that is not touched."""
+"""Words for a thing that stays as it is."""
 _sparing = _say(
     "((,) [but|and|yet|while]) [(please|just|only|do) [leave|leaving|keep|keeping|spare|skip|ignore|leave out|"
     "exclude|omit|omitting] (only|just)|[not|without] [affecting|changing|touching|including]|do not [affect|"
@@ -926,7 +926,7 @@ everything_but = _say(
     "<_everywhere_else> <_union>|[<_everything>|<.everything_else>] <_in_scene> [<_besides>|<spares>|not "
     "<_union>]|[what|whatever|all that|anything that] is not <_union>"
 )
-"""What is spared in "everything except the dog": a `Who`."""
+"""Rule of the thing spared in "everything except the dog": a `Who`."""
 
 
 def _spared(rest: Who) -> Who:
@@ -967,7 +967,7 @@ class Place(NamedTuple):
     """A place beside a thing."""
 
     where: Where
-    """How one stands there to the thing."""
+    """Its place beside the thing."""
     other: Who
     """The thing."""
 

@@ -47,11 +47,11 @@ class Candidate:
     operations: tuple[Change, ...]
     """Resolved: as they go into the stack."""
     why: str = ""
-    """How it differs from the plain reading."""
+    """Its difference from the plain reading, in words."""
     sentence: str = ""
     """The sentence, for the history."""
     scores: Mapping[str, float] = field(default_factory=dict)
-    """What the judge found; empty where there was nothing to choose."""
+    """Findings of the judge; empty where there was nothing to choose."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Proposal:
     """The candidate edits for one sentence, and the judge's choice."""
 
     sentence: str
-    """What was typed."""
+    """The sentence as it was typed."""
     candidates: tuple[Candidate, ...]
     """At least one; the first is the plain reading."""
     best: int = 0
@@ -69,7 +69,7 @@ class Proposal:
     judged_by: str = ""
     """`measured`, the address of a server, or nothing with one candidate."""
     notes: tuple[str, ...] = ()
-    """What a person should know: why a model was not heard."""
+    """Notes for a person, such as why no model was asked."""
 
     @property
     def chosen(self) -> Candidate:

@@ -1,4 +1,4 @@
-"""What a language model may answer: a small closed schema of whole numbers, names and words from the scene.
+"""The schema of a language model's answers: whole numbers, names and words from the scene.
 
 A model that is held to a grammar loses itself in the digits of a fraction, so there is none here; percentages stand in. Every
 field is required and nothing else is allowed. At worst an answer is a wrong edit, which can be undone. The docstrings of
@@ -47,7 +47,7 @@ class Strict(BaseModel):
 
 
 class Target(Strict):
-    """Who it is about."""
+    """Its target."""
 
     kind: Literal["words", "everything", "moving", "background", "selected", "named"]
     words: Words
@@ -187,7 +187,7 @@ AnyChange: Any = Union.__getitem__(
 
 
 class ChangeList(Strict):
-    """What the request comes to; no operation where it asks for what cannot be done."""
+    """Return the operations of the request; none where it asks for something impossible."""
 
     operations: Annotated[list[Annotated[AnyChange, Field(discriminator="op")]], Field(max_length=MAX_OPERATIONS)]
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Request:
-    """What the grammar reads, or a language model is asked."""
+    """The input of the grammar or of a language model."""
 
     sentence: str
-    """What a person typed."""
+    """The sentence as a person typed it."""
     labels: Sequence[str] = ()
     """Words that the scene knows; empty = any."""
     names: Sequence[str] = ()
@@ -19,6 +19,6 @@ class Request:
     frames: int = 1
     """Number of clip frames."""
     selected: bool = False
-    """Whether something is selected at present."""
+    """True where something is selected at present."""
     frame: float = 0.0
     """Present clip frame."""

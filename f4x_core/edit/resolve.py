@@ -376,11 +376,11 @@ class Settling:
 
     @property
     def takes_shadow(self) -> bool:
-        """Whether a shadow goes along: not with a part of a thing, nor where words speak of a shadow themselves."""
+        """Return True if a shadow goes along: not with a part of a thing, nor where words speak of a shadow themselves."""
         return not any(isinstance(part, Part) or _cast_words(part) for part in parts_of(self.operation.select))
 
     def attached(self, lifted: bool = False) -> Ids | None:
-        """What goes along with what it is for; of what is `lifted` the shadow stays."""
+        """Return the shadow and loose edges of its selection; those of a thing that is `lifted` without the shadow."""
         return _attached(self.scene, self.rows, lifted)
 
     def with_attached(self, select: SelectKind) -> SelectKind:
@@ -425,7 +425,7 @@ def _without_own_shadow(operation: Change) -> Change:
 
 
 def _attached(scene: Scene, rows: np.ndarray, lifted: bool = False) -> Ids | None:
-    """What goes along with the Gaussians `rows (n,)`; of what is `lifted` the shadow stays. None: nothing."""
+    """Return the shadow and loose edges of the Gaussians `rows (n,)`, without the shadow where they are `lifted`; None: nothing."""
     count = len(scene.base.ids)  # copies have the shadow that was copied with them
     chosen = np.isin(np.arange(count), rows)
     shadow, edges = (each & not_deleted(scene)[:count] for each in attached_to(scene.base, chosen))

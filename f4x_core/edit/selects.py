@@ -1,4 +1,4 @@
-"""Who an operation is about, as plain data. `resolve` of the planning step turns every kind into `Ids`.
+"""Selections, the targets of operations, as plain data. `resolve` of the planning step turns every kind into `Ids`.
 
 Only `Ids`, `All`, `Moving`, `Named` and their combinations are found in a stack: they mean the same whenever it is replayed.
 The others ask the scene (words, prompts, "the left one") and are answered once, when an edit is planned.
@@ -71,7 +71,7 @@ class Ids(Select):
     packed: str = ""
     """Base64 of one bit per id from `first` on, the highest bit of a byte first."""
     words: str = field(default="", compare=False)
-    """What they were called when they were looked up, for people: "the left dog of frame 5"."""
+    """Their name when they were looked up, for people: "the left dog of frame 5"."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be read."""
@@ -112,9 +112,9 @@ class Text(Select):
 
     TAG = "text"
     labels: tuple[str, ...]
-    """What is looked for; any of them."""
+    """Words that are looked for; any of them."""
     negatives: tuple[str, ...] | None = None
-    """What they are weighed against; None = the usual surroundings."""
+    """Words that they are weighed against; None = the usual surroundings."""
     threshold: float = 0.5
     """Least probability, 0 to 1."""
     number: Literal["any", "one", "both"] = "any"
@@ -168,7 +168,7 @@ class Instance(Select):
     of: SelectKind
     """The kind."""
     which: Literal["left", "right", "top", "bottom", "middle", "nearest", "farthest", "largest", "smallest"]
-    """Which one, seen through the clip's camera at `frame`."""
+    """Its place among several, seen through the clip's camera at `frame`."""
     frame: int = 0
     """Clip frame."""
 
@@ -181,7 +181,7 @@ class Part(Select):
     of: SelectKind
     """The thing."""
     side: Literal["top", "bottom", "left", "right"]
-    """Where in the picture, seen through the clip's camera at `frame`."""
+    """Its part of the picture, seen through the clip's camera at `frame`."""
     share: float = 0.5
     """Fraction of its height or width."""
     frame: int = 0
@@ -198,7 +198,7 @@ SHARES = {"half": 0.5, "third": 0.333, "quarter": 0.25, "two thirds": 0.667, "pa
 COPY = "copy"
 """The name by which "the copy" is selected after "copy the dog"."""
 Where = Literal["near", "left", "right", "above", "below", "behind", "front"]
-"""How a thing stands to another, in the picture and in depth."""
+"""Places of a thing beside another, in the picture and in depth."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ class Not(Select):
 
     TAG = "not"
     of: SelectKind
-    """What is left out."""
+    """Selection that is left out."""
 
 
 SelectKind = Union[All, Moving, Current, Named, Ids, Text, Point, Box, Instance, Part, Beside, And, Or, Not]  # noqa: UP007  # forward references

@@ -99,7 +99,7 @@ class Step:
 
     @property
     def reads(self) -> bool:
-        """Whether it reads rows other than its own, or other times."""
+        """Return True if it reads rows other than its own, or other times."""
         return self.time_map is not None or self.copied is not None
 
     @property

@@ -31,7 +31,7 @@ class Edit:
     """An operation in a stack."""
 
     operation: Change
-    """What is done; its selections are ids, names, `all` or `moving`."""
+    """The operation; its selections are ids, names, `all` or `moving`."""
     id: int
     """Unique in the stack, its undone edits included."""
     enabled: bool = True
@@ -78,7 +78,7 @@ class EditStack:
     edits: tuple[Edit, ...] = ()
     """First to last."""
     undone: tuple[Edit, ...] = ()
-    """What `redo` brings back, its next one last. Gone as soon as something new is appended."""
+    """Edits that `redo` brings back, the next one last. Cleared when something new is appended."""
 
     def __post_init__(self) -> None:
         """Refuse too many edits, and ids that occur twice."""

@@ -1,4 +1,4 @@
-"""What an edit brings to light that no frame of the clip saw: made-up background, or nothing at all."""
+"""Places that an edit uncovers and no frame of the clip saw: made-up background, or nothing at all."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _KNOWN: WeakKeyDictionary[Scene, Uncovered] = WeakKeyDictionary()
 
 @dataclass(frozen=True, eq=False)
 class Uncovered:
-    """How much of the clip's pictures no frame of the clip saw."""
+    """Fraction of the clip's pictures that no frame of the clip saw."""
 
     frames: np.ndarray
     """(V,) clip frames that were looked at."""
@@ -61,7 +61,7 @@ class Uncovered:
 
 
 def takes_away(operations: Iterable[Change]) -> bool:
-    """Whether any of the operations can bring to light what is behind."""
+    """Return True if any of the operations can bring to light what is behind."""
     return any(one.UNCOVERS for one in operations)
 
 

@@ -1,4 +1,4 @@
-"""What is done to somebody at some time, as values that sentences are made of. Needs no grammar."""
+"""Values: functions from a target and a time to an operation, of which sentences are made. Needs no grammar."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .phrases import SentenceContext, When
 
 Value = Callable[[SelectKind, "When", "SentenceContext"], "Change"]
-"""What "red" or "twice as big" does to somebody at some time."""
+"""A function from a target, a time and a context to an operation: "red", "twice as big"."""
 Making = Callable[[float], Value]
 """A value from a factor."""
 Graded = Callable[[Amount | None, bool], Value]
@@ -36,7 +36,7 @@ def refused(reason: str) -> Value:
 def graded(
     make: Making, of: Callable[[Degree], tuple[float, float]] = attrgetter("factors"), gone: bool = True
 ) -> Graded:
-    """What `make` makes of a factor, where that has a meaning; `of`: as in `factor`; `gone`: there can be nothing left of it."""
+    """Return the value that `make` gives for a factor within its range; `of`: as in `factor`; `gone`: 0 is allowed."""
 
     def changed(how: Amount | None, upward: bool) -> Value:
         by = factor(how, upward, of)
@@ -52,7 +52,7 @@ def graded(
 
 
 def only_more(make: Callable[[Amount | None], Value]) -> Graded:
-    """What nothing has by itself, so that there is no less of it."""
+    """Return a value for a quality that nothing has by itself, so that less of it is refused."""
 
     def changed(how: Amount | None, upward: bool) -> Value:
         if not upward:

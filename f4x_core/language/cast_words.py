@@ -10,11 +10,11 @@ _WORDS = re.compile(
 
 
 def is_cast(label: str) -> bool:
-    """Whether `label` names what is cast: "shadow", "the dog's shadow", "reflections"."""
+    """Return True if `label` names what is cast: "shadow", "the dog's shadow", "reflections"."""
     return _WORDS.fullmatch(" ".join(label.split())) is not None
 
 
 def caster(label: str) -> str | None:
-    """Who casts what `label` names: "dog" of "the dog's shadow"; None where the word says it of nobody."""
+    """Return the caster in `label`: "dog" of "the dog's shadow"; None where the word names none."""
     found = _WORDS.fullmatch(" ".join(label.split()))
     return found and found["whose"]

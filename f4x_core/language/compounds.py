@@ -23,7 +23,7 @@ _PLAIN_ADJECTIVES = word_set(
 
 
 def is_adjective(word: str) -> bool:
-    """Whether a word before a noun says what it is like, as far as its form tells."""
+    """Return True if a word before a noun says what it is like, as far as its form tells."""
     return word in _PLAIN_ADJECTIVES or bool(_DESCRIBING.fullmatch(word))
 
 
@@ -32,7 +32,7 @@ JOINTS = ("of", "in", "with", "wearing", "who", "that", "which")
 
 
 def names_another(label: str) -> bool:
-    """Whether a name's last word does not say what kind of thing it is: "hot dog", "toy car"."""
+    """Return True if a name's last word does not say what kind of thing it is: "hot dog", "toy car"."""
     first, *more = label.lower().split()
     return bool(more) and (first in _MADE_UP or not {*spellings(label)}.isdisjoint(_IDIOMS))
 

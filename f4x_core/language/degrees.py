@@ -12,7 +12,7 @@ Vector = tuple[float, float, float]
 
 
 class Degree(NamedTuple):
-    """What a degree comes to in each kind of change."""
+    """Amounts that each degree stands for, by kind of change."""
 
     factors: tuple[float, float]
     """Up and down."""
@@ -21,7 +21,7 @@ class Degree(NamedTuple):
     share: float
     """Of the usual strength of a color, a light or a blur."""
     widths: float
-    """How far something goes."""
+    """A distance, in one of its units."""
     angle: float
     """Degrees that it turns."""
 
@@ -46,7 +46,7 @@ class Amount(NamedTuple):
 
 
 def degree_of(how: Amount | None) -> Degree | None:
-    """What a degree comes to, the usual one where no amount is said; None for what is measured."""
+    """Return the amount that a degree stands for, the usual one without any; None for measured amounts."""
     return DEGREES.get(how.kind if how else "usual")
 
 

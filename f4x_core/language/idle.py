@@ -79,13 +79,13 @@ def _cost(tokens: list[Token], at: int, known: Collection[str], verbs: Collectio
 
 
 def _is_described(tokens: list[Token], known: Collection[str]) -> bool:
-    """Whether a word and a thing stand there: "blue" and "little" of "the blue car", "the little dog" say which."""
+    """Return True if a word and a thing stand there: "blue" and "little" of "the blue car", "the little dog" say which."""
     things = [bool({token.text, singular(token.text)} & set(known)) for token in tokens]
     return things == [False, True] and tokens[0].is_word
 
 
 def _is_value(tokens: list[Token]) -> bool:
-    """Whether a number, a colour or a way stands there, which tells by itself what it is."""
+    """Return True if a number, a colour or a way stands there, which tells by itself what it is."""
     return any(token.text[0].isdecimal() or token.text in _VALUES for token in tokens)
 
 
@@ -98,7 +98,7 @@ _CARRIED = COLOURS.keys() | word_set(
 
 
 def is_strange(word: str, known: Collection[str]) -> bool:
-    """Whether nothing in the grammar knows a word."""
+    """Return True if nothing in the grammar knows a word."""
     forms = {word, singular(word)}
     return word.isalpha() and forms.isdisjoint(known) and all(forms.isdisjoint(words) for words in (*_MEANT, EMPTY))
 

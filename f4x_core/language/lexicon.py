@@ -198,7 +198,7 @@ _IN_LY = word_set(
 
 
 def is_adverb(word: str) -> bool:
-    """Whether a word ends as adverbs do and is no other."""
+    """Return True if a word ends as adverbs do and is no other."""
     return word.endswith("ly") and len(word) > 4 and word not in _IN_LY
 
 
@@ -219,19 +219,19 @@ _KEYS = ("qwertyuiop", "asdfghjkl", "zxcvbnm")
 
 
 def _beside(one: str, other: str) -> bool:
-    """Whether two letters lie next to each other on a keyboard."""
+    """Return True if two letters lie next to each other on a keyboard."""
     places = [(row, keys.index(letter)) for letter in (one, other) for row, keys in enumerate(_KEYS) if letter in keys]
     return len(places) == 2 and all(abs(a - b) <= 1 for a, b in zip(*places, strict=True))
 
 
 def _typed(word: str, other: str) -> bool:
-    """Whether fingers turn `other` into `word`; another letter in the middle of a word makes another word: rider, river."""
+    """Return True if fingers turn `other` into `word`; another letter in the middle of a word makes another word: rider, river."""
     wrong = [(a, b) for a, b in zip(word, other, strict=False) if a != b]
     return len(word) != len(other) or len(wrong) != 1 or _beside(*wrong[0])
 
 
 def is_slip(word: str, other: str) -> bool:
-    """Whether fingers slipped for sure: two letters are swapped, or one is too many or missing, within a word of five or more."""
+    """Return True if fingers slipped: two letters are swapped, or one is too many or missing, within a word of five or more."""
     swapped = len(word) == len(other) and sorted(word) == sorted(other)
     within = word[:1] + word[-1:] == other[:1] + other[-1:]
     return (

@@ -70,12 +70,12 @@ class Dye(ColorChange):
 
     @property
     def covers(self) -> bool:
-        """Whether nothing is left of earlier colors."""
+        """Return True if nothing is left of earlier colors."""
         return False
 
     @property
     def is_covered(self) -> bool:
-        """Whether nothing is left of it under a color that covers."""
+        """Return True if nothing is left of it under a color that covers."""
         return False
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:

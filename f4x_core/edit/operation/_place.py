@@ -1,4 +1,4 @@
-"""What moving and copying share: ways in widths along the camera's axes, and places beside other things."""
+"""Base of moving and copying: ways in widths along the camera's axes, and places beside other things."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GAP = 1.1
 COPY_DISTANCE = 1.2
 """Widths to the next copy: beside the thing, with a gap."""
 BESIDE = (COPY_DISTANCE, 0.0, 0.0)
-"""Where a copy goes when the sentence does not say, in sizes along the camera's axes."""
+"""Offset of a copy when the sentence gives none, in sizes along the camera's axes."""
 
 LEFT, RIGHT, UP, DOWN = (((None, way, None),) for way in ((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0)))
 """One step in a direction, as sentences have it."""

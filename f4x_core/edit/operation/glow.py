@@ -27,7 +27,7 @@ USUAL = 0.5
 HALO = "halo of what glows"
 """Name by which the steps of a glow select its halo."""
 HALO_LIGHT = 1.5
-"""What glows is so much brighter."""
+"""Gain of the colors of a thing that glows."""
 
 
 @dataclass(frozen=True)

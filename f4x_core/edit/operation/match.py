@@ -28,7 +28,7 @@ class Match(Dye):
     TAG = "match"
     select: SelectKind
     source: SelectKind
-    """Whose colours."""
+    """The selection whose colours it takes."""
     strength: float = 1.0
     frames: Span | None = None
     ease: Ease | None = None

@@ -35,7 +35,7 @@ class Name(Change):
     SEEN = "nowhere"
 
     def rows_without(self, rows: SplatRows) -> SplatRows:
-        """What was named once stays named, or edits after it would mean nobody."""
+        """Keep the name where it is switched off, or edits after it would mean nobody."""
         return with_name(rows, self.name, np.flatnonzero(self.chosen(rows)))
 
     def described(self) -> str:

@@ -1,4 +1,4 @@
-"""What shows Gaussians at other moments: frozen, faster or slower, backwards, again and again."""
+"""Operations that show Gaussians at other moments: frozen, faster or slower, backwards, again and again."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Freeze(Retiming):
 
     @property
     def moments(self) -> tuple[float | None, ...]:
-        """When it stops and goes on."""
+        """Frames at which it stops and goes on."""
         return self.at, self.until
 
     def time_map(self, clip: tuple[float, float]) -> TimeMap:
@@ -156,7 +156,7 @@ class Retime(Retiming):
         return super().followed_by(later)
 
     def remark(self, scene: Scene) -> str:
-        """Where the clip ends before all of it is shown."""
+        """Say so where the clip ends before all of it is shown."""
         first, last = (float(time) for time in scene.cameras.times[[0, -1]])
         shown = self.time_map((first, last))(last)
         if shown >= last - 1:
@@ -344,7 +344,7 @@ MERELY = word_set("make makes making made get gets got be have has let put set k
 
 
 def _playing() -> Rule:
-    """What is played."""
+    """Selections that are played."""
     from .. import english as say
 
     return say.phrase("<motion>|<about> <thing>", motion=say.whose(MOTIONS))

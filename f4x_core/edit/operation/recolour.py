@@ -29,7 +29,7 @@ BLACK_AND_WHITE = (0.5, 0.5, 0.5)
 A_BIT = 0.5
 """Strength of a tint."""
 MORE_COLOUR = 0.3
-"""How far "redder" goes from gray to red."""
+"""Fraction of the way from gray to red that "redder" goes."""
 _BASIC = ("red", "green", "blue", "yellow", "orange", "purple", "pink", "cyan", "brown", "white", "black")
 
 

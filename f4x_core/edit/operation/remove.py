@@ -52,7 +52,7 @@ class Delete(Removal, ChangeWithShadow):
     ANSWERS = -1
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
-        """What is removed twice is removed; Refusal where nothing would be left."""
+        """Join two removals into one; Refusal where nothing would be left."""
         if later.removes and later.select == self.select:
             return (self,)
         if later.removes and later.select == Not(self.select):

@@ -28,7 +28,7 @@ class TakeBack(Change):
     edit: int = LAST
     """Id of the edit; `LAST` until planning finds the last sentence."""
     words: str = ""
-    """What it did, for people."""
+    """The earlier edit in words, for people."""
     select: ClassVar[SelectKind] = All()  # type: ignore[misc]  # whoever that edit was for
 
     ACTS = False

@@ -50,7 +50,7 @@ TOO_FAR: dict[str, tuple[Steps, Steps]] = {
     "close|near|close to the camera": (BACK, FORTH),
     "far away|far back|far off|distant": (FORTH, BACK),
 }
-"""Where something is -> the ways that it goes where that is too much of it, and where it is not enough."""
+"""Place -> the ways to move where a thing is too far there, and where it is not far enough."""
 MERELY = word_set("make render let put set keep have play be get do show pass moved put")
 """Verbs of playing behind which a way is a way."""
 DRIVEN = word_set("drive drives driving run runs running walk walks walking ride swim fly dance dances dancing play")
@@ -59,7 +59,7 @@ _BEFORE_WAY = 4
 
 
 def is_lift(way: Vector, axes: np.ndarray) -> bool:
-    """Whether a way goes up or down more than aside, which leaves a shadow on the ground; `axes (3,3)` the camera's, as columns."""
+    """Return True if a way goes up or down more than aside, so that a shadow stays; `axes (3,3)` the camera's, as columns."""
     right, down, forward = np.abs(axes.T @ np.array(way))
     return bool(down > max(right, forward))
 
@@ -83,7 +83,7 @@ class Transform(Placing):
     frames: Span | None = None
     """None: always in full. Else from nothing at the first to all at the last, and held after it."""
     ease: Ease = "smooth"
-    """How it grows between the two; `step` jumps at the first."""
+    """Its growth between the two; `step` jumps at the first."""
     beside: SelectKind | None = None
     each: tuple[SelectKind, ...] = ()
     """The separate things of the selection, each with a pivot of its own; none: one pivot for all. Planning finds them."""
@@ -327,7 +327,7 @@ def _moving() -> tuple[Command, ...]:
     goers = {"backward": running, "back": ("come", "comes"), "away": ("go", "goes", "going")}
 
     def is_moved(reading: Reading, at: int) -> bool:
-        """Whether it is no motion of its own: what is driven backward is played in reverse, and what comes back is shown."""
+        """Return True if it is no motion of its own: what is driven backward is played in reverse, and what comes back is shown."""
         driven = DRIVEN & {*reading.words[max(at - _BEFORE_WAY, 0) : at]}
         own = reading.word(at - 1) in goers.get(reading.word(at), ())
         return not own and not (reading.word(at) == "backward" and driven)
