@@ -74,7 +74,7 @@ def as_csv(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _is_done(place: Path, settings: dict[str, Any]) -> bool:
-    """Whether it was measured, and nothing failed: what was missing then may be here now."""
+    """Return True if it was measured, and nothing failed: what was missing then may be here now."""
     file = place / STUDY_FILE
     if not file.is_file():
         return False

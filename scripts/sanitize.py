@@ -59,7 +59,7 @@ def main() -> int:
 
 
 def check(name: str, output: Path) -> bool:
-    """Whether the kernels run clean under one sanitizer; its report goes to standard error."""
+    """Return True if the kernels run clean under one sanitizer; its report goes to standard error."""
     flags, runtime = SANITIZERS[name]
     compiler = find_compiler()
     if compiler is None:

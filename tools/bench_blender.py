@@ -228,7 +228,7 @@ def registered() -> set[str]:
 
 
 def ours(one: Any) -> bool:
-    """Whether a function or class belongs to the extension."""
+    """Return True if a function or class belongs to the extension."""
     return getattr(one, "__module__", "").startswith(door.PACKAGE)
 
 

@@ -141,7 +141,7 @@ def measure(clouds: list, kind: str) -> dict[str, float]:
 
 
 def refused(viewport_gpu) -> bool:
-    """Whether a shader that does not compile leaves the viewport to the processor."""
+    """Return True if a shader that does not compile leaves the viewport to the processor."""
     viewport_gpu.forget()
     source = viewport_gpu.glsl.LINEAR_FRAGMENT
     viewport_gpu.glsl.LINEAR_FRAGMENT = "void main() { color = nothing_of_the_kind; }"

@@ -63,7 +63,7 @@ class Action:
     edits: str
     """What it may do to pending edits."""
     file: bool
-    """Whether it may change scene files."""
+    """True if it may change scene files."""
 
 
 ACTIONS: dict[str, Action] = {}
@@ -80,7 +80,7 @@ def action(weight: float, edits: str = KEEPS, file: bool = False) -> Callable:
 
 
 def near_limits(walk: Walk) -> bool:
-    """Whether more scenes or edits would only make the walk slow."""
+    """Return True if more scenes or edits would only make the walk slow."""
     return len(walk.scenes()) >= MAX_SCENES
 
 
@@ -845,7 +845,7 @@ def register_anew(walk: Walk) -> None:
 
 
 def by_processor() -> bool:
-    """True where the processor draws the window."""
+    """True if the processor draws the window."""
     return "llvmpipe" in gpu.platform.renderer_get()
 
 

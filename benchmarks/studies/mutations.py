@@ -266,7 +266,7 @@ def tokens(line: str) -> list[str]:
 
 
 def is_arithmetic(token: str) -> bool:
-    """Whether a token is a number, an operator, a truth value or a bracket around one."""
+    """Return True if a token is a number, an operator, a truth value or a bracket around one."""
     return token in WORDS | BRACKETS or re.fullmatch(r"[\d.][\w.+-]*|[-+*/%@&|^~<>=!]+", token) is not None
 
 

@@ -47,15 +47,15 @@ class Protocol:
     profile: str
     """What the paper's authors fit with."""
     known_cameras: bool
-    """Whether the fit gets the data set's cameras; otherwise it estimates them."""
+    """True if the fit gets the data set's cameras; otherwise it estimates them."""
     first: Refinement
     """How the first view of a camera is moved to match, the scene as it is."""
     others: Refinement
     """The same for its other views."""
     chained: bool
-    """Whether a view starts where the one before it ended."""
+    """True if a view starts where the one before it ended."""
     masked: bool
-    """Whether figures are over `NovelCamera.seen` (mPSNR, mSSIM); otherwise over whole uint8 pictures."""
+    """True if figures are over `NovelCamera.seen` (mPSNR, mSSIM); otherwise over whole uint8 pictures."""
     factors: dict[str, int] = field(default_factory=dict)
     """Scene -> downsampling at which it is measured, where its `extra.json` does not tell."""
 

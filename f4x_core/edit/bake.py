@@ -80,7 +80,7 @@ def _bake(scene: Scene) -> Scene:
 
 
 def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
-    """Numbers of edits, from the first on, that may be folded, largest first; each next one ends before one that shows other times."""
+    """Numbers of edits, from the first on, that may be folded, largest first; the next one ends before one that shows other times."""
     whole = edited(with_stack(scene, EditStack(active)))
     steps = whole.steps if isinstance(whole, EditedScene) else ()
     # what comes and goes is there by the clip's clock: edits that show other moments of it cannot be folded
@@ -300,7 +300,7 @@ class _Followers(NamedTuple):
     strength: np.ndarray
     """(n,)"""
     kept: bool = False
-    """True where the base has them in the same place at the same reference time."""
+    """True if the base has them in the same place at the same reference time."""
 
 
 class _Nodes:

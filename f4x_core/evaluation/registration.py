@@ -51,7 +51,7 @@ class Registration:
     camera: Camera
     """The registered camera; the interpolated one where `found` is false or where the two agree."""
     found: bool
-    """Whether flow determines the camera."""
+    """True if flow determines the camera."""
     points: int
     """Points it was measured on."""
     error_px: float
@@ -182,7 +182,7 @@ def _best_of_cells(texture: np.ndarray, cell: int) -> tuple[np.ndarray, np.ndarr
 
 
 def _spread(pixels: np.ndarray, width: int, height: int) -> bool:
-    """Whether points are many and spread over the picture, so that they hold a whole camera."""
+    """Return True if points are many and spread over the picture, so that they hold a whole camera."""
     tiles = np.clip(TILES * pixels / [width, height], 0, TILES - 1).astype(int)
     counts = np.bincount(TILES * tiles[:, 1] + tiles[:, 0], minlength=TILES * TILES)
     return len(pixels) >= MIN_POINTS and int((counts >= MIN_TILE_POINTS).sum()) >= MIN_TILES

@@ -73,7 +73,7 @@ class TrueClip:
     focal_ratio: float
     """Fitted focal length divided by the true one."""
     still: bool
-    """Whether the fitted camera is static, so that `similarity` does not determine the scene's unit."""
+    """True if the fitted camera is static, so that `similarity` does not determine the scene's unit."""
 
     @classmethod
     def read(cls, scene: Scene, truth_folder: Path | str) -> TrueClip:

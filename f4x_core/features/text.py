@@ -42,7 +42,7 @@ class TextEncoderEntry:
 
     @property
     def here(self) -> bool:
-        """Whether its weights are on this machine."""
+        """Return True if its weights are on this machine."""
         return local_path(self.weights) is not None
 
     def load(self, path: Path | str | None = None) -> TextEncoder:

@@ -92,7 +92,7 @@ class LossTerm:
     """It counts at every n-th step."""
 
     def due(self, step: int) -> bool:
-        """Whether it counts at `step`."""
+        """Return True if it counts at `step`."""
         return step % self.every == 0
 
 

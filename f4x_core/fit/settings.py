@@ -37,7 +37,7 @@ class Limits:
     maximum: float = math.inf
     """Largest number allowed."""
     above: bool = False
-    """Whether the number has to exceed `minimum`."""
+    """True if the number has to exceed `minimum`."""
 
     def __contains__(self, number: float) -> bool:
         lower = number > self.minimum if self.above else number >= self.minimum
@@ -103,7 +103,7 @@ class Setting:
 
     @property
     def settable(self) -> bool:
-        """Whether text can say its value; a mapping of files has an option of its own."""
+        """Return True if text can say its value; a mapping of files has an option of its own."""
         return not isinstance(self.value, Mapping)
 
     def parse(self, text: str) -> Any:

@@ -88,7 +88,7 @@ class Room:
 
     @property
     def short(self) -> bool:
-        """Whether less is allowed than is asked for, so that the whole clip is covered more thinly."""
+        """Return True if less is allowed than is asked for, so that the whole clip is covered more thinly."""
         return self.asked > self.allowed
 
 

@@ -32,7 +32,7 @@ def like(constant: np.ndarray, reference: Array) -> Array:
 
 
 def are_indices(times: np.ndarray) -> bool:
-    """Whether `times (T,)` are 0, 1, 2, ...: those of frames that are evenly spaced, all of them."""
+    """Return True if `times (T,)` are 0, 1, 2, ...: those of frames that are evenly spaced, all of them."""
     return bool((times == np.arange(len(times))).all())
 
 

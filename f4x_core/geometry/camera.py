@@ -146,7 +146,7 @@ class CameraPath:
 
     @property
     def steady(self) -> bool:
-        """Whether the times are 0, 1, 2, ...: frames that are evenly spaced, all of them."""
+        """Return True if the times are 0, 1, 2, ...: frames that are evenly spaced, all of them."""
         return are_indices(self.times)
 
     def frame_at(self, time: float) -> int:

@@ -113,7 +113,7 @@ def _angle(error: float, focal: float) -> float:
 
 
 def _depth_from_rays(priors: Priors) -> bool:
-    """Whether depth was measured between the cameras of the clip, and not guessed, predicted or given."""
+    """Return True if depth was measured between the cameras of the clip, and not guessed, predicted or given."""
     return priors.camera_kind == "moving" and priors.provenance.get("depth", {}).get("provider") == "classical"
 
 

@@ -37,9 +37,9 @@ class Array:
     """Name of the element type in numpy and torch, for example `float32`."""
     shape: tuple[Length, ...]
     optional: bool = False
-    """Whether it may be a null pointer: the array is then None or, in a struct, left out."""
+    """True if it may be a null pointer: the array is then None or, in a struct, left out."""
     output: bool = False
-    """Whether the kernel writes it."""
+    """True if the kernel writes it."""
     strides: tuple[Length, ...] | None = None
     """Elements from one entry to the next along each axis; None = C-contiguous."""
 

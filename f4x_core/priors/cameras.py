@@ -585,7 +585,7 @@ def _zoom(job: _CameraProblem, turning: Solution) -> Zoom | None:
 
 
 def _moving_explains_more(zoom: Zoom, moved: Solution) -> bool:
-    """Whether a moving camera leaves far less error than the zoom."""
+    """Return True if a moving camera leaves far less error than the zoom."""
     sample, _ = _sampled(moved)
     unknowns = 6 * len(sample.bundle.center) + 3 * len(sample.bundle.points)
     return mean_cost(sample.bundle, sample.observations, unknowns) < MIN_COST_LEFT_BY_MOVING * zoom.cost
@@ -655,7 +655,7 @@ def _with_sightings(job: _CameraProblem, solution: Solution) -> Solution:
 
 
 def _translates(job: _CameraProblem, moved: Solution) -> bool:
-    """Whether translating explains the tracks better than turning alone; fills `statistics["cameras"]["translation"]`."""
+    """Return True if translating explains the tracks better than turning alone; fills `statistics["cameras"]["translation"]`."""
     sample, _ = subset(moved, len(moved.bundle.points), int(moved.registered.sum()))
     bundle, seen = sample.bundle, sample.observations
     still = refocused(Solution(bundle, seen, sample.registered), bundle.focal, translating=False).bundle

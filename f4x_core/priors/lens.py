@@ -36,7 +36,7 @@ class Bend:
 
     @property
     def certain(self) -> bool:
-        """Whether it is worth telling."""
+        """Return True if it is worth telling."""
         return abs(self.bend) >= MIN_BEND and self.saved >= MIN_SAVED
 
     def advice(self, width: int, height: int) -> str:

@@ -214,7 +214,7 @@ def _objects(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
 
 
 def _in_one_component(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether tracks `(f, n)`, `(f, m)` mostly lie in one piece of the mask (`MIN_TOGETHER`)."""
+    """Return True if tracks `(f, n)`, `(f, m)` mostly lie in one piece of the mask (`MIN_TOGETHER`)."""
     shared = []
     for a, b in zip(one, other, strict=True):
         if (a > 0).any() and (b > 0).any():

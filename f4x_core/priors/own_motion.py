@@ -158,7 +158,7 @@ def _bulge(bundle: Bundle, observations: Observations, from_outline: np.ndarray)
 
 
 def _turns_steadily(bundle: Bundle, world_to_camera: np.ndarray) -> bool:
-    """Whether the body's turn in the world goes somewhere: what bends and is taken for a turn swings to and fro."""
+    """Return True if the body's turn in the world goes somewhere: what bends and is taken for a turn swings to and fro."""
     turns = np.einsum("fji,fjk->fik", world_to_camera[:, :3, :3], bundle.rotation)
     steps = _angles(turns[1:], turns[:-1]).sum()
     apart = max(float(_angles(turns, one).max()) for one in turns)

@@ -53,7 +53,7 @@ MIN_AHEAD = 1e-3
 
 
 def fills_border(mask: np.ndarray) -> bool:
-    """Whether `mask (F,H,W)` bool covers more of the border of the pictures than what moves by itself does."""
+    """Return True if `mask (F,H,W)` bool covers more of the border of the pictures than what moves by itself does."""
     return bool(mask[:, border_of(*mask.shape[1:])].mean() > MAX_MOVING_BORDER)
 
 

@@ -130,7 +130,7 @@ def _with_resting(mask: np.ndarray, votes: np.ndarray) -> np.ndarray:
 
 
 def mask_in_doubt(priors: Priors) -> bool:
-    """Whether what is taken to move fills the pictures' border, and not because the user says so."""
+    """Return True if what is taken to move fills the pictures' border, and not because the user says so."""
     return priors.mask is not None and not mask_is_given(priors) and fills_border(priors.mask)
 
 

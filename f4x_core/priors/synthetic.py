@@ -196,7 +196,7 @@ class Truth:
         return self.cameras[target].project(self.cameras[source].unproject(uv.astype(np.float64), depth))
 
     def shows(self, frame: int, uv: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Whether static points at `uv (n, 2)` with `depth (n,)` are the visible surface of a frame, `(n,)` bool."""
+        """Return True if static points at `uv (n, 2)` with `depth (n,)` are the visible surface of a frame, `(n,)` bool."""
         x, y, inside = self._pixels(uv)
         seen = np.where(np.isfinite(self.depth[frame, y, x]), self.depth[frame, y, x], self.far)
         # Slanted surfaces change depth within a pixel: the step to the neighbours is granted on top.

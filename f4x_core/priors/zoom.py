@@ -45,7 +45,7 @@ class Zoom:
 
     @property
     def explains(self) -> bool:
-        """Whether it explains most of what turning alone does not."""
+        """Return True if it explains most of what turning alone does not."""
         return self.factor >= MIN_FACTOR and self.left <= MAX_COST_LEFT_BY_ZOOM
 
     def summary(self, bundle: Bundle, width: int) -> dict[str, Any]:

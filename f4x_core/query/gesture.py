@@ -44,7 +44,7 @@ class View:
     to_world: np.ndarray = field(default_factory=lambda: np.eye(4))
     """(4,4) affine: where the scene stands in the world."""
     perspective: bool = True
-    """Whether the camera is a pinhole near the scene, so that Gaussians look as wide as they were fitted."""
+    """True if the camera is a pinhole near the scene, so that Gaussians look as wide as they were fitted."""
     hidden: np.ndarray | None = None
     """(N,) bool: Gaussians that the view does not show; None = it shows all."""
 

@@ -65,7 +65,7 @@ def find(scene: Scene, label: str, encode: Encode | None = None) -> Selection:
 
 
 def is_calibrated(scene: Scene) -> bool:
-    """Whether scores say if a word's thing is there, rather than which of several words it is."""
+    """Return True if scores say if a word's thing is there, rather than which of several words it is."""
     return null_vector(text_head(scene).spec.text_encoder or "") is not None
 
 
@@ -125,7 +125,7 @@ def things_there(scene: Scene) -> dict[str, Selection]:
 
 
 def is_doubtful(scene: Scene, selection: Selection) -> bool:
-    """Whether a word that nobody asked for may have found whom it did by chance, as one of so many that were tried.
+    """Return True if a word that nobody asked for may have found whom it did by chance, as one of so many that were tried.
 
     Its probability is that of its best Gaussian. For a word that somebody asks for, it says enough.
     """

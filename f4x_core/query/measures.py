@@ -54,7 +54,7 @@ class Measured:
     width: float
     """World units across the picture, at the first time."""
     moves: bool
-    """Whether the scaffold or an edit moves most of it."""
+    """True if the scaffold or an edit moves most of it."""
     height: float = 0.0
     """World units up the picture, at the first time."""
 

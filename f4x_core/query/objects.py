@@ -278,7 +278,7 @@ def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = N
 
 
 def _mostly(weights: np.ndarray, rows: np.ndarray, fraction: float) -> bool:
-    """Whether at least a fraction of the blend weights (N,) belongs to the Gaussians `rows (N,)` bool."""
+    """Return True if at least a fraction of the blend weights (N,) belongs to the Gaussians `rows (N,)` bool."""
     return bool(weights[rows].any() and weights[rows].sum() >= fraction * weights.sum())
 
 

@@ -91,7 +91,7 @@ class Sighting:
     sizes: list[tuple[float, float]] = field(default_factory=list)
     """World units up and across the picture of each separate one, from left to right, at the first time."""
     given: bool = False
-    """Whether the label takes no article: a name that somebody gave, a thing without a word or with a doubtful one."""
+    """True if the label takes no article: a name that somebody gave, a thing without a word or with a doubtful one."""
 
 
 @dataclass(frozen=True)
@@ -386,7 +386,7 @@ def _found(
 
 
 def _has_no_article(label: str, names: Collection[str]) -> bool:
-    """Whether `Sighting.given` holds for a label, where somebody gave `names`."""
+    """Return True if `Sighting.given` holds for a label, where somebody gave `names`."""
     return label in names or label == THING or label.startswith(PERHAPS)
 
 
@@ -459,7 +459,7 @@ def _word_of(scene: Scene, name: str) -> str:
 
 
 def _is_compound(left: Sequence[str], name: str, known: Collection[str]) -> bool:
-    """Whether the words before a known one are a noun that says which kind it is: "race horse", which a "hot dog" is not."""
+    """Return True if the words before a known one are a noun that says which kind it is: "race horse", which a "hot dog" is not."""
     plain = not is_adjective(left[0]) and left[0] not in FUNCTION_WORDS and not is_adverb(left[0])
     return len(left) == 1 and plain and left[0].isalpha() and not names_another(name) and head_of(name, known) is None
 
@@ -604,7 +604,7 @@ def _of_always(s: Sighting, asked: Asked, fps: float, when: str) -> str:
 
 
 def _of_change(s: Sighting, asked: Asked, fps: float, when: str) -> str:
-    """Whether and when a thing comes into the picture, or goes out of it."""
+    """Tell if and when a thing comes into the picture, or goes out of it."""
     comes = asked.kind == "enter"
     seen = sorted([(time, True) for time in s.moments] + [(time, False) for time in s.unseen])
     turns = [time for (_, before), (time, now) in pairwise(seen) if now != before and now == comes]

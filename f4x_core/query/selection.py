@@ -70,7 +70,7 @@ class Selection:
         return replace(self, span=(first, last))
 
     def holds_at(self, time: float) -> bool:
-        """Whether the selection means anything at clip time `time`."""
+        """Return True if the selection means anything at clip time `time`."""
         return self.span is None or self.span[0] <= time <= self.span[1]
 
     def among(self, rows: np.ndarray) -> Selection:

@@ -70,9 +70,9 @@ class Asked:
     side: str = ""
     """left, middle or right, where it asks whether a thing is there."""
     polar: bool = False
-    """Whether it wants yes or no."""
+    """True if it wants yes or no."""
     negated: bool = False
-    """Whether yes means that it is not so: "Does it never move?"."""
+    """True if yes means that it is not so: "Does it never move?"."""
     manner: str = ""
     """The verb, where it asks for more than motion: "Does it fly?"; the relation or the order, where it asks for one."""
     extreme: str = ""
@@ -239,7 +239,7 @@ def _beside(name: str, links: str = "") -> Rule:
 
 
 _before_article = here(lambda reading, at: reading.word(at) in ("the", "a", "this", "that", "us"))
-"""Whether a thing follows with its article: "nearest the tree", which "the nearest tree" is not."""
+"""True if a thing follows with its article: "nearest the tree", which "the nearest tree" is not."""
 
 
 def _aside_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
