@@ -80,7 +80,7 @@ def _bake(scene: Scene) -> Scene:
 
 
 def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
-    """Numbers of edits, from the first on, that may be folded, largest first; the next one ends before one that shows other times."""
+    """Numbers of edits, from the first on, that may be folded, largest first; the next ends before one that shows another time."""
     whole = edited(with_stack(scene, EditStack(active)))
     steps = whole.steps if isinstance(whole, EditedScene) else ()
     # what comes and goes is there by the clip's clock: edits that show other moments of it cannot be folded
