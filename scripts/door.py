@@ -46,6 +46,12 @@ def arguments() -> list[str]:
     return sys.argv[1:]
 
 
+def scene(text: str) -> Path:
+    """The scene that a person gave; the folder of a fit means the scene in it."""
+    inside = Path(text) / "scene.f4x"
+    return inside if inside.is_file() else Path(text)
+
+
 def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
     """Run `main(arguments)` and leave with 0, 2 (one clear sentence) or 1 (traceback).
 

@@ -19,7 +19,7 @@ import door
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog="edit_scene.py", description=__doc__.splitlines()[0])
-    parser.add_argument("scene", type=Path, help="scene file, name.f4x")
+    parser.add_argument("scene", type=door.scene, help="scene file, name.f4x")
     instruction = parser.add_mutually_exclusive_group(required=True)
     instruction.add_argument("--say", metavar="SENTENCE", help="what to do")
     instruction.add_argument("--ops", type=Path, metavar="FILE", help="JSON: a list of operations")

@@ -16,7 +16,7 @@ import door
 def main(arguments: list[str]) -> dict[str, Any]:
     """Import one scene and save it."""
     parser = argparse.ArgumentParser(prog="import_scene.py", description=__doc__.splitlines()[0])
-    parser.add_argument("scene", type=Path, help="name.f4x, or splats: .ply, .splat, numbered .ply files")
+    parser.add_argument("scene", type=door.scene, help="name.f4x, or splats: .ply, .splat, numbered .ply files")
     parser.add_argument("out", type=Path, help=".blend file to write")
     options = parser.parse_args(arguments)
     root = door.import_empty(options.scene)

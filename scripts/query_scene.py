@@ -18,7 +18,7 @@ import door
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog="query_scene.py", description=__doc__.splitlines()[0])
-    parser.add_argument("scene", type=Path, help="scene file, name.f4x")
+    parser.add_argument("scene", type=door.scene, help="scene file, name.f4x")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example dog")
     what.add_argument("--point", type=numbers, metavar="X,Y", help="pixel on the object; with --frame")

@@ -23,7 +23,7 @@ ENGINES = ("FEATURE4X", "CYCLES", "BLENDER_WORKBENCH")
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog="render_scene.py", description=__doc__.splitlines()[0])
-    parser.add_argument("scene", type=Path, help="name.f4x, splats, or a .blend")
+    parser.add_argument("scene", type=door.scene, help="name.f4x, splats, or a .blend")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the pictures")
     parser.add_argument(
         "--engine", choices=ENGINES, default=ENGINES[0], help=f"default: {ENGINES[0]}, the exact picture"

@@ -561,6 +561,8 @@ def _remarked(who: SelectKind, piece: Mapping[str, Any], when: When, context: Se
 
 def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
     """The operation without those that stay as they are, where it is for everything, all others or several of their kind."""
+    if not operation.ACTS:
+        return operation
     select = getattr(operation, "select", None)
     cast = [one for one in spared if isinstance(one, Text) and all(map(is_cast, one.labels))]
     if cast and isinstance(operation, ChangeWithShadow):  # "remove the car but keep its shadow"

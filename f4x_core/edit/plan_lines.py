@@ -34,7 +34,10 @@ def _share(scene: Scene, operation: Change) -> str:
     """Return the share of the scene that an operation is for: " (11 % of the scene's Gaussians)"; "" for all of it, and for two."""
     if not operation.ACTS or hasattr(operation, "other"):
         return ""
-    share = len(rows_of(scene, operation.select)) / max(int((~splat_rows(scene).gone).sum()), 1)
+    rows, along = rows_of(scene, operation.select), getattr(operation, "along", None)
+    if along is not None:
+        rows = np.union1d(rows, rows_of(scene, along))
+    share = len(rows) / max(int((~splat_rows(scene).gone).sum()), 1)
     return "" if share == 1 else f" ({share:.{0 if share >= 0.1 else 1}%} of the scene's Gaussians)".replace("%", " %")
 
 

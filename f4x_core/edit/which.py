@@ -8,11 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 from ..errors import F4xError
+from ..language.cast_words import is_cast
 from ..language.lexicon import UNCOUNTED, plural_of, singular
 from .change import Change
 from .description import in_words
 from .records import mapped
-from .selects import And, Beside, Instance, Not, Or, Part, SelectKind, Text
+from .selects import And, Beside, Instance, Not, Or, Part, SelectKind, Text, parts_of
 
 PLACES = {2: ("left", "right"), 3: ("left", "middle", "right")}
 """Number of things -> the places that tell them apart."""
@@ -54,8 +55,11 @@ def _certain(select: SelectKind) -> Iterator[SelectKind]:
             if label.split()[-1] not in UNCOUNTED
         )
     elif isinstance(select, And) and any(isinstance(part, Text) and part.single for part in select.of):
-        if not any(isinstance(part, Not) for part in select.of):
-            yield select
+        if all(
+            _is_shadow(part.of) for part in select.of if isinstance(part, Not)
+        ):  # "the car but not its shadow" is a car
+            things = tuple(part for part in select.of if not isinstance(part, Not))
+            yield from _certain(things[0]) if len(things) == 1 else (And(things),)
     elif isinstance(select, Or | And):
         for part in select.of:
             yield from _certain(part)
@@ -63,6 +67,14 @@ def _certain(select: SelectKind) -> Iterator[SelectKind]:
         yield from _certain(select.of)
     elif isinstance(select, Beside):
         yield from _certain(select.other)
+
+
+def _is_shadow(select: SelectKind) -> bool:
+    """Return True if a selection is of words for shadows and the like alone."""
+    parts = list(parts_of(select))
+    return all(isinstance(part, Or | Text) for part in parts) and all(
+        is_cast(label) for part in parts if isinstance(part, Text) for label in part.labels
+    )
 
 
 def _beside_in(select: SelectKind) -> Iterator[SelectKind]:

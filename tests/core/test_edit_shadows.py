@@ -20,8 +20,10 @@ from f4x_core.edit.operations import (
     read_operation,
 )
 from f4x_core.edit.plan import propose
+from f4x_core.edit.plan_lines import plan_lines
 from f4x_core.edit.resolve import EditorState, resolve, rows_of
-from f4x_core.edit.selects import Ids
+from f4x_core.edit.selects import And, Ids, Not, Text
+from f4x_core.edit.which import asked_about
 from f4x_core.query.attached import attached_to
 from f4x_core.query.cast import cast_of
 from f4x_core.query.selection import Selection
@@ -30,6 +32,7 @@ from f4x_core.scene.view import render
 SCENE, SQUARE, SHADOW, OTHER, OTHER_SHADOW = two_with_shadows()
 IDS = Ids.of(SCENE.ids[SQUARE])
 STATE = EditorState(Selection(SCENE.ids, SQUARE.astype(float), np.zeros(len(SQUARE), bool)))
+CAR = Text(("car",), single=("car",))
 MOST = 0.7
 """Of a shadow's Gaussians, those that the graph calls cast at least."""
 
@@ -136,3 +139,23 @@ def test_each_has_its_own():
     np.testing.assert_array_equal(both.shadow, cast_of(SCENE) > 0)
     none = attached_to(SCENE, ~SCENE.moving)
     assert not none.shadow.any() and not none.edges.any()
+
+
+def test_a_sentence_that_keeps_the_shadow_can_be_undone_by_a_sentence():
+    sentence = "remove it but keep its shadow"
+    removed = with_operations(SCENE, *propose(SCENE, sentence, STATE).chosen.operations, sentence=sentence)
+    taken_back = propose(removed, "undo that", STATE).chosen.operations
+    assert not edited(with_operations(removed, *taken_back)).rows.gone.any()
+
+
+def test_the_shadow_that_stays_does_not_say_which_of_several_is_meant():
+    (plain,), (kept,) = (list(asked_about(Delete(select))) for select in (CAR, And((CAR, Not(Text(("shadow",)))))))
+    assert plain == kept
+    assert not list(asked_about(Delete(And((CAR, Not(Text(("bus",))))))))
+
+
+def test_a_plan_counts_the_shadow_that_goes_along():
+    planned = resolve(SCENE, Delete(IDS), EditorState())
+    (line,) = plan_lines(SCENE, [planned])
+    both = (SQUARE | along(Delete(IDS))).mean()
+    assert f"({both:.0%} of".replace("%", " %") in line
