@@ -55,6 +55,16 @@ class Parser(argparse.ArgumentParser):
         super()._check_value(action, value)
 
 
+class Once(argparse.Action):
+    """An option that may be given once: a second value would replace the first without a word."""
+
+    def __call__(self, parser, namespace, values, option_string=None):  # type: ignore[no-untyped-def]
+        """Store the value."""
+        if getattr(namespace, self.dest) is not None:
+            parser.error(f"{option_string} is given twice, of which one would be lost: write both as one sentence")
+        setattr(namespace, self.dest, values)
+
+
 def _fit(verbs: Verbs) -> None:
     """`f4x fit`."""
     sub = add_verb(verbs, "fit", "Turn a clip into DIR/scene.f4x.")
@@ -331,7 +341,9 @@ def _edit(verbs: Verbs) -> None:
     sub = add_verb(verbs, "edit", "Append edits to a scene; what is in its arrays never changes.")
     scene_option(sub)
     how = sub.add_mutually_exclusive_group(required=True)
-    how.add_argument("--say", metavar="SENTENCE", help='what to do, for example "make the dog red from second 2"')
+    how.add_argument(
+        "--say", action=Once, metavar="SENTENCE", help='what to do, for example "make the dog red from second 2"'
+    )
     how.add_argument("--ops", type=path_argument, metavar="FILE", help="JSON: a list of operations")
     sub.add_argument(
         "--select", type=path_argument, metavar="FILE", help='what "it" means: the selection.json of `f4x query -o DIR`'

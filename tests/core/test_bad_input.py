@@ -212,6 +212,11 @@ def test_options_that_make_no_sense_are_refused_before_any_work(tmp_path, capsys
     assert not (tmp_path / "out").exists()
 
 
+def test_two_sentences_are_refused_where_one_would_be_lost(tmp_path, capsys):
+    said = refuses(capsys, "edit", tmp_path / "scene.f4x", "--say", "make it red", "--say", "hide it")
+    assert "--say is given twice" in said
+
+
 def test_an_output_that_is_a_file_is_refused_and_kept(tmp_path, capsys):
     clip = write_frames(tmp_path / "clip", filmed(3))
     (tmp_path / "out").write_text("mine")
