@@ -25,7 +25,7 @@ MIN_TEXTURE = 0.3
 MAX_RETURN = 0.0016
 """Widths of the picture by which flow there and back may miss its start: .75 pixels of 480."""
 MIN_SEEN = 3
-"""Frames that must see a point; two meet in one whatever the cameras are, but for the direction across."""
+"""Frames that must see a point: two rays alone fit wrong cameras, except across the epipolar line."""
 ROBUST_PX = 0.5
 """Cauchy scale in pixels, for long and short tracks alike. Seven rendered paths err by .085 % of their length (.120 without short
 tracks), with 1 pixel by .106 %, with long tracks that count .2 or .05 by .090 and .141 %."""
