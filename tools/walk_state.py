@@ -64,7 +64,7 @@ class Walk:
         return SceneObject.of(bpy.context.object)
 
     def pickable(self) -> list[bpy.types.Object]:
-        """What a click could reach."""
+        """Actions that a click can reach."""
         return [item for item in bpy.context.view_layer.objects if item.visible_get()]
 
     def collections(self) -> list[str]:
@@ -73,7 +73,7 @@ class Walk:
         return [found[0].name for found in owners if found]
 
     def met(self, scene_object: SceneObject) -> EditStack:
-        """What the file held when the scene met it last."""
+        """Content of the file when the scene last read or wrote it."""
         return cache.stack_from(scene_object._met, scene_object.name)
 
     def call(self, operator: Callable, **options: Any) -> bool:

@@ -1,4 +1,4 @@
-"""How far off the path the depth of a scene really carries, by the truth of a rendered clip: the check of `metrics.believed`."""
+"""The reach beside the path of the depth of a scene, by the truth of a rendered clip: the check of `metrics.believed`."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..clip import Clip
 from ..geometry.camera import Camera
 from ..priors.bundle import Observations, from_matrices, resect
-from ..priors.flow import Flow, dis, grey, inside, length, sample
+from ..priors.flow import Flow, best_of_cells, dis, grey, inside, length, sample
 from ..scene import Scene
 from ..scene.view import render
 
@@ -142,7 +142,7 @@ def _sightings(scene: Scene, clip: Clip, used: int, frame: int, flow: Flow, back
     allowed = (drawn["alpha"] >= MIN_ALPHA) & _smooth(drawn["depth"]) & ~_near_motion(drawn["dynamic"][..., 0])
     here, there = grey(clip.frames[[used, frame]])
     texture = np.where(allowed, cv2.cornerMinEigenVal(here, 3), 0)
-    rows, columns = _best_of_cells(texture, max(MIN_CELL, round(clip.width / CELLS)))
+    rows, columns = best_of_cells(texture, max(MIN_CELL, round(clip.width / CELLS)), MIN_TEXTURE)
     forward, backward = flow(here, there), flow(there, here)
     start = np.stack([columns, rows], -1) + 0.5
     end = start + forward[rows, columns]
@@ -168,17 +168,6 @@ def _near_motion(dynamic: np.ndarray) -> np.ndarray:
     margin = 1 + 2 * max(2, round(MOVING_MARGIN * dynamic.shape[1]))
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (margin, margin))
     return cv2.dilate((dynamic >= MOVING_ALPHA).astype(np.uint8), window) > 0
-
-
-def _best_of_cells(texture: np.ndarray, cell: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the pixel with most texture in each square cell that has any."""
-    height, width = (size // cell * cell for size in texture.shape)
-    cells = texture[:height, :width].reshape(height // cell, cell, width // cell, cell).transpose(0, 2, 1, 3)
-    cells = cells.reshape(height // cell, width // cell, cell * cell)
-    best = cells.argmax(-1)
-    down, across = np.nonzero(cells.max(-1) > MIN_TEXTURE)
-    inner = best[down, across]
-    return down * cell + inner // cell, across * cell + inner % cell
 
 
 def _spread(pixels: np.ndarray, width: int, height: int) -> bool:

@@ -64,7 +64,7 @@ def provide_nobody(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
 
 
 PROVIDERS = {("people", "networks"): provide, ("people", "none"): provide_nobody}
-"""What `priors.providers.find` finds here."""
+"""The providers of this room by stage and name, for `priors.providers.find`."""
 
 
 def write_people(people: list[Person], priors: Priors) -> None:

@@ -19,6 +19,7 @@ Held-out frames are never looked at; how much real shake their interpolated came
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,7 +29,18 @@ from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import CameraPath
 from ..parallel import in_threads, thread_count
 from ..progress import Progress, silent
-from .bundle import Bundle, BundleConfig, Observations, adjust, resect, total_cost, triangulate
+from .bundle import (
+    MIN_SEEN,
+    Bundle,
+    BundleConfig,
+    Observations,
+    adjust,
+    adjust_anew,
+    resect,
+    total_cost,
+    triangulate,
+    without_outliers,
+)
 from .config import USUAL_FRAMES, CamerasConfig, PriorsConfig
 from .contact import MOVING_MARGIN
 from .flow import grey, long_flows, sample, texture
@@ -55,7 +67,7 @@ from .sfm import (
     solve_with_tracks,
     subset,
 )
-from .short_tracks import MIN_SEEN, Neighbourhood, sharpened, without_outliers
+from .short_tracks import Neighbourhood, sharpened
 from .standing import StillnessTest
 from .trusted import frame_errors, grow_trusted
 from .zoom import MIN_COST_LEFT_BY_MOVING, Zoom, find_zoom, mean_cost, zoomed
@@ -261,6 +273,11 @@ class _CameraProblem:
         known = self.settings.focal is not None or self.first is not None
         return BundleConfig(refine_focal=not known, expected_focal=self.focal)
 
+    @cached_property
+    def pictures(self) -> np.ndarray:
+        """(F, H, W) uint8 grey levels."""
+        return grey(self.clip.frames[self.clip.supervised])
+
     @property
     def times(self) -> np.ndarray:
         """(F,) clip frames."""
@@ -328,12 +345,7 @@ def complete(
     bundle, own = solution.bundle, _limited_observations(solution, ADJUSTED_TRACKS)
     offset = len(bundle.points)
     registered = solution.registered.copy()
-    observations = Observations(
-        np.concatenate([own.frame, extra.frame]),
-        np.concatenate([own.point, extra.point + offset]),
-        np.concatenate([own.uv, extra.uv]),
-        np.concatenate([own.weight, TRACK_WEIGHT * extra.weight]),
-    )
+    observations = own.followed_by(replace(extra, weight=TRACK_WEIGHT * extra.weight), offset)
     bundle = replace(bundle, points=np.vstack([bundle.points, np.full((len(order), 3), np.nan)]))
     while not registered.all():
         bundle = _triangulated(bundle, observations, registered, offset)
@@ -364,8 +376,7 @@ def _settled(
     for _ in range(MORE_ROUNDS):
         if worst <= SETTLED_PX:
             break
-        bundle, kept = without_outliers(_triangulated_anew(solution.bundle, *some), some[0])
-        bundle = adjust(bundle, kept, replace(lens, iterations=10))
+        bundle, kept = adjust_anew(solution.bundle, some[0], replace(lens, iterations=10))
         found = _worst_frame(bundle, *every)
         if found > (1 - MIN_SETTLING) * worst:
             break
@@ -451,14 +462,13 @@ def _sharpened(job: _CameraProblem, solution: Solution) -> Solution:
     priors, doubtful = job.priors, not solution.registered.all() or job.statistics.get("grown")
     if doubtful or priors.flow_forward is None or len(job.tracks) < MIN_SEEN:
         return solution
-    pictures = grey(job.clip.frames[job.clip.supervised])
-    blocked = np.zeros(pictures.shape, bool)
+    blocked = np.zeros(job.pictures.shape, bool)
     if priors.mask is not None and not job.static.all():
         blocked = dilate_masks(priors.mask, MOVING_MARGIN)
     if job.clip.hidden is not None:
         blocked = blocked | job.clip.hidden[priors.frames]
-    around = Neighbourhood(pictures, long_flows(job.clip, priors, job.config, silent), blocked)
-    return sharpened(solution, solution.observations, around.sightings(), job.lens)
+    around = Neighbourhood(job.pictures, long_flows(job.clip, priors, job.config, silent), blocked)
+    return sharpened(solution, around.sightings(), job.lens)
 
 
 def _trusted(job: _CameraProblem, solution: Solution) -> Solution:
@@ -478,15 +488,12 @@ def _trusted(job: _CameraProblem, solution: Solution) -> Solution:
 def _rematched(job: _CameraProblem, solution: Solution) -> Solution:
     """Return the solution adjusted on sightings that are matched anew (`rematch`), unless few are or a frame that was met is missed
     by them; fill `rematched`: the fraction of sightings, and pixels by which the worst frame is missed before and after."""
-    seen = match_anew(grey(job.clip.frames[job.clip.supervised]), solution.observations)
+    seen = match_anew(job.pictures, solution.observations)
     matched = float((seen.weight == 1).mean()) if len(seen.weight) else 0.0
     if matched < MIN_REMATCHED:
         return solution
     tracks, lens = np.arange(len(solution.bundle.points)), replace(job.lens, iterations=10, robust_px=REMATCHED_PX)
-    found = Solution(solution.bundle, seen, solution.registered)
-    for _ in range(REMATCHED_ROUNDS):
-        bundle, kept = without_outliers(_triangulated_anew(found.bundle, seen, tracks), seen)
-        found = Solution(adjust(bundle, kept, lens), kept, solution.registered)
+    found = Solution(*adjust_anew(solution.bundle, seen, lens, REMATCHED_ROUNDS), solution.registered)
     before, after = (_worst_frame(one.bundle, seen, tracks) for one in (solution, found))
     job.statistics["rematched"] = {"part": _json(matched), "before_px": _json(before), "after_px": _json(after)}
     return found if after <= max(before, SETTLED_PX) else solution

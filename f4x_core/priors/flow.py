@@ -202,6 +202,16 @@ def texture_along(picture: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return spread / (spread + FEATURELESS**2)
 
 
+def best_of_cells(held: np.ndarray, side: int, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the largest pixel of every square cell of `held` (H,W), `side` pixels wide, where it is above `least`."""
+    rows, columns = (size // side for size in held.shape)
+    cells = held[: rows * side, : columns * side].reshape(rows, side, columns, side).swapaxes(1, 2)
+    cells = cells.reshape(rows, columns, side * side)
+    row, column = np.nonzero(cells.max(2) > least)
+    inner = cells[row, column].argmax(1)
+    return row * side + inner // side, column * side + inner % side
+
+
 def compose(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Flow a -> c from the flows a -> b and b -> c, all (H,W,2) float32."""
     return first + warp(second, first)

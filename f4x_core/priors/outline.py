@@ -50,7 +50,7 @@ MIN_PIXELS = 30
 """Pieces of a mover with fewer pixels are noise."""
 ENDING = 0.8
 """Fraction of the rim of a part that the mask lacks, beside the mask, that must show the background."""
-LARGE_PART, SHADOWY = 0.1, (0.5, 0.2)
+LARGE_PART, LARGE_SHADOWY, SMALL_SHADOWY = 0.1, 0.5, 0.2
 """Such a part is large from this fraction of the mask on; fractions of its pixels that may be the background's times a factor,
 where it is large, and where it is small and more likely a shadow."""
 SHADED = 0.5
@@ -240,7 +240,9 @@ def _missing_parts(
     means = added(own) / size, added(drawn) / size
     own, drawn = own - means[0][labels], drawn - means[1][labels]
     alike = added(own * drawn) / np.sqrt(np.maximum(added(own**2) * added(drawn**2), 1))
-    shadow = (added(tinted) > np.where(size >= LARGE_PART * kept.sum(), *SHADOWY) * size) | (alike > SHADED)
+    shadow = (added(tinted) > np.where(size >= LARGE_PART * kept.sum(), LARGE_SHADOWY, SMALL_SHADOWY) * size) | (
+        alike > SHADED
+    )
     ends = added(same & ~kept, rim) >= ENDING * added(~kept, rim)
     found = ends & ~shadow & (added(kept, rim) > 0) & (size >= MIN_PIXELS) & (size <= kept.sum())
     found[0] = False

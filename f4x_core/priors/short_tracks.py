@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .bundle import Bundle, BundleConfig, Observations, adjust, triangulate
-from .flow import inside, length, pixel_grid, sample, texture
+from .bundle import MIN_SEEN, BundleConfig, Observations, adjust_anew
+from .flow import best_of_cells, inside, length, pixel_grid, sample, texture
 from .sfm import Solution
 
 CELLS = 24
@@ -24,15 +24,11 @@ MIN_TEXTURE = 0.3
 """Least `flow.texture`: on plain surfaces flow is made up."""
 MAX_RETURN = 0.0016
 """Widths of the picture by which flow there and back may miss its start: .75 pixels of 480."""
-MIN_SEEN = 3
-"""Frames that must see a point: two rays alone fit wrong cameras, except across the epipolar line."""
 ROBUST_PX = 0.5
 """Cauchy scale in pixels, for long and short tracks alike. Seven rendered paths err by .085 % of their length (.120 without short
 tracks), with 1 pixel by .106 %, with long tracks that count .2 or .05 by .090 and .141 %."""
 ROUNDS = 2
 """The second one takes points back that first cameras made outliers of."""
-OUTLIERS, MIN_OUTLIER_PX = 4.0, 3.0
-"""Sightings that miss by so many median errors, and by at least so many pixels, are left out."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +58,8 @@ class Neighbourhood:
     def _followed(self, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the frames (G,), in which of them each point of `frame` is seen (G, P), and where (G, P, 2)."""
         height, width = self.pictures.shape[1:]
-        row, column = _best_of_cells(np.where(self.blocked[frame], 0, texture(self.pictures[frame])))
+        held = np.where(self.blocked[frame], 0, texture(self.pictures[frame]))
+        row, column = best_of_cells(held, max(max(height, width) // CELLS, 1), MIN_TEXTURE)
         start = pixel_grid(height, width)[row, column].astype(np.float64)
         others = [frame] + [frame + gap for gap in GAPS if 0 <= frame + gap < len(self.pictures)]
         seen, uv = np.ones((len(others), len(start)), bool), np.empty((len(others), len(start), 2))
@@ -77,41 +74,10 @@ class Neighbourhood:
         return np.array(others), seen, uv
 
 
-def _best_of_cells(held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column of the best pixel of every cell of `held` (H, W), where it reaches `MIN_TEXTURE`."""
-    side = max(max(held.shape) // CELLS, 1)
-    rows, columns = (size // side for size in held.shape)
-    cells = held[: rows * side, : columns * side].reshape(rows, side, columns, side).swapaxes(1, 2)
-    cells = cells.reshape(rows, columns, side * side)
-    row, column = np.nonzero(cells.max(2) >= MIN_TEXTURE)
-    inner = cells[row, column].argmax(1)
-    return row * side + inner // side, column * side + inner % side
-
-
-def sharpened(solution: Solution, long: Observations, short: Observations, lens: BundleConfig) -> Solution:
-    """Return the solution adjusted on the sightings of `long` and of `short` tracks, whose points are triangulated anew."""
-    first = long.point.max(initial=-1) + 1
-    seen = Observations(
-        np.concatenate([long.frame, short.frame]),
-        np.concatenate([long.point, first + short.point]),
-        np.concatenate([long.uv, short.uv]),
-        np.concatenate([long.weight, short.weight]),
-    )
-    bundle, kept = solution.bundle, seen
+def sharpened(solution: Solution, short: Observations, lens: BundleConfig) -> Solution:
+    """Return the solution adjusted on its own sightings and those of `short` tracks, all points triangulated anew."""
+    own = solution.observations
+    seen = own.followed_by(short, own.point.max(initial=-1) + 1)
     config = replace(lens, iterations=15, robust_px=ROBUST_PX)
-    for _ in range(ROUNDS):
-        points, _ = triangulate(bundle, seen, seen.point.max(initial=-1) + 1)
-        bundle, kept = without_outliers(replace(bundle, points=points), seen)
-        bundle = adjust(bundle, kept, config)
+    bundle, kept = adjust_anew(solution.bundle, seen, config, ROUNDS)
     return Solution(bundle, kept, solution.registered)
-
-
-def without_outliers(bundle: Bundle, observations: Observations) -> tuple[Bundle, Observations]:
-    """Drop sightings off by more than `OUTLIERS` times the median, then points seen less than three times."""
-    error = np.nan_to_num(bundle.errors(observations), nan=np.inf, posinf=np.inf)
-    usual = np.median(error) if len(error) else 0.0
-    observations = observations.keep(error < max(MIN_OUTLIER_PX, OUTLIERS * usual if np.isfinite(usual) else 0.0))
-    enough = np.bincount(observations.point, minlength=len(bundle.points)) >= min(MIN_SEEN, len(bundle.center))
-    observations = observations.keep(enough[observations.point])
-    row = np.cumsum(enough) - 1
-    return replace(bundle, points=bundle.points[enough]), replace(observations, point=row[observations.point])

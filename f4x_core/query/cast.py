@@ -1,4 +1,4 @@
-"""What things cast on the background: shadows, reflections, ripples. Needs numpy alone.
+"""Shadows, reflections and ripples that things cast on the background. Needs numpy alone.
 
 No teacher of words knows them; the graph of a scene tells them by how little they differ from what is behind (`standing_out`).
 """

@@ -1,4 +1,4 @@
-"""What a random walk over the extension ran into (`tools/walk_blender.py`), each as a short script, and a short walk."""
+"""Faults that a random walk over the extension found (`tools/walk_blender.py`), each as a short script, and a short walk."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What goes along with a thing that is removed, hidden or moved: its shadow and its loose edges, and nobody else's."""
+"""Removing, hiding or moving a thing takes along its shadow and its loose edges, and nobody else's."""
 
 import numpy as np
 import pytest

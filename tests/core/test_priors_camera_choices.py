@@ -652,7 +652,7 @@ def test_cameras_are_adjusted_until_no_frame_is_left_behind(monkeypatch):
     fine = solution_of(true, noise=0.1)
     assert module._settled(fine, every, some, lens) is fine
     asked = []
-    monkeypatch.setattr(module, "adjust", lambda bundle, *more: asked.append(bundle) or bundle)
+    monkeypatch.setattr(module, "adjust_anew", lambda bundle, seen, *more: (asked.append(bundle) or bundle, seen))
     assert module._settled(lost, every, some, lens) is lost and len(asked) == 1  # no gain: not tried again
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from f4x_core.geometry import quaternion
-from f4x_core.priors.bundle import Bundle, BundleConfig, Observations
+from f4x_core.priors.bundle import MIN_SEEN, Bundle, BundleConfig, Observations
 from f4x_core.priors.flow import pixel_grid
 from f4x_core.priors.sfm import Solution
-from f4x_core.priors.short_tracks import CELLS, GAPS, MIN_SEEN, Neighbourhood, sharpened
+from f4x_core.priors.short_tracks import CELLS, GAPS, Neighbourhood, sharpened
 
 WIDTH, HEIGHT, FRAMES, FOCAL = 96, 64, 12, 80.0
 NEAR, FAR = 2.0, 12.0
@@ -85,8 +85,8 @@ def test_they_find_the_direction_that_drifting_long_tracks_miss(around, true):
     lens = BundleConfig(refine_focal=False)
     nothing = Observations(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
     first = Solution(true, long, np.ones(FRAMES, bool))
-    alone = sharpened(first, long, nothing, lens)
-    both = sharpened(alone, long, around.sightings(), lens)
+    alone = sharpened(first, nothing, lens)
+    both = sharpened(Solution(alone.bundle, long, first.registered), around.sightings(), lens)
 
     def error(found: Bundle) -> float:
         """Degrees between the found and the true direction of the path, in the axes of the first camera."""

@@ -51,7 +51,7 @@ def provide_cameras(clip: Clip, priors: Priors, config: PriorsConfig, progress: 
 
 
 PROVIDERS = {(stage, name): {"depth": provide_depth, "cameras": provide_cameras}[stage] for stage, name in MODELS}
-"""What `priors.providers.find` finds here."""
+"""The providers of this room by stage and name, for `priors.providers.find`."""
 
 
 def _provide(stage: str, name: str, clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
