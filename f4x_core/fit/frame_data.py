@@ -1,4 +1,4 @@
-"""What a fit is supervised with: frames and priors as tensors, at full and at half size."""
+"""Supervision of a fit: frames and priors as tensors, at full and at half size."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..clip import Clip
 from ..priors import Priors
+from ..priors.sizes import LargeMaps
 
 # Tracks that move less surely than this carry no track loss.
 TRACK_MOTION = 0.5
@@ -17,59 +18,77 @@ TRACK_MOTION = 0.5
 MIN_SHARED_TRACKS = 8
 
 
+@dataclass(frozen=True)
+class FramePriors:
+    """The priors of one frame at the size of its picture."""
+
+    depth: Tensor
+    """(H,W) float32, NaN = unknown."""
+    confidence: Tensor
+    """(H,W) float16."""
+    motion: Tensor
+    """(H,W) float16 moving score."""
+
+
 @dataclass
 class FrameData:
-    """Supervision at one resolution: tensors of F frames, H x W pixels."""
+    """Supervision at one resolution: F frames of H x W pixels, and the priors that belong to them."""
 
     rgb: Tensor
     """(F,H,W,3) uint8."""
-    depth: Tensor
-    """(F,H,W) float32, NaN = unknown."""
-    confidence: Tensor
-    """(F,H,W) float16."""
-    motion: Tensor
-    """(F,H,W) float16 moving score."""
+    large: LargeMaps
+    """The priors, at `step` times the resolution."""
     width: int
     height: int
     hidden: Tensor | None = None
     """(F,H,W) bool: pixels that nobody saw; None where all are seen."""
+    step: int = 1
+    """Pixels of `large` from one pixel to the next."""
 
     def seen(self, frame: int) -> Tensor | None:
         """(H,W) float32 1 where the frame was seen; None where all of it was."""
         return None if self.hidden is None else (~self.hidden[frame]).float()
+
+    def maps(self, frame: int) -> FramePriors:
+        """Return the priors of a frame; where nobody saw it, depth is unknown and nothing moves."""
+        found = self.large.depth(frame)
+        depth, confidence, motion = map(self._sampled, (found.depth, found.confidence, self.large.motion(frame)))
+        if self.hidden is None:
+            return FramePriors(depth, confidence, motion)
+        hidden = self.hidden[frame]
+        return FramePriors(
+            depth.masked_fill(hidden, torch.nan), confidence.masked_fill(hidden, 0), motion.masked_fill(hidden, 0)
+        )
+
+    def _sampled(self, large: np.ndarray) -> Tensor:
+        """(H,W) of a map at the size of `large`."""
+        rows, columns = (slice(0, self.step * size, self.step) for size in (self.height, self.width))
+        return torch.from_numpy(np.ascontiguousarray(large[rows, columns]))
 
     @classmethod
     def full(cls, clip: Clip, priors: Priors) -> FrameData:
         """The supervised frames at the fitted size."""
         frames = clip.frames if len(priors.frames) == len(clip) else clip.frames[priors.frames]  # no copy of all
         rgb = torch.from_numpy(np.require(frames, requirements=("C", "W")))
-        depth, confidence, motion = (
-            torch.from_numpy(np.ascontiguousarray(a)) for a in (priors.depth, priors.depth_confidence, priors.motion)
-        )
-        if clip.hidden is None:
-            return cls(rgb, depth, confidence, motion, priors.width, priors.height)
-        hidden = torch.from_numpy(clip.hidden[priors.frames])
-        depth, confidence = depth.masked_fill(hidden, torch.nan), confidence.masked_fill(hidden, 0)
-        motion = motion.masked_fill(hidden, 0)
-        return cls(rgb, depth, confidence, motion, priors.width, priors.height, hidden)
+        hidden = None if clip.hidden is None else torch.from_numpy(clip.hidden[priors.frames])
+        return cls(rgb, LargeMaps(priors, clip.width, clip.height), clip.width, clip.height, hidden)
 
     def halved(self) -> FrameData:
-        """Half the resolution: colours averaged over 2 x 2 pixels, the other maps sampled."""
+        """Half the resolution: colours averaged over 2 x 2 pixels, priors sampled or enlarged less."""
         width, height = self.width // 2, self.height // 2
         crop = self.rgb[:, : 2 * height, : 2 * width].reshape(len(self.rgb), height, 2, width, 2, 3)
         rgb = torch.stack([frame.float().mean((1, 3)).round().byte() for frame in crop])
-        depth, confidence, motion = (
-            a[:, : 2 * height : 2, : 2 * width : 2].contiguous() for a in (self.depth, self.confidence, self.motion)
-        )
         hidden = None
         if self.hidden is not None:  # a mean of four pixels is seen where all of them are
             hidden = self.hidden[:, : 2 * height, : 2 * width].reshape(len(self.rgb), height, 2, width, 2).any(4).any(2)
-        return FrameData(rgb, depth, confidence, motion, width, height, hidden)
+        if self.large.same:
+            return FrameData(rgb, self.large, width, height, hidden, 2 * self.step)
+        return FrameData(rgb, LargeMaps(self.large.priors, width, height), width, height, hidden)
 
 
 @dataclass(frozen=True)
 class MovingTracks:
-    """The tracks of what moves, in pixels of the fitted size."""
+    """The tracks of what moves, in pixels of the priors."""
 
     points: Tensor
     """(F,P,2) float32."""

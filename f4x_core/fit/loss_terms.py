@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -12,7 +13,7 @@ from ..raster import RasterOutput
 from ..scaffold.losses import motion_loss
 from ..scaffold.motion_native import MotionWeights
 from .config import FitConfig
-from .frame_data import FrameData, MovingTracks
+from .frame_data import FrameData, FramePriors, MovingTracks
 from .frame_native import FrameMaps
 from .losses import FrameFactors, depth_loss, depth_roughness, frame_losses, rgb_loss
 from .model import SceneModel
@@ -74,10 +75,15 @@ class Rendered:
         """(H,W,3) composited world positions at the partner's time."""
         return self.output.channels[..., 4:7]
 
+    @cached_property
+    def maps(self) -> FramePriors:
+        """The priors of the frame."""
+        return self.data.maps(self.frame)
+
     @property
     def motion(self) -> Tensor:
         """(H,W) float32 moving score of the frame."""
-        return self.data.motion[self.frame].float()
+        return self.maps.motion.float()
 
 
 @dataclass(frozen=True)
@@ -135,12 +141,12 @@ class _Losses:
 
     def pixels(self, rendered: Rendered) -> Tensor:
         """The weighted sum of the losses rgb, depth, roughness and mask, by the compiled library."""
-        config, data, frame = self.config, rendered.data, rendered.frame
+        config, maps = self.config, rendered.maps
         weights, output = config.losses, rendered.output
         rough = config.rough_every * weights.roughness if rendered.step % config.rough_every == 0 else 0.0
         return frame_losses(
             (rendered.channels, output.depth, output.alpha),
-            FrameMaps(rendered.target, data.depth[frame], data.confidence[frame], data.motion[frame]),
+            FrameMaps(rendered.target, maps.depth, maps.confidence, maps.motion),
             FrameFactors(weights.ssim, weights.moving, weights.depth, rough, weights.mask),
             self.model.kernels.threads,
         )
@@ -154,13 +160,13 @@ class _Losses:
 
     def depth(self, rendered: Rendered) -> Tensor:
         """Inverse depth against the prior's, by its confidence."""
-        data, frame, output = rendered.data, rendered.frame, rendered.output
-        return depth_loss(output.depth, output.alpha, data.depth[frame], data.confidence[frame].float())
+        maps, output = rendered.maps, rendered.output
+        return depth_loss(output.depth, output.alpha, maps.depth, maps.confidence.float())
 
     def roughness(self, rendered: Rendered) -> Tensor:
         """Bends of the background's depth where the frame is plain and the prior's depth unsure."""
-        data, frame, output = rendered.data, rendered.frame, rendered.output
-        unsure = (1 - data.confidence[frame].float()) * (1 - rendered.motion)
+        output = rendered.output
+        unsure = (1 - rendered.maps.confidence.float()) * (1 - rendered.motion)
         return depth_roughness(output.depth, output.alpha, rendered.target.float() / 255, unsure)
 
     def mask(self, rendered: Rendered) -> Tensor:
@@ -170,7 +176,7 @@ class _Losses:
         return (error * certain).mean()
 
     def track(self, rendered: Rendered) -> Tensor:
-        """Mean capped distance (full-size pixels) between the tracks in the partner and what is rendered to move there."""
+        """Mean capped distance (pixels of the priors) between the tracks in the partner and what is rendered to move there."""
         partner, alpha = rendered.partner, rendered.output.alpha
         if partner is None:
             return alpha.new_zeros(())

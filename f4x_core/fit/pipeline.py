@@ -23,6 +23,7 @@ from ..native.kernels import torch_threads
 from ..parallel import side_by_side
 from ..priors import Priors, build_priors
 from ..priors.config import config_hash
+from ..priors.sizes import moving_masks
 from ..progress import Progress, silent
 from ..raster import choose_backend
 from ..reading import undamaged
@@ -119,7 +120,7 @@ class ClipFit:
         if self.whole:
             clock = time.perf_counter()
             with side_by_side(self.config.kernels.threads):
-                masks = priors.moving_masks
+                masks = moving_masks(priors, self.clip.width, self.clip.height)
                 scene = tinted_scene(scene, self.clip, self.config.tints, masks, self.config.backend, self.progress)
             self._record("colors over time", clock)
         known = {**scene.provenance, "believed_degrees": _believed(priors)}
@@ -183,7 +184,7 @@ def start_fit(
     """Everything before the first step: cameras, scaffold, first Gaussians. `ground`: what is known of what stands still."""
     assert priors.cameras is not None
     config = for_motion(config, moving_fraction(priors), len(priors.frames))
-    rig = CameraRig(priors.cameras)
+    rig = CameraRig(priors.cameras.resized(clip.width, clip.height))
     degree = 0 if ground is None else degree_of(ground.frozen.sh.shape[1])
     scaffold, needs, priors = _start_motion(priors, config, progress)
     spawner = Spawner(clip, priors, config, degree, progress)

@@ -16,6 +16,7 @@ from ..gaussians.parameters import WHOLE
 from ..gaussians.spawn import Room, coarse_to_fine, cover, spawn_that_fits
 from ..geometry.arrays import evenly_spaced
 from ..priors import Priors
+from ..priors.sizes import DepthMap, LargeMaps
 from ..progress import Progress
 from .config import FitConfig
 from .model import SceneModel
@@ -72,6 +73,11 @@ class Spawner:
     rooms: dict[str, Room] = field(default_factory=dict, init=False)
     """What each set that was spawned asked for, and what it was allowed."""
 
+    @property
+    def maps(self) -> LargeMaps:
+        """The maps of the priors at the size of the clip."""
+        return LargeMaps(self.priors, self.clip.width, self.clip.height)
+
     def static(self, moving: bool, explained: Explained | None, first_id: int) -> StaticGaussians:
         """Spawn static Gaussians from frames all over the clip, outside the mask of moving objects where there is one."""
         chosen = spawn_frames(self.priors, self.config)
@@ -81,12 +87,16 @@ class Spawner:
             for done, which in enumerate(coarse_to_fine(len(chosen))):
                 self.progress("spawn", done, len(chosen), "static")
                 frame = int(chosen[which])
-                valid = self._valid(frame)
+                seen = self.maps.depth(frame)
+                valid = seen.known
                 if moving and self.priors.mask is not None:
-                    valid &= ~binary_dilation(self.priors.mask[frame], iterations=MASK_MARGIN)
+                    valid &= ~binary_dilation(self.maps.mask(frame), iterations=MASK_MARGIN)
                 if explained is not None:
                     valid &= ~explained[frame]
-                parts = [Spawned.joined(parts), self._cover(frame, valid, Spawned.joined(parts).means, spawn, rng)]
+                parts = [
+                    Spawned.joined(parts),
+                    self._cover(frame, seen, valid, Spawned.joined(parts).means, spawn, rng),
+                ]
             return Spawned.joined(parts)
 
         start = spawn_that_fits(cover_all, self.config.start_of("static"))
@@ -115,8 +125,9 @@ class Spawner:
             for done, frame in enumerate(map(int, order)):
                 self.progress("spawn", done, len(order), "dynamic")
                 existing = self._moved(model, dynamic, frame)
-                valid = self._valid(frame) & self.priors.mask[frame]  # type: ignore[index]
-                found = self._cover(frame, valid, existing, spawn, rng)
+                seen = self.maps.depth(frame)
+                valid = seen.known & self.maps.mask(frame)
+                found = self._cover(frame, seen, valid, existing, spawn, rng)
                 density = len(found) / max(valid.sum(), 1) if dynamic is None else density
                 if done >= count and len(found) < CRUMBS * density * valid.sum():
                     continue
@@ -134,25 +145,25 @@ class Spawner:
         self.progress("spawn", len(order), len(order), "dynamic")
         return dynamic
 
-    def _valid(self, frame: int) -> np.ndarray:
-        """(H,W) bool: pixels with a depth."""
-        assert self.priors.depth is not None
-        depth = self.priors.depth[frame]
-        return np.isfinite(depth) & (depth > 0)
-
     def _cover(
-        self, frame: int, valid: np.ndarray, existing: np.ndarray, spawn: SpawnConfig, rng: np.random.Generator
+        self,
+        frame: int,
+        seen: DepthMap,
+        valid: np.ndarray,
+        existing: np.ndarray,
+        spawn: SpawnConfig,
+        rng: np.random.Generator,
     ) -> Spawned:
-        """Gaussians for what `existing` leaves open in supervised frame `frame`."""
+        """Gaussians for the pixels `valid (H,W)` of supervised frame `frame`, of depth `seen`, that `existing` leaves open."""
         priors = self.priors
-        assert priors.depth is not None
         assert priors.cameras is not None
         image = self.clip.frames[priors.frames[frame]]
+        camera = priors.cameras[frame].resized(self.clip.width, self.clip.height)
         tolerance = None
         if priors.depth_confidence is not None:
-            sure = np.maximum(priors.depth_confidence[frame].astype(np.float32), 0.01)
+            sure = np.maximum(seen.confidence.astype(np.float32), 0.01)
             tolerance = np.clip(2 * np.sqrt((1 - sure) / sure) * SURE_DEPTH, spawn.depth_tolerance, LOOSEST_DEPTH)
-        return cover(image, priors.depth[frame], valid, priors.cameras[frame], existing, spawn, rng, tolerance)
+        return cover(image, seen.depth, valid, camera, existing, spawn, rng, tolerance)
 
     def _carried(
         self, model: SceneModel, spawned: Spawned, frame: int, spawn: SpawnConfig, first_id: int

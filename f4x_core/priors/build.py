@@ -19,7 +19,7 @@ from . import files
 from .config import PriorsConfig, config_hash
 from .folder import FIELDS, SEEN_DEPTH, Priors, digest, file_of, read_field, read_head, sources_in
 from .providers import STAGES, find
-from .sizes import enlarged, shrunk
+from .sizes import shrunk
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -49,8 +49,8 @@ def build_priors(
     A stage is skipped when its settings, the clip and every other prior it can see are what they were when it last ran.
     What the user gives replaces what a provider makes, and every stage sees it from the start: files put or changed in
     `folder`, entries of `config.files`, and the clip's own cameras, masks and depth. A cancel keeps finished stages.
-    The pictures of a clip larger than `config.longer_side` are reduced for all of this: what `folder` holds is of that size,
-    what is returned of the clip's.
+    The pictures of a clip larger than `config.longer_side` are reduced for all of this, and the priors are of that size
+    (`sizes.LargeMaps` enlarges them).
     Errors: F4xError for an unknown provider, an unreadable or ill-shaped file, or a provider that leaves a field empty.
     """
     config = config or PriorsConfig()
@@ -58,8 +58,7 @@ def build_priors(
         small = clip if NOT_RESIZABLE & set(config.files) else shrunk(clip, config.longer_side)
         if seen_depth is not None and small is not clip:
             seen_depth = resize_nearest(seen_depth, small.width, small.height)
-        priors = _build(small, Path(folder), config, progress, seen_depth)
-        return priors if small is clip else enlarged(priors, clip.width, clip.height)
+        return _build(small, Path(folder), config, progress, seen_depth)
 
 
 def _build(clip: Clip, folder: Path, config: PriorsConfig, progress: Progress, seen_depth: np.ndarray | None) -> Priors:

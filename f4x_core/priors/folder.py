@@ -107,11 +107,6 @@ class Priors:
         _, height, width, _ = clip.frames.shape
         return cls(width=width, height=height, frames=np.asarray(clip.supervised, np.int64), fps=float(clip.fps))
 
-    @property
-    def moving_masks(self) -> dict[int, np.ndarray] | None:
-        """Clip frame -> (H,W) bool of what moves there; None while there is no mask."""
-        return None if self.mask is None else dict(zip(self.frames.tolist(), self.mask, strict=True))
-
     def warn(self, message: str) -> None:
         """Keep one sentence for the diagnostics page (once)."""
         if message not in self.warnings:

@@ -1,4 +1,4 @@
-"""Priors of large pictures: made from smaller ones, and enlarged to the size that is fitted.
+"""Priors of large pictures: made from smaller ones, and enlarged frame by frame to the size that is fitted.
 
 Flow, tracks and depth cost in proportion to the pixels, and what they find hardly changes with them: a track is right to a
 fraction of a pixel of the size it was made at, dense depth varies smoothly between edges.
@@ -6,7 +6,7 @@ fraction of a pixel of the size it was made at, dense depth varies smoothly betw
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,8 +19,20 @@ if TYPE_CHECKING:
     from .folder import Priors
 
 
-FLOW = ("flow_forward", "flow_backward", "flow_forward_mask", "flow_backward_mask")
-"""Priors that a fit does not read."""
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """Depth of one frame."""
+
+    depth: np.ndarray
+    """(H,W) float32 world units, NaN = unknown."""
+    confidence: np.ndarray
+    """(H,W) float16 in 0..1; 1 everywhere where the priors have none."""
+
+    @property
+    def known(self) -> np.ndarray:
+        """(H,W) bool: pixels with a depth."""
+        known: np.ndarray = np.isfinite(self.depth) & (self.depth > 0)
+        return known
 
 
 def shrunk(clip: Clip, longer_side: int) -> Clip:
@@ -40,73 +52,70 @@ def shrunk(clip: Clip, longer_side: int) -> Clip:
     )
 
 
-def enlarged(priors: Priors, width: int, height: int) -> Priors:
-    """The priors for pictures of `width` x `height` pixels, without `FLOW`.
+@dataclass(frozen=True, eq=False)
+class LargeMaps:
+    """The maps of priors at the size of the pictures that are fitted, a frame at a time.
 
-    Depth and confidence of what moves and of what stands still are enlarged by themselves, so that the two do not mix along
-    an outline.
+    A long clip of large pictures has no room for all of them. Maps of that size already are returned as they are.
     """
-    found = replace(priors, width=width, height=height, scratch={})
-    for name in FLOW:
-        setattr(found, name, None)
-    if priors.cameras is not None:
-        found.cameras = priors.cameras.resized(width, height)
-    if priors.tracks is not None:
-        scale = np.array([width / priors.width, height / priors.height], np.float32)
-        found.tracks = priors.tracks * scale
-    if priors.people is not None:
-        found.people = resize_nearest(priors.people, width, height)
-    if priors.people_probability is not None:
-        found.people_probability = _enlarged_maps(priors.people_probability, width, height)
-    if priors.people_joints is not None:
-        scale = np.array([width / priors.width, height / priors.height, 1], np.float32)
-        found.people_joints = priors.people_joints * scale
-    if priors.motion is not None:
-        found.motion = _enlarged_maps(priors.motion, width, height)
-    if priors.mask is not None:
-        found.mask = _enlarged_maps(priors.mask, width, height)
-    if priors.depth is not None:
-        size = (len(priors.depth), height, width)
-        depth, confidence = np.empty(size, np.float32), np.empty(size, np.float16)
 
-        def write(frame: int) -> None:
-            depth[frame], confidence[frame] = _enlarged_depth(priors, found, frame)
+    priors: Priors
+    width: int
+    height: int
 
-        in_threads(write, range(len(depth)))
-        found.depth, found.depth_confidence = depth, None if priors.depth_confidence is None else confidence
-    return found
+    @property
+    def same(self) -> bool:
+        """True if the priors have the size of the pictures."""
+        return (self.priors.width, self.priors.height) == (self.width, self.height)
+
+    def mask(self, frame: int) -> np.ndarray:
+        """Return the moving pixels (H,W) bool of supervised frame `frame`."""
+        assert self.priors.mask is not None
+        mask: np.ndarray = self.priors.mask[frame]
+        return mask if self.same else resize_linear(mask, self.width, self.height) > 0.5
+
+    def motion(self, frame: int) -> np.ndarray:
+        """Return the moving score (H,W) float16 of supervised frame `frame`."""
+        assert self.priors.motion is not None
+        motion: np.ndarray = self.priors.motion[frame]
+        return motion if self.same else resize_linear(motion, self.width, self.height).astype(np.float16)
+
+    def depth(self, frame: int) -> DepthMap:
+        """Return depth and confidence of supervised frame `frame`."""
+        priors = self.priors
+        assert priors.depth is not None
+        if not self.same:
+            return self._enlarged_depth(frame)
+        confidence = None if priors.depth_confidence is None else priors.depth_confidence[frame]
+        return DepthMap(
+            priors.depth[frame], np.ones(priors.depth[frame].shape, np.float16) if confidence is None else confidence
+        )
+
+    def _enlarged_depth(self, frame: int) -> DepthMap:
+        """Enlarge depth and confidence of dynamic and static pixels apart, so that they do not mix along an outline."""
+        priors, width, height = self.priors, self.width, self.height
+        assert priors.depth is not None
+        depth = priors.depth[frame]
+        confidence = np.ones(depth.shape) if priors.depth_confidence is None else priors.depth_confidence[frame]
+        moving = np.zeros(depth.shape, bool) if priors.mask is None else priors.mask[frame]
+        inside = False if priors.mask is None else self.mask(frame)
+        known = np.isfinite(depth)
+        inverse = np.where(known, 1 / np.where(known, depth, 1), 0)
+        layers = []
+        for layer in (~moving, moving):
+            weight, there = (resize_linear(part, width, height) for part in (layer & known, layer))
+            held = np.maximum(weight, 1e-6)
+            values = (resize_linear(layer * part, width, height) / held for part in (inverse, known * confidence))
+            layers.append((weight >= 0.5 * np.maximum(there, 1e-6), *values))
+        seen, inverse, confidence = (np.where(inside, b, a) for a, b in zip(*layers, strict=True))
+        depth = np.where(seen, 1 / np.maximum(inverse, 1e-12), np.nan)
+        sure = np.where(seen, np.clip(confidence, 0, 1), 0)
+        return DepthMap(depth.astype(np.float32), sure.astype(np.float16))
 
 
-def _enlarged_maps(maps: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Maps (F,H,W) of numbers or bools (true from one half on) in another size.
-
-    They are written where they stay: a list of them beside their stack would take twice the memory of a long clip.
-    """
-    found = np.empty((len(maps), height, width), maps.dtype)
-
-    def write(frame: int) -> None:
-        large = resize_linear(maps[frame], width, height)
-        found[frame] = large > 0.5 if maps.dtype == bool else large
-
-    in_threads(write, range(len(maps)))
-    return found
-
-
-def _enlarged_depth(priors: Priors, found: Priors, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Depth (H,W) float32, NaN = unknown, and confidence (H,W) float16 of a frame, by the enlarged mask of `found`."""
-    assert priors.depth is not None
-    depth, width, height = priors.depth[frame], found.width, found.height
-    confidence = np.ones(depth.shape) if priors.depth_confidence is None else priors.depth_confidence[frame]
-    moving = np.zeros(depth.shape, bool) if priors.mask is None else priors.mask[frame]
-    inside = False if found.mask is None else found.mask[frame]
-    known = np.isfinite(depth)
-    inverse = np.where(known, 1 / np.where(known, depth, 1), 0)
-    layers = []
-    for layer in (~moving, moving):
-        weight, there = (resize_linear(part, width, height) for part in (layer & known, layer))
-        held = np.maximum(weight, 1e-6)
-        values = (resize_linear(layer * part, width, height) / held for part in (inverse, known * confidence))
-        layers.append((weight >= 0.5 * np.maximum(there, 1e-6), *values))
-    seen, inverse, confidence = (np.where(inside, b, a) for a, b in zip(*layers, strict=True))
-    depth = np.where(seen, 1 / np.maximum(inverse, 1e-12), np.nan)
-    return depth.astype(np.float32), np.where(seen, np.clip(confidence, 0, 1), 0).astype(np.float16)
+def moving_masks(priors: Priors, width: int, height: int) -> dict[int, np.ndarray] | None:
+    """Return clip frame -> (H,W) bool of moving pixels in pictures of `width` x `height`; None while there is no mask."""
+    if priors.mask is None:
+        return None
+    maps = LargeMaps(priors, width, height)
+    return {int(frame): maps.mask(row) for row, frame in enumerate(priors.frames)}

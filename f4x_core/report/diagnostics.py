@@ -15,6 +15,7 @@ from PIL import Image
 
 from .. import page
 from ..clip import Clip
+from ..clip.images import resize_color
 from ..files import replace_file
 from ..fit.pipeline import FitResult
 from ..geometry.arrays import evenly_spaced
@@ -252,7 +253,8 @@ def _motion(clip: Clip, priors: Priors, shown: Iterable[int]) -> str:
     figures = []
     for frame in shown:
         index, mask = int(priors.frames[frame]), priors.mask[frame]
-        grey = clip.frames[index].mean(-1, keepdims=True).repeat(3, -1) / 255
+        picture = resize_color(clip.frames[index], priors.width, priors.height)
+        grey = picture.mean(-1, keepdims=True).repeat(3, -1) / 255
         score = priors.motion[frame].astype(np.float64)[..., None]
         painted = grey * (1 - 0.6 * score) + 0.6 * score * np.array([0.95, 0.3, 0.15])
         painted[_edge(mask)] = 1
@@ -296,9 +298,9 @@ def _scaffold(clip: Clip, priors: Priors, scaffold: Scaffold | None, shown: Iter
     figures = []
     for frame in shown:
         index = int(priors.frames[frame])
-        scale = page.PICTURE_WIDTH / clip.width
+        scale = page.PICTURE_WIDTH / priors.width
         faded = Image.fromarray(page.as_bytes(0.35 + 0.5 * clip.frames[index] / 255))
-        faded = faded.resize((page.PICTURE_WIDTH, max(1, round(clip.height * scale))))
+        faded = faded.resize((page.PICTURE_WIDTH, max(1, round(priors.height * scale))))
         draw = ImageDraw.Draw(faded)
         pixels, depth = priors.cameras[frame].project(scaffold.xyz[frame].astype(np.float64))
         for (x, y), sure in zip(scale * pixels[depth > 0], scaffold.certain[frame, depth > 0], strict=True):

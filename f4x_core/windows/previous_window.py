@@ -19,17 +19,19 @@ from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter, unifo
 from scipy.optimize import least_squares
 
 from ..clip import Clip
+from ..clip.images import resize_color
 from ..errors import F4xError
 from ..fit.pipeline import ClipFit, FitResult, KnownGround, start_fit
 from ..fit.spawning import MASK_MARGIN, Explained, spawn_frames
 from ..fit.trainer import Trainer
 from ..geometry import pose, quaternion
-from ..geometry.camera import Camera
+from ..geometry.camera import Camera, CameraPath
 from ..geometry.splats import Splats
 from ..priors import Priors
 from ..priors.config import config_hash
 from ..priors.files import camera_kind
 from ..priors.flow import consistent, dis, grey
+from ..priors.sizes import LargeMaps
 from ..raster.blend_weights import blend_weight_sums
 from ..scaffold import Scaffold
 from ..scene import EARLIER, Scene, StaticSet
@@ -131,9 +133,10 @@ class PreviousWindow:
         """(F,H,W) depth that the earlier scene shows in the supervised frames of the later `clip`, NaN where it ends."""
         frames = np.asarray(clip.supervised)
         known = np.full((len(frames), clip.height, clip.width), np.nan, np.float32)
+        size = clip.width, clip.height
         for row, frame in enumerate(frames + self.offset):
             if frame < len(self.scene.cameras):
-                seen = self._shown(int(frame), backend)
+                seen = self._shown(int(frame), size, backend)
                 known[row] = np.where(seen["alpha"] > OPAQUE, seen["depth"], np.nan)
         return known
 
@@ -150,10 +153,10 @@ class PreviousWindow:
         shared = np.flatnonzero(priors.frames + self.offset < len(self.scene.cameras))
         if len(shared) == 0:
             raise F4xError(f"{self.scene.name}: two windows share no frame that may be seen; give a larger --overlap.")
-        ratios, then = [], []
+        ratios, then, size = [], [], (priors.width, priors.height)
         for row in shared:
             frame = int(priors.frames[row]) + self.offset
-            seen = self._shown(frame, backend)
+            seen = self._shown(frame, size, backend)
             known = (seen["alpha"] > OPAQUE) & (priors.depth[row] > 0)
             ratios.append(np.where(known, seen["depth"] / priors.depth[row], np.nan))
             then.append(np.linalg.inv(self.scene.cameras.world_to_camera[frame]))
@@ -197,8 +200,9 @@ class PreviousWindow:
             else:
                 step = path.world_to_camera[row] @ np.linalg.inv(path.world_to_camera[row - 1])
                 camera = replace(path[row], world_to_camera=step @ views[row - 1])
+                picture = resize_color(clip.frames[frame], path.width, path.height)
                 for _ in range(ROUNDS if freedom else 0):
-                    camera = self._registered(camera, clip.frames[frame], still, freedom, backend)
+                    camera = self._registered(camera, picture, still, freedom, backend)
                 views[row] = camera.world_to_camera
             seen = self._ground(replace(path[row], world_to_camera=views[row]), backend)
             known = still & (seen["alpha"] > OPAQUE) & (depth[row] > 0)
@@ -229,9 +233,10 @@ class PreviousWindow:
 
         return moved(least_squares(off, np.zeros(freedom), loss="soft_l1", f_scale=FLOW_ERROR).x)
 
-    def _shown(self, frame: int, backend: str) -> dict[str, np.ndarray]:
-        """Depth and alpha of the earlier scene in its own `frame`."""
-        camera, time = self.scene.cameras[frame], float(self.scene.cameras.times[frame])
+    def _shown(self, frame: int, size: tuple[int, int], backend: str) -> dict[str, np.ndarray]:
+        """Depth and alpha of the earlier scene in its own `frame`, in a picture of `size` (width, height)."""
+        time = float(self.scene.cameras.times[frame])
+        camera = self.scene.cameras[frame].resized(*size)
         return render(seen_from(self.scene, [(camera, time)]), camera, time, ("depth", "alpha"), backend)
 
     def _ground(self, camera: Camera, backend: str) -> dict[str, np.ndarray]:
@@ -248,15 +253,18 @@ class PreviousWindow:
         """
         assert priors.cameras is not None
         world = self.scene.static
-        masks = priors.mask
-        still = {} if masks is None else {row: ~binary_dilation(masks[row], iterations=margin) for row in rows}
+        maps = LargeMaps(priors, clip.width, clip.height)
+        path = priors.cameras.resized(clip.width, clip.height)
+        still = {}
+        if priors.mask is not None:
+            still = {row: ~binary_dilation(maps.mask(int(row)), iterations=margin) for row in rows}
         weights = np.zeros((len(world), 3))  # in all pixels, in those that are judged, in those that are wrong
         errors = np.full(len(rows), np.nan)
         for number, row in enumerate(rows):
-            wrong, there, squared = self._compare(world, clip, priors, row, backend)
+            wrong, there, squared = self._compare(world, clip.frames[priors.frames[row]], path, row, backend)
             judged = still.get(row, np.ones_like(wrong))
             layers = np.stack([np.ones_like(wrong), judged, wrong & judged], -1).astype(np.float32)
-            weights += blend_weight_sums(world, priors.cameras[int(row)], layers, backend=backend)
+            weights += blend_weight_sums(world, path[int(row)], layers, backend=backend)
             compared = squared[there & judged]
             errors[number] = compared.mean() if len(compared) else np.nan
         stays = weights[:, 2] <= 0.5 * weights[:, 1]
@@ -264,22 +272,21 @@ class PreviousWindow:
         drawn = world.take(kept)
         explained = {}
         for row in rows:
-            wrong, there, _ = self._compare(drawn, clip, priors, row, backend)
+            wrong, there, _ = self._compare(drawn, clip.frames[priors.frames[row]], path, row, backend)
             explained[int(row)] = there & ~wrong
         shared = priors.frames[rows] + self.offset < len(self.scene.cameras)
         shown = weights[:, 1] > SHOWN * weights[:, 0]  # what is hidden was seen better before
         return EarlierBackground(world.take(stays), drawn, explained, shown[kept] & _worse(errors, shared))
 
-    def _compare(self, world: StaticSet, clip: Clip, priors: Priors, row: int, backend: str) -> Comparison:
-        """The background `world` against the picture of frame `row`.
+    def _compare(self, world: StaticSet, picture: np.ndarray, path: CameraPath, row: int, backend: str) -> Comparison:
+        """Compare the background `world` with `picture (H,W,3)` uint8 of camera `row` of `path`.
 
         The picture's mean over a neighbourhood must lie between the darkest and the brightest of the background there.
         """
-        assert priors.cameras is not None
-        camera = priors.cameras[int(row)]
-        scene = Scene("background", world, priors.cameras)
+        camera = path[int(row)]
+        scene = Scene("background", world, path)
         seen = render(seen_from(scene, [(camera, 0.0)]), camera, 0.0, ("rgb", "alpha"), backend)
-        image = clip.frames[priors.frames[row]].astype(np.float32) / 255
+        image = picture.astype(np.float32) / 255
         mean = uniform_filter(image, (NEIGHBOURHOOD, NEIGHBOURHOOD, 0))
         darkest, brightest = (
             extreme(seen["rgb"], (NEIGHBOURHOOD, NEIGHBOURHOOD, 1)) for extreme in (minimum_filter, maximum_filter)

@@ -28,6 +28,7 @@ from ..fit.settings import list_settings, set_fields
 from ..geometry.camera import CameraPath
 from ..geometry.trajectory import original
 from ..priors.config import config_hash
+from ..priors.sizes import moving_masks
 from ..processes import START, run_verb
 from ..progress import Progress
 from ..scene import Scene, read_scene, write_scene
@@ -151,7 +152,7 @@ class WindowRequest:
         )
 
         scene = result.scene
-        wanted = Figures(baselines=True, masks=result.priors.moving_masks)
+        wanted = Figures(baselines=True, masks=moving_masks(result.priors, clip.width, clip.height))
         near = near_path(scene)
         metrics = evaluate(near, clip, wanted, backend, progress)
         images = render_previews(near, metrics, backend)
@@ -163,7 +164,7 @@ class WindowRequest:
         window["findings"] = [asdict(finding) for finding in found]
         provenance = {**scene.provenance, "window": window}
         write_scene(replace(scene, metrics=without_frames(metrics), provenance=provenance), folder / SCENE)
-        _write_masks(folder / MASKS, result.priors.moving_masks)
+        _write_masks(folder / MASKS, wanted.masks)
         for done in ("priors", "checkpoints"):  # a long clip would fill the disk with them
             shutil.rmtree(folder / done, ignore_errors=True)
 

@@ -11,6 +11,8 @@ from toy import clip_and_priors
 from f4x_core.fit.frame_data import FrameData, MovingTracks
 from f4x_core.fit.loss_terms import Rendered
 from f4x_core.fit.losses import rgb_loss
+from f4x_core.priors import Priors
+from f4x_core.priors.sizes import LargeMaps
 
 
 @pytest.mark.parametrize("hold_out", [0, 3])
@@ -19,26 +21,42 @@ def test_only_supervised_frames_are_looked_at(hold_out):
     full = FrameData.full(clip, priors)
     assert (full.width, full.height) == (64, 40)
     np.testing.assert_array_equal(full.rgb, clip.frames[[0, 1, 3, 4, 6] if hold_out else slice(None)])
-    for found, given in ((full.depth, priors.depth), (full.motion, priors.motion)):
-        np.testing.assert_array_equal(found, given)
+    for frame in range(len(priors.frames)):
+        np.testing.assert_array_equal(full.maps(frame).depth, priors.depth[frame])
+        np.testing.assert_array_equal(full.maps(frame).motion, priors.motion[frame])
     assert np.shares_memory(full.rgb.numpy(), clip.frames) == (not hold_out), "all frames are not copied"
 
 
 def test_half_the_resolution_averages_colours_and_samples_the_rest():
     rng = np.random.default_rng(1)
     rgb = torch.from_numpy(rng.integers(0, 256, (2, 5, 7, 3), np.uint8))
-    maps = [torch.from_numpy(rng.random((2, 5, 7)).astype(kind)) for kind in (np.float32, np.float16, np.float16)]
-    half = FrameData(rgb, *maps, 7, 5).halved()
-    assert (half.width, half.height) == (3, 2) and half.rgb.dtype == torch.uint8
-    assert {tuple(each.shape[:3]) for each in (half.rgb, half.depth, half.confidence, half.motion)} == {(2, 2, 3)}
+    maps = [rng.random((2, 5, 7)).astype(kind) for kind in (np.float32, np.float16, np.float16)]
+    priors = Priors(7, 5, np.arange(2), depth=maps[0], depth_confidence=maps[1], motion=maps[2])
+    half = FrameData(rgb, LargeMaps(priors, 7, 5), 7, 5).halved()
+    assert (half.width, half.height) == (3, 2) and half.rgb.dtype == torch.uint8 and half.rgb.shape == (2, 2, 3, 3)
     for f in range(2):
+        of_frame = half.maps(f)
+        assert {tuple(each.shape) for each in (of_frame.depth, of_frame.confidence, of_frame.motion)} == {(2, 3)}
         for r in range(2):
             for c in range(3):
                 for k in range(3):
                     four = rgb[f, 2 * r : 2 * r + 2, 2 * c : 2 * c + 2, k].double().numpy()
                     assert half.rgb[f, r, c, k] == round(float(four.mean()))
-                for found, whole in zip((half.depth, half.confidence, half.motion), maps, strict=True):
-                    assert found[f, r, c] == whole[f, 2 * r, 2 * c]
+                for found, whole in zip((of_frame.depth, of_frame.confidence, of_frame.motion), maps, strict=True):
+                    assert found[r, c] == whole[f, 2 * r, 2 * c]
+
+
+def test_pictures_larger_than_the_priors_get_them_enlarged_at_either_resolution():
+    clip, priors = clip_and_priors(3)
+    frames = clip.frames.repeat(2, 1).repeat(2, 2)
+    full = FrameData.full(replace(clip, frames=frames), priors)
+    assert (full.width, full.height) == (128, 80)
+    half = full.halved()
+    for data in (full, half):
+        large = LargeMaps(priors, data.width, data.height)
+        np.testing.assert_array_equal(data.maps(1).depth, large.depth(1).depth)
+        np.testing.assert_array_equal(data.maps(1).motion, large.motion(1))
+    np.testing.assert_array_equal(half.maps(1).depth, priors.depth[1])
 
 
 def test_what_nobody_saw_supervises_nothing():
@@ -46,8 +64,9 @@ def test_what_nobody_saw_supervises_nothing():
     hidden = np.zeros(clip.frames.shape[:3], bool)
     hidden[:, :, 32:] = True
     full = FrameData.full(replace(clip, hidden=hidden), priors)
-    assert full.depth[:, :, 32:].isnan().all() and not full.confidence[:, :, 32:].any()
-    assert not full.motion[:, :, 32:].any() and full.seen(0).mean() == 0.5
+    maps = full.maps(0)
+    assert maps.depth[:, 32:].isnan().all() and not maps.confidence[:, 32:].any()
+    assert not maps.motion[:, 32:].any() and full.seen(0).mean() == 0.5
     assert full.halved().hidden[:, :, 16:].all() and not full.halved().hidden[:, :, :16].any()
     drawn = torch.rand(40, 64, 4, requires_grad=True)
     rendered = Rendered(2, full, SimpleNamespace(channels=drawn))

@@ -144,7 +144,7 @@ def picture_term(stage, data, drawn):
     total = weights = 0.0
     for r in range(data.height):
         for c in range(data.width):
-            attention = 1 + (weight - 1) * float(data.motion[FRAME, r, c])
+            attention = 1 + (weight - 1) * float(data.maps(FRAME).motion[r, c])
             error = sum(abs(drawn.rgb[r, c, k] - float(data.rgb[FRAME, r, c, k]) / 255) for k in range(3))
             total, weights = total + attention * error, weights + attention
     return total / weights
@@ -155,7 +155,7 @@ def depth_term(stage, data, drawn):
     total = weights = 0.0
     for r in range(data.height):
         for c in range(data.width):
-            known, confidence = float(data.depth[FRAME, r, c]), float(data.confidence[FRAME, r, c])
+            known, confidence = float(data.maps(FRAME).depth[r, c]), float(data.maps(FRAME).confidence[r, c])
             if not math.isnan(known):
                 inverse = drawn.alpha[r, c] / max(drawn.depth[r, c], 1e-3)
                 total, weights = total + confidence * abs(inverse - 1 / known), weights + confidence
@@ -165,8 +165,8 @@ def depth_term(stage, data, drawn):
 def rough_term(stage, data, drawn):
     """Mean bend of the inverse depth of two neighbours' middle, less on texture, where depth is known and where it moves."""
     height, width, total = data.height, data.width, 0.0
-    grey, motion = data.rgb[FRAME].double().numpy().mean(-1) / 255, data.motion[FRAME].double().numpy()
-    unsure = (1 - data.confidence[FRAME].double().numpy()) * (1 - motion)
+    grey, motion = data.rgb[FRAME].double().numpy().mean(-1) / 255, data.maps(FRAME).motion.double().numpy()
+    unsure = (1 - data.maps(FRAME).confidence.double().numpy()) * (1 - motion)
     inverse = drawn.alpha / np.maximum(drawn.depth, 1e-3)
     for down, across in ((1, 0), (0, 1)):
         middles = [(r, c) for r in range(down, height - down) for c in range(across, width - across)]
@@ -182,7 +182,7 @@ def mask_term(stage, data, drawn):
     total = 0.0
     for r in range(data.height):
         for c in range(data.width):
-            score = float(data.motion[FRAME, r, c])
+            score = float(data.maps(FRAME).motion[r, c])
             wanted = 1.0 if score > 0.5 else 0.0
             total += abs(2 * score - 1) * abs(drawn.dynamic[r, c] - wanted)
     return total / (data.height * data.width)

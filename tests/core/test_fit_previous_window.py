@@ -404,7 +404,7 @@ def test_background_is_wrong_where_no_mixture_of_its_neighbourhood_is_like_the_m
     seen = shown.at(camera)
     clip.frames[3] = (127 + 0.8 * (clip.frames[3] - 127.0)).astype(np.uint8)
     clip.frames[3, 4:12, 5:15] = 250
-    wrong, there, squared = window._compare(window.scene.static, clip, priors, 1, "torch")
+    wrong, there, squared = window._compare(window.scene.static, clip.frames[priors.frames[1]], priors.cameras, 1, "torch")
     difference = np.clip(seen["rgb"], 0, 1) - clip.frames[3] / 255
     np.testing.assert_allclose(squared, (difference**2).mean(-1), atol=1e-6)
     assert shown.looks[-1][2:] == (0.0, ("rgb", "alpha"), "torch")
@@ -443,7 +443,7 @@ def test_eight_hundredths_over_all_channels_are_wrong(window, monkeypatch, level
     clip.frames[1][..., channels] = level
     seen = {"rgb": grey, "alpha": np.ones((HEIGHT, WIDTH), np.float32)}
     monkeypatch.setattr(previous_window, "render", lambda *_: seen)
-    found, there, _ = window._compare(window.scene.static, clip, priors, 1, "torch")
+    found, there, _ = window._compare(window.scene.static, clip.frames[priors.frames[1]], priors.cameras, 1, "torch")
     assert there.all() and (found == wrong).all()
 
 
@@ -617,3 +617,23 @@ def test_a_known_background_is_drawn_as_it_is_and_learns_as_new_gaussians_where_
     trainer.train_step()
     assert (trainer.model.static.parameters["means"][spawned:] != learning.means).any()
     assert trainer.model.frozen is frozen
+
+
+def test_a_window_of_pictures_larger_than_its_priors_is_placed_alike_and_compared_at_full_size(window, monkeypatch):
+    clip, priors = later()
+    large_scene = dataclasses.replace(window.scene, cameras=window.scene.cameras.resized(2 * WIDTH, 2 * HEIGHT))
+    large = dataclasses.replace(window, scene=large_scene)
+    frames = clip.frames.repeat(2, 1).repeat(2, 2)
+    large_clip = SimpleNamespace(frames=frames, supervised=clip.supervised, width=2 * WIDTH, height=2 * HEIGHT)
+    placed = window.place(priors, "torch")
+    same = large.place(priors, "torch")
+    # A scene that was fitted to larger pictures has smaller footprints: its depth differs a little at edges.
+    np.testing.assert_allclose(same.cameras.world_to_camera, placed.cameras.world_to_camera, atol=0.01)
+    np.testing.assert_allclose(same.depth, placed.depth, rtol=0.02)
+    pictures = []
+    monkeypatch.setattr(PreviousWindow, "_registered", lambda _, camera, image, *__: pictures.append(image) or camera)
+    tracked = large.track(large_clip, same, 1, "torch")
+    assert tracked.cameras.width == WIDTH and len(pictures) == 4
+    np.testing.assert_array_equal(pictures[::2], clip.frames[3:])
+    found = large.background(large_clip, tracked, np.array([0, 3]), 1, "torch")
+    assert {shown.shape for shown in found.explained.values()} == {(2 * HEIGHT, 2 * WIDTH)}

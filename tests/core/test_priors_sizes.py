@@ -6,9 +6,8 @@ import pytest
 from f4x_core.clip import Clip
 from f4x_core.clip.images import resize_linear, resize_nearest
 from f4x_core.geometry.camera import CameraPath
-from f4x_core.parallel import side_by_side
 from f4x_core.priors import Priors, PriorsConfig, build_priors
-from f4x_core.priors.sizes import enlarged, shrunk
+from f4x_core.priors.sizes import LargeMaps, moving_masks, shrunk
 
 FRAMES, WIDTH, HEIGHT = 3, 96, 64
 
@@ -58,31 +57,42 @@ def priors_of_a_box():
 
 
 def test_depths_do_not_mix_along_an_outline():
-    found = enlarged(priors_of_a_box(), 3 * WIDTH, 3 * HEIGHT)
-    found.validate()
-    np.testing.assert_allclose(found.depth, np.where(found.mask, 1, 4), rtol=1e-5)
-    np.testing.assert_allclose(found.depth_confidence, np.where(found.mask, 0.2, 0.9), rtol=2e-3)
-    assert abs(found.mask.mean() / priors_of_a_box().mask.mean() - 1) < 0.02
+    large = LargeMaps(priors_of_a_box(), 3 * WIDTH, 3 * HEIGHT)
+    found, mask = large.depth(1), large.mask(1)
+    np.testing.assert_allclose(found.depth, np.where(mask, 1, 4), rtol=1e-5)
+    np.testing.assert_allclose(found.confidence, np.where(mask, 0.2, 0.9), rtol=2e-3)
+    assert abs(mask.mean() / priors_of_a_box().mask.mean() - 1) < 0.02
 
 
-def test_tracks_and_cameras_show_the_same_place():
+def test_maps_of_the_size_of_the_pictures_are_returned_as_they_are():
     priors = priors_of_a_box()
-    found = enlarged(priors, 3 * WIDTH, 3 * HEIGHT)
-    before = priors.cameras[0].unproject(priors.tracks[0].astype(float), np.array([4.0, 1.0]))
-    after = found.cameras[0].unproject(found.tracks[0].astype(float), np.array([4.0, 1.0]))
-    np.testing.assert_allclose(before, after, atol=1e-6)
+    same = LargeMaps(priors, WIDTH, HEIGHT)
+    assert np.shares_memory(same.mask(1), priors.mask) and np.shares_memory(same.motion(1), priors.motion)
+    assert np.shares_memory(same.depth(1).depth, priors.depth)
+    assert np.shares_memory(same.depth(1).confidence, priors.depth_confidence)
+    priors.depth_confidence = None
+    assert (same.depth(1).confidence == 1).all()
+
+
+def test_masks_of_what_moves_are_named_by_the_frames_of_the_clip():
+    priors = priors_of_a_box()
+    priors.frames = np.array([0, 2, 5])
+    masks = moving_masks(priors, 2 * WIDTH, 2 * HEIGHT)
+    assert [*masks] == [0, 2, 5] and masks[5].shape == (2 * HEIGHT, 2 * WIDTH) and masks[5].dtype == bool
+    priors.mask = None
+    assert moving_masks(priors, WIDTH, HEIGHT) is None
 
 
 def test_unknown_depth_stays_unknown():
     priors = priors_of_a_box()
     priors.depth[:, :, :8] = np.nan
-    found = enlarged(priors, 2 * WIDTH, 2 * HEIGHT)
-    assert np.isnan(found.depth[:, :, :15]).all()
-    assert np.isfinite(found.depth[:, :, 17:]).all()
-    assert (found.depth_confidence[np.isnan(found.depth)] == 0).all()
+    found = LargeMaps(priors, 2 * WIDTH, 2 * HEIGHT).depth(0)
+    assert np.isnan(found.depth[:, :15]).all() and np.isfinite(found.depth[:, 17:]).all()
+    assert (found.confidence[np.isnan(found.depth)] == 0).all()
+    np.testing.assert_array_equal(found.known, np.isfinite(found.depth))
 
 
-def test_the_folder_holds_the_small_priors_and_the_fit_gets_large_ones(tmp_path):
+def test_the_priors_of_large_pictures_are_small(tmp_path):
     depth, mask = np.ones((FRAMES, HEIGHT, WIDTH), np.float32), np.zeros((FRAMES, HEIGHT, WIDTH), bool)
     for name, value in (("depth", depth), ("mask", mask)):
         np.save(tmp_path / f"{name}.npy", value)
@@ -90,8 +100,8 @@ def test_the_folder_holds_the_small_priors_and_the_fit_gets_large_ones(tmp_path)
     given = {name: str(tmp_path / name) for name in ("depth.npy", "mask.npy", "cameras.json")}
     config = PriorsConfig(files={name.split(".")[0]: path for name, path in given.items()}, longer_side=48)
     priors = build_priors(large_clip(), tmp_path / "priors", config)
-    assert (priors.width, priors.height) == (WIDTH, HEIGHT)
-    assert Priors.read(tmp_path / "priors").depth.shape == (FRAMES, 32, 48)
+    assert (priors.width, priors.height) == (priors.cameras.width, priors.cameras.height) == (48, 32)
+    assert priors.depth.shape == Priors.read(tmp_path / "priors").depth.shape == (FRAMES, 32, 48)
     again = build_priors(large_clip(), tmp_path / "priors", config)  # read, not made
     np.testing.assert_array_equal(priors.depth, again.depth)
     np.testing.assert_array_equal(priors.tracks, again.tracks)
@@ -101,12 +111,6 @@ def test_priors_do_not_depend_on_the_number_of_threads(tmp_path):
     found = [build_priors(large_clip(), tmp_path / str(threads), PriorsConfig(threads=threads)) for threads in (1, 3)]
     for name in ("flow_forward", "tracks", "motion", "mask", "depth", "depth_confidence"):
         np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
-
-
-def test_threads_do_not_change_what_is_enlarged():
-    with side_by_side(3):
-        many = enlarged(priors_of_a_box(), 2 * WIDTH, 2 * HEIGHT)
-    np.testing.assert_array_equal(many.depth, enlarged(priors_of_a_box(), 2 * WIDTH, 2 * HEIGHT).depth)
 
 
 @pytest.mark.parametrize(("side", "size"), [(96, (96, 64)), (95, (94, 62)), (50, (50, 34)), (48, (48, 32))])
@@ -136,8 +140,9 @@ def test_depth_is_enlarged_layer_by_layer(without):
     priors, width, height = uneven_priors(), 2 * WIDTH, 2 * HEIGHT
     for name in without:
         setattr(priors, name, None)
-    found = enlarged(priors, width, height)
+    large = LargeMaps(priors, width, height)
     for f in range(FRAMES):
+        found = large.depth(f)
         mask = np.zeros((HEIGHT, WIDTH), bool) if priors.mask is None else priors.mask[f]
         inside = resize_linear(mask, width, height) > 0.5
         known = np.isfinite(priors.depth[f])
@@ -147,31 +152,9 @@ def test_depth_is_enlarged_layer_by_layer(without):
             part, whole = (resize_linear(one, width, height) for one in (layer & known, layer))
             held = there & (part >= 0.5 * whole) & (whole > 1e-3)
             total = resize_linear(layer * inverse, width, height)
-            np.testing.assert_allclose(found.depth[f][held], (part / total)[held], rtol=1e-4)
-            if priors.depth_confidence is not None:
-                sure = resize_linear(layer * known * trust, width, height)
-                np.testing.assert_allclose(found.depth_confidence[f][held], (sure / part)[held], atol=1e-3)
+            np.testing.assert_allclose(found.depth[held], (part / total)[held], rtol=1e-4)
+            sure = resize_linear(layer * known * trust, width, height)
+            np.testing.assert_allclose(found.confidence[held], (sure / part)[held], atol=1e-3)
             lost = there & (part < 0.499 * whole)
-            assert np.isnan(found.depth[f][lost]).all()
-        np.testing.assert_allclose(found.motion[f], resize_linear(priors.motion[f], width, height), atol=1e-3)
-    if priors.depth_confidence is None:
-        assert found.depth_confidence is None
-    assert found.scratch == {} and found.flow_forward is None
-    np.testing.assert_allclose(found.tracks, 2 * priors.tracks)
-    np.testing.assert_allclose(found.cameras.intrinsics[0], np.diag([2, 2, 1]) @ priors.cameras.intrinsics[0])
-
-
-def test_maps_of_a_long_clip_are_enlarged_within_little_more_than_their_own_size():
-    import tracemalloc
-
-    frames = 60
-    priors = Priors(32, 18, np.arange(frames), motion=np.zeros((frames, 18, 32), np.float16))
-    priors.depth = np.ones((frames, 18, 32), np.float32)
-    priors.depth_confidence = priors.motion + np.float16(0.5)
-    tracemalloc.start()
-    try:
-        large = enlarged(priors, 320, 180)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < 1.4 * sum(one.nbytes for one in (large.motion, large.depth, large.depth_confidence))
+            assert np.isnan(found.depth[lost]).all()
+        np.testing.assert_allclose(large.motion(f), resize_linear(priors.motion[f], width, height), atol=1e-3)
