@@ -35,8 +35,11 @@ COARSE_PIXELS = 0.25
 GIGABYTE, MEGABYTE = 1e9, 1e6
 BASE_MEMORY, GAUSSIAN_MEMORY = 0.55e9, 1900
 """Bytes of the libraries, and of one Gaussian while it is trained."""
-PIXEL_MEMORY, IMAGE_PIXEL_MEMORY, PRIORS_PIXEL_MEMORY = 20, 250, 85
-"""Bytes of one pixel: of all frames while training, of the one that is drawn and compared, of all frames while priors are made."""
+FRAME_MEMORY, HALF_FRAME_MEMORY, IMAGE_PIXEL_MEMORY = 3, 2, 250
+"""Bytes of one pixel: of all frames; in addition while training, which has them in half size, too; of the one that is drawn and
+compared."""
+KEPT_PRIORS_MEMORY, PRIORS_MEMORY = 15, 82
+"""Bytes of one pixel of the priors of all frames: while training, and while they are made."""
 GAUSSIAN_FILE = 78
 """Bytes of one Gaussian in a scene file."""
 MAX_VIEWS = 6.0
@@ -255,7 +258,7 @@ def _memory_limit(granted: float | None, size: ClipSize, config: FitConfig) -> _
     """Room in so many gigabytes, or in `MEMORY_FRACTION` of the machine's; none where the priors alone need more."""
     there = machine_memory()
     memory = MEMORY_FRACTION * there if granted is None else min(granted, there)
-    room = (GIGABYTE * memory - BASE_MEMORY - _training_memory(size)) / GAUSSIAN_MEMORY
+    room = (GIGABYTE * memory - BASE_MEMORY - _training_memory(size, config)) / GAUSSIAN_MEMORY
     if GIGABYTE * memory < _memory(size, config, 0):
         room = -math.inf
     if granted is None:
@@ -300,13 +303,16 @@ def _tint_file(size: ClipSize, config: FitConfig, count: float) -> float:
 def _memory(size: ClipSize, config: FitConfig, count: float) -> float:
     """Bytes at the peak, with so many Gaussians."""
     small = size.shrunk(config.priors.longer_side)
-    training = _training_memory(size) + GAUSSIAN_MEMORY * count
-    return BASE_MEMORY + max(training, PRIORS_PIXEL_MEMORY * small.frames * small.pixels)
+    training = _training_memory(size, config) + GAUSSIAN_MEMORY * count
+    priors = FRAME_MEMORY * size.frames * size.pixels + PRIORS_MEMORY * small.frames * small.pixels
+    return BASE_MEMORY + max(training, priors)
 
 
-def _training_memory(size: ClipSize) -> float:
-    """Bytes of the clip's images and maps, and of one image's rendering, while training."""
-    return (PIXEL_MEMORY * size.frames + IMAGE_PIXEL_MEMORY) * size.pixels
+def _training_memory(size: ClipSize, config: FitConfig) -> float:
+    """Bytes of the clip's images and priors, and of one image's rendering, while training."""
+    small = size.shrunk(config.priors.longer_side)
+    images = ((FRAME_MEMORY + HALF_FRAME_MEMORY) * size.frames + IMAGE_PIXEL_MEMORY) * size.pixels
+    return images + KEPT_PRIORS_MEMORY * small.frames * small.pixels
 
 
 def _scaled(config: FitConfig, factor: float, frames: int) -> FitConfig:

@@ -58,7 +58,9 @@ def build_priors(
         small = clip if NOT_RESIZABLE & set(config.files) else shrunk(clip, config.longer_side)
         if seen_depth is not None and small is not clip:
             seen_depth = resize_nearest(seen_depth, small.width, small.height)
-        return _build(small, Path(folder), config, progress, seen_depth)
+        priors = _build(small, Path(folder), config, progress, seen_depth)
+        priors.scratch.clear()  # flows over long gaps, which a fit does not read
+        return priors
 
 
 def _build(clip: Clip, folder: Path, config: PriorsConfig, progress: Progress, seen_depth: np.ndarray | None) -> Priors:

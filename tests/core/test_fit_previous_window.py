@@ -404,7 +404,9 @@ def test_background_is_wrong_where_no_mixture_of_its_neighbourhood_is_like_the_m
     seen = shown.at(camera)
     clip.frames[3] = (127 + 0.8 * (clip.frames[3] - 127.0)).astype(np.uint8)
     clip.frames[3, 4:12, 5:15] = 250
-    wrong, there, squared = window._compare(window.scene.static, clip.frames[priors.frames[1]], priors.cameras, 1, "torch")
+    wrong, there, squared = window._compare(
+        window.scene.static, clip.frames[priors.frames[1]], priors.cameras, 1, "torch"
+    )
     difference = np.clip(seen["rgb"], 0, 1) - clip.frames[3] / 255
     np.testing.assert_allclose(squared, (difference**2).mean(-1), atol=1e-6)
     assert shown.looks[-1][2:] == (0.0, ("rgb", "alpha"), "torch")
