@@ -22,7 +22,7 @@ from f4x_core.errors import F4xError
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for workers in /proc")]
 ray = pytest.importorskip("ray", reason="ray is not installed")
-STUB = (sys.executable, "-m", "f4x_core.batch.stub")
+STUB = (sys.executable, "-m", "benchmarks.speed.batch_stub")
 NODE = {"num_cpus": 1, "object_store_memory": 80_000_000, "memory": 4 << 30, "include_dashboard": False}
 LOOPBACK = "127.0.0.2"
 """Not .1: Ray would put the machine's outer address in its place."""
@@ -98,7 +98,7 @@ def fits_at_work():
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             words = (entry / "cmdline").read_bytes().split(b"\0")
-            if b"f4x_core.batch.stub" in words and b"fit" in words:
+            if b"benchmarks.speed.batch_stub" in words and b"fit" in words:
                 found[parent_of(entry.name)] = int(entry.name)
         except (FileNotFoundError, ProcessLookupError):
             continue
@@ -179,7 +179,7 @@ import sys
 from functools import partial
 from f4x_core.batch.work import Settings
 from f4x_core.cli import batch, main
-batch.Settings = partial(Settings, program=(sys.executable, "-m", "f4x_core.batch.stub"), save_every=0.05)
+batch.Settings = partial(Settings, program=(sys.executable, "-m", "benchmarks.speed.batch_stub"), save_every=0.05)
 sys.exit(main(sys.argv[1:]))
 """
 
