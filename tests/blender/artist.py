@@ -72,7 +72,7 @@ bpy.context.scene.frame_set({frame})
 
 
 def perform(folder: Path, script: str, *arguments: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Run `script` in a Blender without a window; returns what it put into `noted` and `arrays`."""
+    """Run `script` in a Blender without a window; returns what it put into `noted` and `arrays`; log.txt has its output."""
     import numpy as np
 
     done = subprocess.run(
@@ -83,4 +83,5 @@ def perform(folder: Path, script: str, *arguments: Any) -> tuple[dict[str, Any],
         env=os.environ | {"OMP_NUM_THREADS": "1"},
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    (folder / "log.txt").write_text(done.stdout + done.stderr)
     return json.loads((folder / "noted.json").read_text()), dict(np.load(folder / "arrays.npz"))
