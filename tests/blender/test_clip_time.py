@@ -15,9 +15,6 @@ from f4x_core.scene import write_scene
 from .artist import perform
 from .test_presence import fading_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-
 HEAD = """
 import cv2
 from feature4x.addon.scene import clip_time

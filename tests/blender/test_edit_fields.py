@@ -25,8 +25,6 @@ from f4x_core.scene import read_scene, write_scene
 from .artist import perform
 from .test_presence import fading_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 SOME = Ids.of(np.arange(100))
 
 HEAD = """

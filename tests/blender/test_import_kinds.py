@@ -23,8 +23,6 @@ from f4x_core.scene.formats import export
 from .artist import perform
 from .tiny_scene import CLIP, STATIC, tiny_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 
 CHILD = """

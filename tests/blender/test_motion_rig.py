@@ -10,9 +10,6 @@ from f4x_core.scene import write_scene
 from .artist import perform
 from .tiny_scene import CLIP, tiny_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-
 # What the child does: an artist's session, step by step. After each it notes where the points are and copies the file.
 CHILD = """
 import shutil

@@ -23,8 +23,6 @@ from f4x_core.scene import MADE_UP, read_scene, write_scene
 
 from .artist import perform
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 FRAME = 3
 
 CHILD = """

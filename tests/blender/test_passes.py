@@ -17,8 +17,6 @@ from f4x_core.scene.view import render
 
 from .artist import perform
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 T = 2
 
 CHILD = """

@@ -14,8 +14,6 @@ from warped_clip import warped_clip
 from f4x_core.scene import write_scene
 from f4x_core.scene.ply import read_ply
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 Image = pytest.importorskip("PIL.Image")
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -261,8 +259,7 @@ assert os.path.isfile(folder + "/walk_4d/scene.f4x") and "walk" in bpy.data.obje
     print(blender(WINDOWED + code, str(tmp_path), timeout=600))
 
 
-def test_imported_scenes_are_drawn_by_the_engine_unless_it_is_not_wanted_or_slow(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+def test_imported_scenes_are_drawn_by_the_engine_unless_it_is_not_wanted_or_slow(folder):
     code = """
 from feature4x.addon.render import viewport
 scene = bpy.context.scene
@@ -280,4 +277,4 @@ assert engine_after(None) == "CYCLES"
 settings.show_exactly = False
 assert engine_after(there) == "CYCLES"
 """
-    blender(code, str(tmp_path))
+    blender(code, str(folder))

@@ -21,8 +21,6 @@ from f4x_core.scene.view import render
 
 from .artist import perform
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 FRAME = 3
 WORLD = (0.2, 0.05, 0.4)  # linear
 # how the camera looks: settings of its data, then of the render

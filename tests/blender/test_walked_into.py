@@ -16,8 +16,6 @@ from f4x_core.scene.formats import export
 
 from .artist import perform
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 START = """
@@ -28,12 +26,6 @@ push("imported")
 def by_name(name):
     return SceneObject(bpy.data.objects[name])
 """
-
-
-@pytest.fixture
-def folder(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    return tmp_path
 
 
 def walk(folder: Path, seed: int, steps: int) -> dict:
