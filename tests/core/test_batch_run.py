@@ -18,6 +18,7 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from batch_clips import PROGRAM, STUB, wait_for, write_clips
 from PIL import Image
 from toy import clip_and_priors
 
@@ -32,15 +33,7 @@ from f4x_core.cli import batch as cli_batch
 from f4x_core.cli import main
 from f4x_core.errors import F4xError
 
-STUB = (sys.executable, "-m", "benchmarks.speed.batch_stub")
 QUICK = {"paths": "orbit", "parts": "2", "exports": "usd"}
-
-
-def write_clips(folder, **clips):
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, behaviour in clips.items():
-        (folder / f"{name}.clip").write_text(json.dumps({"name": name, **behaviour}))
-    return str(folder / "*.clip")
 
 
 def run(pattern, place, slots=2, defaults=QUICK, **settings):
@@ -296,16 +289,6 @@ def test_what_was_saved_for_other_inputs_is_not_taken(tmp_path):
     assert done.results[0]["metrics"]["first_step"] == 0 and done.attempts == 1
 
 
-PROGRAM = """
-import sys
-from functools import partial
-from f4x_core.batch.work import Settings
-from f4x_core.cli import batch, main
-batch.Settings = partial(Settings, program=(sys.executable, "-m", "benchmarks.speed.batch_stub"), save_every=0.05)
-sys.exit(main(sys.argv[1:]))
-"""
-
-
 @pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.skipif(os.name == "nt", reason="no SIGINT for one process there")
 def test_ctrl_c_ends_at_once_and_the_same_command_goes_on(tmp_path):
@@ -322,13 +305,6 @@ def test_ctrl_c_ends_at_once_and_the_same_command_goes_on(tmp_path):
     write_clips(tmp_path / "quick", a={})
     board = run(pattern, out, defaults={})
     assert board.rows["a"].state == "done" and board.rows["a"].scores["first_step"] > 0
-
-
-def wait_for(condition, seconds=20):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.02)
 
 
 def test_two_batches_cannot_write_into_one_folder(tmp_path, capsys):
