@@ -31,7 +31,8 @@ from f4x_core.batch.storage import FolderStore, open_store
 from f4x_core.batch.work import Attempt, Outcome, Settings, run_task
 from f4x_core.cli import batch as cli_batch
 from f4x_core.cli import main
-from f4x_core.errors import F4xError
+from f4x_core.errors import Cancelled, F4xError
+from f4x_core.processes import run_child
 
 QUICK = {"paths": "orbit", "parts": "2", "exports": "usd"}
 
@@ -225,6 +226,21 @@ def test_without_ray_on_this_machine_the_option_that_exists_is_named(monkeypatch
     monkeypatch.setattr(ray_engine, "import_module", lambda name: SimpleNamespace(init=init))
     with pytest.raises(F4xError, match=r"^--ray auto: Could not .* Ray instance; start Ray by .* HOST:PORT\.$"):
         ray_engine.connect("auto")
+
+
+def test_the_last_words_of_a_stopped_command_are_in_its_log(tmp_path):
+    class SlowLog(list):
+        def write(self, line):
+            time.sleep(0.002)
+            self.append(int(line))
+
+    def stop(_):
+        raise Cancelled
+
+    code, log = "import sys; sys.stdin.read(); [print(number, file=sys.stderr) for number in range(100)]", SlowLog()
+    with pytest.raises(Cancelled):
+        run_child([sys.executable, "-c", code], tmp_path, tick=stop, log=log)
+    assert log == list(range(100))
 
 
 @pytest.mark.parametrize("more", [{}, {"window": "60"}], ids=["at once", "in windows"])
