@@ -124,17 +124,10 @@ def test_pictures_are_those_of_the_clip_frame_that_time_says(folder):
 
 
 MOTION = """
-def points():
-    cloud = next(item for item in bpy.data.objects if item.name.endswith(" dynamic"))
-    data = cloud.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    places = np.empty(3 * len(data.points), np.float32)
-    data.attributes["position"].data.foreach_get("vector", places)
-    return places
-
 def note(label, root, frame_of):
     for time in (0.0, 1.0, 3.0, 4.0):
         scaffold.set_frame(bpy.context.scene, frame_of(time))
-        arrays[f"{label} {time}"] = points()
+        arrays[f"{label} {time}"] = values(next(item for item in bpy.data.objects if item.name.endswith(" dynamic")))
 
 def session(label, frame_of, prepare):
     root = fresh()

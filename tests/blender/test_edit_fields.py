@@ -99,9 +99,7 @@ def test_fields_are_those_of_the_operation(tmp_path):
 SESSION = """
 def drawn():
     cloud = next(cloud for cloud in shot.clouds if "static" in cloud.name)
-    values = np.empty(4 * len(cloud.data.points), np.float32)
-    cloud.data.attributes["rgb"].data.foreach_get("color", values)
-    return float(values.reshape(-1, 4)[:100, 3].mean())
+    return float(read_attribute(cloud.data, "rgb")[:100, 3].mean())
 
 noted["alpha"] = [drawn()]
 shot.append(read_operation(json.loads((folder / "opacity.json").read_text())))
@@ -139,9 +137,7 @@ from mathutils import Matrix, Vector
 
 def moved():
     cloud = next(cloud for cloud in shot.clouds if cloud.name.endswith("edited"))
-    places = np.empty(3 * len(cloud.data.points), np.float32)
-    cloud.data.attributes["position"].data.foreach_get("vector", places)
-    return np.median(places.reshape(-1, 3), 0)
+    return np.median(read_attribute(cloud.data, "position"), 0)
 
 def note(label):
     bpy.context.view_layer.update()
