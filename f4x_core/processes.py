@@ -232,6 +232,8 @@ def run_child(
         with contextlib.suppress(subprocess.TimeoutExpired):
             child.wait(2 * GRACE)
         end_tree(child.pid)
+        for thread in threads:  # its last words belong into `log`, which the caller closes
+            thread.join(GRACE)
         raise
     end_tree(child.pid)  # one that was killed may have left children
     for thread in threads:

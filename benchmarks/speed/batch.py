@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from f4x_core.batch.cost import Size, fit_costs
 from f4x_core.batch.graph import Task
 from f4x_core.batch.index import write_index
 from f4x_core.batch.local import LocalEngine
@@ -25,7 +24,9 @@ from f4x_core.clip.images import write_images
 from f4x_core.errors import F4xError
 from f4x_core.progress import Progress, silent
 
-STUB = (sys.executable, "-m", "f4x_core.batch.stub")
+from .batch_cost import Size, fit_costs
+
+STUB = (sys.executable, "-m", "benchmarks.speed.batch_stub")
 SIZES = ((8, 64, 40), (12, 64, 40), (8, 96, 60), (16, 80, 48), (12, 96, 60), (10, 112, 64), (16, 64, 40), (20, 96, 60))
 """Frames, width and height of the small clips."""
 STAGES = {"priors": "priors", "fit": "fit", "render": "render original 1/1"}

@@ -92,8 +92,6 @@ class RowState:
     """Link text in the index -> file: diagnostics, scene, the most telling file of every query, render (all parts) and export."""
     logs: tuple[str, ...] = ()
     """Stages that have a log."""
-    hosts: tuple[str, ...] = ()
-    """Machines that ran its tasks."""
     missing: tuple[str, ...] = ()
     """Paths that it reads and that do not exist."""
     old: tuple[str, ...] = ()
@@ -118,8 +116,6 @@ class RowState:
             self.errors[stage] = outcome.error
         if outcome.note:
             self.notes[stage] = outcome.note
-        if outcome.host not in self.hosts and outcome.host:
-            self.hosts = (*self.hosts, outcome.host)
         if outcome.host and stage not in self.logs:
             self.logs = (*self.logs, stage)
         result = outcome.results[-1] if outcome.results else {}
@@ -172,7 +168,7 @@ class Board:
             for task in each.tasks:
                 if each.states[task.stage] == KEPT:
                     self._count_time(task, each.seconds[task.stage])
-        self.started, self.slots = time.monotonic(), 1
+        self.slots = 1
 
     def mark(self, task: Task, state: str) -> None:
         """Put a task into another state."""
@@ -332,7 +328,7 @@ def run_board(
     `watch(board)` is called about five times a second, `ended(board, outcome)` once per task, and `begins(row)` once per row,
     before its first task. KeyboardInterrupt stops the running tasks and is raised again.
     """
-    board.slots, board.started = engine.slots, time.monotonic()
+    board.slots = engine.slots
     order = {name: number for number, name in enumerate(board.rows)}
     ready: list[tuple[int, int, Task]] = []
 

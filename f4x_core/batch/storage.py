@@ -16,7 +16,7 @@ import shutil
 import uuid
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from ..errors import F4xError
 from ..files import link_target, neighbour, replace_file, user_path
@@ -27,44 +27,8 @@ URL = "://"
 """Text that marks a place as a URL."""
 
 
-class Store(Protocol):
-    """A place for the files of a batch."""
-
-    @property
-    def url(self) -> str:
-        """The address that opens the store, on other machines too."""
-
-    @property
-    def local(self) -> Path | None:
-        """The folder of the store, None if it lies behind a URL."""
-
-    def read(self, name: str) -> bytes | None:
-        """The content of a file, None if there is no such file."""
-
-    def write(self, name: str, data: bytes) -> None:
-        """Write a small file atomically."""
-
-    def create(self, name: str, data: bytes) -> bool:
-        """Write a small file unless it exists; returns whether it was written."""
-
-    def remove(self, name: str) -> None:
-        """Delete a file if it exists."""
-
-    def fetch(self, name: str, path: Path) -> None:
-        """Make a file available at `path` for reading."""
-
-    def publish(self, path: Path, name: str) -> None:
-        """Store the file at `path` under `name`, atomically. The two may be the same file on the disk afterwards."""
-
-    def sizes(self, prefix: str) -> dict[str, int]:
-        """Name -> size in bytes of every file below the folder `prefix`."""
-
-    def folders(self) -> list[str]:
-        """Names of the folders at the top of the store, sorted."""
-
-
 class FolderStore:
-    """A store in a folder, shared between machines or not."""
+    """A store in a folder, shared between machines or not. `local` is the folder; `url` opens the store on other machines too."""
 
     def __init__(self, path: Path):
         """The folder is created with its first file."""
@@ -72,19 +36,19 @@ class FolderStore:
         self.url = str(self.root)
 
     def read(self, name: str) -> bytes | None:
-        """See `Store.read`."""
+        """The content of a file, None if there is no such file."""
         try:
             return (self.root / name).read_bytes()
         except FileNotFoundError:
             return None
 
     def write(self, name: str, data: bytes) -> None:
-        """See `Store.write`."""
+        """Write a small file atomically."""
         with replace_file(self._place(name)) as file:
             file.write(data)
 
     def create(self, name: str, data: bytes) -> bool:
-        """See `Store.create`."""
+        """Write a small file unless it exists; returns whether it was written."""
         try:
             with open(self._place(name), "xb") as file:
                 file.write(data)
@@ -93,16 +57,16 @@ class FolderStore:
         return True
 
     def remove(self, name: str) -> None:
-        """See `Store.remove`."""
+        """Delete a file if it exists."""
         (self.root / name).unlink(missing_ok=True)
 
     def fetch(self, name: str, path: Path) -> None:
-        """See `Store.fetch`. Makes a hard link if possible, which is safe because files are replaced and never changed."""
+        """Make a file available at `path` for reading: a hard link if possible, as files are replaced and never changed."""
         path.parent.mkdir(parents=True, exist_ok=True)
         _link_or_copy(self.root / name, path)
 
     def publish(self, path: Path, name: str) -> None:
-        """See `Store.publish`."""
+        """Store the file at `path` under `name`, atomically. The two may be the same file on the disk afterwards."""
         place = link_target(self._place(name))
         beside = neighbour(place, f"{uuid.uuid4().hex}.part")
         try:
@@ -112,7 +76,7 @@ class FolderStore:
             beside.unlink(missing_ok=True)
 
     def sizes(self, prefix: str) -> dict[str, int]:
-        """See `Store.sizes`."""
+        """Name -> size in bytes of every file below the folder `prefix`."""
         found = {}
         for folder, _, names in os.walk(self.root / prefix):
             for name in names:
@@ -122,7 +86,7 @@ class FolderStore:
         return found
 
     def folders(self) -> list[str]:
-        """See `Store.folders`."""
+        """Names of the folders at the top of the store, sorted."""
         return sorted(path.name for path in self.root.iterdir() if path.is_dir()) if self.root.is_dir() else []
 
     def _place(self, name: str) -> Path:
@@ -132,7 +96,7 @@ class FolderStore:
 
 
 class RemoteStore:
-    """A store behind a URL."""
+    """A store behind a URL, with the methods of `FolderStore`; `local` is None."""
 
     def __init__(self, url: str):
         """Raises F4xError if the library for the URL is not installed or the place cannot be reached."""
@@ -140,7 +104,7 @@ class RemoteStore:
         self.system, self.root = _file_system(self.url)
 
     def read(self, name: str) -> bytes | None:
-        """See `Store.read`."""
+        """See `FolderStore.read`."""
         with _library_errors(self.url):
             try:
                 return self.system.cat_file(self._path(name))
@@ -148,12 +112,12 @@ class RemoteStore:
                 return None
 
     def write(self, name: str, data: bytes) -> None:
-        """See `Store.write`."""
+        """See `FolderStore.write`."""
         with _library_errors(self.url):
             self.system.pipe_file(self._place(name), data)
 
     def create(self, name: str, data: bytes) -> bool:
-        """See `Store.create`."""
+        """See `FolderStore.create`."""
         with _library_errors(self.url):
             try:
                 self.system.pipe_file(self._place(name), data, mode="create")
@@ -162,30 +126,30 @@ class RemoteStore:
             return True
 
     def remove(self, name: str) -> None:
-        """See `Store.remove`."""
+        """See `FolderStore.remove`."""
         with _library_errors(self.url), contextlib.suppress(FileNotFoundError):
             self.system.rm_file(self._path(name))
 
     def fetch(self, name: str, path: Path) -> None:
-        """See `Store.fetch`."""
+        """See `FolderStore.fetch`."""
         path.parent.mkdir(parents=True, exist_ok=True)
         with _library_errors(self.url):
             self.system.get_file(self._path(name), str(path))
 
     def publish(self, path: Path, name: str) -> None:
-        """See `Store.publish`."""
+        """See `FolderStore.publish`."""
         with _library_errors(self.url):
             self.system.put_file(str(path), self._place(name))
 
     def sizes(self, prefix: str) -> dict[str, int]:
-        """See `Store.sizes`."""
+        """See `FolderStore.sizes`."""
         with _library_errors(self.url):
             self.system.invalidate_cache()
             found = self.system.find(self._path(prefix), detail=True)
         return {path[len(self.root) :].lstrip("/"): int(entry["size"] or 0) for path, entry in found.items()}
 
     def folders(self) -> list[str]:
-        """See `Store.folders`."""
+        """See `FolderStore.folders`."""
         with _library_errors(self.url), contextlib.suppress(FileNotFoundError):
             self.system.invalidate_cache()
             found = self.system.ls(self.root, detail=True)
@@ -199,6 +163,10 @@ class RemoteStore:
         path = self._path(name)
         self.system.makedirs(path.rpartition("/")[0], exist_ok=True)
         return path
+
+
+Store = FolderStore | RemoteStore
+"""Place for the files of a batch."""
 
 
 def open_store(place: str) -> Store:

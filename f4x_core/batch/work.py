@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal, TextIO
@@ -74,10 +74,6 @@ class Outcome:
     """Wall time of its commands, over all recorded attempts."""
     cpu_seconds: float = 0.0
     """CPU time of its commands, over all cores."""
-    overhead: float = 0.0
-    """Wall seconds of the last attempt outside the commands: fetching, publishing, records."""
-    memory: int = 0
-    """Peak memory of a command in bytes."""
     attempts: int = 1
     """Number of starts."""
     results: tuple[dict[str, Any], ...] = ()
@@ -123,15 +119,14 @@ class Attempt:
     def __init__(self, task: Task, settings: Settings):
         """Prepare an attempt without changing any file. Raises F4xError if the store cannot be opened."""
         self.task, self.settings, self.store = task, settings, open_store(settings.url)
-        self.start = time.perf_counter()
-        self.busy, self.before, self.cpu, self.memory, self.attempts = 0.0, 0.0, 0.0, 0, 1
+        self.busy, self.cpu, self.attempts = 0.0, 0.0, 1
         self.results: list[dict[str, Any]] = []
         self.notes: list[str] = []
         self.published: dict[str, int] = {}
         self.temporary_folders: list[Path] = []
         self.fetched: set[Path] = set()
         self.saved: dict[str, float] = {}
-        self.next_save = self.start + settings.save_every
+        self.next_save = time.perf_counter() + settings.save_every
         self.log: Path | None = None
 
     def run(self, progress: Progress, stopped: Callable[[], bool]) -> None:
@@ -160,8 +155,6 @@ class Attempt:
             host=socket.gethostname(),
             seconds=round(self.busy, 3),
             cpu_seconds=round(self.cpu, 3),
-            overhead=round(time.perf_counter() - self.start - (self.busy - self.before), 3),
-            memory=self.memory,
             attempts=self.attempts,
             results=tuple(self.results),
             files=self.published,
@@ -221,7 +214,7 @@ class Attempt:
             head = parse_json(self.store.read(self._saved_index) or b"{}")
         if isinstance(head, dict) and head.get("key") == self.task.key:
             self.attempts = head["attempts"] + 1
-            self.busy = self.before = head["seconds"]
+            self.busy = head["seconds"]
             self.cpu = head["cpu_seconds"]
             for name in head["files"]:
                 self._fetch(f"{self._saved_folder}/{name}", work / name)
@@ -259,7 +252,6 @@ class Attempt:
             raise
         self.busy = busy + time.perf_counter() - start
         self.cpu = cpu + ended.cpu_seconds
-        self.memory = max(self.memory, ended.memory)
         result = ended.result()
         self.results.append(_without_lists(result))
         self.notes += filter(None, [result.get("note")])
@@ -321,10 +313,11 @@ def record_name(task: Task) -> str:
 
 
 def parse_record(data: bytes | None) -> Outcome | None:
-    """The outcome in a record; None if there is no record or it is damaged."""
+    """The outcome in a record, without fields that only another version has; None if there is none or it is damaged."""
     try:
-        return None if data is None else Outcome(**parse_json(data))
-    except (ValueError, TypeError):
+        record = parse_json(data) if data is not None else {}
+        return Outcome(**{each.name: record[each.name] for each in fields(Outcome) if each.name in record})
+    except (ValueError, TypeError, AttributeError):
         return None
 
 

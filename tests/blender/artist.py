@@ -71,16 +71,18 @@ bpy.context.scene.frame_set({frame})
 """
 
 
-def perform(folder: Path, script: str, *arguments: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Run `script` in a Blender without a window; returns what it put into `noted` and `arrays`."""
+def perform(folder: Path, script: str, *arguments: Any, **environment: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Run `script` in a Blender without a window; returns what it put into `noted` and `arrays`; log.txt has its output."""
     import numpy as np
 
+    outside = {name: value for name, value in os.environ.items() if name != "F4X_PYTHON"}
     done = subprocess.run(
         [sys.executable, "-c", _BEFORE + script + _AFTER, str(ROOT), str(folder), *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=240,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        timeout=600,
+        env=outside | {"OMP_NUM_THREADS": "1"} | environment,
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    (folder / "log.txt").write_text(done.stdout + done.stderr)
     return json.loads((folder / "noted.json").read_text()), dict(np.load(folder / "arrays.npz"))

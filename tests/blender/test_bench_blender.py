@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 SCRIPT = Path(__file__).resolve().parents[2] / "tools" / "bench_blender.py"
 SMALL = ("--static", "500", "--dynamic", "500", "--nodes", "8", "--frames", "6")
 

@@ -12,8 +12,6 @@ import pytest
 
 from f4x_core.native.library import library_path
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 BUILT = "f4x_core/native/_build"
 

@@ -8,23 +8,13 @@ from labelled_scene import FRAMES, labelled_scene
 
 from f4x_core.clip.read import read_clip
 from f4x_core.geometry import trajectory
-from f4x_core.scene import write_scene
 
 from .artist import perform
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
 bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene(filepath=str(folder / "scene.f4x"))
 """
-
-
-@pytest.fixture
-def folder(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    return tmp_path
 
 
 @pytest.mark.parametrize("path", ["STABILISE", "ORBIT"])

@@ -1,17 +1,13 @@
 """Floaters and crop boxes as edits in the stack."""
 
-import pytest
 from floater_scenes import planted
 from labelled_scene import labelled_scene
 
 from f4x_core.edit.apply import edited
-from f4x_core.scene import read_scene, write_scene
+from f4x_core.scene import read_scene
 from f4x_core.scene.formats import export
 
 from .artist import perform
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 
 def test_floaters_of_a_splat_file_are_removed_by_an_edit(tmp_path):
@@ -40,8 +36,7 @@ noted["selected"] = root().f4x.selected
     assert noted["selected"] == arrays["half"].sum()
 
 
-def test_a_crop_box_keeps_or_removes_what_is_inside_and_replaces_its_edit(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+def test_a_crop_box_keeps_or_removes_what_is_inside_and_replaces_its_edit(folder):
     script = """
 bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene("EXEC_DEFAULT", True, filepath=str(folder / "scene.f4x"))
@@ -66,7 +61,7 @@ box.location.x, box.rotation_euler.y = 0.5, 0.0
 ops.crop("EXEC_DEFAULT", True, keep="INSIDE"); noted["moved"] = outcome()
 ops.save_edits()
 """
-    noted, arrays = perform(tmp_path, script)
+    noted, arrays = perform(folder, script)
     scene = labelled_scene()
     places = scene.posed(0).means
     inside = (abs(places[:, :2] - (0.5, 0.3)) <= 0.4).all(1)[: len(scene.static)]
@@ -76,7 +71,7 @@ ops.save_edits()
     assert noted["remove"][::2] == [1, "remove what is inside the crop box"] and 0 < noted["remove"][1] < len(scene.ids)
     assert "would remove nothing" in noted["nothing"] and noted["after"] == noted["remove"][:2]
     assert noted["moved"] == noted["keep"]
-    assert edited(read_scene(tmp_path / "scene.f4x")).rows.gone.sum() == noted["keep"][1]
+    assert edited(read_scene(folder / "scene.f4x")).rows.gone.sum() == noted["keep"][1]
 
 
 def test_buttons_of_one_operator_have_tooltips_of_their_own(tmp_path):

@@ -1,9 +1,5 @@
 """When a clip plays: start frame, speed and Time move nodes, presence, camera, clip, edits and sentences together."""
 
-import json
-import os
-import subprocess
-import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,27 +12,15 @@ from f4x_core.edit.operations import Delete, Opacity, Recolour
 from f4x_core.edit.selects import Ids, Moving
 from f4x_core.scene import write_scene
 
+from .artist import perform
 from .test_presence import fading_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-ROOT = Path(__file__).resolve().parents[2]
-
 HEAD = """
-import json, sys
-sys.path.insert(0, sys.argv[1] + "/scripts")
-import door; door.end_at_errors()
-import bpy, cv2, numpy as np
-from pathlib import Path
-extension = door.load_extension()
-extension.register()
+import cv2
 from feature4x.addon.scene import clip_time
 from feature4x.addon.io import clip_background
 from feature4x.addon.rig import motion_edits, scaffold
 from feature4x.addon.io.import_scene import import_scene
-from feature4x.addon.scene.scene_object import SceneObject
-folder = Path(sys.argv[2])
-found, noted = {}, {}
 
 def fresh(**options):
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -49,15 +33,10 @@ def picture(label, frame):
     scaffold.set_frame(bpy.context.scene, frame)
     bpy.context.scene.render.filepath = str(folder / "out.png")
     bpy.ops.render.render(write_still=True)
-    found[label] = cv2.imread(str(folder / "out.png"))
+    arrays[label] = cv2.imread(str(folder / "out.png"))
     root = SceneObject.among(bpy.context.scene.objects)[0]
     user = [image.image_user.frame_offset for image in bpy.context.scene.camera.data.background_images]
     noted[label] = [root.frame, motion_edits.unwritten(root), *user]
-
-def end():
-    np.savez(folder / "found.npz", **found)
-    (folder / "noted.json").write_text(json.dumps(noted))
-    door.end()
 """
 TIMES = [0.0, 1.0, 2.0, 2.5, 4.0, 5.0]
 PICTURES = """
@@ -106,16 +85,7 @@ for frame, start in ((1, 0), (4, 0), (4, 3)):  # at last at the same frame of th
     root.f4x.start_frame = start
     scaffold.set_frame(bpy.context.scene, frame) if start == 0 else None
     noted["red"].append(red())
-end()
 """
-
-
-def run(folder: Path, code: str) -> tuple[dict, dict]:
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "F4X_PYTHON": ""}
-    command = [sys.executable, "-c", HEAD + code, str(ROOT), str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
-    assert done.returncode == 0, done.stderr + done.stdout
-    return dict(np.load(folder / "found.npz")), json.loads((folder / "noted.json").read_text())
 
 
 @pytest.fixture
@@ -136,7 +106,7 @@ def folder(tmp_path) -> Path:
 
 
 def test_pictures_are_those_of_the_clip_frame_that_time_says(folder):
-    found, noted = run(folder, f"TIMES = {TIMES}\n" + PICTURES)
+    noted, found = perform(folder, HEAD + f"TIMES = {TIMES}\n" + PICTURES)
     labels = {label.rpartition(" ")[0] for label in found} - {"plain"}
     assert labels == {"start", "speed", "as before", "reverse", "driven", "still", "and back"}
     for label in labels:
@@ -154,17 +124,10 @@ def test_pictures_are_those_of_the_clip_frame_that_time_says(folder):
 
 
 MOTION = """
-def points():
-    cloud = next(item for item in bpy.data.objects if item.name.endswith(" dynamic"))
-    data = cloud.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    places = np.empty(3 * len(data.points), np.float32)
-    data.attributes["position"].data.foreach_get("vector", places)
-    return places
-
 def note(label, root, frame_of):
     for time in (0.0, 1.0, 3.0, 4.0):
         scaffold.set_frame(bpy.context.scene, frame_of(time))
-        found[f"{label} {time}"] = points()
+        arrays[f"{label} {time}"] = values(next(item for item in bpy.data.objects if item.name.endswith(" dynamic")))
 
 def session(label, frame_of, prepare):
     root = fresh()
@@ -208,17 +171,16 @@ strip.action_slot = data.action_slot
 data.action = None
 for label, frame in (("before", 3), ("after", 1001 + 3 / 0.8)):
     scaffold.set_frame(bpy.context.scene, frame)
-    found["strip " + label] = np.array(node.location)
+    arrays["strip " + label] = np.array(node.location)
     shift(root)
 session("plain", lambda time: time, lambda root: None)
 session("shifted", lambda time: 1001 + time / 0.8, shift)
 session("slow", lambda time: 2 * time, freeze)
-end()
 """
 
 
 def test_motion_is_edited_and_written_back_at_clip_frames(folder):
-    found, noted = run(folder, MOTION)
+    noted, found = perform(folder, HEAD + MOTION)
     assert noted.pop("refused") is False
     assert np.abs(found["strip before"] - found["strip after"]).max() < 1e-6
     for label in ("shifted", "slow"):
@@ -292,12 +254,11 @@ context.scene.frame_end = 46
 ops.f4x.slow_clip(speed=SceneObject(bpy.data.objects[one]).state.slower)
 noted["slowed"] = [context.scene.frame_end, bpy.data.objects[one].f4x.speed]
 moment("slow", 50, *names)
-end()
 """
 
 
 def test_two_shots_of_different_starts_and_rates_play_in_one_file(folder):
-    _, noted = run(folder, SHOTS)
+    noted, _ = perform(folder, HEAD + SHOTS)
     settings = {
         name: noted.pop(name) for name in ("rates", "undone start", "redone start", "said", "range", "answer", "slowed")
     }

@@ -1,15 +1,8 @@
 """*Composite*: Cycles draws the meshes, the engine the Gaussians, and the compositor merges them by depth."""
 
 import numpy as np
-import pytest
-
-from f4x_core.scene import write_scene
 
 from .artist import perform
-from .tiny_scene import tiny_scene
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -49,13 +42,7 @@ def picture():
 """
 
 
-@pytest.fixture
-def folder(tmp_path):
-    write_scene(tiny_scene(), tmp_path / "scene.f4x")
-    return tmp_path
-
-
-def test_the_picture_is_that_of_both_engines_by_depth(folder):
+def test_the_picture_is_that_of_both_engines_by_depth(tiny_folder):
     """A ball that glows in one color: where it is seen alone it has that color, elsewhere all is as it was."""
     script = """
 scene.render.film_transparent = False
@@ -73,7 +60,7 @@ arrays["without"] = picture()[1]("ViewLayer.Combined")
 noted["engines"] = [scene.render.engine, other.render.engine]
 noted["seen"] = sorted(item.type for item in other.view_layers[0].objects)
 """
-    noted, arrays = perform(folder, START + script)
+    noted, arrays = perform(tiny_folder, START + script)
     assert noted["done"] == ["FINISHED"] and noted["engines"] == ["FEATURE4X", "CYCLES"]
     assert "POINTCLOUD" not in noted["seen"] and "MESH" in noted["seen"]
     held, whole = arrays["held"], arrays["whole"]
@@ -84,7 +71,7 @@ noted["seen"] = sorted(item.type for item in other.view_layers[0].objects)
     np.testing.assert_allclose(whole[..., 3], 1, atol=1e-3)
 
 
-def test_it_is_one_step_of_undo_and_may_be_done_again(folder):
+def test_it_is_one_step_of_undo_and_may_be_done_again(tiny_folder):
     script = """
 push("before")
 ops.composite("EXEC_DEFAULT", True, engine="CYCLES")
@@ -104,14 +91,14 @@ scene = bpy.context.scene
 noted["undone"] = [len(bpy.data.scenes), compositing.MESHES in scene, bpy.context.view_layer.f4x_hold_out_meshes]
 noted["splats"] = [len(each.objects) for each in bpy.data.collections if compositing.SPLATS in each]
 """
-    noted, _ = perform(folder, START + script)
+    noted, _ = perform(tiny_folder, START + script)
     same, scenes, engine = noted["twice"]
     assert same and scenes == 2 and engine.startswith("BLENDER_EEVEE")
     assert noted["size"] == 123 and noted["later"]
     assert noted["undone"] == [1, False, False] and not noted["splats"]
 
 
-def test_edits_go_on_in_the_collection_of_gaussians(folder):
+def test_edits_go_on_in_the_collection_of_gaussians(tiny_folder):
     """The separate cloud of moved Gaussians is left out of the scene for meshes, too."""
     script = """
 ops.composite(engine="CYCLES")
@@ -124,5 +111,5 @@ layer = scene[compositing.MESHES].view_layers[0]
 layer.update()
 noted["seen"] = [item.name for item in layer.objects if item.type == "POINTCLOUD"]
 """
-    noted, _ = perform(folder, START + script)
+    noted, _ = perform(tiny_folder, START + script)
     assert len(noted["clouds"]) == 3 and noted["seen"] == []

@@ -34,7 +34,6 @@ from feature4x.addon.scene.scene_object import SceneObject  # noqa: E402
 from feature4x.f4x_core.edit.operations import Recolour, Transform  # noqa: E402
 from feature4x.f4x_core.edit.selects import Moving  # noqa: E402
 
-pytestmark = pytest.mark.blender
 CAMERA = Camera(np.array([[45.0, 0, 24], [0, 45, 16], [0, 0, 1]]), np.eye(4), 48, 32)
 SAMPLES = 1024
 

@@ -22,7 +22,6 @@ import door  # noqa: E402
 EXTENSION = door.load_extension()
 from mathutils import Matrix  # noqa: E402
 
-pytestmark = pytest.mark.blender
 FRAME, SAMPLES = 2, 24
 RED, BLUE = np.s_[16:24, 21:29], np.s_[30:36, 50:60]
 """Pixels of the square at that frame, and of the wall."""

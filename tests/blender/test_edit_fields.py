@@ -1,10 +1,6 @@
 """The fields of a row of the list of edits: Blender properties that read and write the stack, and show what they change."""
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,38 +22,21 @@ from f4x_core.edit.selects import Ids
 from f4x_core.edit.stack import of
 from f4x_core.scene import read_scene, write_scene
 
+from .artist import perform
 from .test_presence import fading_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-ROOT = Path(__file__).resolve().parents[2]
 SOME = Ids.of(np.arange(100))
 
 HEAD = """
-import json, sys
-sys.path.insert(0, sys.argv[1] + "/scripts")
-import door; door.end_at_errors()
-import bpy, numpy as np
-from pathlib import Path
 from math import pi
-door.load_extension().register()
 from feature4x.addon.edits import display, fields
 from feature4x.addon.io.import_scene import import_scene
-from feature4x.addon.scene.scene_object import SceneObject
 from feature4x.f4x_core.edit.operations import read_operation
-folder = Path(sys.argv[2])
 bpy.ops.wm.read_factory_settings(use_empty=True)
 root = import_scene(folder / "scene.f4x")
 bpy.context.view_layer.objects.active = root
 shot, state = SceneObject(root), root.f4x
 """
-
-
-def run(folder: Path, code: str) -> dict:
-    command = [sys.executable, "-c", HEAD + code, str(ROOT), str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
-    assert done.returncode == 0, done.stderr + done.stdout
-    return json.loads((folder / "noted.json").read_text())
 
 
 # what is set, and the fields that the edit then has; places are along Blender's axes: (x, y, z) is the scene's (x, -z, y)
@@ -100,8 +79,7 @@ for index, (operation, settings) in enumerate(json.loads((folder / "changes.json
     for name, value in settings.items():
         setattr(getattr(state.fields, operation["op"]), name, value)
 bpy.ops.f4x.save_edits()
-(folder / "noted.json").write_text(json.dumps([unchanged, state.answer]))
-door.end()
+noted["left"] = [unchanged, state.answer]
 """
 
 
@@ -109,7 +87,7 @@ def test_fields_are_those_of_the_operation(tmp_path):
     write_scene(fading_scene(), tmp_path / "scene.f4x")
     table = [(operation.to_json(), settings) for operation, settings, _ in CHANGES]
     (tmp_path / "changes.json").write_text(json.dumps(table))
-    assert run(tmp_path, TABLE) == [[], ""]
+    assert perform(tmp_path, HEAD + TABLE)[0]["left"] == [[], ""]
     edits = of(read_scene(tmp_path / "scene.f4x")).edits
     for edit, (operation, settings, expected) in zip(edits, CHANGES, strict=True):
         for name, value in expected.items():
@@ -119,12 +97,9 @@ def test_fields_are_those_of_the_operation(tmp_path):
 
 
 SESSION = """
-noted = {}
 def drawn():
     cloud = next(cloud for cloud in shot.clouds if "static" in cloud.name)
-    values = np.empty(4 * len(cloud.data.points), np.float32)
-    cloud.data.attributes["rgb"].data.foreach_get("color", values)
-    return float(values.reshape(-1, 4)[:100, 3].mean())
+    return float(read_attribute(cloud.data, "rgb")[:100, 3].mean())
 
 noted["alpha"] = [drawn()]
 shot.append(read_operation(json.loads((folder / "opacity.json").read_text())))
@@ -143,15 +118,13 @@ noted["alpha"].append(drawn())
 (folder / "scene.f4x").rename(folder / "elsewhere.f4x")
 state.fields.opacity.factor = 0.1
 noted["refused"] = [state.answer, shot.stack.edits[0].operation.factor]
-(folder / "noted.json").write_text(json.dumps(noted))
-door.end()
 """
 
 
 def test_a_change_is_shown_and_undone(tmp_path):
     write_scene(fading_scene(), tmp_path / "scene.f4x")
     (tmp_path / "opacity.json").write_text(json.dumps(Opacity(SOME, 0.5).to_json()))
-    noted = run(tmp_path, SESSION)
+    noted, _ = perform(tmp_path, HEAD + SESSION)
     whole, half, quarter, undone = noted["alpha"]
     assert whole > 1.5 * half > 2.5 * quarter and undone == pytest.approx(half)
     assert noted["row"][1:] == [0, 1.0] and "opacity" in noted["row"][0]
@@ -161,13 +134,10 @@ def test_a_change_is_shown_and_undone(tmp_path):
 
 HANDLE = """
 from mathutils import Matrix, Vector
-noted = {}
 
 def moved():
     cloud = next(cloud for cloud in shot.clouds if cloud.name.endswith("edited"))
-    places = np.empty(3 * len(cloud.data.points), np.float32)
-    cloud.data.attributes["position"].data.foreach_get("vector", places)
-    return np.median(places.reshape(-1, 3), 0)
+    return np.median(read_attribute(cloud.data, "position"), 0)
 
 def note(label):
     bpy.context.view_layer.update()
@@ -206,14 +176,12 @@ bpy.ops.f4x.edit_gizmo(edit_id=shot.stack.edits[0].id)
 noted["again"] = bpy.context.object == handle
 bpy.ops.f4x.history(how="REMOVE", edit_id=shot.stack.edits[0].id)
 noted["left"] = [item.name for item in root.children if "f4x_edit" in item]
-(folder / "noted.json").write_text(json.dumps(noted))
-door.end()
 """
 
 
 def test_a_handle_moves_the_selection_again_and_again(tmp_path):
     write_scene(fading_scene(), tmp_path / "scene.f4x")
-    noted = run(tmp_path, HANDLE)
+    noted, _ = perform(tmp_path, HEAD + HANDLE)
     still = [0.0, 0.0, 0.0]
     assert noted["new"] == noted["once more"] == [1, still, still, 1.0] and noted["on the thing"] < 1e-6
     moved = [1, pytest.approx([0.5, -1.0, 0.0], abs=1e-5), still, 1.0]  # the scene's y is down

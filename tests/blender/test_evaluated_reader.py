@@ -9,9 +9,6 @@ from f4x_core.scene.tints import with_tints
 from .artist import perform
 from .tiny_scene import tiny_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-
 SCRIPT = """
 from feature4x.addon.render import evaluated
 bpy.ops.wm.read_factory_settings(use_empty=True)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from labelled_scene import labelled_scene
 
 from f4x_core.scene import write_scene
@@ -12,9 +11,6 @@ from f4x_core.scene.formats import export
 
 from .artist import perform
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-
 START = """
 os.environ.pop("F4X_PYTHON", None)
 from feature4x.addon.operators import exporting
@@ -22,8 +18,7 @@ noted["poll"] = ops.export_scene.poll()
 """
 
 
-def test_what_is_seen_is_exported_without_the_worker(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+def test_what_is_seen_is_exported_without_the_worker(folder):
     script = """
 noted["in the menu"] = any(f.__name__ == "_draw_export" for f in bpy.types.TOPBAR_MT_file_export._dyn_ui_initialize())
 ops.import_scene(filepath=str(folder / "scene.f4x"))
@@ -49,17 +44,17 @@ noted["away"] = refused(ops.export_scene, filepath="/dev/null/a.ply")
 (folder / "scene.f4x").rename(folder / "gone.f4x")
 noted["missing"] = refused(ops.export_scene, "INVOKE_DEFAULT", filepath=str(folder / "b.ply"))
 """
-    noted, _ = perform(tmp_path, START + script)
+    noted, _ = perform(folder, START + script)
     scene = labelled_scene()
     count = len(scene.ids)
     assert noted["poll"] is False and noted["in the menu"] and not noted["saved"]
-    plain = open_any(tmp_path / "plain.ply").static
+    plain = open_any(folder / "plain.ply").static
     np.testing.assert_allclose(plain.means, scene.posed(3.0).means, atol=1e-6)
-    sizes = {name: len(open_any(tmp_path / name).ids) for name in ("edited.ply", "unedited.ply", "deleted.spz")}
+    sizes = {name: len(open_any(folder / name).ids) for name in ("edited.ply", "unedited.ply", "deleted.spz")}
     without = count - noted["square"]
     assert sizes == {"edited.ply": without, "unedited.ply": count, "deleted.spz": without - 20}
-    assert len(open_any(tmp_path / "square.splat").ids) == noted["square"]
-    assert len(list((tmp_path / "walk").glob("labelled_*.ply"))) == 6 and (tmp_path / "walk.usda").is_file()
+    assert len(open_any(folder / "square.splat").ids) == noted["square"]
+    assert len(list((folder / "walk").glob("labelled_*.ply"))) == 6 and (folder / "walk.usda").is_file()
     assert "there is no export to .obj" in noted["ending"] and "/dev/null" in noted["away"]
     assert "cannot be read" in noted["missing"]
 

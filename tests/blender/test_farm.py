@@ -12,8 +12,6 @@ from f4x_core.edit.operations import Transform
 from f4x_core.edit.selects import Moving
 from f4x_core.scene import write_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 
 # What a node does: a Blender with the extension opens the file and renders its range of frames, as `-a` does.
@@ -63,15 +61,14 @@ def frames_of(folder):
 
 
 @pytest.mark.parametrize("kind", ["PNG", "OPEN_EXR_MULTILAYER"])
-def test_ranges_on_several_nodes_are_the_frames_of_one_machine(tmp_path, kind):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    python(SCRIPTS / "import_scene.py", tmp_path / "scene.f4x", tmp_path / "shot.blend")
-    (tmp_path / "scene.f4x").unlink()  # a node needs the .blend alone
+def test_ranges_on_several_nodes_are_the_frames_of_one_machine(folder, kind):
+    python(SCRIPTS / "import_scene.py", folder / "scene.f4x", folder / "shot.blend")
+    (folder / "scene.f4x").unlink()  # a node needs the .blend alone
     ranges = {"one": [(0, FRAMES - 1)], "farm": [(FRAMES // 2, FRAMES - 1), (0, FRAMES // 2 - 1)]}
     for name, nodes in ranges.items():
         for first, last in nodes:
-            python("-c", NODE, SCRIPTS, tmp_path / "shot.blend", tmp_path / name, first, last, kind, "FEATURE4X")
-    one, farm = frames_of(tmp_path / "one"), frames_of(tmp_path / "farm")
+            python("-c", NODE, SCRIPTS, folder / "shot.blend", folder / name, first, last, kind, "FEATURE4X")
+    one, farm = frames_of(folder / "one"), frames_of(folder / "farm")
     assert len(one) == FRAMES and one == farm
     assert len(set(one.values())) == FRAMES, "the scene moves"
 

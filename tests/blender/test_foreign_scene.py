@@ -6,14 +6,11 @@ import pytest
 from labelled_scene import labelled_scene
 
 from f4x_core.edit.stack import read_stack
-from f4x_core.scene import read_scene, write_scene
+from f4x_core.scene import read_scene
 from f4x_core.scene.foreign import open_any
 from f4x_core.scene.formats import export
 
 from .artist import perform
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 FORMAT_OF = {".ply": "ply", ".splat": "splat", ".spz": "spz", ".glb": "gltf"}
 FACTORY = "bpy.ops.wm.read_factory_settings(use_empty=False)\n"
@@ -81,8 +78,7 @@ noted["saved"] = [scene_object().path.name, scene_object().is_saved, scene_objec
         ("load(); bpy.ops.ed.undo_push(); [bpy.data.objects.remove(i) for i in list(bpy.data.objects)]", True, ""),
     ],
 )
-def test_a_project_that_is_under_way_keeps_its_settings(tmp_path, before, changed, words):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+def test_a_project_that_is_under_way_keeps_its_settings(folder, before, changed, words):
     script = f"""
 scene = bpy.context.scene
 def load():
@@ -100,7 +96,7 @@ noted["line"] = root().f4x.notice
 ops.set_up_render()
 noted["asked"] = [settings(), root().f4x.notice]
 """
-    noted, _ = perform(tmp_path, FACTORY + script)
+    noted, _ = perform(folder, FACTORY + script)
     assert noted["changed"] is changed and words in noted["line"]
     settings, line = noted["asked"]
     assert settings[:5] == [64, 40, 24, 0, 5] and settings[5].startswith("labelled") and settings[6] == "Standard"

@@ -8,7 +8,6 @@ from f4x_core.scene.color import linear_from_srgb
 from f4x_core.scene.formats import export
 from f4x_core.scene.posing import plain_color
 
-pytestmark = pytest.mark.blender
 bpy = pytest.importorskip("bpy", reason="bpy is absent")
 BLENDER_FROM_SCENE = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # addon.axes: (x, y, z) to (x, z, -y)
 

@@ -12,9 +12,6 @@ from f4x_core.scene import write_scene
 
 from .artist import opened_at, perform
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-
 FRAME = 3
 START = f"""{opened_at(FRAME)}
 def keep(name):

@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from f4x_core.scene import write_scene
-
 from .artist import perform
-from .tiny_scene import tiny_scene
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -51,13 +45,7 @@ root_ = bpy.data.objects["tiny"]
 """
 
 
-@pytest.fixture
-def folder(tmp_path):
-    write_scene(tiny_scene(), tmp_path / "scene.f4x")
-    return tmp_path
-
-
-def test_gaussians_are_held_out_as_cycles_holds_out_meshes(folder):
+def test_gaussians_are_held_out_as_cycles_holds_out_meshes(tiny_folder):
     """By object, root, collection and view layer; where they are in front the picture has no alpha, with any film."""
     script = """
 arrays["plain"] = render("plain")
@@ -83,7 +71,7 @@ inside.indirect_only = False
 dynamic.hide_render = True
 arrays["static"] = render("static")
 """
-    noted, arrays = perform(folder, START + script)
+    noted, arrays = perform(tiny_folder, START + script)
     assert noted["viewport"] == [False, True]
     assert (arrays["plain"][..., 3] == 1).all()
     held = arrays["object"]
@@ -97,7 +85,7 @@ arrays["static"] = render("static")
     assert not arrays["indirect"][..., :3].any()
 
 
-def test_held_out_meshes_leave_holes_for_another_picture(folder):
+def test_held_out_meshes_leave_holes_for_another_picture(tiny_folder):
     """With the switch of the view layer, too: then the pass Holdout says where."""
     script = """
 item = plane(3.5)
@@ -111,19 +99,19 @@ settings = scene.render.image_settings
 from feature4x.addon.common.render_settings import save_multilayer
 save_multilayer(scene, folder / "passes.exr")
 """
-    _, arrays = perform(folder, START + script)
+    _, arrays = perform(tiny_folder, START + script)
     np.testing.assert_array_equal(arrays["object"], arrays["layer"])
     assert arrays["layer"][..., 3].min() == 0 and (arrays["shown"][..., 3] == 1).all()
     import OpenEXR
 
-    parts = OpenEXR.File(str(folder / "passes.exr"), separate_channels=True).parts
+    parts = OpenEXR.File(str(tiny_folder / "passes.exr"), separate_channels=True).parts
     channels = {name: channel.pixels for part in parts for name, channel in part.channels.items()}
     held = next(pixels for name, pixels in channels.items() if name.endswith("Holdout.X"))
     np.testing.assert_allclose(held, 1 - arrays["layer"][..., 3], atol=1e-6)
 
 
 @pytest.mark.parametrize("way", ["OFFAXIS", "PARALLEL", "TOE"])
-def test_each_eye_sees_what_a_camera_there_sees(folder, way):
+def test_each_eye_sees_what_a_camera_there_sees(tiny_folder, way):
     script = f"""
 camera = scene.camera
 data = camera.data
@@ -141,13 +129,13 @@ for name, side in (("left", -0.15), ("right", 0.15)):
     data.shift_x = 0.05 - (side * data.lens / data.sensor_width / 4.0 if way == "OFFAXIS" else 0.0)
     arrays[name] = render(name)
 """
-    _, arrays = perform(folder, START + script)
+    _, arrays = perform(tiny_folder, START + script)
     for name in ("left", "right"):
         np.testing.assert_allclose(arrays[f"both {name}"], arrays[name], atol=2e-3, err_msg=name)
     assert np.abs(arrays["left"] - arrays["right"]).mean() > 0.01
 
 
-def test_views_of_several_cameras_are_those_of_each(folder):
+def test_views_of_several_cameras_are_those_of_each(tiny_folder):
     script = """
 camera = scene.camera
 camera.name = "eye_L"
@@ -162,7 +150,7 @@ arrays["left"] = render("left")
 scene.camera = other
 arrays["right"] = render("right")
 """
-    _, arrays = perform(folder, START + script)
+    _, arrays = perform(tiny_folder, START + script)
     for name in ("left", "right"):
         np.testing.assert_array_equal(arrays[f"both {name}"], arrays[name])
     assert np.abs(arrays["left"] - arrays["right"]).mean() > 0.01
@@ -183,7 +171,7 @@ MATERIALS = {
 
 
 @pytest.mark.parametrize("name", MATERIALS)
-def test_meshes_have_the_plain_color_of_their_material(folder, name):
+def test_meshes_have_the_plain_color_of_their_material(tiny_folder, name):
     code, color, glow = MATERIALS[name]
     script = f"""
 item = plane(2.0)
@@ -221,7 +209,7 @@ arrays["normals"] = surface.corner_normals
 """
     from f4x_core.scene.color import srgb_from_linear
 
-    noted, arrays = perform(folder, START + script)
+    noted, arrays = perform(tiny_folder, START + script)
     np.testing.assert_allclose(
         arrays["colors"], np.tile(srgb_from_linear(np.array(color, float)), (2, 3, 1)), atol=2e-3
     )

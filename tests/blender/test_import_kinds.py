@@ -1,7 +1,5 @@
 """What File > Import takes: splats of other programs, sequences, scenes with edits; the clip behind the camera; refusals."""
 
-import json
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -22,25 +20,16 @@ from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.foreign import open_any
 from f4x_core.scene.formats import export
 
+from .artist import perform
 from .tiny_scene import CLIP, STATIC, tiny_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 
 CHILD = """
-import json, shutil, sys
-sys.path.insert(0, sys.argv[1] + "/scripts")
-import bpy, door, numpy as np
-extension = door.load_extension()
-extension.register()
-from pathlib import Path
-from feature4x.addon.scene.scene_object import SceneObject
+import shutil
 import feature4x.addon.io.sequence as sequence
 from feature4x.addon.render.evaluated import stage
-folder, clip = Path(sys.argv[2]), int(sys.argv[3])
-scene, found, told = bpy.context.scene, {}, {}
-radiance = "vector" if bpy.app.version >= (5, 2, 0) else "color"
+clip, scene = int(sys.argv[3]), bpy.context.scene
 
 def fresh():
     for item in list(bpy.data.objects):
@@ -59,45 +48,39 @@ def load(name, **options):
         return str(error), len(bpy.data.objects) + len(bpy.data.collections)
     return bpy.context.object
 
-def values(item, name, key, width):
-    data = item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    flat = np.empty(len(data.points) * width, np.int32 if name == "gid" else np.float32)
-    data.attributes[name].data.foreach_get(key, flat)
-    return flat.reshape(-1, width)
-
 for name in ("frame.ply", "frame.splat", "frame.spz", "frame.glb", "renamed.dat"):
     root = load(name)
     cloud = next(item for item in root.children if item.type == "POINTCLOUD")
-    found[name] = values(cloud, "position", "vector", 3)
-    found[name + " in the world"] = found[name] @ np.array(cloud.matrix_world)[:3, :3].T
-    found[name + " scale"] = values(cloud, "scale", "vector", 3)
-    found[name + " radiance"] = values(cloud, "radiance:base", radiance, 4)
-    told[name] = [root["f4x_path"], scene.camera.name, "f4x_source" in root]
+    arrays[name] = values(cloud, "position")
+    arrays[name + " in the world"] = arrays[name] @ np.array(cloud.matrix_world)[:3, :3].T
+    arrays[name + " scale"] = values(cloud, "scale")
+    arrays[name + " radiance"] = values(cloud, "radiance:base")
+    noted[name] = [root["f4x_path"], scene.camera.name, "f4x_source" in root]
 
 for label, options in (("all", {}), ("step", {"step": 2}), ("alone", {"sequence": False})):
     root = load("walk_0001.ply", **options)
     clouds = [item for item in root.children if item.type == "POINTCLOUD"]
-    told[f"sequence {label}"] = [[item.name for item in clouds], scene.frame_start, scene.frame_end]
+    noted[f"sequence {label}"] = [[item.name for item in clouds], scene.frame_start, scene.frame_end]
     for when, start in (("seen", 0), ("later", 10)):
         root.f4x.start_frame = start
         for frame in range(3):
             scene.frame_set(start + frame)
             depsgraph = bpy.context.evaluated_depsgraph_get()
             seen = [i.object.name for i in depsgraph.object_instances if i.object.type == "POINTCLOUD"]
-            told[f"{when} {label} {frame}"] = [seen, sum(len(c.means) for c in stage(depsgraph)[0])]
-told["broken frame"] = load("torn_0001.ply")
+            noted[f"{when} {label} {frame}"] = [seen, sum(len(c.means) for c in stage(depsgraph)[0])]
+noted["broken frame"] = load("torn_0001.ply")
 for name in ("mesh.ply", "mesh.glb", "absent.f4x", "film.mp4", "pictures"):
-    told[name] = load(name)
+    noted[name] = load(name)
 
 sequence.MAX_BYTES = 3000
-told["too large"] = load("walk_0001.ply")
+noted["too large"] = load("walk_0001.ply")
 
 root = load("edited.f4x")
 parts = [item for item in root.children if item.type == "POINTCLOUD"]
 for frame in range(clip):
     scene.frame_set(frame)
-    for name, key, width in (("gid", "value", 1), ("position", "vector", 3), ("radiance:base", radiance, 4)):
-        found[f"edited/{frame}/{name}"] = np.concatenate([values(item, name, key, width) for item in parts])
+    for name in ("gid", "position", "radiance:base"):
+        arrays[f"edited/{frame}/{name}"] = np.concatenate([values(item, name) for item in parts])
 
 def background():
     pictures = scene.camera.data.background_images
@@ -112,30 +95,30 @@ def background():
     return [pictures[0].image.source, paths]
 
 load("own.f4x")
-told["own clip"] = background()
-told["own clip fills"] = scene.camera.data.background_images[0].frame_method
+noted["own clip"] = background()
+noted["own clip fills"] = scene.camera.data.background_images[0].frame_method
 load("barred.f4x")
-told["barred clip"] = background()
-told["barred clip fills"] = scene.camera.data.background_images[0].frame_method
+noted["barred clip"] = background()
+noted["barred clip fills"] = scene.camera.data.background_images[0].frame_method
 load("own.f4x")
-told["hidden by"] = None if scene.camera.data.show_background_images else scene.render.engine
+noted["hidden by"] = None if scene.camera.data.show_background_images else scene.render.engine
 for name in ("later", "skipping", "too short"):
     load(f"{name}.f4x")
-    told[name] = background()
+    noted[name] = background()
 load("edited.f4x")
-told["no clip"] = background()
+noted["no clip"] = background()
 load("edited.f4x", clip=str(folder / "pictures"))
-told["chosen"] = background()
+noted["chosen"] = background()
 load("own.f4x", clip=str(folder / "film.mp4"))
-told["film"] = background()
+noted["film"] = background()
 load("edited.f4x")
-told["not kept"] = background()
-told["bad clip"] = load("own.f4x", clip=str(folder / "frame.ply"))
+noted["not kept"] = background()
+noted["bad clip"] = load("own.f4x", clip=str(folder / "frame.ply"))
 load("longer.f4x")
-told["other count"] = background()
+noted["other count"] = background()
 bpy.ops.f4x.choose_clip(filepath=str(folder / "pictures" / "00007.png"))
-told["button"] = background()
-told["shown by the button"] = scene.camera.data.show_background_images
+noted["button"] = background()
+noted["shown by the button"] = scene.camera.data.show_background_images
 
 (folder / "before").mkdir()
 shutil.copy(folder / "edited.f4x", folder / "before/scene.f4x")
@@ -144,16 +127,13 @@ bpy.ops.wm.save_as_mainfile(filepath=str(folder / "before/scene.blend"))
 (folder / "before").rename(folder / "after")
 bpy.ops.wm.open_mainfile(filepath=str(folder / "after/scene.blend"))
 scene_object = SceneObject.of(bpy.context.object)
-told["moved"] = [str(scene_object.path), len(scene_object.base.ids)]
+noted["moved"] = [str(scene_object.path), len(scene_object.base.ids)]
 for name in ("other", "edited"):
     try:
         bpy.ops.f4x.find_scene(filepath=str(folder / f"{name}.f4x"))
     except RuntimeError as error:
-        told["other scene"] = str(error)
-told["found"] = str(scene_object.path)
-np.savez(folder / "found.npz", **found)
-(folder / "told.json").write_text(json.dumps(told))
-door.end()
+        noted["other scene"] = str(error)
+noted["found"] = str(scene_object.path)
 """
 
 
@@ -214,15 +194,8 @@ def imported(tmp_path_factory):
     (folder / "more").mkdir()
     for frame in range(2 * CLIP):
         Image.new("RGB", (96, 64)).save(folder / "more" / f"{frame:05d}.png")
-    done = subprocess.run(
-        [sys.executable, "-c", CHILD, str(ROOT), str(folder), str(CLIP)],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-        timeout=240,
-    )
-    assert (folder / "told.json").exists(), done.stderr
-    return folder, dict(np.load(folder / "found.npz")), json.loads((folder / "told.json").read_text())
+    noted, arrays = perform(folder, CHILD, CLIP)
+    return folder, arrays, noted
 
 
 @pytest.mark.parametrize("name", ["frame.ply", "frame.splat", "frame.spz", "frame.glb", "renamed.dat"])
@@ -275,7 +248,7 @@ def test_what_cannot_be_imported_is_one_sentence_and_leaves_nothing(imported, na
 def test_edits_come_along(imported, frame):
     folder, found, _ = imported
     posed = edited(read_scene(folder / "edited.f4x")).posed(frame)
-    gid = found[f"edited/{frame}/gid"][:, 0]
+    gid = found[f"edited/{frame}/gid"].ravel()
     row = np.array([int(np.flatnonzero(posed.ids == id)[0]) for id in gid])
     assert sorted(gid.tolist()) == sorted(posed.ids[posed.opacities > 0].tolist())
     np.testing.assert_allclose(found[f"edited/{frame}/position"], posed.means[row], atol=1e-5)

@@ -15,8 +15,6 @@ from f4x_core.scene.linear import fitted_look, linear_look
 
 from .tiny_scene import CLIP, tiny_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "scripts" / "import_scene.py"
 DOOR = f"import sys; sys.path.insert(0, {str(SCRIPT.parent)!r}); import door\n"

@@ -20,6 +20,7 @@ import door  # noqa: E402
 door.load_extension()
 worker = importlib.import_module("feature4x.addon.jobs.worker")
 errors = importlib.import_module("feature4x.f4x_core.errors")
+NEEDS_BLENDER = False
 POSIX = pytest.mark.skipif(os.name == "nt", reason="asks for process ids as POSIX has them")
 
 # A child with a child of its own; both tell their number. It answers an interrupt only where it is told to.

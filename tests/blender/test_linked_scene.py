@@ -1,14 +1,6 @@
 """A scene of another .blend, linked or overridden: operators, and renders of edits over time, say why they do not work."""
 
-import pytest
-from labelled_scene import labelled_scene
-
-from f4x_core.scene import write_scene
-
 from .artist import perform
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 SCRIPT = """
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -70,9 +62,8 @@ bpy.ops.render.render()
 """
 
 
-def test_a_linked_scene_refuses_in_one_sentence_and_works_once_it_is_local(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    noted, _ = perform(tmp_path, SCRIPT)
+def test_a_linked_scene_refuses_in_one_sentence_and_works_once_it_is_local(folder):
+    noted, _ = perform(folder, SCRIPT)
     for how in ("override", "link"):
         for name, said in noted[how].items():
             assert "belongs to another .blend" in said and "Traceback" not in said, (how, name, said)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from random_scene import FRAMES
 from shapes import carried_sphere, discs, plane, static_scene
 
@@ -16,8 +15,6 @@ from f4x_core.scene.stage import Cloud, DrawSettings, draw
 
 from .artist import perform
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 STRENGTH = 0.6
 
 MAKE = """

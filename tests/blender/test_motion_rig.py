@@ -1,11 +1,5 @@
 """The rig in Blender: nodes grabbed softly, handles, and motion written back as an edit that the core poses alike."""
 
-import json
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -13,63 +7,36 @@ from f4x_core.edit.apply import open_scene
 from f4x_core.edit.stack import read_stack
 from f4x_core.scene import write_scene
 
+from .artist import perform
 from .tiny_scene import CLIP, tiny_scene
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-ROOT = Path(__file__).resolve().parents[2]
 
 # What the child does: an artist's session, step by step. After each it notes where the points are and copies the file.
 CHILD = """
-import json, shutil, sys
-sys.path.insert(0, sys.argv[1] + "/scripts")
-import door; door.end_at_errors()
-import bpy, numpy as np
-extension = door.load_extension()
-extension.register()
-from pathlib import Path
+import shutil
 from feature4x.addon.edits import display
 from feature4x.addon.rig import scaffold
-from feature4x.addon.scene.scene_object import SceneObject
 from feature4x.addon.io.import_scene import import_scene
-folder, clip = Path(sys.argv[2]), int(sys.argv[3])
+clip = int(sys.argv[3])
 bpy.ops.wm.read_factory_settings(use_empty=True)
 file = folder / "tiny.f4x"
 root = import_scene(file)
 scaffold.layer_of(root).hide_viewport = False
-scene, found, told = bpy.context.scene, {}, {}
-
-def points():
-    cloud = bpy.data.objects["tiny dynamic"].evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    flat = np.empty(3 * len(cloud.points), np.float32)
-    cloud.attributes["position"].data.foreach_get("vector", flat)
-    return flat.reshape(-1, 3)
+scene = bpy.context.scene
 
 def note(label):
     for frame in range(clip):
         scene.frame_set(frame)
-        found[f"{label}/{frame}"] = points()
+        arrays[f"{label}/{frame}"] = values(bpy.data.objects["tiny dynamic"])
     shutil.copy(file, folder / f"{label}.f4x")
 
 def node(index):
     return bpy.data.objects[f"tiny node {index:05d}"]
 
-def select(*items):
-    for other in scene.objects:
-        other.select_set(other in items)
-    bpy.context.view_layer.objects.active = items[0]
-
-def refused(act):
-    try:
-        return str(act())
-    except RuntimeError as error:
-        return str(error)
-
 graph = bpy.data.objects["tiny graph"]
-told["graph hidden"] = [graph.hide_viewport, graph.hide_render]
+noted["graph hidden"] = [graph.hide_viewport, graph.hide_render]
 graph.hide_viewport = False
 scene.frame_set(4)
-found["graph"] = np.array([v.co for v in graph.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.vertices])
+arrays["graph"] = np.array([v.co for v in graph.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.vertices])
 graph.hide_viewport = True
 select(node(3))
 bpy.ops.f4x.write_motion(); bpy.ops.f4x.save_edits()
@@ -77,7 +44,7 @@ note("untouched")
 
 scene.frame_set(3)
 bpy.ops.f4x.grab_nodes(offset=(0.3, 0.2, 0.1), reach=2.0)
-found["offset"] = np.array(node(3).matrix_world.translation)
+arrays["offset"] = np.array(node(3).matrix_world.translation)
 note("grabbed")
 bpy.ops.f4x.write_motion(); bpy.ops.f4x.save_edits()
 note("grabbed written")
@@ -86,12 +53,12 @@ bpy.ops.f4x.add_handles(count=3)
 note("handles")
 handle = bpy.data.objects["tiny handle 00"]
 handle.rotation_quaternion, handle.location.x = (0.9, 0.1, 0.3, 0.0), 0.2
-told["members"] = [item["f4x_node"] for item in handle.children]
+noted["members"] = [item["f4x_node"] for item in handle.children]
 note("handle moved")
 bpy.ops.f4x.write_motion(); bpy.ops.f4x.save_edits()
 note("handle written")
 bpy.ops.f4x.remove_handles()
-told["left"] = [item.name for item in scene.objects if "f4x_handle" in item]
+noted["left"] = [item.name for item in scene.objects if "f4x_handle" in item]
 note("handles gone")
 
 node(5).animation_data_clear()  # an artist's own ways: no keys, a constraint, another size
@@ -114,16 +81,13 @@ note("undone")
 
 copy = node(2).copy()
 node(2).users_collection[0].objects.link(copy)
-told["copied"] = refused(bpy.ops.f4x.write_motion)
+noted["copied"] = str(bpy.ops.f4x.write_motion())
 bpy.data.objects.remove(copy)
 bpy.data.objects.remove(node(2))
 select(node(3))
-told["missing"] = refused(bpy.ops.f4x.write_motion)
+noted["missing"] = refused(bpy.ops.f4x.write_motion)
 select(root)
-told["none selected"] = bpy.ops.f4x.grab_nodes.poll()
-np.savez(folder / "found.npz", **found)
-(folder / "told.json").write_text(json.dumps(told))
-door.end()
+noted["none selected"] = bpy.ops.f4x.grab_nodes.poll()
 """
 
 
@@ -131,15 +95,8 @@ door.end()
 def session(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rig")
     write_scene(tiny_scene(), folder / "tiny.f4x")
-    done = subprocess.run(
-        [sys.executable, "-c", CHILD, str(ROOT), str(folder), str(CLIP)],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-        timeout=240,
-    )
-    assert (folder / "told.json").exists(), done.stderr
-    return folder, dict(np.load(folder / "found.npz")), json.loads((folder / "told.json").read_text())
+    noted, arrays = perform(folder, CHILD, CLIP)
+    return folder, arrays, noted
 
 
 def error(session, label: str, file: str) -> float:

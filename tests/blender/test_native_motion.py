@@ -2,14 +2,8 @@
 
 import numpy as np
 import pytest
-from labelled_scene import labelled_scene
-
-from f4x_core.scene import write_scene
 
 from .artist import perform
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -35,12 +29,6 @@ def both(name):
         data = cloud.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
         arrays[f"{name} {how} places"] = native_motion.carried_places(cloud, data)
 """
-
-
-@pytest.fixture
-def folder(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    return tmp_path
 
 
 def test_the_core_poses_as_geometry_nodes_do(folder):

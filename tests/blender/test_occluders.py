@@ -1,14 +1,8 @@
 """What stands before the clip's camera in the file that a scene is imported into."""
 
-import pytest
-from labelled_scene import SQUARE, WALL, labelled_scene
-
-from f4x_core.scene import write_scene
+from labelled_scene import SQUARE, WALL
 
 from .artist import perform
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 SCRIPT = f"""
 def fresh(empty=True):
@@ -43,16 +37,14 @@ noted["nested"] = hidden(set_up_render=True)
 """
 
 
-def test_what_covers_the_view_is_hidden_and_what_stands_in_it_stays(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    noted, _ = perform(tmp_path, SCRIPT)
+def test_what_covers_the_view_is_hidden_and_what_stands_in_it_stays(folder):
+    noted, _ = perform(folder, SCRIPT)
     assert noted["default"] == ["Cube"] and noted["undone"] is False
     assert noted["asked not to"] == noted["own camera"] == noted["set"] == []
     assert sorted(noted["nested"]) == ["inner", "outer"]
 
 
-def test_the_line_names_it(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+def test_the_line_names_it(folder):
     script = """
 bpy.ops.wm.read_factory_settings(use_empty=False)
 ops.import_scene(filepath=str(folder / "scene.f4x"))
@@ -64,7 +56,7 @@ noted["project"] = root().f4x.notice
 ops.dismiss_notice()
 noted["dismissed"] = root().f4x.notice
 """
-    noted, _ = perform(tmp_path, script)
+    noted, _ = perform(folder, script)
     assert noted["project"] == (
         "Cube stood between the clip's camera and the scene and is hidden now; the outliner shows it again."
     )

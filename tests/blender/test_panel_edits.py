@@ -5,12 +5,8 @@ One child does everything a person would, on a small scene with features; the te
 
 import hashlib
 import json
-import os
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,35 +21,18 @@ from f4x_core.query.neighbourhood import grow_selection
 from f4x_core.query.prompts import FollowConfig, select_by_prompts, select_by_text
 from f4x_core.scene import MADE_UP, read_scene, write_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-ROOT = Path(__file__).resolve().parents[2]
+from .artist import perform
+
 FRAME = 3
 
 CHILD = """
-import sys, json
-root_folder, folder = sys.argv[1], sys.argv[2]
-sys.path.insert(0, root_folder + "/scripts")
-import door; door.end_at_errors()
-import bpy
-import numpy as np
-door.load_extension().register()
-from feature4x.addon.scene.scene_object import SceneObject
-from feature4x.addon.common.point_cloud import read_attribute
 bpy.ops.wm.read_factory_settings(use_empty=True)
-bpy.ops.f4x.import_scene(filepath=folder + "/scene.f4x")
-ops, noted, arrays = bpy.ops.f4x, {}, {}
+ops.import_scene(filepath=str(folder / "scene.f4x"))
 
 def go(frame):
     bpy.context.scene.frame_set(frame)  # undo makes a new scene of it
 
 go(FRAME)
-
-def scene_object():
-    return SceneObject.of(bpy.context.object)
-
-def root():
-    return scene_object().root
 
 def note(name):
     told = root().f4x
@@ -74,13 +53,6 @@ def note(name):
             visible.setdefault(attribute, []).append(read_attribute(data, attribute))
     for attribute, parts in visible.items():
         arrays[name + "/" + attribute] = np.concatenate(parts)
-
-def refused(call, *args, **options):
-    try:
-        call(*args, **options)
-    except RuntimeError as error:
-        return str(error)
-    raise AssertionError("it was not refused")
 
 note("imported")
 noted["nothing selected"] = refused(ops.recolour, rgb=(1, 0, 0))
@@ -131,15 +103,10 @@ ops.plan(sentence="make rex blue from frame 2"); ops.apply_plan(); note("applied
 go(1); note("before the span")
 go(FRAME)
 ops.save_edits(); note("saved")
-bpy.ops.wm.save_as_mainfile(filepath=folder + "/scene.blend")
-bpy.ops.wm.open_mainfile(filepath=folder + "/scene.blend")
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
+bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))
 note("opened again")
 ops.history(how="TOGGLE", edit_id=1); note("switched off")
-np.savez(folder + "/arrays.npz", **arrays)
-with open(folder + "/noted.json", "w") as file:
-    json.dump(noted, file)
-print("ALL DONE", flush=True)
-door.end()
 """
 
 
@@ -160,15 +127,7 @@ def done(tmp_path_factory):
     shutil.copy(folder / "scene.f4x", folder / "before.f4x")
     point, box = pixel_of_square(scene)
     constants = f"FRAME, POINT, BOX = {FRAME}, {point}, {box}\n"
-    child = subprocess.run(
-        [sys.executable, "-c", constants + CHILD, str(ROOT), str(folder)],
-        capture_output=True,
-        text=True,
-        timeout=180,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-    )
-    assert "ALL DONE" in child.stdout, child.stdout[-3000:] + child.stderr[-3000:]
-    return folder, json.loads((folder / "noted.json").read_text()), dict(np.load(folder / "arrays.npz"))
+    return folder, *perform(folder, constants + CHILD)
 
 
 @pytest.fixture(scope="module")

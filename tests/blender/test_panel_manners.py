@@ -20,19 +20,10 @@ from .tiny_scene import tiny_scene
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 import door
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-
 START = """
 bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene("EXEC_DEFAULT", True, filepath=str(folder / "scene.f4x"))
 """
-
-
-@pytest.fixture
-def folder(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    return tmp_path
 
 
 def test_a_sentence_is_taken_back_by_one_ctrl_z(folder):
@@ -137,8 +128,7 @@ for name in ("dog.f4x", "walk_0001.ply", "WALK1.PLY", "splats.ply", "a.splat", "
     assert [name for name, drawn in noted.items() if drawn] == ["walk_0001.ply", "WALK1.PLY"]
 
 
-def test_nodes_are_hidden_at_first_sight_and_carry_all_the_same(tmp_path):
-    write_scene(tiny_scene(), tmp_path / "scene.f4x")
+def test_nodes_are_hidden_at_first_sight_and_carry_all_the_same(tiny_folder):
     script = """
 from feature4x.addon.rig.scaffold import layer_of
 node = bpy.data.objects["tiny node 00003"]
@@ -154,12 +144,11 @@ layer_of(root()).hide_viewport = False
 bpy.context.view_layer.update()
 noted["shown"] = node.visible_get()
 """
-    noted, _ = perform(tmp_path, START + script)
+    noted, _ = perform(tiny_folder, START + script)
     assert noted["visible"] == ["tiny"] and noted["moved"] > 0.3 and len(noted["handles"]) == 2 and noted["shown"]
 
 
-def test_moved_nodes_and_handles_are_told_until_they_are_written_back(tmp_path):
-    write_scene(tiny_scene(), tmp_path / "scene.f4x")
+def test_moved_nodes_and_handles_are_told_until_they_are_written_back(tiny_folder):
     script = """
 from feature4x.addon.rig.motion_edits import unwritten
 note = lambda name: (bpy.context.view_layer.update(), noted.__setitem__(name, unwritten(scene_object())))
@@ -176,7 +165,7 @@ ops.write_motion(); note("written")
 ops.save_edits()
 bpy.context.scene.frame_set(2, subframe=0.5); note("between frames")
 """
-    noted, _ = perform(tmp_path, START + script)
+    noted, _ = perform(tiny_folder, START + script)
     assert noted["handle moved"] == noted["members"] > 1
     assert "Write Motion Back" in noted["job"]
     still = {name: noted[name] for name in noted.keys() - {"handle moved", "members", "job"}}
@@ -251,8 +240,7 @@ for name in ("first", "second"):
     assert perform(folder, START + script)[0] == {"first": True, "second": False}
 
 
-def test_the_switch_of_the_nodes_says_what_it_shows(tmp_path):
-    write_scene(tiny_scene(), tmp_path / "scene.f4x")
+def test_the_switch_of_the_nodes_says_what_it_shows(tiny_folder):
     script = """
 from feature4x.addon.rig.scaffold import layer_of
 state = root().f4x
@@ -261,7 +249,7 @@ noted["shown"] = [state.show_nodes]
 state.show_nodes = True
 noted["shown"] += [state.show_nodes, not layer_of(root()).hide_viewport]
 """
-    noted, _ = perform(tmp_path, START + script)
+    noted, _ = perform(tiny_folder, START + script)
     assert "nodes" in noted["hint"] and noted["shown"] == [False, True, True]
 
 

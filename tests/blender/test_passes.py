@@ -1,10 +1,6 @@
 """Passes in Blender: of meshes those of Cycles, of Gaussians the core's; the compositor reads what `f4x render` writes."""
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -19,21 +15,11 @@ from f4x_core.scene.exposure import Exposure, Lens, Take, shoot
 from f4x_core.scene.stage import Cloud, DrawSettings
 from f4x_core.scene.view import render
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-ROOT = Path(__file__).resolve().parents[2]
+from .artist import perform
+
 T = 2
 
 CHILD = """
-import sys
-root, folder = sys.argv[1], sys.argv[2]
-sys.path.insert(0, root + "/scripts")
-import door; door.end_at_errors()
-import bpy
-import numpy as np
-from pathlib import Path
-extension = door.load_extension()
-extension.register()
 from feature4x.addon.io.import_scene import import_scene
 from feature4x.addon.common.render_settings import save_multilayer
 
@@ -106,7 +92,7 @@ exr("lens")
 # Blender's compositor and the core's own file
 bpy.ops.wm.read_factory_settings(use_empty=True)
 scene = bpy.context.scene
-image = bpy.data.images.load(folder + "/core/00002.exr")
+image = bpy.data.images.load(str(folder / "core/00002.exr"))
 scene.render.resolution_x, scene.render.resolution_y = 64, 40
 scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
 scene.collection.objects.link(scene.camera)
@@ -128,8 +114,6 @@ out = tree.nodes.new("CompositorNodeComposite" if old else "NodeGroupOutput")
 tree.links.new(node.outputs["Combined"], matte.inputs["Image"])
 tree.links.new(matte.outputs["Matte"], out.inputs["Image"])
 exr("matte")
-print("ALL RENDERED", flush=True)
-door.end()
 """
 
 
@@ -146,15 +130,7 @@ def folder(tmp_path_factory):
     channels = "rgb,alpha,depth,vector,normal,position,mist,unseen,cryptomatte,mask:square"
     arguments = ["render", str(folder / "named.f4x"), "-o", str(folder / "core"), "--exr", "--frames", f"{T}:{T + 1}"]
     assert main([*arguments, "--channels", channels]) == 0
-    done = subprocess.run(
-        [sys.executable, "-c", f"T = {T}\n" + CHILD, str(ROOT), str(folder)],
-        capture_output=True,
-        text=True,
-        timeout=180,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-    )
-    assert "ALL RENDERED" in done.stdout, done.stdout[-2000:] + done.stderr
-    (folder / "log.txt").write_text(done.stdout)
+    perform(folder, f"T = {T}\n" + CHILD)
     return folder
 
 

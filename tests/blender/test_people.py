@@ -1,16 +1,12 @@
 """People in the sidebar: a click means the person, with Ctrl the limb; words, sentences and remarks are those of the core."""
 
 import numpy as np
-import pytest
 from people_scene import people_scene
 
 from f4x_core.scene import write_scene
 from f4x_core.scene.people import PARTS, people_of
 
 from .artist import opened_at, perform
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 FRAME = 5
 SCRIPT = f"""{opened_at(FRAME)}

@@ -14,9 +14,6 @@ from f4x_core.scene.formats import export
 
 from .artist import perform
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-
 START = """
 bpy.ops.wm.read_factory_settings(use_empty=True)
 def clip():
@@ -72,9 +69,8 @@ noted["keyed"] = refused(ops.align_floor)
     assert noted["stack"] == 0 and "has keys" in noted["keyed"]
 
 
-def test_exports_stand_where_the_scene_was_placed(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    before = (tmp_path / "scene.f4x").read_bytes()
+def test_exports_stand_where_the_scene_was_placed(folder):
+    before = (folder / "scene.f4x").read_bytes()
     script = """
 ops.import_scene(filepath=str(folder / "scene.f4x"))
 ops.export_scene(filepath=str(folder / "as_it_came.ply"))
@@ -85,15 +81,15 @@ ops.export_scene(filepath=str(folder / "file.ply"), as_placed=False)
 root().scale.x *= 2
 noted["uneven"] = refused(ops.export_scene, filepath=str(folder / "uneven.ply"))
 """
-    noted, _ = perform(tmp_path, START + script)
-    came, placed, file = (open_any(tmp_path / f"{name}.ply").static for name in ("as_it_came", "placed", "file"))
-    means = read_scene(tmp_path / "scene.f4x").posed(0).means
+    noted, _ = perform(folder, START + script)
+    came, placed, file = (open_any(folder / f"{name}.ply").static for name in ("as_it_came", "placed", "file"))
+    means = read_scene(folder / "scene.f4x").posed(0).means
     np.testing.assert_array_equal(came.means, means)
     np.testing.assert_array_equal(file.means, means)
     np.testing.assert_allclose(placed.means, 10 * means + (1, -3, 2), atol=1e-5)  # Blender's axes are x, z, -y
     np.testing.assert_allclose(placed.scales, 10 * came.scales, rtol=1e-5)
-    assert "scale" in noted["uneven"] and not (tmp_path / "uneven.ply").exists()
-    assert (tmp_path / "scene.f4x").read_bytes() == before
+    assert "scale" in noted["uneven"] and not (folder / "uneven.ply").exists()
+    assert (folder / "scene.f4x").read_bytes() == before
 
 
 def test_moves_are_along_blenders_axes_wherever_the_scene_was_placed(tmp_path):

@@ -1,16 +1,12 @@
 """Points deleted or moved in Edit Mode: a warning, an edit by one click, and undo."""
 
 import numpy as np
-import pytest
 from labelled_scene import labelled_scene
 
 from f4x_core.edit.apply import edited
-from f4x_core.scene import read_scene, write_scene
+from f4x_core.scene import read_scene
 
 from .artist import perform
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
 from feature4x.addon.operators import point_edits
@@ -32,12 +28,6 @@ def clouds():
 def shown():
     return sorted(np.concatenate([values(cloud, "gid") for cloud in clouds()]).tolist())
 """
-
-
-@pytest.fixture
-def folder(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    return tmp_path
 
 
 def test_deleted_points_become_a_removal(folder):

@@ -1,8 +1,5 @@
 """Preferences: which interpreter serves, what Check Setup shows, what Set Up asks for; jobs as Blender's operators start them."""
 
-import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,51 +11,30 @@ from warped_clip import warped_clip
 from f4x_core.scene import write_scene
 from f4x_core.scene.ply import read_ply
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
+from .artist import perform
+
 Image = pytest.importorskip("PIL.Image")
 ROOT = Path(__file__).resolve().parents[2]
 
 # Every test is a Blender of its own, with the extension enabled as far as its preferences are concerned.
 START = """
-import json, os, sys, time
-sys.path.insert(0, sys.argv[1] + "/scripts")
-import bpy, door
-extension = door.load_extension()
-extension.register()
+import time
 bpy.context.preferences.addons.new().module = "feature4x"
 from feature4x.addon.jobs import runner, preferences, worker
-from feature4x.f4x_core.errors import F4xError
 settings = preferences.preferences()
-
-def refused(operator, *how, **options):
-    try:
-        operator(*how, **options)
-    except RuntimeError as error:
-        return str(error).removeprefix("Error: ").strip()
-    raise AssertionError("it was not refused")
 """
-END = "\nextension.unregister()\nprint('WHOLE', flush=True)\ndoor.end()\n"
 
 
-def blender(code: str, *arguments: str, timeout: float = 120, **environment: str) -> str:
-    """What a Blender that runs `code` prints; it has to come to its end."""
-    outside = {name: value for name, value in os.environ.items() if name != "F4X_PYTHON"}
-    done = subprocess.run(
-        [sys.executable, "-c", START + code + END, str(ROOT), *arguments],
-        capture_output=True,
-        text=True,
-        env=outside | {"OMP_NUM_THREADS": "1"} | environment,
-        timeout=timeout,
-    )
-    assert done.stdout.endswith("WHOLE\n"), done.stdout + done.stderr
-    return done.stdout
-
-
-def test_which_interpreter_serves(tmp_path):
-    code = """
+def test_which_interpreter_serves_and_what_set_up_asks_for(tmp_path):
+    script = """
 assert preferences.find_interpreter() is None
-assert "Set Up" in refused(bpy.ops.f4x.check_worker)
+assert "Set Up" in refused(ops.check_worker)
+bpy.context.preferences.system.use_online_access = False
+assert not ops.set_up_worker.poll()
+bpy.context.preferences.system.use_online_access = True
+said = refused(ops.set_up_worker, python="/bin/true")
+assert "/bin/true is no Python" in said, said
+assert not preferences.worker_folder().exists()
 made = preferences.interpreter_in(preferences.worker_folder())
 made.parent.mkdir(parents=True)
 made.touch()
@@ -67,19 +43,18 @@ os.environ["F4X_PYTHON"] = "/of/the/environment"
 assert preferences.find_interpreter() == "/of/the/environment"
 settings.interpreter = "/of/the/preferences"
 assert preferences.find_interpreter() == "/of/the/preferences"
-assert "/of/the/preferences is missing or cannot be run" in refused(bpy.ops.f4x.check_worker)
+assert "/of/the/preferences is missing or cannot be run" in refused(ops.check_worker)
 """
-    blender(code, BLENDER_USER_RESOURCES=str(tmp_path))
+    perform(tmp_path, START + script, BLENDER_USER_RESOURCES=str(tmp_path))
 
 
-def test_check_setup_shows_versions_and_kernels():
-    code = """
+def test_check_setup_shows_versions_and_kernels(tmp_path):
+    script = """
 settings.interpreter = sys.executable
-assert bpy.ops.f4x.check_worker() == {"FINISHED"}
-print("CHECKED", settings.checked)
+assert ops.check_worker() == {"FINISHED"}
+noted["checked"] = json.loads(settings.checked)
 """
-    line = next(line for line in blender(code).splitlines() if line.startswith("CHECKED "))
-    rows = json.loads(line.removeprefix("CHECKED "))
+    rows = perform(tmp_path, START + script)[0]["checked"]
     assert rows[0][0] and f"Feature4X 0.1.0 on Python 3.{sys.version_info.minor}" in rows[0][1]
     assert rows[1][0] and rows[1][1].startswith("torch 2.")
     assert "compiled kernels" in rows[2][1]
@@ -98,29 +73,11 @@ def test_a_worker_without_torch_is_told(tmp_path):
     )
     python.chmod(0o755)
     code = """
-settings.interpreter = sys.argv[2]
-said = refused(bpy.ops.f4x.check_worker)
+settings.interpreter = sys.argv[3]
+said = refused(ops.check_worker)
 assert "torch" in said and "Set Up" in said, said
 """
-    blender(code, str(python))
-
-
-def test_set_up_needs_permission_to_go_online(tmp_path):
-    code = """
-bpy.context.preferences.system.use_online_access = False
-assert not bpy.ops.f4x.set_up_worker.poll()
-"""
-    blender(code, BLENDER_USER_RESOURCES=str(tmp_path))
-
-
-def test_set_up_with_a_python_that_is_none_is_one_sentence(tmp_path):
-    code = """
-bpy.context.preferences.system.use_online_access = True
-said = refused(bpy.ops.f4x.set_up_worker, python="/bin/true")
-assert "/bin/true is no Python" in said, said
-assert not preferences.worker_folder().exists()
-"""
-    blender(code, BLENDER_USER_RESOURCES=str(tmp_path))
+    perform(tmp_path, START + code, python)
 
 
 # A window's way, by hand: Blender without a window never calls timers, and waits for its jobs instead.
@@ -133,7 +90,7 @@ runner.bpy = type("bpy", (), {"app": Windowed, "context": bpy.context})
 """
 
 
-def test_jobs_are_looked_after_by_a_timer():
+def test_jobs_are_looked_after_by_a_timer(tmp_path):
     code = """
 talk = "import json, os, sys, time; print(json.dumps({'stage': 'a', 'done': 1, 'total': 2})); sys.stdout.flush(); time.sleep(60)"
 job = worker.Job("long", [sys.executable, "-c", talk])
@@ -143,37 +100,35 @@ assert time.monotonic() - start < 0.1 and bpy_app.timers.is_registered(runner.ti
 while runner.tick() and job.stage != "a":
     time.sleep(0.02)
 assert job.fraction == 0.5 and runner.all_jobs() == (job,)
-assert bpy.ops.f4x.dismiss_job(number=0) == {"FINISHED"}
+assert ops.dismiss_job(number=0) == {"FINISHED"}
 while runner.tick():
     time.sleep(0.02)
 assert job.state == worker.CANCELLED and runner.tick() is None
-assert bpy.ops.f4x.dismiss_job(number=0) == {"FINISHED"} and runner.all_jobs() == ()
-assert bpy.ops.f4x.dismiss_job(number=0) == {"CANCELLED"}
+assert ops.dismiss_job(number=0) == {"FINISHED"} and runner.all_jobs() == ()
+assert ops.dismiss_job(number=0) == {"CANCELLED"}
 last = worker.Job("last", [sys.executable, "-c", talk])
 runner.start(last)
 runner.end_all()
 assert last.child.poll() is not None and not bpy_app.timers.is_registered(runner.tick)
 """
-    blender(WINDOWED + code)
+    perform(tmp_path, START + WINDOWED + code)
 
 
 def test_the_worker_is_asked_about_the_scene(tmp_path):
     write_scene(labelled_scene(), tmp_path / "labelled.f4x")
     code = """
 settings.interpreter = sys.executable
-folder = sys.argv[2]
-assert not bpy.ops.f4x.ask_scene.poll()  # there is no scene yet
-bpy.ops.f4x.import_scene(filepath=folder + "/labelled.f4x")
+assert not ops.ask_scene.poll()  # there is no scene yet
+ops.import_scene(filepath=str(folder / "labelled.f4x"))
 bpy.context.scene.frame_set(3)
-assert bpy.ops.f4x.export_scene(filepath=folder + "/three.ply") == {"FINISHED"}
-assert bpy.ops.f4x.ask_scene(question="how many frames are there?") == {"FINISHED"}
-assert bpy.ops.f4x.query_text(text="square") == {"FINISHED"}
-from feature4x.addon.jobs import runner
+assert ops.export_scene(filepath=str(folder / "three.ply")) == {"FINISHED"}
+assert ops.ask_scene(question="how many frames are there?") == {"FINISHED"}
+assert ops.query_text(text="square") == {"FINISHED"}
 started, start = [], runner.start
 runner.start = lambda job: (started.append(job), start(job))
-assert bpy.ops.f4x.ask_scene(question="what is it?") == {"FINISHED"}
+assert ops.ask_scene(question="what is it?") == {"FINISHED"}
 assert "selection is the square (100%)" in started[0].text, started[0].text
-assert "did you mean 'square'?" in refused(bpy.ops.f4x.ask_scene, question="where is the sqaure?")
+assert "did you mean 'square'?" in refused(ops.ask_scene, question="where is the sqaure?")
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 drawn, body = MagicMock(), MagicMock()
@@ -183,20 +138,19 @@ runner._jobs.append(started[1])  # with a window it stays in the list
 runner.draw_job(drawn, context, started[1])
 runner.dismiss(started[1])
 assert "--yes" in started[1].error and "--yes" not in str(body.mock_calls)
-assert bpy.ops.f4x.ask_scene(question=started[1].instead) == {"FINISHED"}
+assert ops.ask_scene(question=started[1].instead) == {"FINISHED"}
 assert "square" in started[2].text and body.operator().question == started[1].instead == "where is the square"
-assert "no-teacher" in refused(bpy.ops.f4x.add_features, teachers="no-teacher")
-from feature4x.addon.scene.scene_object import SceneObject
+assert "no-teacher" in refused(ops.add_features, teachers="no-teacher")
 from feature4x.f4x_core.edit.operations import Recolour
 from feature4x.f4x_core.edit.selects import Moving
 scene_object = SceneObject.of(None)
 scene_object.append(Recolour(Moving(), (0.0, 1.0, 0.0)))
-told = refused(bpy.ops.f4x.query_text, text="unicorn")
+told = refused(ops.query_text, text="unicorn")
 assert "does not know unicorn; save its edits" in told and "Traceback" not in told
-assert "Type what to select" in refused(bpy.ops.f4x.query_text, text=" ")
-assert "does not exist" in refused(bpy.ops.f4x.fit_clip, filepath=folder + "/nowhere.mp4")
+assert "Type what to select" in refused(ops.query_text, text=" ")
+assert "does not exist" in refused(ops.fit_clip, filepath=str(folder / "nowhere.mp4"))
 """
-    blender(code, str(tmp_path))
+    perform(tmp_path, START + code)
     exported, scene = read_ply(tmp_path / "three.ply"), labelled_scene()
     assert np.abs(exported.means - scene.posed(3.0).means).max() < 1e-5
 
@@ -206,20 +160,18 @@ def test_a_job_that_ends_leaves_what_is_being_worked_on(tmp_path):
         write_scene(labelled_scene(), tmp_path / f"{name}.f4x")
     code = """
 from feature4x.addon.operators import tasks
-from feature4x.addon.scene.scene_object import SceneObject
-folder = sys.argv[2]
-bpy.ops.f4x.import_scene(filepath=folder + "/mine.f4x")
+ops.import_scene(filepath=str(folder / "mine.f4x"))
 scene_object = SceneObject.of(bpy.context.object)
 scene = bpy.context.scene
 scene.render.resolution_x, scene.frame_end = 640, 99
-bpy.ops.f4x.query_text(text="square")
+ops.query_text(text="square")
 before = scene.camera, scene_object.read(".selection")
-tasks.import_fitted({"scene": folder + "/fitted.f4x"})
+tasks.import_fitted({"scene": str(folder / "fitted.f4x")})
 assert (scene.camera, scene.render.resolution_x, scene.frame_end) == (before[0], 640, 99)
 scene_object.attach()  # as after features were added
 assert before[1].any() and (scene_object.read(".selection") == before[1]).all()
 """
-    blender(code, str(tmp_path))
+    perform(tmp_path, START + code)
 
 
 @pytest.mark.slow
@@ -230,10 +182,9 @@ def test_a_fit_is_stopped_goes_on_and_is_imported(tmp_path):
         Image.fromarray(frame).save(tmp_path / "walk" / f"{number:03d}.png")
     code = """
 settings.interpreter = sys.executable
-folder = sys.argv[2]
 
 def fit(stop_at=None):
-    done = bpy.ops.f4x.fit_clip(filepath=folder + "/walk/000.png", profile="quick", features=False)
+    done = ops.fit_clip(filepath=str(folder / "walk/000.png"), profile="quick", features=False)
     assert done == {"FINISHED"}
     job = runner.all_jobs()[-1]
     stages, asked, longest = [], None, 0.0
@@ -246,23 +197,22 @@ def fit(stop_at=None):
         stages += [job.stage] if job.stage not in stages else []
         if asked is None and job.stage == stop_at and job.done > 5:
             asked = time.monotonic()
-            bpy.ops.f4x.dismiss_job(number=len(runner.all_jobs()) - 1)
+            ops.dismiss_job(number=len(runner.all_jobs()) - 1)
         time.sleep(0.02)
 
 job, stages, took, longest = fit("photometric")
 print(f"stopped after {took:.2f} s; Blender was kept busy for {1000 * longest:.1f} ms at most")
 assert job.state == "cancelled" and took < 2 and longest < 0.1
-assert os.listdir(folder + "/walk_4d/checkpoints") == ["photometric.pt"]
+assert os.listdir(str(folder / "walk_4d/checkpoints")) == ["photometric.pt"]
 job, again, _, _ = fit()
 assert job.state == "done", job.error
 assert "flow" in stages and "flow" not in again  # what was finished is not done twice
-assert os.path.isfile(folder + "/walk_4d/scene.f4x") and "walk" in bpy.data.objects
+assert os.path.isfile(str(folder / "walk_4d/scene.f4x")) and "walk" in bpy.data.objects
 """
-    print(blender(WINDOWED + code, str(tmp_path), timeout=600))
+    perform(tmp_path, START + WINDOWED + code)
 
 
-def test_imported_scenes_are_drawn_by_the_engine_unless_it_is_not_wanted_or_slow(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+def test_imported_scenes_are_drawn_by_the_engine_unless_it_is_not_wanted_or_slow(folder):
     code = """
 from feature4x.addon.render import viewport
 scene = bpy.context.scene
@@ -270,7 +220,7 @@ scene = bpy.context.scene
 def engine_after(library, **options):
     viewport.open_library = lambda: (library, "")
     scene.render.engine = "CYCLES"
-    bpy.ops.f4x.import_scene(filepath=sys.argv[2] + "/scene.f4x", **options)
+    ops.import_scene(filepath=str(folder / "scene.f4x"), **options)
     return scene.render.engine
 
 there = object()
@@ -280,4 +230,4 @@ assert engine_after(None) == "CYCLES"
 settings.show_exactly = False
 assert engine_after(there) == "CYCLES"
 """
-    blender(code, str(tmp_path))
+    perform(folder, START + code)

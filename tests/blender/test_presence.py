@@ -15,8 +15,6 @@ from f4x_core.edit.operations import Transform
 from f4x_core.edit.selects import Ids
 from f4x_core.scene import Scene, write_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "import_scene.py"
 FRAMES = (0, 2, 3, 4, 5)
 DOOR = f"import sys; sys.path.insert(0, {str(SCRIPT.parent)!r}); import door\n"

@@ -11,8 +11,6 @@ import pytest
 
 from f4x_core.versions import VERSION
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 
 CHILD = """

@@ -3,11 +3,7 @@
 One child renders everything; the tests look at the files it leaves.
 """
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -23,9 +19,8 @@ from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.color import linear_from_srgb
 from f4x_core.scene.view import render
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
-ROOT = Path(__file__).resolve().parents[2]
+from .artist import perform
+
 FRAME = 3
 WORLD = (0.2, 0.05, 0.4)  # linear
 # how the camera looks: settings of its data, then of the render
@@ -37,16 +32,7 @@ CAMERAS = {
 }
 
 CHILD = """
-import sys
-root, folder = sys.argv[1], sys.argv[2]
-sys.path.insert(0, root + "/scripts")
-import door; door.end_at_errors()
-import bpy
-import numpy as np
 from mathutils import Matrix
-from pathlib import Path
-extension = door.load_extension()
-extension.register()
 from feature4x.addon.io.import_scene import import_scene
 from feature4x.addon.common.point_cloud import FLOAT4, read_attribute, write_attribute
 from feature4x.addon.common.render_settings import save_multilayer
@@ -137,11 +123,11 @@ camera.matrix_world = stands
 root.matrix_world = Matrix.Translation((0.3, 0.2, -0.1)) @ Matrix.Rotation(0.3, 4, "Z") @ root.matrix_world
 bpy.context.view_layer.update()
 exr("moved")
-np.savez(folder + "/moved.npz", root=np.array(root.matrix_world), camera=np.array(camera.matrix_world))
+np.savez(folder / "moved.npz", root=np.array(root.matrix_world), camera=np.array(camera.matrix_world))
 
 fresh(); move_node()
 evaluated = cloud("dynamic").evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-np.savez(folder + "/node.npz", means=read_attribute(evaluated, "position"), quats=read_attribute(evaluated, "rotation"))
+np.savez(folder / "node.npz", means=read_attribute(evaluated, "position"), quats=read_attribute(evaluated, "rotation"))
 exr("node")
 
 fresh()
@@ -181,8 +167,6 @@ except RuntimeError as error:
 bpy.context.scene.camera.data.type = "ORTHO"
 bpy.context.scene.camera.data.ortho_scale = 2.0
 exr("ortho")
-print("ALL RENDERED", flush=True)
-door.end()
 """
 
 
@@ -196,15 +180,7 @@ def folder(tmp_path_factory):
     write_scene(replace(labelled, features=features), folder / "labelled.f4x")
     names = ("FRAME", "WORLD", "CAMERAS")
     constants = "".join(f"{name} = {globals()[name]!r}\n" for name in names)
-    done = subprocess.run(
-        [sys.executable, "-c", CHILD + constants + BODY, str(ROOT), str(folder)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-    )
-    assert "ALL RENDERED" in done.stdout, done.stdout[-2000:] + done.stderr
-    (folder / "log.txt").write_text(done.stdout + done.stderr)
+    perform(folder, CHILD + constants + BODY)
     return folder
 
 

@@ -21,8 +21,6 @@ from f4x_core.query.selection import Selection
 from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.view import render
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 pytest.importorskip("OpenEXR")
 cv2 = pytest.importorskip("cv2")
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"

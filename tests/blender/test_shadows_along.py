@@ -1,15 +1,11 @@
 """Remove in the panel takes the shadow along, unless its switch is off; points deleted by hand take nothing along."""
 
 import numpy as np
-import pytest
 from test_edit_shadows import MOST, SCENE, SHADOW, SQUARE
 
 from f4x_core.scene import write_scene
 
 from .artist import perform
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 
 def test_remove_takes_the_shadow_along(tmp_path):

@@ -14,8 +14,6 @@ from .artist import perform
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 import door
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 WALL, SQUARE = 1120, 81
 
 START = """

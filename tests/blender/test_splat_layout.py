@@ -10,8 +10,6 @@ from random_scene import random_scene
 
 from f4x_core.scene import write_scene
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 
 CODE = """

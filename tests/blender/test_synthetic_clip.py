@@ -10,8 +10,6 @@ import pytest
 
 from f4x_core.geometry.camera import CameraPath
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 OpenEXR = pytest.importorskip("OpenEXR")
 SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "synthetic_clip.py"
 WIDTH, HEIGHT, FRAMES = 96, 56, 3

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import pytest
 from random_scene import random_scene
 
 from f4x_core.edit.apply import edited, with_operations
@@ -20,8 +19,6 @@ from f4x_core.scene.view import render
 
 from .artist import ROOT, perform
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 KNOTS = np.array([0.0, 1.0, 3.0, 5.0])
 TIMES = (0.0, 0.25, 2.0, 4.5, 5.0)
 M, S = Moving(), Not(Moving())

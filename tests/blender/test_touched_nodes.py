@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from f4x_core.scene import write_scene
-
 from .artist import perform
 from .tiny_scene import NODES, tiny_scene
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
 from feature4x.addon.rig.scaffold import layer_of
@@ -32,12 +27,6 @@ note("before")
 """
 
 
-@pytest.fixture
-def folder(tmp_path):
-    write_scene(tiny_scene(), tmp_path / "scene.f4x")
-    return tmp_path
-
-
 NAMES = (
     "Head",
     "zzz",
@@ -52,7 +41,7 @@ NAMES = (
 )
 
 
-def test_renamed_nodes_keep_their_points(folder):
+def test_renamed_nodes_keep_their_points(tiny_folder):
     script = f"""
 for number, name in enumerate({NAMES}):
     node(number).name = name
@@ -66,7 +55,7 @@ note("opened")
 select(bpy.data.objects["Head"])
 noted["written"] = list(ops.write_motion())
 """
-    noted, arrays = perform(folder, START + script)
+    noted, arrays = perform(tiny_folder, START + script)
     for number in range(len(NAMES)):
         np.testing.assert_allclose(arrays[f"name {number}"], arrays["before"], atol=1e-6)
     follows = (tiny_scene().dynamic.node == NODES - 1).any(1)
@@ -76,7 +65,7 @@ noted["written"] = list(ops.write_motion())
     assert noted["written"] == ["FINISHED"] and noted["name 9"] == ""
 
 
-def test_a_move_without_a_key_is_written_back_at_its_frame(folder):
+def test_a_move_without_a_key_is_written_back_at_its_frame(tiny_folder):
     script = """
 select(node(3))
 node(3).location.x += 0.4
@@ -88,7 +77,7 @@ bpy.context.scene.frame_set(4); note("again")
 [rekey] = [edit.operation for edit in scene_object().stack.edits]
 noted["nodes"], noted["times"] = len(rekey.nodes), len(rekey.times)
 """
-    noted, arrays = perform(folder, START + script)
+    noted, arrays = perform(tiny_folder, START + script)
     assert np.abs(arrays["moved"] - arrays["before"]).max() > 0.05
     np.testing.assert_allclose(arrays["after"], arrays["moved"], atol=1e-6)
     np.testing.assert_allclose(arrays["again"], arrays["moved"], atol=1e-6)
@@ -96,7 +85,7 @@ noted["nodes"], noted["times"] = len(rekey.nodes), len(rekey.times)
     assert (noted["written"], noted["nodes"], noted["times"]) == (["FINISHED"], 1, 1)
 
 
-def test_a_copied_node_carries_nothing(folder):
+def test_a_copied_node_carries_nothing(tiny_folder):
     script = """
 select(node(3))
 bpy.ops.object.duplicate()
@@ -110,7 +99,7 @@ note("original")
 noted["written"] = list(ops.write_motion())
 noted["stack"] = len(scene_object().stack)
 """
-    noted, arrays = perform(folder, START + script)
+    noted, arrays = perform(tiny_folder, START + script)
     np.testing.assert_allclose(arrays["copied"], arrays["before"], atol=1e-6)
     np.testing.assert_allclose(arrays["moved"], arrays["before"], atol=1e-6)
     assert np.abs(arrays["original"] - arrays["before"]).max() > 0.05
@@ -118,7 +107,7 @@ noted["stack"] = len(scene_object().stack)
     assert noted["written"] == ["FINISHED"] and noted["stack"] == 1
 
 
-def test_deleted_nodes_leave_their_points_with_the_others(folder):
+def test_deleted_nodes_leave_their_points_with_the_others(tiny_folder):
     script = """
 select(node(3)); push("selected")
 bpy.ops.object.delete(); push("deleted")
@@ -131,7 +120,7 @@ bpy.ops.ed.undo(); bpy.ops.ed.undo(); bpy.ops.ed.undo(); bpy.ops.ed.undo()
 bpy.context.scene.frame_set(4)
 note("undone")
 """
-    noted, arrays = perform(folder, START + script)
+    noted, arrays = perform(tiny_folder, START + script)
     scene = tiny_scene()
     follows = (scene.dynamic.node == 3).any(1)
     np.testing.assert_allclose(arrays["one gone"][~follows], arrays["before"][~follows], atol=1e-6)
@@ -179,8 +168,8 @@ noted["selected"] = [item.f4x.selected for item in (first, copy)]
 
 @pytest.mark.parametrize("how", ["duplicate", "duplicate_move_linked"])
 @pytest.mark.parametrize("hidden", [False, True])
-def test_a_copied_scene_is_a_second_scene(folder, how, hidden):
-    noted, arrays = perform(folder, START + HIERARCHY.format(how=how, hidden=hidden))
+def test_a_copied_scene_is_a_second_scene(tiny_folder, how, hidden):
+    noted, arrays = perform(tiny_folder, START + HIERARCHY.format(how=how, hidden=hidden))
     assert noted["nodes visible"] != hidden
     for name in ("copied", "node of the copy"):
         np.testing.assert_allclose(arrays[name], arrays["before"], atol=1e-6)
@@ -193,7 +182,7 @@ def test_a_copied_scene_is_a_second_scene(folder, how, hidden):
     np.testing.assert_allclose(arrays["twin alone"], arrays["twin changed"], atol=1e-6)
 
 
-def test_a_copied_root_alone_is_an_empty(folder):
+def test_a_copied_root_alone_is_an_empty(tiny_folder):
     script = """
 select(first)
 bpy.ops.object.duplicate()
@@ -201,12 +190,12 @@ copy = bpy.context.object
 note("copied")
 noted["keys"] = [key for key in copy.keys() if key != "f4x"]
 """
-    noted, arrays = perform(folder, START + script)
+    noted, arrays = perform(tiny_folder, START + script)
     np.testing.assert_allclose(arrays["copied"], arrays["before"], atol=1e-6)
     assert noted["keys"] == []
 
 
-def test_a_copied_scene_with_handles_follows_the_nodes_of_its_original(folder):
+def test_a_copied_scene_with_handles_follows_the_nodes_of_its_original(tiny_folder):
     script = """
 ops.add_handles(count=2)
 note("handles")
@@ -220,7 +209,7 @@ bpy.data.objects["tiny handle 00"].location.x += 0.3
 note("moved")
 arrays["twin moved"] = values(twin)
 """
-    _, arrays = perform(folder, START + script)
+    _, arrays = perform(tiny_folder, START + script)
     for name in ("handles", "copied", "twin"):
         np.testing.assert_allclose(arrays[name], arrays["before"], atol=1e-5)
     assert np.abs(arrays["moved"] - arrays["before"]).max() > 0.05

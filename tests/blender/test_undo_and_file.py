@@ -2,17 +2,10 @@
 
 from dataclasses import replace
 
-import pytest
-from labelled_scene import labelled_scene
-
 from f4x_core.edit.apply import open_scene
 from f4x_core.scene import read_scene, write_scene
 
 from .artist import perform
-from .tiny_scene import tiny_scene
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -35,9 +28,8 @@ ops.save_edits(); push("save"); note("saved without")
 """
 
 
-def test_an_edit_undone_past_its_save_is_told_and_leaves_the_file_with_the_next_save(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    noted, _ = perform(tmp_path, START + UNDONE)
+def test_an_edit_undone_past_its_save_is_told_and_leaves_the_file_with_the_next_save(folder):
+    noted, _ = perform(folder, START + UNDONE)
     assert noted["recoloured"]["stack"] == ["recolour"] and not noted["recoloured"]["saved"]
     assert noted["saved"]["saved"] and noted["saved"]["file"] == ["recolour"]
     assert noted["undone once"]["stack"] == ["recolour"] and noted["undone once"]["saved"]
@@ -47,21 +39,19 @@ def test_an_edit_undone_past_its_save_is_told_and_leaves_the_file_with_the_next_
     assert noted["saved without"]["file"] == [] and noted["saved without"]["saved"]
 
 
-def test_a_blend_remembers_which_edits_of_the_file_were_undone(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+def test_a_blend_remembers_which_edits_of_the_file_were_undone(folder):
     script = START + UNDONE.rpartition("bpy.ops.ed.redo()")[0]
     again = """
 bpy.ops.wm.open_mainfile(filepath=str(folder / "shot.blend"))
 note("opened")
 ops.save_edits(); note("saved")
 """
-    noted, _ = perform(tmp_path, script + again)
+    noted, _ = perform(folder, script + again)
     assert not noted["opened"]["saved"] and noted["opened"]["label"] == "Remove 1 Edit from Scene File"
     assert noted["saved"]["file"] == []
 
 
-def test_a_file_that_blender_saved_by_itself_remembers_it_too(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+def test_a_file_that_blender_saved_by_itself_remembers_it_too(folder):
     script = START + UNDONE.partition("bpy.ops.wm.save")[0]
     again = """
 bpy.app.handlers.save_pre.clear()  # an auto-save tells nobody
@@ -69,12 +59,11 @@ bpy.ops.wm.save_as_mainfile(filepath=str(folder / "auto.blend"), copy=True)
 bpy.ops.wm.open_mainfile(filepath=str(folder / "auto.blend"))
 note("opened")
 """
-    noted, _ = perform(tmp_path, script + again)
+    noted, _ = perform(folder, script + again)
     assert noted["opened"]["label"] == "Remove 1 Edit from Scene File"
 
 
-def test_what_another_program_wrote_is_seen_and_stays(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+def test_what_another_program_wrote_is_seen_and_stays(folder):
     other = """
 from feature4x.f4x_core.edit.operations import Opacity
 from feature4x.f4x_core.edit.selects import All
@@ -84,7 +73,7 @@ write_stack(file, read_stack(file).append(Opacity(All(), 0.5)))
 note("written by another")
 ops.save_edits(); push("save"); note("merged")
 """
-    noted, _ = perform(tmp_path, START + UNDONE + other)
+    noted, _ = perform(folder, START + UNDONE + other)
     assert (
         not noted["written by another"]["saved"]
         and noted["written by another"]["label"] == "Load Edits from Scene File"
@@ -92,8 +81,7 @@ ops.save_edits(); push("save"); note("merged")
     assert noted["merged"]["saved"] and noted["merged"]["stack"] == noted["merged"]["file"] == ["opacity"]
 
 
-def test_written_motion_pends_until_it_is_saved(tmp_path):
-    write_scene(tiny_scene(), tmp_path / "scene.f4x")
+def test_written_motion_pends_until_it_is_saved(tiny_folder):
     script = """
 show_nodes()
 node = bpy.data.objects["tiny node 00003"]
@@ -102,18 +90,17 @@ ops.grab_nodes(offset=(0.3, 0, 0), reach=0.0); push("grabbed")
 ops.write_motion(); push("written"); note("written")
 bpy.ops.ed.undo(); note("undone")
 """
-    noted, _ = perform(tmp_path, START + script)
+    noted, _ = perform(tiny_folder, START + script)
     assert noted["written"]["stack"] == ["rekey"] and noted["written"]["file"] == [] and not noted["written"]["saved"]
     assert noted["undone"]["stack"] == [] and noted["undone"]["saved"]
 
 
-def test_undo_past_new_words_of_a_job_keeps_the_scene(tmp_path):
+def test_undo_past_new_words_of_a_job_keeps_the_scene(folder):
     """A job that adds words writes other arrays into the file; what the scene is stays the same."""
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    scene = read_scene(tmp_path / "scene.f4x")
+    scene = read_scene(folder / "scene.f4x")
     words = scene.features.vocabularies["words"]
     more = replace(words, labels=(*words.labels, "edge"), vectors=words.vectors[[*range(len(words.labels)), 0]])
-    write_scene(replace(scene, features=replace(scene.features, vocabularies={"words": more})), tmp_path / "more.f4x")
+    write_scene(replace(scene, features=replace(scene.features, vocabularies={"words": more})), folder / "more.f4x")
     script = """
 import shutil
 ops.query_text(text="square"); push("query")
@@ -127,12 +114,11 @@ ops.query_text(text="edge"); noted["found"] = root().f4x.selected
 bpy.ops.ed.undo(); bpy.ops.ed.undo()
 ops.query_text(text="square"); noted["after"] = root().f4x.selected
 """
-    noted, _ = perform(tmp_path, START + script)
+    noted, _ = perform(folder, START + script)
     assert noted["found"] > 0 and noted["after"] > 0
 
 
-def test_edits_of_a_packed_scene_are_saved_in_the_blend(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+def test_edits_of_a_packed_scene_are_saved_in_the_blend(folder):
     script = """
 ops.pack_scene()
 (folder / "scene.f4x").unlink()
@@ -146,7 +132,7 @@ from feature4x.f4x_core.edit.stack import read_stack
 noted["file"] = len(read_stack(scene_object().path))
 noted["saved"], noted["left"] = scene_object().is_saved, [image.name for image in bpy.data.images]
 """
-    noted, _ = perform(tmp_path, START + script)
+    noted, _ = perform(folder, START + script)
     assert not noted["before"] and noted["saved"] and noted["file"] == 1 and len(noted["left"]) == 1
 
 
@@ -179,9 +165,8 @@ def start(what):
 """
 
 
-def test_saving_beside_other_writers_loses_nothing(tmp_path):
+def test_saving_beside_other_writers_loses_nothing(folder):
     """Refused where another writer holds the file, also when that one dies; copies of both sides stay; no round loses an edit."""
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
     script = """
 ops.query_text(text="square"); ops.duplicate()
 child = start("hold")
@@ -196,9 +181,9 @@ child.wait()
 ops.save_edits(); note("often")
 noted["left"] = sorted(file.name for file in folder.iterdir())
 """
-    noted, _ = perform(tmp_path, START + OTHER + script)
+    noted, _ = perform(folder, START + OTHER + script)
     assert "another program is changing this scene" in noted["refused"]
     assert noted["copies"]["file"] == noted["copies"]["stack"] == ["duplicate"] * 2
     counts = {tag: noted["often"]["file"].count(tag) for tag in ("duplicate", "recolour", "opacity")}
     assert counts == {"duplicate": 2, "recolour": 20, "opacity": 20} and noted["often"]["saved"]
-    assert noted["left"] == ["scene.f4x"] and len(open_scene(tmp_path / "scene.f4x").edits) == 42
+    assert noted["left"] == ["scene.f4x"] and len(open_scene(folder / "scene.f4x").edits) == 42

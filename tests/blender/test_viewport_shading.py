@@ -1,14 +1,6 @@
 """The pictures of viewports: a saved .blend opens as it was seen, and *Show Picture* is there wherever it is not."""
 
-import pytest
-
-from f4x_core.scene import write_scene
-
 from .artist import perform
-from .tiny_scene import tiny_scene
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
 ops.import_scene(filepath=str(folder / "scene.f4x"))
@@ -32,13 +24,7 @@ before = shading()
 """
 
 
-@pytest.fixture
-def folder(tmp_path):
-    write_scene(tiny_scene(), tmp_path / "scene.f4x")
-    return tmp_path
-
-
-def test_a_saved_blend_opens_as_it_was_seen(folder):
+def test_a_saved_blend_opens_as_it_was_seen(tiny_folder):
     script = """
 save_and_open()
 noted["same"], noted["shows"] = shading() == before, sorted(set(before))
@@ -47,12 +33,12 @@ views()[0].shading.type = "SOLID"
 save_and_open()
 noted["again"] = shading() == ["SOLID", *before[1:]]
 """
-    noted, _ = perform(folder, START + script)
+    noted, _ = perform(tiny_folder, START + script)
     assert noted["same"] and noted["again"] and noted["shows"] == ["RENDERED", "WIREFRAME"]
     assert not any(noted["left"]) and not any(noted["in memory"])
 
 
-def test_viewports_of_other_engines_and_of_the_session_are_left_alone(folder):
+def test_viewports_of_other_engines_and_of_the_session_are_left_alone(tiny_folder):
     """Blender opens no file with the picture of Cycles; without the file's windows those of the session stay."""
     script = """
 bpy.context.scene.render.engine = "CYCLES"
@@ -67,11 +53,11 @@ for space in views():
 bpy.ops.wm.open_mainfile(filepath=str(folder / "a.blend"), load_ui=False)
 noted["session"] = "RENDERED" in shading()
 """
-    noted, _ = perform(folder, START + script)
+    noted, _ = perform(tiny_folder, START + script)
     assert not noted["cycles"] and not noted["session"]
 
 
-def test_the_button_has_words_until_the_picture_is_shown(folder):
+def test_the_button_has_words_until_the_picture_is_shown(tiny_folder):
     """A layout that only notes what is drawn into it."""
     script = """
 from types import SimpleNamespace
@@ -99,6 +85,6 @@ for item in list(bpy.data.objects):
     bpy.data.objects.remove(item)
 noted["empty"] = button()
 """
-    noted, _ = perform(folder, START + script)
+    noted, _ = perform(tiny_folder, START + script)
     words = [["f4x.show_picture", None]]  # its own label
     assert noted == {"solid": words, "cycles": words, "shown": [], "empty": []}

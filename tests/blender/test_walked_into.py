@@ -16,8 +16,6 @@ from f4x_core.scene.formats import export
 
 from .artist import perform
 
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 START = """
@@ -28,12 +26,6 @@ push("imported")
 def by_name(name):
     return SceneObject(bpy.data.objects[name])
 """
-
-
-@pytest.fixture
-def folder(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    return tmp_path
 
 
 def walk(folder: Path, seed: int, steps: int) -> dict:
@@ -271,10 +263,22 @@ noted["after"] = list(handle.delta_location)
     assert noted["after"] == noted["before"]
 
 
-def test_importing_while_workbench_is_the_engine(folder):
-    script = """
-bpy.context.scene.render.engine = "BLENDER_WORKBENCH"
-ops.import_scene(filepath=str(folder / "scene.f4x"), set_up_render=False)
+@pytest.mark.parametrize(
+    "before",
+    [
+        'bpy.context.scene.render.engine = "BLENDER_WORKBENCH"',
+        """
+item = bpy.data.objects.new("gone", None)
+bpy.context.scene.collection.objects.link(item)
+select(item)
+bpy.data.objects.remove(item)""",
+    ],
+    ids=["while Workbench is the engine", "where something selected has just been removed"],
+)
+def test_importing(folder, before):
+    script = f"""
+{before}
+ops.import_scene(filepath=str(folder / "scene.f4x"), set_up_render={"WORKBENCH" not in before})
 noted["scenes"] = len(SceneObject.among(bpy.data.objects))
 """
     noted, _ = perform(folder, START + script)
@@ -419,19 +423,6 @@ bpy.data.objects.remove(bpy.data.objects["labelled static"]); seen("without the 
             "without the wall": (0, 0),
         }.items()
     }
-
-
-def test_importing_where_something_selected_has_just_been_removed(folder):
-    script = """
-item = bpy.data.objects.new("gone", None)
-bpy.context.scene.collection.objects.link(item)
-select(item)
-bpy.data.objects.remove(item)
-ops.import_scene(filepath=str(folder / "scene.f4x"))
-noted["scenes"] = len(SceneObject.among(bpy.data.objects))
-"""
-    noted, _ = perform(folder, START + script)
-    assert noted["scenes"] == 2
 
 
 def test_a_node_without_a_parent_takes_a_written_motion_back(folder):

@@ -13,12 +13,17 @@ from f4x_core.priors.depth import GUESSED_MOVERS
 from f4x_core.report.advice import about_room, contradiction, findings
 
 
+@pytest.fixture
+def priors():
+    """Those of the toy clip."""
+    return clip_and_priors()[1]
+
+
 def said(priors, picked="") -> str:
     return " ".join(finding.what + finding.advice for finding in findings(priors, None, {}, picked))
 
 
-def test_true_priors_meet_and_wrong_ones_are_said():
-    _, priors = clip_and_priors()
+def test_true_priors_meet_and_wrong_ones_are_said(priors):
     assert contradiction(priors) < 0.1 and "contradict" not in said(priors)
     priors.cameras = priors.cameras.scaled_world(3.0)
     assert contradiction(priors) > 1 and "contradict each other" in said(priors)
@@ -31,21 +36,18 @@ def test_true_priors_meet_and_wrong_ones_are_said():
 @pytest.mark.parametrize(
     ("cuts", "words"), [([], ""), ([5], "2 shots, cut at frame 5"), ([3, 6], "3 shots, cut at frame 3, 6")]
 )
-def test_cuts_are_named(cuts, words):
-    _, priors = clip_and_priors()
+def test_cuts_are_named(cuts, words, priors):
     priors.statistics["changes"] = {"cuts": cuts, "exposure": 1.0}
     assert (words in said(priors)) and ("shots" in said(priors)) == bool(cuts)
 
 
-def test_advice_on_cuts_counts_the_frames_of_the_source():
-    _, priors = clip_and_priors()
+def test_advice_on_cuts_counts_the_frames_of_the_source(priors):
     priors.statistics["changes"] = {"cuts": [2], "exposure": 1.0}
     assert "cut at frame 59 of its source" in said(priors, "55:69:2") and "--frames 59:69:2;" in said(priors, "55:69:2")
     assert "--frames 2:8:1;" in said(priors), "a clip whose source is not known"
 
 
-def test_exposure_is_told_in_percent():
-    _, priors = clip_and_priors()
+def test_exposure_is_told_in_percent(priors):
     priors.statistics["changes"] = {"cuts": [], "exposure": 1.5}
     assert "exposure changes by 50%" in said(priors)
 
@@ -61,8 +63,7 @@ def test_exposure_is_told_in_percent():
     ids=["flat", "clear", "too wide", "too long"],
 )
 @pytest.mark.parametrize(("kind", "search"), [("moving", "focal_search"), ("pan", "pan_focal_search")])
-def test_the_search_for_the_focal_length_is_judged(kind, search, errors, words):
-    _, priors = clip_and_priors()
+def test_the_search_for_the_focal_length_is_judged(kind, search, errors, words, priors):
     priors.camera_kind = kind
     curve = {"focal_over_width": [0.5, 0.8, 1.2, 2.5], "error_px": errors}
     priors.statistics["cameras"] = {search: curve}
@@ -103,8 +104,7 @@ def test_what_there_was_no_room_for_is_named_with_what_held_it_back():
     )
 
 
-def test_a_guessed_depth_of_movers_is_said_once():
-    _, priors = clip_and_priors()
+def test_a_guessed_depth_of_movers_is_said_once(priors):
     priors.warn(GUESSED_MOVERS)
     assert ("The depth of what moves" in said(priors)) != (GUESSED_MOVERS in said(priors))
     priors.depth_confidence = np.zeros_like(priors.depth_confidence)

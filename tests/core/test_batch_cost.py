@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.speed import long_clips as long_benchmark
 from benchmarks.speed.batch import leave_one_out, measure_growth, measure_overhead
-from f4x_core.batch.cost import Size, fit_costs
+from benchmarks.speed.batch_cost import Size, fit_costs
 from f4x_core.cli import main
 from f4x_core.clip import write_images
 from f4x_core.errors import F4xError

@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from batch_clips import PROGRAM, STUB, wait_for, write_clips
 
 from f4x_core.batch import ray_engine
 from f4x_core.batch.local import LocalEngine
@@ -22,7 +23,6 @@ from f4x_core.errors import F4xError
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for workers in /proc")]
 ray = pytest.importorskip("ray", reason="ray is not installed")
-STUB = (sys.executable, "-m", "f4x_core.batch.stub")
 NODE = {"num_cpus": 1, "object_store_memory": 80_000_000, "memory": 4 << 30, "include_dashboard": False}
 LOOPBACK = "127.0.0.2"
 """Not .1: Ray would put the machine's outer address in its place."""
@@ -44,13 +44,6 @@ def cluster():
 def fresh_version():
     """The code is read again: somebody may have worked on it since the last test."""
     ray_engine.code_version.cache_clear()
-
-
-def write_clips(folder, **clips):
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, behaviour in clips.items():
-        (folder / f"{name}.clip").write_text(json.dumps({"name": name, **behaviour}))
-    return str(folder / "*.clip")
 
 
 def run(cluster, pattern, place, disturb=None, defaults=ROWS):
@@ -80,14 +73,6 @@ def scenes(place):
     return {file.parent.name: file.read_bytes() for file in Path(place).glob("*/scene.f4x")}
 
 
-def wait_for(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.02)
-    return found
-
-
 def parent_of(pid):
     return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
@@ -98,7 +83,7 @@ def fits_at_work():
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             words = (entry / "cmdline").read_bytes().split(b"\0")
-            if b"f4x_core.batch.stub" in words and b"fit" in words:
+            if b"benchmarks.speed.batch_stub" in words and b"fit" in words:
                 found[parent_of(entry.name)] = int(entry.name)
         except (FileNotFoundError, ProcessLookupError):
             continue
@@ -172,16 +157,6 @@ def test_a_task_that_fits_on_no_node_is_told(cluster, tmp_path):
     pattern = write_clips(tmp_path / "clips", a={})
     with pytest.raises(F4xError, match="a: no node of the cluster has 64 cores, 1 GB"):
         run(cluster, pattern, tmp_path / "out", defaults={"threads": "64"})
-
-
-PROGRAM = """
-import sys
-from functools import partial
-from f4x_core.batch.work import Settings
-from f4x_core.cli import batch, main
-batch.Settings = partial(Settings, program=(sys.executable, "-m", "f4x_core.batch.stub"), save_every=0.05)
-sys.exit(main(sys.argv[1:]))
-"""
 
 
 @pytest.mark.usefixtures("ctrl_c")

@@ -190,13 +190,6 @@ def test_what_is_not_a_number_is_null_for_other_programs(monkeypatch, capsys):
     assert json.loads(capsys.readouterr().out.splitlines()[-1], parse_constant=pytest.fail)["result"] == plain
 
 
-def test_eval_of_another_clip_is_refused(toy_fit, tmp_path, capsys):
-    _, out = toy_fit
-    capsys.readouterr()
-    other = write_frames(tmp_path / "other", np.zeros((3, 40, 64, 3), np.uint8))
-    assert "3 frames" in fails(capsys, "eval", out / "scene.f4x", "--clip", other)
-
-
 def test_bad_input_is_one_sentence_and_leaves_nothing(tmp_path, capsys):
     out = tmp_path / "out"
     (tmp_path / "empty").mkdir()

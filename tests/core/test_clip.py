@@ -412,11 +412,6 @@ def test_sound_without_pictures_is_refused(tmp_path):
     refused("holds no video", tmp_path / "song.wav")
 
 
-def test_a_cut_off_video_is_refused(video):
-    video.write_bytes(video.read_bytes()[:200])
-    refused(r"phone\.mp4", video)
-
-
 def test_unequal_and_corrupt_pictures_are_named(folder):
     save(folder / "images/5.png", picture(5, 20, 16))
     refused(r"5\.png is 20x16, the first frame is 24x16", folder)

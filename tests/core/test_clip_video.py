@@ -362,9 +362,11 @@ def test_a_song_with_a_cover_is_no_film(tmp_path):
 
 
 def test_empty_files_are_refused(tmp_path):
-    (tmp_path / "nothing.mp4").touch()
-    with pytest.raises(F4xError, match=r"nothing\.mp4 cannot be read as a video"):
-        read_clip(tmp_path / "nothing.mp4")
+    whole = film(tmp_path / "whole.mp4", [picture(0)]).read_bytes()
+    for name, length in (("nothing.mp4", 0), ("head.mp4", 200)):
+        (tmp_path / name).write_bytes(whole[:length])
+        with pytest.raises(F4xError, match=rf"{name} cannot be read as a video"):
+            read_clip(tmp_path / name)
     with av.open(str(tmp_path / "short.mkv"), "w") as container:
         stream = container.add_stream(encoder("mpeg4"), rate=30)
         stream.width, stream.height, stream.pix_fmt = 32, 32, "yuv420p"

@@ -176,6 +176,12 @@ def test_coverage_sees_missing_nodes():
     assert 0.05 < scaffold_coverage(result.priors, away) < 0.7
 
 
+def judged(change=None, moving=True, scaffold=True, **options):
+    """Findings on the made-up fit whose metrics are changed."""
+    _, result, metrics = made_up(moving)
+    return findings(result.priors, result.scene.scaffold if scaffold else None, metrics | (change or {}), **options)
+
+
 def said(found, weight):
     return " ".join(finding.what for finding in found if finding.weight == weight)
 
@@ -205,10 +211,9 @@ def rows_of_a_mover(coverage, psnr):
     ],
 )
 def test_a_mover_that_gets_lost_is_named(lost, when):
-    _, result, _ = made_up()
     coverage, psnr = np.full(12, 0.9), np.full(12, 26.0)
     coverage[list(lost)], psnr[list(lost)] = 0.1, 18.0
-    found = findings(result.priors, result.scene.scaffold, {"frames": rows_of_a_mover(coverage, psnr)})
+    found = judged({"frames": rows_of_a_mover(coverage, psnr)})
     assert found[0].weight == "problem" and found[0].what.startswith(when)
     assert "18.0 dB (26.0 dB in the other frames)" in found[0].what and "--masks DIR" in found[0].advice
 
@@ -222,8 +227,7 @@ def test_a_mover_that_gets_lost_is_named(lost, when):
     ],
 )
 def test_a_mover_that_is_not_lost_is_not_named(coverage, psnr):
-    _, result, _ = made_up()
-    found = findings(result.priors, result.scene.scaffold, {"frames": rows_of_a_mover(coverage, psnr)})
+    found = judged({"frames": rows_of_a_mover(coverage, psnr)})
     assert "is missing" not in " ".join(finding.what for finding in found)
 
 
@@ -253,8 +257,7 @@ def test_registered_cameras_lead_the_scores():
     ],
 )
 def test_scores_are_explained(change, words, advice):
-    _, result, metrics = made_up()
-    found = findings(result.priors, result.scene.scaffold, metrics | change)
+    found = judged(change)
     chosen = [finding for finding in found if words in finding.what]
     assert len(chosen) == 1 and chosen[0].weight == "problem" and advice in chosen[0].advice
 
@@ -299,10 +302,9 @@ def test_a_fit_whose_mover_is_poor_has_one_problem_for_it(tmp_path: Path):
 
 
 def test_a_long_fit_is_not_advised_to_be_long():
-    _, result, metrics = made_up()
-    metrics |= {"used_psnr": 24.0, "held_out_psnr": 23.0, "held_out_psnr_flow_blend": 30.5}
+    change = {"used_psnr": 24.0, "held_out_psnr": 23.0, "held_out_psnr_flow_blend": 30.5}
     for profile, advised in (("quick", 2), ("wild", 0), ("nvidia", 0)):
-        found = findings(result.priors, result.scene.scaffold, metrics, profile=profile)
+        found = judged(change, profile=profile)
         assert sum("--profile wild" in finding.advice for finding in found) == advised
 
 
@@ -334,21 +336,17 @@ def test_priors_are_explained():
 
 
 def test_frames_that_stand_out_are_named():
-    _, result, metrics = made_up()
     rows = [{"frame": i, "held_out": i == 7, "psnr": 30.0 - 10 * (i in (3, 7))} for i in range(8)]
-    notes = said(findings(result.priors, result.scene.scaffold, metrics | {"frames": rows}), "note")
+    notes = said(judged({"frames": rows}), "note")
     assert "Frame 7 was held out at the clip's end" in notes
     assert "More than 4 dB below the median of 30.0 dB: frame 3." in notes
 
 
 def test_a_held_out_frame_is_judged_by_its_registered_camera():
-    _, result, metrics = made_up()
     rows = [{"frame": i, "held_out": False, "psnr": 30.0} for i in range(8)]
     rows[4] |= {"held_out": True, "psnr": 18.0, "psnr_registered": 29.0}
     rows[5] |= {"psnr": 26.5}
-    assert "Frames more than" not in said(
-        findings(result.priors, result.scene.scaffold, metrics | {"frames": rows}), "note"
-    )
+    assert "More than 4 dB below" not in said(judged({"frames": rows}), "note")
     assert worst_frames({"frames": rows}, 1) == [5]
 
 
@@ -359,11 +357,6 @@ def test_cameras_are_explained():
     assert "Only 1 of 6 frames found their camera" in problems and "by 2.5 px" in problems
 
 
-def test_a_clip_without_motion_says_so():
-    _, result, metrics = made_up(moving=False)
-    assert "Nothing was taken to move" in said(findings(result.priors, None, metrics), "note")
-
-
-def test_what_moves_but_is_not_followed_says_so():
-    _, result, metrics = made_up()
-    assert "too little of them can be followed" in said(findings(result.priors, None, metrics), "problem")
+def test_movers_that_are_not_there_or_not_followed_are_named():
+    assert "Nothing was taken to move" in said(judged(moving=False), "note")
+    assert "too little of them can be followed" in said(judged(scaffold=False), "problem")

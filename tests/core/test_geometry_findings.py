@@ -31,6 +31,12 @@ CERTAIN = DepthEvidence(
 """An ordinary clip with good cameras."""
 
 
+@pytest.fixture
+def priors():
+    """Those of the toy clip."""
+    return toy.clip_and_priors()[1]
+
+
 def orbiting(degrees: np.ndarray) -> CameraPath:
     """Cameras on a circle of radius 1 about (0, 0, 1), looking at its middle."""
     matrices = np.tile(np.eye(4), (len(degrees), 1, 1))
@@ -48,8 +54,7 @@ def mirror(margin: float, **fields) -> dict:
     return {"mirror": {"chosen": "as found", "margin": margin, "evidence": evidence} | fields}
 
 
-def test_parallax_is_the_angle_at_the_median_depth():
-    _, priors = toy.clip_and_priors()
+def test_parallax_is_the_angle_at_the_median_depth(priors):
     baseline = 0.02 * (toy.FRAMES - 1)
     assert parallax_degrees(priors) == pytest.approx(np.degrees(2 * np.arctan(baseline / 2)))
     priors.cameras = None
@@ -72,8 +77,7 @@ def test_the_widest_pair_of_rays_counts_not_the_first_and_last():
     assert np.isnan(spanned_degrees(rays, np.array([[True], [False], [False]]))[0])
 
 
-def test_static_points_are_seen_under_the_angle_of_the_path():
-    _, priors = toy.clip_and_priors()
+def test_static_points_are_seen_under_the_angle_of_the_path(priors):
     angles = static_view_degrees(priors)
     longest = np.degrees(2 * np.arctan(0.02 * (toy.FRAMES - 1) / 2 / toy.WALL))
     assert 0.9 * longest < angles.max() <= longest + 0.01  # by a point between the outermost cameras
@@ -162,8 +166,7 @@ def test_movers_are_believed_no_further_than_the_world_they_stand_in():
     assert believed_degrees(replace(CERTAIN, depth_error=0.0, view_degrees=None)).static < MAX_DEGREES
 
 
-def test_evidence_is_gathered_from_the_priors():
-    _, priors = toy.clip_and_priors()
+def test_evidence_is_gathered_from_the_priors(priors):
     evidence = depth_evidence(priors)
     assert evidence.depth_error == 0 and evidence.view_degrees is None and evidence.mirror_probability == 0
     assert evidence.focal == pytest.approx(toy.FOCAL / toy.WIDTH) and evidence.moving_error == 0
@@ -216,8 +219,7 @@ def test_believed_in_words(believed, words):
         (20.0, "sure", "good", "more than 1,000 to 1"),
     ],
 )
-def test_the_way_round_is_said_first(margin, verdict, weight, words):
-    _, priors = toy.clip_and_priors()
+def test_the_way_round_is_said_first(margin, verdict, weight, words, priors):
     priors.statistics["cameras"] = mirror(margin)
     found = findings(priors, None, {"used_psnr": 20.0})
     equal = [finding for finding in found if finding.weight == weight]
@@ -225,8 +227,7 @@ def test_the_way_round_is_said_first(margin, verdict, weight, words):
     assert ("--prior cameras=FILE" in equal[0].advice) == (verdict != "sure")
 
 
-def test_the_recorded_verdict_wins_and_evidence_is_sorted():
-    _, priors = toy.clip_and_priors()
+def test_the_recorded_verdict_wins_and_evidence_is_sorted(priors):
     assert WayRound.of(priors) is None
     priors.statistics["cameras"] = mirror(5.0, verdict="likely", chosen="mirrored")
     way = WayRound.of(priors)
@@ -243,8 +244,7 @@ def test_measures_need_no_torch():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_a_small_step_and_the_origin_of_depth_are_noted():
-    _, priors = toy.clip_and_priors()
+def test_a_small_step_and_the_origin_of_depth_are_noted(priors):
 
     def notes() -> str:
         return " ".join(finding.what for finding in findings(priors, None, {}) if finding.weight == "note")
@@ -293,8 +293,7 @@ def test_no_other_camera_is_bumped(priors):
     assert "bumped" not in " ".join(finding.what for finding in findings(priors, None, {}))
 
 
-def test_a_camera_that_is_only_assumed_to_stand_still_is_not_said_to_have_done_so():
-    _, priors = toy.clip_and_priors()
+def test_a_camera_that_is_only_assumed_to_stand_still_is_not_said_to_have_done_so(priors):
     priors.camera_kind, priors.statistics["cameras"] = "static", {"assumed": "too few points stand still"}
     message = " ".join(finding.what for finding in findings(priors, None, {}))
     assert (
@@ -317,8 +316,7 @@ def test_a_camera_that_is_only_assumed_to_stand_still_is_not_said_to_have_done_s
         ({"known": False, "people": False, "contacts": 0}, ("where it usually lies", "too little walks")),
     ],
 )
-def test_the_guess_before_a_standing_camera_is_told_with_what_it_rests_on(guess, words):
-    _, priors = toy.clip_and_priors()
+def test_the_guess_before_a_standing_camera_is_told_with_what_it_rests_on(guess, words, priors):
     priors.camera_kind = "static"
     priors.statistics = {"cameras": {"standing": {"stands": True, "jitter_px": 1.7}}, "depth": {"guess": guess}}
     found = [finding for finding in findings(priors, None, {}) if "The camera stood still" in finding.what]
@@ -327,8 +325,7 @@ def test_the_guess_before_a_standing_camera_is_told_with_what_it_rests_on(guess,
 
 
 @pytest.mark.parametrize(("share", "weight"), [(0.3, "good"), (0.7, "note")])
-def test_a_path_that_rests_on_little_is_no_praise(share, weight):
-    _, priors = toy.clip_and_priors()
+def test_a_path_that_rests_on_little_is_no_praise(share, weight, priors):
     priors.cameras, priors.statistics["cameras"] = (
         orbiting(np.linspace(0, 20, len(priors.frames))),
         {"static_tracks": 82},
@@ -340,8 +337,7 @@ def test_a_path_that_rests_on_little_is_no_praise(share, weight):
     assert any("and the cameras rest on 82 points of it" in what for what in found) == (weight == "note")
 
 
-def test_a_zoom_is_named_with_its_factor():
-    _, priors = toy.clip_and_priors()
+def test_a_zoom_is_named_with_its_factor(priors):
     priors.camera_kind, priors.statistics["cameras"] = "pan", {"zoom": {"factor": 1.4}}
     named = [finding for finding in findings(priors, None, {}) if "zoomed" in finding.what]
     assert len(named) == 1 and "(1.40 times)" in named[0].what and "instead of zooming" in named[0].advice
@@ -363,8 +359,7 @@ def weights_of(priors, words, **fields) -> list[str]:
         (Believed(12.0, 9.99), "note"),
     ],
 )
-def test_ten_degrees_of_everything_are_room_to_look_around(believed, weight):
-    _, priors = toy.clip_and_priors()
+def test_ten_degrees_of_everything_are_room_to_look_around(believed, weight, priors):
     assert weights_of(priors, "can be believed", believed=believed) == [weight]
     assert weights_of(priors, "can be believed", believed=None) == []
 
@@ -378,14 +373,12 @@ def test_ten_degrees_of_everything_are_room_to_look_around(believed, weight):
         (8.0, "path spans 8°", "good"),
     ],
 )
-def test_a_path_is_judged_by_the_angle_that_it_spans(degrees, words, weight):
-    _, priors = toy.clip_and_priors()
+def test_a_path_is_judged_by_the_angle_that_it_spans(degrees, words, weight, priors):
     assert weights_of(priors, words, parallax=degrees, static_degrees=(3.3, 4.4)) == [weight]
     assert weights_of(priors, "seen from 3.3° (median)", parallax=degrees, static_degrees=(3.3, 4.4)) == [weight]
 
 
-def test_what_is_measured_of_a_clip():
-    _, priors = toy.clip_and_priors()
+def test_what_is_measured_of_a_clip(priors):
     angles, scaffold = static_view_degrees(priors), node_scaffold(np.arange(float(toy.FRAMES)))
     geometry = ClipGeometry.of(priors, scaffold)
     assert geometry.static_degrees == pytest.approx((np.median(angles), np.percentile(angles, 90)))
@@ -442,7 +435,6 @@ def test_a_jump_is_the_median_of_the_static_tracks_that_both_frames_see():
 @pytest.mark.parametrize(
     ("kind", "verdict", "found"), [("moving", "small", 1), ("pan", "small", 0), ("moving", "x", 0)]
 )
-def test_a_small_shift_is_noted_where_the_camera_shifts(kind, verdict, found):
-    _, priors = toy.clip_and_priors()
+def test_a_small_shift_is_noted_where_the_camera_shifts(kind, verdict, found, priors):
     priors.camera_kind, priors.statistics["cameras"] = kind, {"translation": {"verdict": verdict}}
     assert len(weights_of(priors, "hardly")) == found

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from random_scene import assert_same, random_scene
 
-from f4x_core.batch import stub
+from benchmarks.speed import batch_stub as stub
 from f4x_core.batch.graph import tasks_of
 from f4x_core.batch.manifest import Row
 from f4x_core.cli import main

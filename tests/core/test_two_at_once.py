@@ -25,20 +25,10 @@ from f4x_core.edit.operations import Duplicate, Opacity, TakeBack
 from f4x_core.edit.selects import All, Ids
 from f4x_core.edit.stack import EditStack, merge, read_stack, undo, with_stack, write_stack
 from f4x_core.errors import F4xError
-from f4x_core.files import lock_file, sole_writer
+from f4x_core.files import sole_writer
 from f4x_core.fit.vocabulary import with_vocabulary
 from f4x_core.progress import silent
 from f4x_core.scene import read_scene, updating, write_scene
-
-HOLD = """
-import sys, time
-from pathlib import Path
-from f4x_core.files import lock_file
-with lock_file(Path(sys.argv[1]), "busy"):
-    print("held", flush=True)
-    time.sleep(60)
-"""
-
 
 UPDATE = """
 import sys, time
@@ -274,19 +264,6 @@ def test_a_second_fit_into_one_folder_is_refused(tmp_path, capsys, verb):
     said = capsys.readouterr().err
     assert f"{out}: another fit" in said and said.strip().count("\n") == 0
     assert not out.exists()
-
-
-def test_a_lock_ends_with_its_process(tmp_path):
-    lock = tmp_path / "lock"
-    with subprocess.Popen([sys.executable, "-c", HOLD, str(lock)], stdout=subprocess.PIPE, text=True) as holder:
-        assert holder.stdout.readline() == "held\n"
-        with pytest.raises(F4xError, match="busy"), lock_file(lock, "busy"):
-            pass
-        holder.kill()
-        holder.wait()
-        with lock_file(lock, "busy", patience=5):
-            pass
-    assert not lock.exists()
 
 
 def test_a_folder_that_nothing_was_written_into_goes_again(tmp_path):

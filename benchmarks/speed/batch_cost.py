@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import F4xError
+from f4x_core.errors import F4xError
 
 
 @dataclass(frozen=True)

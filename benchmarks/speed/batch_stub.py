@@ -1,4 +1,4 @@
-"""A stand-in for `f4x` in tests and benchmarks of the batch: `python -m f4x_core.batch.stub VERB …` takes milliseconds.
+"""A stand-in for `f4x` in tests and benchmarks of the batch: `python -m benchmarks.speed.batch_stub VERB …` takes milliseconds.
 
 It writes files with the right names, whose content depends on the clip and the arguments. A clip is a JSON file that controls
 the verbs: `{"steps": 20, "seconds": 0.1, "fail": {"fit": "a sentence"}, "die": {"priors": 9}, "note": {"fit":
@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ..processes import LineProgress, stop_with_parent
+from f4x_core.processes import LineProgress, stop_with_parent
 
 
 def main(arguments: list[str]) -> int:
