@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..raster import RasterOutput
-from ..scaffold.losses import motion_loss
+from ..scaffold.losses import MotionTerms, motion_loss
 from ..scaffold.motion_native import MotionWeights
 from .config import FitConfig
 from .frame_data import FrameData, FramePriors, MovingTracks
@@ -207,7 +207,7 @@ class _Losses:
         xyz, quat = (nodes.parameters[name][window] for name in ("node_xyz", "node_quat"))
         times = torch.from_numpy(model.times[window])
         shifts = dict(zip(config.shifts, config.shift_weights, strict=True))
-        loss = motion_loss(xyz, quat, times, nodes.edges, shifts, weights, model.kernels)
+        loss = motion_loss(xyz, quat, times, MotionTerms(nodes.edges, shifts, weights, model.kernels))
         if model.dynamic is not None and model.dynamic.use_dw:
             loss = loss + w.dw * model.dynamic.parameters["dw"].abs().mean()
         return loss

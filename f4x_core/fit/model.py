@@ -21,7 +21,7 @@ from ..geometry.splats import Splats
 from ..native.kernels import TORCH, Kernels
 from ..raster import RasterConfig, RasterOutput, rasterize
 from ..scaffold import Scaffold
-from ..scaffold.deformation.native.autograd import NativeDeformer
+from ..scaffold.deformation.native.autograd import GaussianTensors, NativeDeformer, NodeTensors
 from ..scaffold.deformation.sparse import Deformer
 from ..scaffold.distance import curve_distance
 from ..scaffold.graph import GraphConfig, multilevel_edges
@@ -203,8 +203,9 @@ class SceneModel:
         if attachment.native is not None:
             own = self.dynamic.parameters
             dw = own["dw"] if self.dynamic.use_dw else None
-            poses = xyz, self.nodes.parameters["node_quat"], self.nodes.radius
-            moved = attachment.native(own["local_means"], own["local_quats"], dw, *poses, times)
+            gaussians = GaussianTensors(own["local_means"], own["local_quats"], dw)
+            nodes = NodeTensors(xyz, self.nodes.parameters["node_quat"], self.nodes.radius)
+            moved = attachment.native(gaussians, nodes, times)
             return [Moved(*each, time) for each, time in zip(moved, times, strict=True)]
         quat = self.nodes.quat
         x, q = self.dynamic.at_reference(xyz, quat)

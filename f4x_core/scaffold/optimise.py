@@ -13,7 +13,7 @@ from .adam import Adam
 from .deformation import align_signs
 from .distance import curve_distance
 from .graph import GraphConfig, build_graph, multilevel_edges
-from .losses import ArapEdges, motion_loss
+from .losses import ArapEdges, MotionTerms, motion_loss
 from .motion_native import MotionWeights
 from .structure import Scaffold
 
@@ -102,12 +102,13 @@ def optimise_geometry(
         if step % config.redraw == 0:
             levels = multilevel_edges(distance, scaffold.unit, config.graph, config.seed + step)
             edges = ArapEdges.build(neighbours, edge_mask, config.graph.base_weight, levels)
+            terms = MotionTerms(edges, shifts, weights, kernels)
         for group in optimiser.param_groups:
             group["lr"] = config.learning_rate * _decay(step / config.steps, config)
         first = int(generator.integers(0, max(frames - config.window, 0) + 1))
         window = slice(first, first + config.window)
         x = torch.where(certain, start, xyz) if config.certain == "hard" else xyz
-        loss = motion_loss(x[window], quat[window], times[window], edges, shifts, weights, kernels)
+        loss = motion_loss(x[window], quat[window], times[window], terms)
         if config.certain == "soft":
             loss = loss + config.certain_weight * spring.energy(xyz - start) / held
         loss.backward()

@@ -207,7 +207,7 @@ def track_residuals(scaffold: Scaffold, lifted: LiftedTracks, cameras: CameraPat
     start = lifted.xyz[reference, tracks]
     attach = attach_nodes(start, reference, scaffold.xyz)
     neighbours = scaffold.neighbours[attach]
-    weights, strength = skinning_weights(
+    skinning = skinning_weights(
         start,
         scaffold.xyz[reference[:, None], neighbours],
         scaffold.radius[neighbours],
@@ -216,9 +216,8 @@ def track_residuals(scaffold: Scaffold, lifted: LiftedTracks, cameras: CameraPat
     pairs = pairs_of(neighbours, reference)
     total = np.zeros(len(lifted))
     for f, time in enumerate(scaffold.times):
-        carried = pose.transform(
-            *deform(scaffold.times, scaffold.xyz, scaffold.quat, pairs, weights, strength, time), start
-        )
+        motion = deform(scaffold.times, scaffold.xyz, scaffold.quat, pairs, skinning, time)
+        carried = pose.transform(*motion, start)
         truth = lifted.xyz[f]
         if cameras is not None:
             carried, truth = (cameras.at(time).project(points)[0] for points in (carried, truth))
