@@ -51,7 +51,8 @@ def render(
     """
     require_time(scene, time, f"time T = {time:g}")
     camera = scene.cameras.at(time) if camera is None else camera
-    return view.render(edited(scene), camera, time, ("rgb",), backend, background)["rgb"]
+    images = view.render(edited(scene), camera, time, ("rgb", "alpha"), backend)
+    return view.over_background(images, background)
 
 
 def select(

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ..metrics.pictures import SSIM_C1, SSIM_C2, ssim_map, ssim_window
 from ..native.kernels import TORCH, Kernels
-from .frame_native import FrameMaps, FrameWeights, NativeFrameLosses
+from .frame_native import FrameMaps, FrameWeights, NativeFrameLosses, Supervision
 from .picture_native import Comparison, NativePictureLoss
 
 # Composited depth is not divided by less than this.
@@ -73,7 +73,7 @@ def frame_losses(
         factors.moving, factors.depth, factors.roughness, factors.mask, step, plain=PLAIN, min_depth=MIN_DEPTH
     )
     comparison = Comparison(ssim_window(torch.float32), SSIM_C1, SSIM_C2, factors.ssim, threads)
-    return NativeFrameLosses.apply(*rendered, maps, weights, comparison, MIN_WEIGHT)
+    return NativeFrameLosses.apply(*rendered, Supervision(maps, weights, comparison, MIN_WEIGHT))
 
 
 def roughness_step(height: int, width: int) -> int:

@@ -116,8 +116,13 @@ def rasterize_rays(splats: Splats, colors: Tensor, camera: Camera, config: RayCo
     """
     config = config or RayConfig()
     seen = project(splats, camera, config)
-    shape = (seen.means.detach(), seen.radii, seen.boxes)
-    image: Tensor = _Rays.apply(camera, config, shape, seen.whiten, seen.opacities, colors)
+    k = camera.intrinsics
+    fixed = dict(
+        **dict(count=len(seen.means), width=camera.width, height=camera.height, threads=config.threads),
+        **dict(fx=k[0, 0], fy=k[1, 1], cx=k[0, 2], cy=k[1, 2], near_plane=config.near, alpha_min=config.alpha_min),
+        **dict(means=seen.means.detach().contiguous(), radii=seen.radii.contiguous(), boxes=seen.boxes.contiguous()),
+    )
+    image: Tensor = _Rays.apply(fixed, seen.whiten, seen.opacities, colors)
     return image
 
 
@@ -191,17 +196,11 @@ def composite(seen: Projected, colors: Tensor, camera: Camera, config: RayConfig
 
 class _Rays(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, camera, config, shape, whiten, opacities, colors):
-        k = camera.intrinsics
-        means, radii, boxes = shape
-        ctx.fields = {
-            **dict(count=len(means), width=camera.width, height=camera.height, threads=config.threads),
-            **dict(fx=k[0, 0], fy=k[1, 1], cx=k[0, 2], cy=k[1, 2], near_plane=config.near, alpha_min=config.alpha_min),
-            **dict(means=means.contiguous(), radii=radii.contiguous(), boxes=boxes.contiguous()),
-            **dict(whiten=whiten.detach().contiguous(), opacities=opacities.detach().contiguous()),
-            **dict(colors=colors.detach().contiguous()),
-        }
-        image = torch.empty(camera.height, camera.width, 4)
+    def forward(ctx, fixed: dict[str, Any], whiten: Tensor, opacities: Tensor, colors: Tensor) -> Tensor:
+        """Return the image (H,W,4); `fixed` are the fields of the library's problem that have no gradient."""
+        own = {"whiten": whiten, "opacities": opacities, "colors": colors}
+        ctx.fields = fixed | {name: tensor.detach().contiguous() for name, tensor in own.items()}
+        image = torch.empty(fixed["height"], fixed["width"], 4)
         _run(F4X_RAYS, image=image, **ctx.fields)
         return image
 
@@ -211,7 +210,7 @@ class _Rays(torch.autograd.Function):
         fields = ctx.fields
         slopes = {f"d_{name}": torch.empty_like(fields[name]) for name in ("whiten", "opacities", "colors")}
         _run(F4X_RAYS_BACKWARD, d_image=gradient.contiguous(), **fields, **slopes)
-        return None, None, None, *slopes.values()
+        return None, *slopes.values()
 
 
 def _run(function: Any, **fields: Any) -> None:

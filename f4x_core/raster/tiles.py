@@ -58,7 +58,7 @@ def rasterize_torch(inputs: RasterInput) -> RasterOutput:
     for band in bands:
         lists = build_tile_lists(ellipses, width, height, SLAB, config, band)
         grid = _Grid(width, height, config.tile, band)
-        parts.append(_Composite.apply(ellipses.table, features, lists, grid, config, attached))
+        parts.append(_Composite.apply(ellipses.table, features, _Layout(lists, grid, config, attached)))
     channels, depth, alpha = (rows[0] if len(rows) == 1 else torch.cat(rows) for rows in zip(*parts, strict=True))
     return RasterOutput(add_background(inputs, channels, alpha), depth, alpha, ellipses.visible)
 
@@ -176,13 +176,24 @@ class _Scene(NamedTuple):
         return torch.index_select(self.features, 0, ids, out=out).view(len(blocks), SLAB, -1)
 
 
+class _Layout(NamedTuple):
+    """Which Gaussians each tile blends, and where the tiles lie in the image."""
+
+    lists: TileLists
+    grid: _Grid
+    config: RasterConfig
+    attached: int
+    """Columns of the features from here on send no gradient to the table."""
+
+
 class _Composite(torch.autograd.Function):
     """table (6, N), features (N, 2 + C) -> channels (H, W, C), depth (H, W), alpha (H, W)."""
 
     @staticmethod
     def forward(  # type: ignore[override]
-        ctx: Any, table: Tensor, features: Tensor, lists: TileLists, grid: _Grid, config: RasterConfig, attached: int
+        ctx: Any, table: Tensor, features: Tensor, layout: _Layout
     ) -> tuple[Tensor, Tensor, Tensor]:
+        lists, grid, config, _ = layout
         scene = _Scene(_polynomials(table, lists, grid), features, lists, grid.basis(table), config)
         recording = any(ctx.needs_input_grad[:2])
         tiles = _scratch("tiles", features, len(lists.length), features.shape[1], grid.pixels).zero_()
@@ -190,7 +201,7 @@ class _Composite(torch.autograd.Function):
         slabs = _map(lambda batch: _blend(batch, scene, tiles, recording), batches, _threads(config, table))
         if recording:
             ctx.save_for_backward(table, features, scene.theta)
-            ctx.arguments = lists, grid, config, attached
+            ctx.layout = layout
             ctx.slabs = slabs
             ctx.set_materialize_grads(False)
         image = grid.to_image(tiles)
@@ -200,7 +211,7 @@ class _Composite(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:  # type: ignore[override]
         table, features, theta = ctx.saved_tensors
-        lists, grid, config, attached = ctx.arguments
+        lists, grid, config, attached = ctx.layout
         scene = _Scene(theta, features, lists, grid.basis(table), config)
         grad_tiles = _scratch("tiles", features, len(lists.length), features.shape[1], grid.pixels)
         for part, grad in zip((slice(2, None), slice(1, 2), slice(0, 1)), grads, strict=True):
@@ -208,7 +219,7 @@ class _Composite(torch.autograd.Function):
                 grad_tiles[:, part] = 0
             else:
                 grid.to_tiles(grad.permute(2, 0, 1) if grad.dim() == 3 else grad[None], grad_tiles[:, part])
-        return (*_differentiate(ctx.slabs, grad_tiles, table, scene, grid, attached), None, None, None, None)
+        return (*_differentiate(ctx.slabs, grad_tiles, table, scene, grid, attached), None)
 
 
 def _threads(config: RasterConfig, like: Tensor) -> int:

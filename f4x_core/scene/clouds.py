@@ -168,14 +168,8 @@ class Composite:
             splats, _joined(channels, sum(widths.values())), widths, view, config or fitted_config(clouds, camera)
         )
 
-    def draw(
-        self,
-        backend: str,
-        background: np.ndarray | None = None,
-        limit: np.ndarray | None = None,
-        rows: slice | None = None,
-    ) -> Drawn:
-        """Rasterize; `background (C,)`, `limit (H,W)` and `rows` are those of `raster.rasterize`.
+    def draw(self, backend: str, limit: np.ndarray | None = None, rows: slice | None = None) -> Drawn:
+        """Rasterize over black; `limit (H,W)` and `rows` are those of `raster.rasterize`.
 
         Raises:
             F4xError: a camera that is not finite, or a backend that cannot run here.
@@ -186,7 +180,6 @@ class Composite:
             self.splats,
             self.channels,
             self.camera,
-            background=background,
             config=self.config,
             backend=backend,
             limit=limit,
@@ -202,7 +195,7 @@ class Drawn:
     """A composited picture."""
 
     layers: Mapping[str, np.ndarray]
-    """Layer -> (H,W,C) float32 sums of value alpha T, over the background where one was given."""
+    """Layer -> (H,W,C) float32 sums of value alpha T."""
     alpha: np.ndarray
     """(H,W) float32."""
     depth: np.ndarray
