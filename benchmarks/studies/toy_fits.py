@@ -18,7 +18,7 @@ from f4x_core.evaluation.truth import align_cameras, into_scene
 from f4x_core.fit.config import FitConfig, profile
 from f4x_core.fit.model import SceneModel
 from f4x_core.fit.pipeline import finish_fit, start_fit
-from f4x_core.fit.trainer import Trainer
+from f4x_core.fit.trainer import FitStart, Trainer
 from f4x_core.geometry.camera import Camera
 from f4x_core.metrics.pictures import psnr, ssim
 from f4x_core.priors import Priors
@@ -106,7 +106,7 @@ def fit_world(
     if model is not None:
         old = trainer.model
         other = model(old.static, old.dynamic, old.nodes, old.rig, old.kernel)
-        trainer = Trainer(other, clip, trainer.priors, config, trainer.next_id, trainer.needs)
+        trainer = Trainer(other, clip, trainer.priors, config, FitStart(trainer.next_id, trainer.needs))
     started = time.perf_counter()
     trainer.run()
     seconds = {"start": started - clock, "photometric": time.perf_counter() - started}

@@ -80,32 +80,53 @@ class FeatureMaps:
         return stored if self.basis is None else stored @ self.basis + self.mean
 
 
+@dataclass(frozen=True)
+class MapsPlan:
+    """Contents of a folder of maps, known before the first is made."""
+
+    spec: FeatureSpec
+    count: int
+    """Frames of the clip."""
+    rank: int | None = None
+    """Directions of largest variance, over all pixels of all maps, that are kept; below C the files are smaller. None: all."""
+    settings: dict[str, Any] | None = None
+    """Everything else that decides the values, for `read_stored`."""
+
+    def __post_init__(self) -> None:
+        """Refuse a rank below 1."""
+        if self.rank is not None and self.rank < 1:
+            raise F4xError(f"rank {self.rank}: keep at least one direction of '{self.spec.name}'.")
+
+    @property
+    def projected_to(self) -> int | None:
+        """The rank, where it is below C."""
+        return None if self.rank is None or self.rank >= self.spec.dim else self.rank
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the plan as plain values."""
+        spec = self.spec.to_json()
+        return {"spec": spec, "count": self.count, "rank": self.projected_to, "settings": self.settings}
+
+
 def write_maps(
     folder: Path | str,
-    spec: FeatureSpec,
+    plan: MapsPlan,
     frames: Iterable[np.ndarray] | Callable[[int], Iterable[np.ndarray]],
-    count: int,
-    rank: int | None = None,
     glob: np.ndarray | Callable[[], np.ndarray] | None = None,
     progress: Progress = silent,
-    settings: dict[str, Any] | None = None,
 ) -> FeatureMaps:
-    """Write `count` maps (h,w,C), taken from `frames` one by one, as the folder of one teacher.
+    """Write maps (h,w,C), taken from `frames` one by one, as the folder of one teacher.
 
-    `rank` keeps the k directions of largest variance over all cells and frames; below C it makes the files smaller.
     `glob` may be a function, called after the last frame. The folder takes its name when everything is written; an error
     or a cancelled `progress` leaves whatever was there before. Where `frames` is a function of the first frame wanted, what
-    was written stays beside it, and the next call with the same spec, count, rank and `settings` goes on from there. F4xError:
-    wrong shapes or counts, values that are not finite in float16, a full disk, a folder that holds something else or that another
-    call is writing.
+    was written stays beside it, and the next call with the same plan goes on from there. F4xError: wrong shapes or counts,
+    values that are not finite in float16, a full disk, a folder that holds something else or that another call is writing.
     """
-    rank = None if rank is None or rank >= spec.dim else rank
-    if rank is not None and rank < 1:
-        raise F4xError(f"rank {rank}: keep at least one direction of '{spec.name}'.")
+    spec, count, rank = plan.spec, plan.count, plan.projected_to
     folder, stage = link_target(folder), f"features {spec.name}"
     unfinished = neighbour(folder, "unfinished") if callable(frames) else None
     with _sole_writer(folder), replace_folder(folder, SPEC, unfinished) as part:
-        _follow(part, {"spec": spec.to_json(), "count": count, "rank": rank, "settings": settings})
+        _follow(part, plan.to_json())
         written, shape = part / ("full.npy" if rank else "maps.npy"), (count, *spec.grid, spec.dim)
         done = _rows_in(written, shape)
         progress(stage, done, count)
@@ -138,7 +159,7 @@ def write_maps(
                 raise F4xError(f"{folder}: the global vector of '{spec.name}' must be {spec.dim} finite numbers.")
             np.save(part / "global.npy", vector, allow_pickle=False)
         _write_json(part / SPEC, spec.to_json())
-        _write_json(part / STORED, {"lost": lost, "settings": settings or {}})
+        _write_json(part / STORED, {"lost": lost, "settings": plan.settings or {}})
         (part / PLAN).unlink()
     return read_maps(folder)
 

@@ -17,7 +17,7 @@ from ..errors import F4xError
 from ..native.kernels import torch_threads
 from ..parallel import in_threads, side_by_side, thread_count
 from ..progress import Progress, silent
-from .maps import FeatureMaps, read_maps, read_stored, write_maps
+from .maps import FeatureMaps, MapsPlan, read_maps, read_stored, write_maps
 from .spec import FeatureSpec
 from .text import factory_of
 from .weights import describe, require_path
@@ -174,9 +174,8 @@ def extract(
         spec = teacher.spec_for(clip.width, clip.height)
         whole = getattr(teacher, "encode_clip", None)
         frames = whole(clip.frames) if whole else lambda first: _encoded(teacher, islice(clip.frames, first, None))
-        return write_maps(
-            folder, spec, frames, len(clip), rank, lambda: cast(Any, teacher).glob, progress, settings=settings
-        )
+        plan = MapsPlan(spec, len(clip), rank, settings)
+        return write_maps(folder, plan, frames, lambda: cast(Any, teacher).glob, progress)
 
 
 def _encoded(teacher: Teacher, images: Iterable[np.ndarray]) -> Iterator[np.ndarray]:

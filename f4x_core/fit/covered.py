@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from ..gaussians import SpawnConfig, Spawned
-from ..gaussians.spawn import coarse_to_fine, cover
+from ..gaussians.spawn import DepthImage, coarse_to_fine, cover
 from ..geometry import quaternion
 from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import Camera
@@ -130,7 +130,7 @@ class _Making:
         self._paint(rows, rgb[row, column])
         depth = np.maximum(depth, BEHIND * np.nan_to_num(moving["depth"]))
         image = (255 * rgb).round().astype(np.uint8)
-        self._add(cover(image, depth, hole, camera, np.zeros((0, 3)), MADE, self.rng), camera)
+        self._add(cover(DepthImage(image, depth, hole, camera), np.zeros((0, 3)), MADE, self.rng), camera)
 
     def finish(self) -> Scene:
         """The scene, without what proved to be in sight."""

@@ -121,28 +121,26 @@ def _centre(camera: Camera) -> tuple[float, float, float]:
     return x, y, z
 
 
+@dataclass(eq=False)
 class SceneModel:
-    """The scene under optimisation."""
+    """The scene under optimisation; `dynamic` and `nodes` are None where nothing moves."""
 
-    def __init__(
-        self,
-        static: StaticGaussians,
-        dynamic: DynamicGaussians | None,
-        nodes: NodeSet | None,
-        rig: CameraRig,
-        kernel: Kernel,
-        kernels: Kernels = TORCH,
-        frozen: Splats | None = None,
-    ):
-        """Put the parts together; `dynamic` and `nodes` are None where nothing moves.
+    static: StaticGaussians
+    dynamic: DynamicGaussians | None
+    nodes: NodeSet | None
+    rig: CameraRig
+    kernel: Kernel
+    """Skinning kernel."""
+    kernels: Kernels = TORCH
+    """Compiled or torch code that moves and colours the Gaussians."""
+    frozen: Splats | None = None
+    """Gaussians that are drawn and never change: tensors with harmonics of the degree of the others."""
+    _attachment: Attachment | None = field(default=None, init=False)
 
-        `kernel`: skinning kernel. `kernels`: what moves and colours the Gaussians. `frozen`: Gaussians that are drawn and never
-        change, tensors with harmonics of the degree of the others.
-        """
-        self.static, self.dynamic, self.nodes, self.rig, self.kernel = static, dynamic, nodes, rig, kernel
-        self.kernels, self.frozen = kernels, frozen
-        self.times = rig.path.times
-        self._attachment: Attachment | None = None
+    @property
+    def times(self) -> np.ndarray:
+        """(F,) clip times of the supervised frames."""
+        return self.rig.path.times
 
     def __len__(self) -> int:
         """Gaussians of both sets."""

@@ -40,7 +40,7 @@ from .people import with_people_of
 from .spawning import Explained, Spawner
 from .start import start_scaffold
 from .tints import tinted_scene
-from .trainer import Trainer
+from .trainer import FitStart, Trainer
 
 CHECKPOINT = Path("checkpoints", "photometric.pt")
 """File in the folder of a fit from which it goes on."""
@@ -204,7 +204,7 @@ def start_fit(
         next_id += len(dynamic)
     frozen = None if ground is None else ground.frozen
     model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.kernels, frozen)
-    return Trainer(model, clip, priors, config, next_id, needs, spawner.rooms)
+    return Trainer(model, clip, priors, config, FitStart(next_id, needs, spawner.rooms))
 
 
 def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tuple[Scaffold | None, list[Need], Priors]:

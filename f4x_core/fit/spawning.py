@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from torch import Tensor
 from ..clip import Clip
 from ..gaussians import DynamicGaussians, SpawnConfig, Spawned, StaticGaussians, spawn_dynamic, spawn_static
 from ..gaussians.parameters import WHOLE
-from ..gaussians.spawn import Room, coarse_to_fine, cover, spawn_that_fits
+from ..gaussians.spawn import DepthImage, Room, coarse_to_fine, cover, spawn_that_fits
 from ..geometry.arrays import evenly_spaced
 from ..priors import Priors
 from ..priors.sizes import DepthMap, LargeMaps
@@ -163,24 +163,23 @@ class Spawner:
         if priors.depth_confidence is not None:
             sure = np.maximum(seen.confidence.astype(np.float32), 0.01)
             tolerance = np.clip(2 * np.sqrt((1 - sure) / sure) * SURE_DEPTH, spawn.depth_tolerance, LOOSEST_DEPTH)
-        return cover(image, seen.depth, valid, camera, existing, spawn, rng, tolerance)
+        view = DepthImage(image, seen.depth, valid, camera, tolerance)
+        return cover(view, existing, spawn, rng)
 
     def _carried(
         self, model: SceneModel, spawned: Spawned, frame: int, spawn: SpawnConfig, first_id: int
     ) -> DynamicGaussians:
         """Gaussians that were spawned in supervised frame `frame`, attached to the model's nodes."""
         assert model.nodes is not None
-        xyz, quat = model.nodes.parameters["node_xyz"].detach(), model.nodes.quat.detach()
-        reference, neighbours = np.full(len(spawned), frame), model.nodes.neighbours.shape[1]
-        return spawn_dynamic(spawned, reference, xyz, quat, neighbours, self.degree, spawn, first_id)
+        reference = np.full(len(spawned), frame)
+        return spawn_dynamic(spawned, reference, model.nodes.snapshot(), self.degree, spawn, first_id)
 
     def _moved(self, model: SceneModel, dynamic: DynamicGaussians | None, frame: int) -> np.ndarray:
         """(N,3) places of the dynamic Gaussians so far at supervised frame `frame`."""
         if dynamic is None or not len(dynamic):
             return np.zeros((0, 3), np.float32)
         with torch.no_grad():
-            whole = SceneModel(model.static, dynamic, model.nodes, model.rig, model.kernel, model.kernels)
-            places = whole.dynamic_at(float(model.times[frame]))[0].means.numpy()
+            places = replace(model, dynamic=dynamic).dynamic_at(float(model.times[frame]))[0].means.numpy()
         if not self.config.rates.lifetimes:
             return places
         return places[self._seen_at(model, dynamic, frame)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,18 @@ MEASURED_FRAMES = 4
 """Frames rendered for one point of the quality curve."""
 
 
+@dataclass(frozen=True)
+class FitStart:
+    """Decisions made before the first step."""
+
+    next_id: int
+    """First Gaussian id not yet used."""
+    needs: Sequence[Need] = ()
+    """Decisions about the kind of scene, with their reasons."""
+    rooms: Mapping[str, Room] = field(default_factory=dict)
+    """Set -> how many Gaussians the clip asked for and how many were allowed."""
+
+
 class Trainer:
     """Optimises a model against a clip and its priors; it can stop after any step and go on bit-equal.
 
@@ -55,24 +67,10 @@ class Trainer:
     happens besides, with its steps.
     """
 
-    def __init__(
-        self,
-        model: SceneModel,
-        clip: Clip,
-        priors: Priors,
-        config: FitConfig,
-        next_id: int,
-        needs: Sequence[Need] = (),
-        rooms: Mapping[str, Room] | None = None,
-    ):
-        """Set up data, losses, optimisers and actions for `config.steps` steps.
-
-        Args:
-            next_id: first Gaussian id not yet used. needs: what was decided before the first step. rooms: by set, what the
-                clip asked for at the start and what was allowed.
-        """
-        self.model, self.clip, self.priors, self.config, self.next_id = model, clip, priors, config, next_id
-        self.needs = list(needs)
+    def __init__(self, model: SceneModel, clip: Clip, priors: Priors, config: FitConfig, start: FitStart):
+        """Set up data, losses, optimisers and actions for `config.steps` steps."""
+        self.model, self.clip, self.priors, self.config = model, clip, priors, config
+        self.next_id, self.needs, self.rooms = start.next_id, list(start.needs), dict(start.rooms)
         self.levels = [FrameData.full(clip, priors)]
         if config.coarse > 0:
             self.levels.append(self.levels[0].halved())
@@ -91,7 +89,6 @@ class Trainer:
         self.band_gains: list[float] = []
         """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
-        self.rooms = dict(rooms or {})
         self.averages = RunningMeans()
         """Of what moves, over the last steps."""
         self._start_optimisers()

@@ -55,6 +55,7 @@ from .second_look import join_resting, mask_in_doubt, release_static
 from .sfm import (
     DEFAULT_FOCAL,
     FOCALS,
+    ColmapSettings,
     Solution,
     choose_covering_points,
     mean_directions,
@@ -755,8 +756,9 @@ def _solve_keyframes(job: _CameraProblem, keyframes: np.ndarray) -> Solution | N
     # Features on the rim of a mover belong to it: its mask grows by 1 % of the width.
     margin = max(priors.width // 100, 1)
     masks = None if priors.mask is None else dilate_masks(priors.mask[keyframes], margin)
+    known = settings.focal is not None
     found = solve_with_colmap(
-        pictures, masks, job.focal, settings.focal is not None, settings.features, thread_count(), settings.seed
+        pictures, masks, ColmapSettings(job.focal, known, settings.features, thread_count(), settings.seed)
     )
     return None if found is None else _spread(found, keyframes, len(job.tracks))
 

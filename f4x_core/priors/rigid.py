@@ -114,7 +114,7 @@ def flow_beyond_cameras(
         back = [consistent_at(here, one, flows[-gap][t + gap]) for one, gap in zip(flow, there, strict=True)]
         trust = np.where(back, 1.0, DOUBT)
         others = np.array([t + gap for gap in there])
-        fit = _fit_depth(cameras, t, others, here, here + flow.astype(np.float64), trust, unit)
+        fit = _fit_depth(cameras, _Matches(t, others, here, here + flow.astype(np.float64), trust), unit)
         by_itself = score_of_residuals(fit.left[None], trust[None], unit)[0]
         apart = _apart_from_the_rest(fit, around[t], near[t], by_itself) / unit
         found[t][around[t]] = np.where(not doubted and apart > MAX_BEHIND, 1, by_itself)
@@ -182,14 +182,28 @@ def _apart_from_the_rest(fit: _DepthFit, asked: np.ndarray, near: np.ndarray, by
     return np.sign(apart) * np.maximum(np.abs(apart) - np.where(known, reach, 0), 0) * fit.sway
 
 
-def _fit_depth(
-    cameras: CameraPath, t: int, others: np.ndarray, here: np.ndarray, there: np.ndarray, trust: np.ndarray, unit: float
-) -> _DepthFit:
-    """The inverse depth of the pixels `here (P,2)` of frame t that lie at `there (K,P,2)`, trusted by `trust (K,P)`, in the
-    frames `others (K,)`.
+@dataclass(frozen=True)
+class _Matches:
+    """Pixels of one frame and where flow takes them in others."""
+
+    t: int
+    """Index of the frame."""
+    others: np.ndarray
+    """(K,) indices of the other frames."""
+    here: np.ndarray
+    """(P,2) pixels of frame t."""
+    there: np.ndarray
+    """(K,P,2) the same in the others."""
+    trust: np.ndarray
+    """(K,P) weights."""
+
+
+def _fit_depth(cameras: CameraPath, matches: _Matches, unit: float) -> _DepthFit:
+    """Return the inverse depth of pixels that explains best where they lie in other frames; `unit` pixels count as 1.
 
     A pixel at inverse depth rho lands at a + rho b in homogeneous pixels: times its third component that is linear in rho.
     """
+    t, others, here, there, trust = matches.t, matches.others, matches.here, matches.there, matches.trust
     relative = cameras.world_to_camera[others] @ np.linalg.inv(cameras.world_to_camera[t])
     lens = cameras.intrinsics[others]
     rays_here = np.column_stack([here, np.ones(len(here))]) @ np.linalg.inv(cameras.intrinsics[t]).T

@@ -234,20 +234,28 @@ def solve_with_depth(
     return Solution(bundle, observations, np.ones(len(tracks), bool)), search
 
 
-def solve_with_colmap(
-    pictures: Sequence[np.ndarray],
-    masks: np.ndarray | None,
-    focal: float,
-    focal_known: bool,
-    features: int,
-    threads: int,
-    seed: int,
-) -> Solution | None:
-    """Incremental mapping by pycolmap in a child process; None when pycolmap is missing or finds nothing.
+@dataclass(frozen=True)
+class ColmapSettings:
+    """Settings of incremental mapping by pycolmap."""
 
-    `pictures` are (H, W, 3) uint8 RGB, `masks (F, H, W)` bool is what moves and must be ignored, `focal` pixels. First
-    the focal length is held at the given value, which keeps turning cameras from collapsing; when that leaves frames
-    out and the value is only a guess, a second run solves for it.
+    focal: float
+    """Pixels."""
+    focal_known: bool
+    """`focal` is more than a guess."""
+    features: int
+    """At most this many per picture."""
+    threads: int
+    seed: int
+
+
+def solve_with_colmap(
+    pictures: Sequence[np.ndarray], masks: np.ndarray | None, settings: ColmapSettings
+) -> Solution | None:
+    """Return incremental mapping by pycolmap in a child process; None when pycolmap is missing or finds nothing.
+
+    `pictures` are (H, W, 3) uint8 RGB, `masks (F, H, W)` bool the moving pixels, which are ignored. First the focal length
+    is held at the given value, which keeps turning cameras from collapsing; when that leaves frames out and the value is
+    only a guess, a second run solves for it.
     """
     import cv2
 
@@ -266,14 +274,14 @@ def solve_with_colmap(
             "folder": name,
             "names": names,
             "pairs": [(i, i + gap) for gap in MATCH_GAPS for i in range(len(names) - gap)],
-            "focal": focal,
+            "focal": settings.focal,
             "refine_focal": False,
-            "max_features": features,
-            "threads": threads,
-            "seed": seed,
+            "max_features": settings.features,
+            "threads": settings.threads,
+            "seed": settings.seed,
         }
         best = _ask_colmap(request, (width, height))
-        if not focal_known and (best is None or best.registered.mean() < 0.9):
+        if not settings.focal_known and (best is None or best.registered.mean() < 0.9):
             free = _ask_colmap(request | {"refine_focal": True}, (width, height))
             plausible = free is not None and FOCALS[0] <= free.bundle.focal / max(width, height) <= FOCALS[-1]
             if plausible and (best is None or free.registered.sum() > best.registered.sum()):  # type: ignore[union-attr]

@@ -185,7 +185,8 @@ class Sam2MaskDecoder:
         mask: ArrayLike | None = None,
     ) -> np.ndarray:
         """Logits (H,W) float32 of the object on frame `t`; replaces an earlier prompt on that frame."""
-        self._prompts[t] = check_prompt(t, self.count, self.size, points, labels, box, mask)
+        check_frame(t, self.count)
+        self._prompts[t] = check_prompt(self.size, points, labels, box, mask)
         # A session built anew keeps no memory of replaced prompts; replaying the others costs one decoding each.
         self._session = self._new_session()
         shown = {frame: self._show(frame, prompt) for frame, prompt in sorted(self._prompts.items())}
