@@ -38,9 +38,10 @@ def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _raster(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    from .speed.raster import benchmark, compare_decoding, measure_memory, measure_thread_ceiling
+    from .speed.raster import Cases, benchmark, compare_decoding, measure_memory, measure_thread_ceiling
 
-    report = benchmark(tuple(args.counts), threads=tuple(args.threads), repeats=args.repeats, progress=progress)
+    cases = Cases(tuple(args.counts), threads=tuple(args.threads))
+    report = benchmark(cases, repeats=args.repeats, progress=progress)
     progress("bench raster", 0, 0, "latent, memory and threads")
     decoding, memory = compare_decoding(repeats=args.repeats), measure_memory()
     report |= {"decoding": decoding, "memory_mb": memory, "thread_ceiling": measure_thread_ceiling()}

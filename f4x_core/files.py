@@ -89,6 +89,11 @@ def same_file(one: Path, other: Path) -> bool:
     return one.exists() and other.exists() and one.samefile(other)
 
 
+def in_place(path: Path, output: Path | None) -> tuple[Path, Path | None]:
+    """Return the file to change and the other file to write; where both are one, it is changed under the name of `output`."""
+    return (output, None) if output is not None and same_file(output, path) else (path, output)
+
+
 def user_path(path: Path | str) -> Path:
     """`path` with a leading `~` or `~user` replaced by that home folder, unless a file has that name or there is no such user."""
     path = Path(path)

@@ -185,7 +185,9 @@ def _tool(session: Session, name: str, lock: Lock) -> Callable[..., CallToolResu
     """
     method = getattr(session, name)
     signature = inspect.signature(method, eval_str=True)
-    records = {p.name: p.annotation for p in signature.parameters.values() if is_dataclass(p.annotation)}
+    records: dict[str, Any] = {
+        p.name: p.annotation for p in signature.parameters.values() if is_dataclass(p.annotation)
+    }
 
     @wraps(method)
     def call(**arguments: Any) -> CallToolResult:

@@ -142,7 +142,7 @@ class Search:
 
     def wanted(self, moment: int, threshold: float) -> Wanted:
         """Return the request for the words, point or box in clip frame `moment`."""
-        marks = ()
+        marks: tuple[Point | Box, ...] = ()
         if self.point:
             marks = (Point(moment, True, self.point),)
         elif self.box:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,15 +15,13 @@ from ..features.maps import FeatureMaps, read_maps
 from ..features.teachers import extract
 from ..features.text import TEXT_ENCODERS, find_text_encoder
 from ..features.weights import require_path
-from ..files import link_target, lock_file, neighbour, same_file
+from ..files import in_place
 from ..fit.distil import distil
 from ..fit.distil_config import DistilConfig
 from ..fit.vocabulary import EVERYDAY, with_vocabulary
 from ..progress import Progress, silent
 from ..scene import Scene, read_header, read_scene, updating, write_scene
-
-PATIENCE = 60.0
-"""Seconds to wait for another program that distils into the same scene; adding words takes less."""
+from ..scene.locking import only_run
 
 
 @dataclass(frozen=True)
@@ -71,10 +68,9 @@ class Distilled:
 
 def distill(request: DistilRequest, progress: Progress = silent) -> Distilled:
     """Add heads or words to a scene, in place or in another file, as `f4x distill` does."""
-    request = replace(request, folder=request.folder or request.path.parent / "features")
-    if request.output is not None and same_file(request.output, request.path):
-        request = replace(request, path=request.output, output=None)  # in place, under the name that is to be written
-    with only_distiller(request.output or request.path):
+    path, output = in_place(request.path, request.output)
+    request = replace(request, path=path, output=output, folder=request.folder or request.path.parent / "features")
+    with only_run("distill", output or path):
         return _distill(request, progress)
 
 
@@ -96,17 +92,6 @@ def _distill(request: DistilRequest, progress: Progress) -> Distilled:
         scene = distil(scene, maps, request.config, progress)
     written = request.output or request.path
     return replace(write_distilled(scene, written, None if request.output else arrays, names, labels), kept=kept)
-
-
-@contextmanager
-def only_distiller(path: Path) -> Iterator[None]:
-    """Keep two programs from distilling into the scene file `path`, each without what the other adds.
-
-    It is held for minutes, so it is no lock of the scene: others edit it meanwhile, and `write_distilled` keeps their edits.
-    """
-    busy = f"{path}: another `f4x distill` is adding to this scene; try again when it is done."
-    with lock_file(neighbour(link_target(path), "distill-lock"), busy, PATIENCE):
-        yield
 
 
 def read_with_arrays(path: Path) -> tuple[Scene, dict[str, Any]]:

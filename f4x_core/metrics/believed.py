@@ -5,8 +5,7 @@ depth is wrong by the fraction `e` displaced by `f tan(a) e` (small `e`, `f` the
 stays below `TOLERANCE`. What is left is to know `e`: from the confidence of the depth, from the angle between the viewing
 rays of static points, and from how surely near and far are not exchanged.
 
-Constants were looked at on the rendered clips `knight` and `procedural` with offline priors; the benchmarks measure the same angle
-where the truth is known (`displacement`), so that they can be chosen anew.
+Constants were chosen on the rendered clips `knight` and `procedural` with offline priors.
 """
 
 from __future__ import annotations

@@ -62,6 +62,8 @@ def rasterize(
 ) -> RasterOutput:
     """Composite N Gaussians into an image of C channels (EWA splatting, 3DGS rules).
 
+    As in `gsplat.rasterization`, every option is a keyword of its own; `RasterInput` gathers them for the backends.
+
     Args:
         splats: N Gaussians; their harmonics are not looked at.
         colors: (N, C) any channels: rgb, latent features, ...

@@ -333,7 +333,11 @@ def test_no_name_leads_out_of_the_folder(place, session, name):
     (place / "out").symlink_to(outside, target_is_directory=True)
     (place / "loop").symlink_to(place / "loop")
     before = files_of(outside)
-    calls = [("info", {"scene": name}), ("render_view", {"look": sessions.Look(camera_path=name)}), ("render_view", {"file": name})]
+    calls = [
+        ("info", {"scene": name}),
+        ("render_view", {"look": sessions.Look(camera_path=name)}),
+        ("render_view", {"file": name}),
+    ]
     calls += [("undo", {"scene": name}), ("export", {"output": name, "time": 0}), ("export", {"output": name})]
     for tool, arguments in calls:
         with pytest.raises((F4xError, OSError)) as error:
