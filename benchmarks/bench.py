@@ -132,7 +132,7 @@ REACH = {
     for figure, wanted in (("iou", ">= 0.85"), ("leakage", "< 0.02"))
     for kind in ("original", "novel")
 }
-"""What the figures of `bench features`, `bench edit` and `bench scale` should reach, beside them in the table."""
+"""Goals of the figures of `bench features`, `bench edit` and `bench scale`, for the table."""
 MEANING = {
     "gaussians": "Gaussians of the scene",
     "open_s": "seconds to open the file",
@@ -154,7 +154,7 @@ MEANING = {
     "*_original": "seen by the clip's own cameras",
     "*_novel": "seen by cameras that the fit never saw",
 }
-"""What figures of `bench edit` mean, by patterns of their names."""
+"""Meanings of the figures of `bench edit`, by patterns of their names."""
 
 
 def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

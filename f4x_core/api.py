@@ -1,4 +1,4 @@
-"""What a program does with a scene: draw it, select in it, ask it, edit it. Needs numpy alone; offered by `import f4x_core`.
+"""Functions of `import f4x_core`: draw a scene, select in it, ask it, edit it. Needs numpy alone.
 
 Every function sees the scene with its edits, those that `read_scene` found in the file included. Nothing is sent anywhere:
 words are read by the grammar and questions are answered by computing, on this machine.

@@ -33,7 +33,7 @@ def interpreter_in(folder: Path) -> Path:
 
 
 def requirements() -> list[str]:
-    """What pip installs for the core: the dependencies and EXTRAS of pyproject.toml."""
+    """Return the requirements of the core for pip: the dependencies and EXTRAS of pyproject.toml."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     optional = project["optional-dependencies"]
     return [*project["dependencies"], *(entry for name in EXTRAS for entry in optional[name])]

@@ -141,7 +141,7 @@ def start_child(
 
 @dataclass(frozen=True)
 class Ended:
-    """How a child of `run_child` ended."""
+    """End of a child of `run_child`."""
 
     code: int
     """Exit code; negative: the signal that ended it."""

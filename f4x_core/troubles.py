@@ -23,9 +23,9 @@ class Trouble:
     code: str
     """Stands in brackets behind the sentence; never given to another family."""
     cause: str
-    """What is wrong, whichever sentence it is."""
+    """Fault that all sentences of the family have in common."""
     cure: str
-    """What helps most often; the sentence says it for the case at hand."""
+    """Remedy that helps most often; the sentence says it for the case at hand."""
     modules: tuple[str, ...] = ()
     """Modules and packages that raise it, as dotted names below the repository; the longest that fits a module wins."""
 
@@ -255,14 +255,14 @@ _BY_CODE = {trouble.code: trouble for trouble in TROUBLES}
 _BY_MODULE = {module: trouble.code for trouble in TROUBLES for module in trouble.modules}
 _HAS_CODE = re.compile(r"\[F4X-[A-Z]+\]")
 STOPS = (".", "?", "!", '."', '?"', '!"', ".)", "…")
-"""How a sentence ends that has ended."""
+"""Ends of complete sentences."""
 EXPECTED = (F4xError, OSError, MemoryError)
-"""What an input or a machine can cause; people see one sentence of it. Any other exception is a mistake of the program."""
+"""Errors that an input or a machine can cause; people see one sentence. Any other exception is a mistake of the program."""
 CURES = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room there or choose another place"),
     **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "choose another place, or change who may write there"),
 }
-"""What helps against an error of the disk, by its number."""
+"""Remedies for errors of the disk, by their number."""
 
 
 def code_of_module(name: str) -> str:
@@ -296,7 +296,7 @@ def _module_of(frame: FrameType) -> str:
 
 
 def sentence_of(error: BaseException, place: object = "the disk") -> str:
-    """What an expected error says to people; `place` is where the disk failed if the error does not name it."""
+    """Return the sentence of an expected error for people; `place` is where the disk failed if the error does not name it."""
     if isinstance(error, FileNotFoundError):
         return f"{error.filename or place}: there is no such file or folder; check the path."
     if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:

@@ -1,4 +1,4 @@
-"""How well edits do: against true masks, over time, from a sentence to the file, and with a language model that fails."""
+"""Scores edits: against true masks, over time, from a sentence to the file, and with a language model that fails."""
 
 from __future__ import annotations
 

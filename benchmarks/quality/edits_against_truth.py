@@ -1,4 +1,4 @@
-"""How well edits do on the scene of a rendered clip: whom they change, against the true object index, in old and new views."""
+"""Scores edits on the scene of a rendered clip: changed pixels against the true object index, in old and new views."""
 
 from __future__ import annotations
 

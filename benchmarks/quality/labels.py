@@ -1,4 +1,4 @@
-"""What a word finds in the scene of a rendered clip, against the true object index: in original views and in new ones."""
+"""Scores the selection by a word in the scene of a rendered clip, against the true object index, in original and new views."""
 
 from __future__ import annotations
 

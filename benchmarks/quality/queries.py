@@ -1,4 +1,4 @@
-"""How well a scene answers: text scores and followed masks against true masks, and what features cost."""
+"""Scores queries of a scene: text scores and followed masks against true masks, and the cost of features."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def score_text(
     encode: Encode | None = None,
     progress: Progress = silent,
 ) -> dict[str, float]:
-    """How well the query for `label` finds bool `masks` (frame -> (H,W)) in the original views; means over frames with a mask.
+    """Score the query for `label` against bool `masks` (frame -> (H,W)) in the original views; means over frames with a mask.
 
     Average precision: `text_ap` of decoded rendered latents, `text_gaussians_ap` of the selection's composited scores. IoU:
     `text_iou` of the selection, `text_rule_iou` of Feature4X's rule (`score.select`) on decoded rendered latents.

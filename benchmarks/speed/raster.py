@@ -37,7 +37,7 @@ LATENT, DECODED, LATENT_GAUSSIANS, STRIP = 32, 512, 50_000, 8
 MEMORY_GAUSSIANS, MEMORY_CHANNELS = 200_000, 35
 MEGABYTE = 2**20
 CHECKOUT = Path(__file__).resolve().parents[2]
-"""Where a child process finds this module."""
+"""Folder in which a child process finds this module."""
 PEAK_SECONDS = 0.05
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "viewmat")
 Draw = Callable[..., "torch.Tensor"]
@@ -140,7 +140,7 @@ def benchmark(
 def compare_decoding(
     gaussians: int = LATENT_GAUSSIANS, width: int = 480, height: int = 270, repeats: int = 5, backend: str = "auto"
 ) -> dict[str, float]:
-    """What a latent saves: `DECODED` channels rendered against `LATENT` channels rendered and decoded per pixel.
+    """Measure the savings by a latent: `DECODED` channels rendered against `LATENT` channels rendered and decoded per pixel.
 
     Both forward and backward on one thread, the decoder is one linear layer.
 
@@ -212,7 +212,7 @@ def _peak_memory() -> float:
 
 
 def measure_thread_ceiling(threads: int = 2, seconds: float = 0.3) -> float | None:
-    """How much faster `threads` independent loops of multiply-adds run than one: the most that threads can gain here.
+    """Return the speed-up of `threads` independent loops of multiply-adds over one: the most that threads can gain here.
 
     2 on two cores, little above 1 on two hardware threads of one core. None without the native library.
     """

@@ -157,7 +157,7 @@ def measure(
 
 
 def each_seed(context: Context, name: str, work: Callable[[int], Row], count: int, **settings: Any) -> list[Row]:
-    """What `work(seed)` returned for `count` seeds, a step each."""
+    """Return the results of `work(seed)` for `count` seeds, a step each."""
     seeds = range(context.seed, context.seed + count)
     settings |= {} if lpips_missing() else {"lpips": True}  # `score_world` has one column more
     return [context.step(f"{name} {seed}", partial(work, seed), **settings) for seed in seeds]

@@ -33,7 +33,7 @@ SUBPIXELS = 3
 FOCAL = 0.9
 """In picture widths."""
 MIDDLE = np.array([0.0, 0.0, 0.95])
-"""What the cameras look at."""
+"""Point that the cameras look at."""
 WAVES, MAX_WAVELENGTH, MIN_WAVELENGTH = 14, 0.6, 0.035
 """Number and wavelengths of a texture's waves."""
 HOLD_OUT = 5
@@ -60,7 +60,7 @@ class Body:
     motion: Motion | None = None
     """None = it never moves."""
     shine: float = 0.0
-    """How strongly the colour changes with the direction of view (degree 1 in the world's axes: only of what never moves)."""
+    """Strength by which the colour changes with the direction of view (degree 1 in the world's axes: only of static bodies)."""
 
     def at(self, phase: float) -> np.ndarray:
         """Positions (n,3) of the points."""
@@ -155,7 +155,7 @@ class World:
         return np.concatenate([np.full(len(body.xyz), self.labels.index(body.label)) for body in self.bodies])
 
     def view(self, camera: Camera, time: float) -> View:
-        """What `camera` sees at a clip time: `SUBPIXELS` x `SUBPIXELS` rays in each pixel, averaged."""
+        """Render what `camera` sees at a clip time: `SUBPIXELS` x `SUBPIXELS` rays in each pixel, averaged."""
         corners = [body.triangles_at(self._phase(time)) for body in self.bodies]
         triangles = np.concatenate(corners)
         fine = camera.resized(SUBPIXELS * camera.width, SUBPIXELS * camera.height)

@@ -104,7 +104,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where a picture is taken from, and when."""
+    """Camera and clip time of a picture."""
 
     frame: Frame = 0.0
     time: Time = None
@@ -122,7 +122,7 @@ class Look(Viewpoint):
 
 @dataclass(frozen=True)
 class Search:
-    """What to find: exactly one of text, point, box and select."""
+    """Description of what to find: exactly one of text, point, box and select."""
 
     text: Annotated[Words, Field(description="words for it; info lists those that are known")] = None
     negatives: Annotated[Words, Field(description="words that text is weighed against; null: the usual")] = None
@@ -184,7 +184,7 @@ class Session:
         self._made = 0
 
     def info(self, scene: SceneName = "") -> ToolResult:
-        """What there is: the scenes of the folder, and of one scene its clip, Gaussians, words and named selections."""
+        """List the scenes of the folder; of one scene tell its clip, Gaussians, words and named selections."""
         listed = self.folder.scenes()
         if not scene and len(listed) != 1:
             return ToolResult({"scenes": listed})
@@ -210,7 +210,7 @@ class Session:
         selection: Annotated[str, Field(description="selection to show in colours over a grey picture")] = "",
         file: Annotated[str, Field(description="also write it to this new .png in the folder")] = "",
     ) -> ToolResult:
-        """A picture of the scene with its edits, from a camera at a moment; depth near is red, motion hue is direction."""
+        """Draw the scene with its edits, from a camera at a moment; depth near is red, motion hue is direction."""
         path, opened = self._open(scene)
         view = self._view(opened, look)
         data: dict[str, Any] = {"frame": look.frame, "time": view.time, "size": [view.camera.width, view.camera.height]}
@@ -294,7 +294,7 @@ class Session:
         selection: Annotated[SelectionName, Field(description='what \'it\' and {"by": "current"} mean')] = "",
         candidates: Annotated[int, Field(ge=1, le=MAX_CANDIDATES, description="readings of sentence to compare")] = 1,
     ) -> ToolResult:
-        """What a sentence, or a list of operations, would do. Writes nothing: look at preview, then call apply_edit."""
+        """Propose edits, by a sentence or a list of operations. Writes nothing: look at preview, then call apply_edit."""
         if bool(sentence.strip()) == bool(operations):
             raise F4xError("Give either a sentence or operations.")
         path, opened = self._open(scene)
@@ -317,7 +317,7 @@ class Session:
         candidate: Which = -1,
         viewpoint: Viewpoint = Viewpoint(),
     ) -> ToolResult:
-        """A picture of the scene before and after a candidate. Writes nothing."""
+        """Draw the scene before and after a candidate. Writes nothing."""
         path, opened, chosen = self._candidate(proposal, candidate)
         view = self._view(opened, Look(**vars(viewpoint)))
         scenes = (opened, plan.preview(opened, chosen))
@@ -327,7 +327,7 @@ class Session:
         return ToolResult({"scene": self.folder.name(path), "changed_share_of_picture": changed}, png=encode_png(sheet))
 
     def history(self, scene: SceneName = "") -> ToolResult:
-        """The edits of a scene, and those that redo would bring back, the next one last."""
+        """List the edits of a scene, and those that redo would bring back, the next one last."""
         stack = read_stack(self.folder.scene(scene))
         rows = {"edits": _edit_rows(stack.edits), "undone": _edit_rows(stack.undone)}
         return ToolResult({name: len(edits) for name, edits in rows.items()}, rows)

@@ -31,7 +31,7 @@ class DistilRequest:
     path: Path
     """The scene file."""
     teachers: tuple[str, ...] = ()
-    """Whose features are learnt."""
+    """Teachers whose features are learnt."""
     labels: tuple[str, ...] = ()
     """Words that the scene learns."""
     folder: Path | None = None

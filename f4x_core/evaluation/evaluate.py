@@ -1,4 +1,4 @@
-"""How well a scene shows its clip: used frames, held-out frames with registered or refined camera, simple baselines."""
+"""Scores a scene against its clip: used frames, held-out frames with registered or refined camera, simple baselines."""
 
 from __future__ import annotations
 
@@ -284,7 +284,7 @@ def beside(frames: int, index: int, held_out: set[int]) -> tuple[int, ...]:
 
 
 def _fraction(clip: Clip, index: int, neighbours: tuple[int, ...]) -> float:
-    """How far in time frame `index` is on the way between two `neighbours`, 0 to 1."""
+    """Return the place in time of frame `index` between two `neighbours`, 0 to 1."""
     before, now, after = clip.times[[neighbours[0], index, neighbours[1]]]
     return float((now - before) / (after - before))
 

@@ -1,4 +1,4 @@
-"""Where the camera of a held-out frame stands, by geometry alone: optical flow to used frames and the scene's depth there.
+"""Registers the camera of a held-out frame by geometry alone: optical flow to used frames and the scene's depth there.
 
 Held-out frames are judged with this camera: an interpolated one does not know the hand that shook, and one refined on colours
 has seen the picture it is judged by. No colour of the scene is compared with the frame.
@@ -29,7 +29,7 @@ MIN_CELL = 6
 MIN_TEXTURE = 1e-4
 """Smaller eigenvalue of the structure tensor (grey in [0,1]): gradients of about 1.3 grey levels a pixel, the noise of a phone."""
 MAX_RETURN_PX = 0.5
-"""How far a point may land from its start after flow there and back."""
+"""Largest distance between a point and its image after flow there and back."""
 MIN_ALPHA = 0.8
 """A used frame's pixel with less has no dependable depth."""
 MOVING_ALPHA, MOVING_MARGIN = 0.1, 0.02

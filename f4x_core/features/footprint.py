@@ -1,4 +1,4 @@
-"""How much each Gaussian weighs in each cell of a picture: a sparse matrix per view.
+"""Blend weights of Gaussians in the pixels of a feature map: a sparse matrix per view.
 
 Where geometry and opacity stand still, compositing is linear in the channels. The matrix is measured once per view, and
 every further look at any channels is one sparse product, about thirty times cheaper than drawing the view again.

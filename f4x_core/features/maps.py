@@ -36,7 +36,7 @@ from .spec import FeatureSpec
 SPEC, STORED, PLAN = "spec.json", "stored.json", "plan.json"
 HALF = "<f2"
 UNREADABLE = (OSError, *DAMAGE)
-"""What numpy and json raise on damaged files."""
+"""Exceptions of numpy and json on damaged files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +44,9 @@ class FeatureMaps:
     """The maps of one teacher for all T frames of a clip."""
 
     folder: Path
-    """Where they lie."""
+    """Folder of the files."""
     spec: FeatureSpec
-    """What they mean."""
+    """Width, grid and space of the features."""
     stored: np.ndarray
     """(T,h,w,k) float16, memory-mapped; k = C where nothing is projected."""
     basis: np.ndarray | None = None

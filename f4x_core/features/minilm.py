@@ -22,7 +22,7 @@ DTYPES = {"F32": "<f4", "F16": "<f2", "I64": "<i8"}
 WIDTH = 384
 """Length of the vectors."""
 CONFIG = {"model_type": "bert", "hidden_act": "gelu", "hidden_size": WIDTH}
-"""What `config.json` has to say."""
+"""Entries that `config.json` must have."""
 MAX_TOKENS, MAX_LETTERS = 128, 100
 """Longer labels are cut; longer words are unknown."""
 

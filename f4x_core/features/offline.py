@@ -26,7 +26,7 @@ from .weights import PACKAGED
 AREA = 1024 * 576
 """Pixels of the picture that both networks see: twice the usual clip's, so that a cell is about 7 or 15 clip pixels."""
 KIND_WEIGHT = 2.0
-"""How much the kind counts beside the name; mean AP of four clips: 0.63 at 0, 0.68 at 1, 0.69 at 2."""
+"""Weight of the kind beside the name; mean AP of four clips: 0.63 at 0, 0.68 at 1, 0.69 at 2."""
 
 
 class Visual:

@@ -1,4 +1,4 @@
-"""What a feature map means: its width, grid and the space it lives in. Plain data, JSON both ways, no torch."""
+"""Specification of a feature map: its width, grid and space. Plain data, JSON both ways, no torch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class FeatureSpec:
     grid: tuple[int, int]
     """(h, w), the number of cells; together they cover the whole picture, whatever its aspect ratio."""
     resize: str = "bilinear"
-    """How a picture or a latent gets to the grid: `bilinear` (anti-aliased when shrinking) or `area`."""
+    """Filter that resizes a picture or a latent to the grid: `bilinear` (anti-aliased when shrinking) or `area`."""
     normalised: bool = False
     """Every cell has unit length."""
     text_encoder: str | None = None

@@ -1,4 +1,4 @@
-"""How wide the latent must be: principal components of all teachers' features together. numpy alone."""
+"""Chooses the width of the latent, by principal components of all teachers' features together. numpy alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from .maps import FeatureMaps
 
 WIDTHS = (8, 16, 32, 64)
-"""What the raster and the scene file are made for."""
+"""Widths that the raster and the scene file support."""
 KEPT = 0.6
 """Fraction of the variance of the stacked features that so many components must hold. Not more: the same surface has a cosine
 of about 0.7 with itself from frame to frame (MobileNetV2, blackswan), so half of the variance is in no scene at all. A toy
@@ -28,7 +28,7 @@ class Spectrum:
     means: tuple[np.ndarray, ...]
     """(C,) of each teacher."""
     scales: tuple[float, ...]
-    """What each teacher's centred features are divided by: the root of their total variance."""
+    """Divisor of each teacher's centred features: the root of their total variance."""
     values: np.ndarray
     """(S,) variances along the components, descending; S is the sum of all C."""
     vectors: np.ndarray

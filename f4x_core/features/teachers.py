@@ -46,9 +46,9 @@ class TeacherEntry:
     """Registry entry of a teacher: its purpose, its weights and how to load it."""
 
     name: str
-    """What --teacher takes, and the name of its head."""
+    """Name for --teacher, and of its head."""
     purpose: str
-    """What it is for, in a few words."""
+    """Purpose, in a few words."""
     weights: tuple[str, ...]
     """Names in `weights.WEIGHTS`; empty where the maps come from elsewhere."""
     factory: str

@@ -32,7 +32,7 @@ class TextEncoderEntry:
     """Name, weights and loader of one text encoder."""
 
     name: str
-    """What `FeatureSpec.text_encoder` says."""
+    """Name in `FeatureSpec.text_encoder`."""
     weights: str
     """Their name in `weights.WEIGHTS`."""
     factory: str

@@ -1,4 +1,4 @@
-"""What a fit costs, estimated before it starts, and how many Gaussians the time and memory that a person grants have room for.
+"""Estimates the cost of a fit before it starts, and the number of Gaussians that granted time and memory have room for.
 
 The model is linear: a step costs something by itself, something for every pixel and something for every Gaussian. Its constants
 are in raster steps (`MachineSpeed`), one of which is timed on the machine at hand, so that they carry over. They were measured
@@ -54,10 +54,10 @@ SETS = ("static", "dynamic")
 
 @dataclass(frozen=True)
 class ClipSize:
-    """What of a clip decides the cost of its fit."""
+    """Properties of a clip that decide the cost of its fit."""
 
     frames: int
-    """Of one window, where there are several."""
+    """Frames of one window, where there are several."""
     width: int
     height: int
     windows: int = 1
@@ -80,20 +80,20 @@ class ClipSize:
 
 @dataclass(frozen=True)
 class Grant:
-    """What a person allows a fit to take."""
+    """Time and memory that a person allows a fit to take."""
 
     minutes: float | None = None
-    """Of wall time; None = as many as the profile takes."""
+    """Minutes of wall time; None = as many as the profile takes."""
     memory: float | None = None
     """Gigabytes of main memory; None = `MEMORY_FRACTION` of the machine's."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a fit takes."""
+    """Time, memory and disk space that a fit takes."""
 
     minutes: float
-    """Of wall time on a machine with nothing else to do."""
+    """Minutes of wall time on a machine with nothing else to do."""
     memory: float
     """Gigabytes of main memory at its peak."""
     file: float
@@ -109,9 +109,9 @@ class Work:
     """Raster steps of two threads."""
 
     alone: float
-    """What one thread does while the others wait: more of them change nothing."""
+    """Work of one thread while the others wait: more threads do not shorten it."""
     shared: float
-    """What all threads do."""
+    """Work of all threads."""
 
     def __add__(self, other: Work) -> Work:
         """Both."""
@@ -120,12 +120,12 @@ class Work:
 
 @dataclass(frozen=True)
 class MachineSpeed:
-    """How fast this machine is."""
+    """Speed of this machine."""
 
     raster_seconds: float
     """Processor time of drawing 20,000 Gaussians in 320 x 180 pixels with gradients: the unit of all costs."""
     threads: int
-    """Of a fit."""
+    """Threads of a fit."""
 
     @classmethod
     def measured(cls, threads: int) -> MachineSpeed:
@@ -184,7 +184,7 @@ def machine_memory() -> float:
 
 
 def cost(size: ClipSize, config: FitConfig, speed: MachineSpeed) -> Cost:
-    """What the fit of a clip takes at most."""
+    """Return the most that the fit of a clip takes."""
     count = expected_gaussians(size, config)
     seconds = speed.seconds(_fixed(size, config)) + count * speed.seconds(_per_gaussian(size, config))
     return Cost(
@@ -208,7 +208,7 @@ def for_clip(minutes: float | None, size: ClipSize, config: FitConfig, speed: Ma
 
 
 def has_room(size: ClipSize, config: FitConfig, memory: float | None) -> bool:
-    """Whether `memory` (gigabytes; None: what a fit takes at most) holds a fit with all Gaussians that the clip may ask for."""
+    """Return True if `memory` (GB; None: the default of a grant) holds a fit with all Gaussians that the clip may ask for."""
     return _memory_limit(memory, size, config).room >= expected_gaussians(size, config)
 
 
@@ -239,12 +239,12 @@ def within(grant: Grant, size: ClipSize, config: FitConfig, speed: MachineSpeed)
 
 @dataclass(frozen=True)
 class _Limit:
-    """How many Gaussians one thing that was granted has room for."""
+    """Number of Gaussians that one grant has room for."""
 
     option: str
-    """Of the command line."""
+    """Option of the command line."""
     words: str
-    """What was granted."""
+    """The option with its value."""
     room: float
 
 

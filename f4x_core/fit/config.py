@@ -225,7 +225,7 @@ class FitConfig:
     name: str = "wild"
     """Name of the profile."""
     counts_from: str = SETTINGS
-    """What the largest numbers of Gaussians come from: the settings, or what they were scaled to, for example --memory 2."""
+    """Source of the largest numbers of Gaussians: the settings, or the grant that they were scaled to, for example --memory 2."""
     own_counts: tuple[str, ...] = ()
     """The largest numbers that were set by hand and that `counts_from` left as they were."""
     steps: int = 3600

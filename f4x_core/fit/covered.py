@@ -1,4 +1,4 @@
-"""What always stands behind something that moves is made up from what is seen around it.
+"""Makes up the background that moving objects hide in all frames, from what is seen around it.
 
 No frame shows it. The static Gaussians there get only what shines through the edges of the thing before them, and a fit paints them
 with its colours; where there are none at all the scene has a hole. Seen from the side, or without the thing, both are its ghost.
@@ -43,14 +43,14 @@ is known."""
 MIN_HOLE = 4
 """Pixels; less of a view is no hole."""
 NEARER = 0.9
-"""What is nearer than this many times the nearest of the movers stands before them, and does not go on behind them."""
+"""Surfaces nearer than this many times the nearest mover stand before the movers, and do not go on behind them."""
 FIRST = 5
 """Percentile of the movers' depths that is the nearest: single Gaussians stray."""
 MADE = SpawnConfig(spacing=2.0, scale=0.7, opacity=0.95)
 """Cells in pixels of a view, so large that a layer is opaque: there is no detail that smaller ones could show."""
 BEHIND = 1.02
-"""What is made up lies this much farther away than what goes on into it, which hides its rim. At the same depth more of it is in
-sight and left out: in two of four toys the hole is .25 dB farther from the truth."""
+"""Factor by which made-up surfaces lie behind those that go on into them, which hides their rims. At the same depth more of them
+is in sight and left out: in two of four toys the hole is .25 dB farther from the truth."""
 THIN = 0.05
 """Opacity with which new ones are looked for in the views: opaque ones would hide each other, and come to light where one is taken
 out."""

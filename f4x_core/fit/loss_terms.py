@@ -21,7 +21,7 @@ from .model import SceneModel
 TRACK_CLAMP = 20.0
 """A correspondence further off than this many pixels is an outlier whose pull is capped."""
 MIN_ALPHA = 0.1
-"""Where less than this is drawn, a rendered position is not divided up to full opacity."""
+"""Lower bound of the alpha by which a rendered position is divided."""
 MIN_DEPTH = 1e-2
 """World units; rendered positions nearer to the camera plane, or behind it, are projected from here."""
 
@@ -32,7 +32,7 @@ class Rendered:
 
     frame: int
     data: FrameData
-    """What supervises it."""
+    """Frames and priors that supervise it."""
     output: RasterOutput
     """Channels: rgb; where something moves the alpha of what is dynamic; with a partner, positions (3) at the partner's time."""
     partner: int | None = None

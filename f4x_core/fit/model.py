@@ -89,7 +89,7 @@ class NodeSet:
 
 @dataclass(frozen=True, eq=False)
 class Attachment:
-    """Which dynamic Gaussian hangs where, and what is derived from that."""
+    """Nodes of the dynamic Gaussians, and data derived from them."""
 
     attach: Tensor
     """(N,) index of each Gaussian's node."""

@@ -14,7 +14,7 @@ from ..native.picture import F4X_PICTURE_LOSS, PICTURE
 
 
 class Comparison(NamedTuple):
-    """How two pictures are compared."""
+    """Constants of the comparison of two pictures."""
 
     window: Tensor
     """(11,) SSIM's blur."""

@@ -157,19 +157,19 @@ class ClipFit:
 
 @dataclass(frozen=True, eq=False)
 class KnownGround:
-    """What stands still and is known before a fit: from the window before."""
+    """Static Gaussians that are known before a fit, from the previous window."""
 
     frozen: Splats
-    """Tensors; what of it is drawn and never changes."""
+    """Tensors of those that are drawn and never change."""
     learning: Splats
-    """Tensors; what of it is learnt further, as new Gaussians."""
+    """Tensors of those that are learnt further, as new Gaussians."""
     explained: Explained
-    """Pixels that it shows rightly: they need no new Gaussian."""
+    """Pixels that they show rightly, which need no new Gaussian."""
     next_id: int
     """First id that no Gaussian has."""
 
     def gaussians(self, centre: np.ndarray, first_id: int) -> StaticGaussians:
-        """What learns, seen from about `centre (3,)`, with ids from `first_id` on."""
+        """Return the static Gaussians to learn further, seen from about `centre (3,)`, with ids from `first_id` on."""
         reach = (self.learning.means - torch.from_numpy(centre).float()).norm(dim=1)
         return learnt_before(self.learning, reach, first_id)
 

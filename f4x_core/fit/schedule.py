@@ -1,4 +1,4 @@
-"""What happens at which step of a fit, and how learning rates fall."""
+"""The actions of a fit with their steps, and the fall of learning rates."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .config import FitConfig, Rate
 
 
 class Moment(Enum):
-    """When in a step an action takes place."""
+    """Moments of a step at which actions take place."""
 
     START = "before the frame is drawn"
     OPTIMISED = "after the optimisers' step"

@@ -25,7 +25,7 @@ from ..errors import F4xError
 Config = TypeVar("Config")
 
 NUMBER = re.compile(r"[0-9.eE+_-]+")
-"""What numbers are written with; `float` would also read words, as `nan` and `infinity`."""
+"""Characters of numbers; `float` would also read words such as `nan` and `infinity`."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Setting:
     value: Any
     """Its value in the configuration that was listed."""
     annotation: Any
-    """What the dataclass says that it is."""
+    """Type annotation of the field."""
     doc: str
     """The docstring that follows the field, on one line."""
 
@@ -187,7 +187,7 @@ def _find(settings: Sequence[Setting], name: str) -> Setting:
 
 
 def _similarity(given: str, known: str) -> float:
-    """How alike two names are, 0..1; a name that was given without its groups is compared with the last parts alone."""
+    """Return the similarity of two names, 0..1; a name given without its groups is compared with the last parts alone."""
     parts = known.split(".")[-1 - given.count(".") :]
     return SequenceMatcher(None, given, ".".join(parts)).ratio()
 

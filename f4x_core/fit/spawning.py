@@ -71,7 +71,7 @@ class Spawner:
     degree: int
     progress: Progress
     rooms: dict[str, Room] = field(default_factory=dict, init=False)
-    """What each set that was spawned asked for, and what it was allowed."""
+    """Set -> Gaussians that it asked for and Gaussians that it was allowed."""
 
     @property
     def maps(self) -> LargeMaps:

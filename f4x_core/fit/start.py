@@ -126,7 +126,7 @@ def carried_depth(priors: Priors, before: Scaffold, after: Scaffold) -> np.ndarr
 
 
 def _sightlines(scaffold: Scaffold, priors: Priors, tracks: np.ndarray) -> Sightlines | None:
-    """How the nodes were seen, each by its one of the `tracks (M,)`; None where nothing is known of the depth's errors."""
+    """Return the viewing rays of the nodes, each through its one of the `tracks (M,)`; None where depth has no confidence."""
     if priors.depth_confidence is None:
         return None
     assert priors.cameras is not None

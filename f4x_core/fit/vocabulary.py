@@ -50,7 +50,7 @@ EVERYDAY = (
     *("screen", "telephone", "keyboard", "bottle", "cup", "bowl", "plate", "food", "fruit", "bread", "bag", "box"),
     *("clothes", "shirt", "trousers", "shoe", "hat", "ball", "toy", "tool", "sign", "light", "shadow"),
 )
-"""What clips of everyday life show; 80 words of 384 numbers take 60 kB."""
+"""Words for things in everyday clips; 80 words of 384 numbers take 60 kB."""
 
 
 def with_vocabulary(

@@ -1,4 +1,4 @@
-"""Where Gaussians start: back-projected pixels that nothing covers yet.
+"""Places the first Gaussians: back-projected pixels that nothing covers yet.
 
 Frames are visited coarse to fine in time. In each, the Gaussians that exist already are projected into a grid of cells;
 every valid cell without one at about its own depth gets a new Gaussian, blocks of cells that show nothing (a wall, the sky)
@@ -41,7 +41,7 @@ Made = TypeVar("Made", bound=Sized)
 
 @dataclass(frozen=True)
 class SpawnConfig:
-    """How densely Gaussians are placed at the start."""
+    """Settings of the density of Gaussians at the start."""
 
     spacing: float = 2.0
     """Side of a grid cell in pixels of the fitted image: one Gaussian per uncovered cell."""
@@ -65,7 +65,7 @@ class Spawned:
     rgb: np.ndarray
     radius: np.ndarray
     depth: np.ndarray
-    """How far the camera was away: what a pixel is worth there."""
+    """Distance along the camera's axis, which tells the size of a pixel there."""
 
     def __len__(self) -> int:
         return len(self.means)
@@ -80,10 +80,10 @@ class Spawned:
 
 @dataclass(frozen=True)
 class Room:
-    """How many Gaussians a clip asks for at the start of a set, and how many are allowed there."""
+    """Number of Gaussians that a clip asks for at the start of a set, and number allowed there."""
 
     asked: int
-    """With the spacing that the settings name."""
+    """Gaussians with the spacing that the settings name."""
     allowed: int
     """`SpawnConfig.max_count`."""
 

@@ -1,4 +1,4 @@
-"""How Python calls the compiled kernels: C signatures as data, arrays checked in one place. Needs numpy alone.
+"""Calls the compiled kernels from Python: C signatures as data, arrays checked in one place. Needs numpy alone.
 
 A wrapper declares each C struct as a `Struct` and each C function as a `Function`. Filling a struct checks the dtype, the
 shape and the layout of every array before its address is taken, because the kernels walk bare pointers and can check nothing.

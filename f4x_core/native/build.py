@@ -122,7 +122,7 @@ def object_of(source: Path, target: str, cache: Path) -> Path:
 
 
 def object_name(key: str, file: Path) -> str:
-    """What an object that was made of `key` is called in a cache."""
+    """Return the file name, in a cache, of an object that was made of `key`."""
     return f"{key}-{hashlib.sha256(file.read_bytes()).hexdigest()}.o"
 
 

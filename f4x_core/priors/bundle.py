@@ -34,14 +34,14 @@ MIN_DEPTH = 1e-6
 MAX_POINT_DISTANCE = 1e4
 """Points stay within this many median distances: beyond, nothing tells them from infinity."""
 FOCAL_PRIOR, FOCAL_SPREAD, DEPTH_PRIOR, PATH_PRIOR = 0.04, 0.15, 0.002, 0.01
-"""What is believed before anything is seen, as a fraction of the squared error that a violation must save: a focal length
+"""Weights of the priors, as fractions of the squared error that a violation must save: a focal length
 whose logarithm is `FOCAL_SPREAD` away from the expected one (with long tails: lenses differ), inverse distances that vary by
 their median, and a path as large as the median distance. They decide only what observations leave open (bas-relief: with
 little translation depth, path and focal length trade for each other). On rendered clips focal lengths 14 % apart fit tracks
 within 0.3 % of the cost."""
 ZOOM_PRIOR, ZOOM_CHANGE = 0.01, 0.005
-"""What is believed of a lens that zooms, as a fraction of the squared error like `FOCAL_PRIOR`: second differences over the frames
-of the logarithm of its focal length are about `ZOOM_CHANGE`; a zoom by 1.5 that starts and stops within half a second has 0.006."""
+"""Weight of the prior of a zoom, as a fraction of the squared error like `FOCAL_PRIOR`: second differences over the frames
+of the logarithm of the focal length are about `ZOOM_CHANGE`; a zoom by 1.5 that starts and stops within half a second has 0.006."""
 UPPER = np.triu_indices(3)
 """Rows and columns of the six different entries of a symmetric matrix."""
 BEHIND_PX = 1000.0
@@ -56,7 +56,7 @@ RUN_STEP = 16
 
 @dataclass(frozen=True)
 class Observations:
-    """Where points were seen: one row per sighting."""
+    """Sightings of points in pictures, one row each."""
 
     frame: np.ndarray
     """(O,) int, which camera."""
@@ -87,7 +87,7 @@ class Observations:
         return [self.keep(order[start:end]) for start, end in pairwise(ends)]
 
     def of_points(self) -> tuple[np.ndarray, Observations]:
-        """Which points are sighted at all, and the sightings of those alone."""
+        """Return the indices of the points that are sighted at all, and the sightings with points counted among these."""
         used, point = np.unique(self.point, return_inverse=True)
         return used, replace(self, point=point)
 
@@ -486,7 +486,7 @@ def _plain_costs(problem: _Problem, observations: Observations, config: BundleCo
 
 
 def _sightings(problem: _Problem, observations: Observations, config: BundleConfig, **outputs: np.ndarray) -> Any:
-    """What the compiled sums read, with the arrays that they write."""
+    """Return the problem of the compiled sums: what they read, and in `outputs` the arrays that they write."""
     return SIGHTINGS(
         count=len(observations.frame),
         frames=len(problem.center),

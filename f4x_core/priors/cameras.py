@@ -321,7 +321,7 @@ def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, ma
 
 
 def linked(visible: np.ndarray) -> bool:
-    """Whether all neighbouring frames share enough of the tracks `visible (F, N)` to tell how the camera turned between them."""
+    """Return True if all neighbouring frames share enough of the tracks `visible (F, N)` to tell the camera's turn between them."""
     shared = (visible[1:] & visible[:-1]).sum(1)
     fewer = np.minimum(visible[1:].sum(1), visible[:-1].sum(1))
     return bool((shared >= np.maximum(MIN_TRACKS, MIN_LINKED * fewer)).all())
@@ -406,11 +406,11 @@ def _with_points_ahead(bundle: Bundle, seen: Observations) -> Bundle:
 
 
 def interpolation_error(bundle: Bundle, observations: Observations, times: np.ndarray) -> dict[str, float] | None:
-    """How far a frame's picture shifts, in pixels, when its camera is interpolated from the other frames.
+    """Return the error in pixels of cameras that are interpolated from the other frames; None for too few frames.
 
-    Leave one out, inner frames: median over the frame's points of the projection difference at the points' own depth;
-    then mean and 90th percentile over frames. On rendered truth it equals that of the true path:
-    it is real shake, which held-out cameras will miss.
+    Each inner frame is left out in turn; its error is the median, over its points, of the difference between the projections
+    by both cameras. The result has the mean and the 90th percentile over frames. On rendered truth it equals the error of the
+    true path: it is real shake, which held-out cameras will miss.
     """
     path = bundle.path(times, *(2 * bundle.principal).astype(int))
     errors = []

@@ -19,7 +19,7 @@ class FlowConfig:
     """Dense optical flow between consecutive supervised frames."""
 
     provider: str = "classical"
-    """Who computes it (`providers.PROVIDERS`)."""
+    """Name of an entry of `providers.PROVIDERS`."""
     preset: Literal["ultrafast", "fast", "medium", "fine"] = "fine"
     """OpenCV DIS: `ultrafast`, `fast`, `medium`, or `fine` (full resolution; half the error, twice the time)."""
     refine_iterations: int = 5
@@ -31,7 +31,7 @@ class TracksConfig:
     """Long point tracks."""
 
     provider: str = "classical"
-    """Who computes them (`providers.PROVIDERS`)."""
+    """Name of an entry of `providers.PROVIDERS`."""
     count: int = 12000
     """Most tracks kept; the longest survive."""
     spacing: float = 8.0
@@ -63,10 +63,10 @@ class PeopleConfig:
 
 @dataclass(frozen=True)
 class MotionConfig:
-    """Which pixels move by themselves."""
+    """Score and mask of the pixels that move by themselves."""
 
     provider: str = "classical"
-    """Who computes it (`providers.PROVIDERS`)."""
+    """Name of an entry of `providers.PROVIDERS`."""
     gaps: tuple[int, ...] = (1, 2, 4, 8)
     """Distances in supervised frames (powers of two), used forward and backward, of the two-view tests."""
     threshold: float | None = None
@@ -78,7 +78,7 @@ class CamerasConfig:
     """Camera path of the supervised frames."""
 
     provider: str = "classical"
-    """Who computes it (`providers.PROVIDERS`)."""
+    """Name of an entry of `providers.PROVIDERS`."""
     kind: Literal["static", "pan", "moving"] | None = None
     """`static`, `pan` or `moving`; None = decided from the static tracks."""
     focal: float | None = None
@@ -98,7 +98,7 @@ class DepthConfig:
     """Dense depth of the supervised frames."""
 
     provider: str = "classical"
-    """Who computes it (`providers.PROVIDERS`)."""
+    """Name of an entry of `providers.PROVIDERS`."""
 
 
 @dataclass(frozen=True)

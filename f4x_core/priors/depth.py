@@ -50,9 +50,9 @@ FLOW_OUTLIER_PX = 1.5
 MISS_LIMIT_PX = 5.0
 """A gap whose flow misses by more counts as a miss by this much."""
 PLAIN_NOISE, PLAIN_SAMPLES = 0.4, 300
-"""Where nothing is measured, inverse depth is that of a plane below and a wall above, give or take this much of the median; both
-are fitted to what is measured, against so many samples of the usual ones. With 20 of them doubtful ones decide: the water of
-blackswan, which mirrors what is far, lay behind its bank."""
+"""Uncertainty of unmeasured inverse depth, as a fraction of the median, and number of usual samples. Unmeasured depth is that of
+a plane below and a wall above; both are fitted to what is measured, against these usual samples. With 20 doubtful ones decide:
+the water of blackswan, which mirrors what is far, lay behind its bank."""
 TRACK_NOISE_PX = 0.4
 MAX_DEPTH = 50.0
 """Depths beyond this many median depths cannot be told apart; sky is put here."""
@@ -440,7 +440,7 @@ def _measure(
 def _targets(
     frame: int, flows: dict[int, np.ndarray], blocked: np.ndarray, grid: np.ndarray
 ) -> list[tuple[int, np.ndarray, np.ndarray]]:
-    """Where the grid's pixels are seen in other frames, with weight 0 where flow is inconsistent or lands on a mover."""
+    """Return (frame, pixels, weights) of the grid in each other frame; weight 0: flow is inconsistent or lands on a mover."""
     _, height, width = blocked.shape
     some = np.s_[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE]
     targets = []

@@ -352,7 +352,7 @@ def _better(first: np.ndarray, second: np.ndarray, one: np.ndarray, other: np.nd
 
 @dataclass(frozen=True)
 class _Shift:
-    """How something in a box of the first picture moves to the second, pixels (x, y), (2,) each."""
+    """Motion, in pixels (x, y), of the content of a box `low` to `high` of the first picture to the second, (2,) each."""
 
     motion: np.ndarray
     low: np.ndarray
@@ -399,7 +399,7 @@ def _missed(first: np.ndarray, second: np.ndarray, there: np.ndarray, low: Any =
 
 
 def _shifts(first: np.ndarray, second: np.ndarray, there: np.ndarray, lost: np.ndarray) -> list[_Shift]:
-    """How the largest regions of `lost` (H,W) bool probably move."""
+    """Return the probable motions of the largest regions of `lost` (H,W) bool."""
     import cv2
 
     size = first.shape[1] // COARSE, first.shape[0] // COARSE

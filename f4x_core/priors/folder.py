@@ -99,7 +99,7 @@ class Priors:
     warnings: list[str] = field(default_factory=list)
     statistics: dict[str, Any] = field(default_factory=dict)
     scratch: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
-    """What providers share within one run (flows over longer gaps); never written."""
+    """Data that providers share within one run (flows over longer gaps); never written."""
 
     @classmethod
     def empty(cls, clip: Clip) -> Priors:
@@ -273,7 +273,7 @@ class Priors:
 
 
 def file_of(folder: Path, name: str) -> Path:
-    """Where prior `name` lives."""
+    """Return the path of the file of prior `name`."""
     return folder / (f"{name}.json" if name == "cameras" else f"{name}.npy")
 
 

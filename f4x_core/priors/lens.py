@@ -1,4 +1,4 @@
-"""How much the lens bends straight lines. Cameras here have straight lenses, so it is measured to be told.
+"""Measures how much a lens bends straight lines. Cameras of a scene do not bend any, so that a bent clip is reported.
 
 A pixel at x from the middle of the picture, in halves of its longer side, is where a straight lens would show it at
 `x (1 + bend |x|^2)` (one term of Brown, "Close-Range Camera Calibration", 1971). Action cameras have about .2. A straight lens
@@ -27,7 +27,7 @@ MIN_BEND, MIN_SAVED = 0.03, 0.25
 
 @dataclass(frozen=True)
 class Bend:
-    """What bends a picture."""
+    """Distortion of a lens."""
 
     bend: float
     """See above; positive: barrel, as of wide lenses, negative: pincushion."""

@@ -59,7 +59,7 @@ DEPENDENT_TRACKS = 10.0
 SURE, LIKELY = 4.6, 1.1
 """Log-odds of 99 : 1 and of 3 : 1."""
 NEIGHBOUR_PX, APPROACH_PX = 20.0, 0.1
-"""How far away, in a picture 480 wide, a track may be that hides another, and how fast they must approach per frame."""
+"""Largest distance between a track and one that it hides, and least speed of their approach per frame, in a picture 480 wide."""
 RIM_PX = 10.0
 """Tracks that end within so many pixels (480 wide) of the rim or of a mover do so for reasons of their own."""
 MIN_SAMPLES = 20

@@ -1,4 +1,4 @@
-"""Which pixels move by themselves: what a homography of the background leaves over, and parallax cannot explain.
+"""Finds pixels that move by themselves: a homography of the background leaves them over, and parallax cannot explain them.
 
 Two-view geometry at several frame gaps. The background is first explained by one homography per gap (exact for a turning
 camera or a flat scene). Epipolar geometry alone would be blind to everything that moves along with the camera, so what the

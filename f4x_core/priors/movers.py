@@ -238,7 +238,7 @@ def _rigid_bodies(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
 
 
 def _is_separate_object(some: np.ndarray, others: np.ndarray, frames: np.ndarray, priors: Priors) -> bool:
-    """Whether tracks `some` mostly have each other as neighbours rather than `others`: a separate object, not limbs of one."""
+    """Return True if tracks `some` have each other as neighbours more than `others`: a separate object, no limbs of one."""
     assert priors.tracks is not None and priors.tracks_visible is not None
     if len(some) < MIN_POINTS:
         return False
@@ -396,7 +396,7 @@ def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray
 def _contact(
     inverse: np.ndarray, moving: np.ndarray, own: np.ndarray, found: GroundEdge | None
 ) -> tuple[float, float, float]:
-    """Where a region stands: inverse depth at its mean column, relative change per column, and trust 0..1.
+    """Return a region's inverse depth at its mean column, the relative change per column, and trust in both, 0..1.
 
     Nothing is behind the ground that it is seen in front of, so the region, an upright plane of inverse depth
     `a (1 + b (column - mean))`, lies above the ground's values on its lower edge and touches them at its feet; of all turns

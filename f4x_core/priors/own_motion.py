@@ -135,7 +135,7 @@ def _extent(observations: Observations, frames: int) -> float:
 
 
 def _relief(bundle: Bundle, observations: Observations) -> float:
-    """How deep the body is against how wide and high it is (16..84 %), median over the frames."""
+    """Return the ratio of a body's depth to its width and height (16..84 %), median over the frames."""
     local, found = bundle.local(observations), []
     for frame in range(len(bundle.center)):
         here = local[observations.frame == frame]

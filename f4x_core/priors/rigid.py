@@ -1,4 +1,4 @@
-"""What one rigid world explains of a clip: in how much of the picture tracks are points, and which flow is the camera's.
+"""Tells the flow that the cameras explain from that of movers, by one rigid world behind all frames.
 
 Near things that stand still leave the homography of a far wall behind as movers do, and two pictures cannot tell the two apart
 (`motion`). What moves by itself rarely fills the border of the picture, so a mask that does is in doubt: then the cameras of

@@ -191,7 +191,7 @@ class Truth:
         return FAR * float(np.nanmedian(self.depth))
 
     def reproject(self, source: int, target: int, uv: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where static points at pixels `uv (n, 2)` and `depth (n,)` of a frame are seen in another, and their depth there."""
+        """Return pixels and depth, in frame `target`, of static points at pixels `uv (n, 2)` and `depth (n,)` of frame `source`."""
         depth = np.where(np.isfinite(depth), depth, self.far).astype(np.float64)
         return self.cameras[target].project(self.cameras[source].unproject(uv.astype(np.float64), depth))
 

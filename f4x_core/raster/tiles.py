@@ -177,7 +177,7 @@ class _Scene(NamedTuple):
 
 
 class _Layout(NamedTuple):
-    """Which Gaussians each tile blends, and where the tiles lie in the image."""
+    """Gaussians that each tile blends, and places of the tiles in the image."""
 
     lists: TileLists
     grid: _Grid

@@ -57,7 +57,7 @@ class GeometryConfig:
 
 @dataclass(frozen=True)
 class Sightlines:
-    """How nodes were seen: across the ray a track is known to a pixel, along it as well as depth is."""
+    """Viewing rays of nodes: across a ray a track is known to a pixel, along it as well as depth is."""
 
     direction: np.ndarray
     """(F, M, 3) unit vectors from the camera to the nodes, world axes."""

@@ -223,7 +223,7 @@ def _load(weights: Located) -> nn.Module:
 
 
 def _size(weights: Located) -> str:
-    """Which of `SIZES` a checkpoint is."""
+    """Return the name of the entry of `SIZES` that a checkpoint is."""
     try:
         name = json.loads(_file(weights, "config.json").read_text(encoding="utf-8"))["model_name"]
     except (ValueError, TypeError, KeyError):

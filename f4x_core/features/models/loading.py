@@ -28,7 +28,7 @@ class Located:
     """Location of a model's weights."""
 
     entry: Checkpoint
-    """What they are."""
+    """The published weights."""
     place: str
     """Folder, or hub id in the local cache."""
 

@@ -1,4 +1,4 @@
-"""How nodes carry Gaussians through time: dual-quaternion blending. Needs numpy alone.
+"""Deformation by dual-quaternion blending: nodes carry Gaussians through time. Needs numpy alone.
 
 A Gaussian with reference time `times[r]` and neighbours `n_k` moves from there to `time` by the blend of the relative
 motions `Q_nk(time) Q_nk(times[r])^-1`. One row of the dual-quaternion table belongs to one (node, reference) pair.

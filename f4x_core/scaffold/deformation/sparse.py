@@ -220,12 +220,12 @@ class Deformer:
 
     @cached_property
     def structure(self) -> SparseRows:
-        """Which pairs each Gaussian follows."""
+        """Indices of the pairs that each Gaussian follows."""
         return SparseRows(self.pairs.index, len(self.pairs.node), self._device)
 
     @cached_property
     def neighbour_structure(self) -> SparseRows:
-        """Which nodes each Gaussian follows."""
+        """Indices of the nodes that each Gaussian follows."""
         return SparseRows(self._neighbours, self._nodes, self._device)
 
     @cached_property
