@@ -143,7 +143,7 @@ def import_scene(
             mark_keyed(scene_object)
             layer = layer_of(root)
             if layer is not None:
-                layer.hide_viewport = True  # hundreds of empties would cover what moves; the sidebar shows them
+                layer.hide_viewport = True  # hundreds of empties would cover moving objects; the sidebar shows them
             if first.edits:
                 display.refresh(scene_object)
             else:

@@ -45,7 +45,7 @@ def lighting(depsgraph: bpy.types.Depsgraph) -> Callable[[bpy.types.Object, Clou
 
     def lit(item: bpy.types.Object, cloud: Cloud) -> Cloud:
         root = _root(item)
-        # what stands in the clip has its shadow in it already
+        # objects of the clip have their shadows in it already
         others = [caster for caster, made_of in casters if made_of is None or made_of != root]
         light = shadows.light_left(cloud.places, lamps, others, settings.strength)
         return cloud if (light == 1).all() else replace(cloud, light=light)

@@ -1,4 +1,4 @@
-"""The scenes of rendered clips as data: what stands where, what moves and how, and which way the camera goes.
+"""The scenes of rendered clips as data: objects, their places and motions, and camera paths.
 
 Metres, z up. The camera starts at y = -`distance` and looks along +y at the focus, a point above the origin; extra cameras
 turn about the focus. Times run over 0..1 of the clip.

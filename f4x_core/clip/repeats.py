@@ -1,6 +1,6 @@
 """Frames that repeat the one before: 24 frames a second written as 30, every frame twice, a varying rate made constant.
 
-A camera that seems to stop every few frames looks bumped, and what moves seems to stutter.
+A camera that seems to stop every few frames looks bumped, and moving objects seem to stutter.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class _Run:
 def without_repeats(frames: Iterable[Shown], notes: list[Note]) -> Iterator[Shown]:
     """Yield `frames` but for those that repeat the one before; says so in `notes`.
 
-    A frame counts as a repeat where the picture moves before and after: what stands still is no repeat. At most `MAX_REPEATS`
+    A frame counts as a repeat where the picture moves before and after: a picture at rest is no repeat. At most `MAX_REPEATS`
     frames wait for the one after them.
     """
     run: _Run | None = None

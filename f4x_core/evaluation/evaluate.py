@@ -85,7 +85,7 @@ class Figures:
     perceptual: bool = False
     """LPIPS, where it can run."""
     masks: Mapping[int, np.ndarray] | None = None
-    """Clip frame -> (H,W) bool of what moves by the priors or a person: adds `mask_scores`."""
+    """Clip frame -> (H,W) bool of moving objects by the priors or a person: adds `mask_scores`."""
 
 
 def evaluate(

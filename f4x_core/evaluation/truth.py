@@ -130,7 +130,7 @@ def score_against_truth(
         `depth_error_static` and `depth_error_moving`, see `depth_errors` (left out when the fitted camera stands still).
         With extra cameras `unseen_psnr`, `unseen_ssim`, `unseen_psnr_covered` (only pixels whose surface some used frame saw,
         by the truth: DyCheck's co-visible ones), `unseen_covered_fraction` (0..1, how many these are), `..._covered_moving` and
-        `..._covered_static` (those that show what moves, seen at that very frame, and the others) and on request
+        `..._covered_static` (those that show moving objects, seen at that very frame, and the others) and on request
         `unseen_psnr_covered_refined`: means over views, leaving out views that show none of it. The figures in `BY_DEGREES`
         also as `unseen_FIGURE_at_D` over the cameras D degrees off the path. `views`: one row for each view.
         Views are left out when the fitted camera stands still: its unit is then unknown, and so are places in it.
@@ -202,7 +202,7 @@ def depth_errors(found: np.ndarray, true: np.ndarray, moving: np.ndarray) -> dic
     Args:
         found: (F,H,W) z depth in the true unit (the cameras' alignment gives it); NaN = unknown, does not count.
         true: (F,H,W) z depth, `BACKGROUND_DEPTH` and more = sky, does not count.
-        moving: (F,H,W) bool. No scale of its own is granted to what moves, so a wrong mean distance counts.
+        moving: (F,H,W) bool. No scale of its own is granted to moving objects, so a wrong mean distance counts.
     """
     known = np.isfinite(found) & (true < BACKGROUND_DEPTH)
     errors = np.abs(np.divide(found, true, out=np.ones_like(found), where=known) - 1)
@@ -320,7 +320,7 @@ class SeenSurface:
 
         A seen wall behind an unseen part of the subject counts, so the region is rather too large than too small (by 1 %
         of the picture, 10 degrees off the path). For the same reason no depth is compared: it is asked whether anything
-        lands, not what. What moves is unknown at a held-out `frame`. Sky is left out: it lies behind everything.
+        lands, not what. Moving objects are unknown at a held-out `frame`. Sky is left out: it lies behind everything.
         """
         return _landing(camera, self.still, self.moving.get(frame, np.zeros((0, 3))))
 

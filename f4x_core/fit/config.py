@@ -180,7 +180,7 @@ class LossConfig:
     ssim: float = 0.3
     """1 - SSIM beside the L1 of the picture, which is summed over channels."""
     moving: float = 3.0
-    """Weight of a moving pixel in the picture losses; a static one has 1. What moves is small but looked at."""
+    """Weight of a moving pixel in the picture losses; a static one has 1. Moving objects are small but looked at."""
     depth: float = 0.3
     """Confidence-weighted inverse depth. A sixth of this gives no better pictures of camel, whose world is almost flat, but two of
     six pairs of its pixels in the wrong order."""
@@ -212,8 +212,8 @@ class LossConfig:
 SETTINGS = "settings"
 """`FitConfig.counts_from` where nobody granted memory or minutes."""
 LARGE_MOTION, MAX_MOVING = 0.25, 0.5
-"""Fraction of the pictures from which what moves is large, as a thing that somebody holds before the camera, and the most that the
-moving Gaussians get of the room for all. Of the twelve real clips the masks cover at most .2, the moving part of the room."""
+"""Fraction of the pictures from which moving objects are large, as a thing held before the camera, and the largest fraction of all
+Gaussians that dynamic ones get then. Of the twelve real clips the masks cover at most .2."""
 FIRST_FRACTION = 0.8
 """Fraction of a set's largest number of Gaussians that it may begin with: the rest is for what turns out to be wrong."""
 
@@ -267,7 +267,7 @@ class FitConfig:
     dw_from: float = 0.5
     """Fraction of the steps after which the graph is frozen and skinning offsets are learnt."""
     average_from: float = 0.85
-    """Fraction of the steps from which on the Gaussians and nodes of what moves are averaged: their rates do not fall."""
+    """Fraction of the steps from which on the Gaussians and nodes of moving objects are averaged: their rates do not fall."""
     graph_every: int = 100
     """Steps between two rebuilds of the node graph before it is frozen."""
     track_every: int = 4
@@ -409,7 +409,7 @@ def for_frames(config: FitConfig, frames: int) -> FitConfig:
 
 
 def for_motion(config: FitConfig, fraction: float, frames: int) -> FitConfig:
-    """The configuration for so many used `frames` of which what moves covers the `fraction`: where it is large, room for static
+    """The configuration for so many used `frames` of which moving objects cover the `fraction`: where it is large, room for static
     Gaussians becomes room for moving ones, as many together as before.
 
     Numbers that were set by hand stay.

@@ -32,14 +32,14 @@ from .needs import Need
 VIEWS, COLUMNS = 32, 240
 """Views, evenly over the clip, that are looked at, and their width in pixels."""
 COVERED, CLEAR = 0.2, 0.7
-"""Of the most light that a view would get of it without what moves, the fraction that some view gets: less of what is covered, more
-of what lends its colours. The most light, as a sliver in the corner of a view tells nothing of the whole. With .35 pictures along
-the path lose two to three times as much (train .2 dB), and what is left without the movers looks the same."""
+"""Largest blend weight of a static Gaussian over all views, as a fraction of the largest without moving objects: below the first it
+is covered, above the second it lends its colours to covered ones. With .35 pictures along the path lose two to three times as much
+(train .2 dB), and the scene without the movers looks the same."""
 SEEN = 0.1
 """Least blend weight, in pixels of a view, of a Gaussian of which that view tells."""
 OPAQUE = 0.9
-"""Alpha from which on what moves hides a pixel, and what stands still leaves no hole; the fraction of what is clear in a pixel that
-is known."""
+"""Alpha from which dynamic Gaussians hide a pixel, and from which static ones leave no hole; fraction of clear Gaussians in a pixel
+that is known."""
 MIN_HOLE = 4
 """Pixels; less of a view is no hole."""
 NEARER = 0.9
@@ -60,9 +60,9 @@ camel's path lose .01 dB more, and no hole gains .1."""
 
 
 def completed(scene: Scene) -> Scene:
-    """A whole fitted scene with what moves always hides made up: new colours and new Gaussians, told in a row of its needs.
+    """Return a fitted scene with the background that movers hide in all frames made up: new colours and new Gaussians.
 
-    For the last look at a scene: a later window of a clip would take what is made up for what was seen.
+    A row of the scene's needs counts them. Not for a window of a longer clip: the next one would take them for what was seen.
     """
     if not len(scene.dynamic) or not len(scene.static):
         return scene
@@ -216,7 +216,7 @@ def _light(scene: Scene, view: View) -> np.ndarray:
 
 
 def _shown(scene: Scene, views: Sequence[View]) -> tuple[np.ndarray, np.ndarray]:
-    """Of the S static Gaussians: (S,) the fraction of its most light that reaches a view, (S,) bool whether any view tells."""
+    """Return (S,) the fraction `COVERED` is about, of each static Gaussian, and (S,) bool: the Gaussians that are in some view."""
     count, background = len(scene.static), scene.background
     alone, reaches = np.zeros(count), np.zeros(count)
     for view in views:

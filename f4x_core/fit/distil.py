@@ -1,7 +1,7 @@
 """Distillation: foundation models' feature maps become latents on Gaussians and nodes, and heads that decode them.
 
 A stage of its own after the photometric one: geometry, opacity, colour and cameras stand still, so pictures cannot
-change. What stands still is measured once per frame (`features.footprint`); a step is then a sparse product, not a drawing.
+change. The static scene is measured once per frame (`features.footprint`); a step is then a sparse product, not a drawing.
 What was measured and the maps lie on disk, so that memory does not grow with the clip.
 
 Light is divided by alpha before heads decode it, here and wherever the field is read: a cell that is half covered has the

@@ -152,7 +152,7 @@ class _Losses:
         )
 
     def rgb(self, rendered: Rendered) -> Tensor:
-        """L1 and SSIM against the frame; moving pixels weigh more, because what moves is small but looked at."""
+        """L1 and SSIM against the frame; moving pixels weigh more, because moving objects are small but looked at."""
         weights = self.config.losses
         target = rendered.target.float() / 255
         attention = 1 + (weights.moving - 1) * rendered.motion  # (H,W)

@@ -65,7 +65,7 @@ def frame_losses(
 ) -> Tensor:
     """Weighted sum of the losses that compare channels (H,W,C), depth and alpha (H,W) with a frame, by the compiled library.
 
-    Channels are rgb and, with a weight of the mask, the alpha of what moves; others send no gradient. What is compared, and
+    Channels are rgb and, with a weight of the mask, the alpha of moving objects; others send no gradient. What is compared, and
     the plain form of each loss, is in `loss_terms`.
     """
     step = roughness_step(*maps.prior.shape) if factors.roughness else 0
@@ -105,7 +105,7 @@ def depth_roughness(depth: Tensor, alpha: Tensor, image: Tensor, unsure: Tensor)
 
     Args:
         depth: (H,W) composited `sum z a T`. alpha: (H,W). image: (H,W,3) in [0,1], the frame.
-        unsure: (H,W) in [0,1], how little is known of the depth of a pixel of the background; 0 on what moves, at whose
+        unsure: (H,W) in [0,1], how little is known of the depth of a pixel of the background; 0 on moving objects, at whose
             outlines surfaces end.
     """
     inverse, step = alpha / depth.clamp_min(MIN_DEPTH), roughness_step(*image.shape[:2])

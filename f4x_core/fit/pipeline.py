@@ -181,7 +181,7 @@ def start_fit(
     progress: Progress = silent,
     ground: KnownGround | None = None,
 ) -> Trainer:
-    """Everything before the first step: cameras, scaffold, first Gaussians. `ground`: what is known of what stands still."""
+    """Everything before the first step: cameras, scaffold, first Gaussians. `ground`: what is known of the static scene."""
     assert priors.cameras is not None
     config = for_motion(config, moving_fraction(priors), len(priors.frames))
     rig = CameraRig(priors.cameras.resized(clip.width, clip.height))
@@ -190,7 +190,7 @@ def start_fit(
     spawner = Spawner(clip, priors, config, degree, progress)
     explained, first_id = (None, 0) if ground is None else (ground.explained, ground.next_id)
     static = spawner.static(scaffold is not None, explained, first_id)
-    if len(static) == 0 and scaffold is not None and ground is None:  # everything moves: a background from what moves
+    if len(static) == 0 and scaffold is not None and ground is None:  # all moves: a background from the movers
         static = spawner.static(False, explained, first_id)
     if len(static) == 0 and ground is None:
         raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")

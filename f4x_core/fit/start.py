@@ -53,7 +53,7 @@ class Start:
 
 
 def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Start:
-    """Build and optimise the scaffold, and take the depth of what moves along."""
+    """Build and optimise the scaffold, and take the depth of moving objects along."""
     assert priors.tracks is not None
     assert priors.tracks_visible is not None
     assert priors.cameras is not None
@@ -97,7 +97,7 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Sta
 
 
 def carried_depth(priors: Priors, before: Scaffold, after: Scaffold) -> np.ndarray:
-    """Depth `(F, H, W)` in which what moves follows its nodes along the view, from `before` to `after` their optimisation.
+    """Return depth `(F, H, W)` in which moving pixels follow their nodes along the view, from `before` to `after` the optimisation.
 
     Gaussians are spawned at the depth of the priors and carried by nodes, so both must lie on one surface. A pixel takes
     the mean of the logarithmic changes of its nearest certain nodes, weighed by 1 / squared distance.

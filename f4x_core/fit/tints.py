@@ -4,7 +4,7 @@ The background of a fit stands still and has one color for all of the clip, so i
 frames share (correlation .4 to .9 from one frame to the next on seven real clips) and distant ones do not (0 eight frames later).
 With the geometry fixed, a picture is linear in the colors: each knot's tints are the least squares solution for its frame, by
 conjugate gradients with the weights of each Gaussian as preconditioner. They are kept if they predict the frames between them.
-What stands still learns nothing where something moves before it, else the mover's errors would stay behind when it is taken out.
+The static scene learns nothing where something moves before it, else the mover's errors would stay behind when it is taken out.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ class TintConfig:
 
 SHOWS = 0.5
 """Alpha of the dynamic Gaussians from which a pixel is theirs. At .02 an audience of which a little moves stays blurred: breakdance
-loses .5 dB; the masks hold what moves as a whole."""
+loses .5 dB; the masks hold moving objects as a whole."""
 AROUND = 0.008
-"""Widths of the picture by which the pixels of what moves are widened: outlines err by two pixels of 480 (J .8 to .9)."""
+"""Widths of the picture by which the pixels of moving objects are widened: outlines err by two pixels of 480 (J .8 to .9)."""
 SOFTENED = 0.1
 """Pixels added to each Gaussian's summed weight in the preconditioner, for those that hardly show."""
 PIXELS_AT_ONCE = 4e6
@@ -86,7 +86,7 @@ class Tinting:
     ) -> None:
         """Solve for the knots in `clip`, whose first frame is frame `first` of the scene.
 
-        `masks`: frame of `clip` -> (H,W) bool of what moves there, in addition to the dynamic Gaussians.
+        `masks`: frame of `clip` -> (H,W) bool of moving objects there, in addition to the dynamic Gaussians.
         """
         inside = (self.knots >= first) & (self.knots < first + len(clip))
         rows = np.flatnonzero(inside)
@@ -207,7 +207,7 @@ def tinted_scene(
 ) -> Scene:
     """The fitted, unedited scene with colors over time, if the frames of its whole clip ask for them.
 
-    `masks`: clip frame -> (H,W) bool of what moves, in addition to the dynamic Gaussians.
+    `masks`: clip frame -> (H,W) bool of moving objects, in addition to the dynamic Gaussians.
     """
     if not config.enabled:
         return scene

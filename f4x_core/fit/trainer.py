@@ -90,7 +90,7 @@ class Trainer:
         """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
         self.averages = RunningMeans()
-        """Of what moves, over the last steps."""
+        """Means of the dynamic parameters over the last steps."""
         self._start_optimisers()
 
     def _start_optimisers(self) -> None:
@@ -290,7 +290,7 @@ class Trainer:
         drop_nodes(self.model, self.shared, self.config.nodes)
 
     def _average(self) -> None:
-        """Count what moves as it is now; after the last step, take its mean over the steps counted."""
+        """Add the dynamic parameters to their running means; after the last step, put the means in their place."""
         assert self.model.dynamic is not None and self.model.nodes is not None
         moving = {**self.model.dynamic.parameters, **self.model.nodes.parameters}
         self.averages.add(moving)

@@ -57,7 +57,7 @@ class DepthEvidence:
     mirror_probability: float
     """0..1: that near and far are exchanged."""
     moving_error: float | None
-    """Of the depth of what moves; None where nothing moves."""
+    """Of the depth of moving objects; None where nothing moves."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def _depth_from_rays(priors: Priors) -> bool:
 
 
 def _confidence(priors: Priors, moving: bool) -> np.ndarray:
-    """Confidence (n,) of known depth of what moves or of the background; 1 where a provider gave none."""
+    """Confidence (n,) of known depth of moving objects or of the background; 1 where a provider gave none."""
     assert priors.depth is not None
     pick = slice(None), slice(None, None, SAMPLED), slice(None, None, SAMPLED)
     known = np.isfinite(priors.depth[pick])

@@ -1,4 +1,4 @@
-"""Everyone in one picture: the detector's people, and what moves, whichever way is up."""
+"""Everyone in one picture: the detector's people, and moving objects, whichever way is up."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MIN_CONFIRMED, MIN_STEADY = 0.6, 0.5
 """Score of the detector, in the crop by the joints, from which somebody is followed; steadiness that counts instead for a mover
 who is not upright, of whom the detector knows little."""
 TURNS = 12
-"""Directions of "up" that are tried on what moves: whoever dances on their hands is upright for the network."""
+"""Directions of "up" that are tried on moving objects: whoever dances on their hands is upright for the network."""
 TURNED = 1.0
 """Radians from upright beyond which the detector knows little of somebody."""
 UPRIGHT_PRESENCE, UPRIGHT_AGREEMENT = 0.9, 0.5

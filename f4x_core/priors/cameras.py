@@ -8,9 +8,9 @@
    in depth (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the
    clip is a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the
    focal length with them; frames that are missed are found from the points of the others (`trusted`), and sightings are
-   matched anew with one picture of their track (`rematch`). 6. Where what moves fills the picture's border, cameras of all
+   matched anew with one picture of their track (`rematch`). 6. Where moving objects fill the picture's border, cameras of all
    tracks are tried, too (`rigid`).
-7. What moving cameras explain as static is taken out of what moves (`second_look`).
+7. What moving cameras explain as static is taken out of the moving mask (`second_look`).
 
 Held-out frames are never looked at; how much real shake their interpolated cameras will miss is measured
 (`statistics["cameras"]["interpolation_px"]`).
@@ -458,7 +458,7 @@ def _solve(job: _CameraProblem) -> tuple[Solution, str]:
 
 
 def _sharpened(job: _CameraProblem, solution: Solution) -> Solution:
-    """Return the solution adjusted on short tracks as well, if there is flow. Where it misses frames or had to grow, what stands
+    """Return the solution adjusted on short tracks as well, if there is flow. Where it misses frames or had to grow, the background
     is in doubt, and short tracks cannot tell."""
     priors, doubtful = job.priors, not solution.registered.all() or job.statistics.get("grown")
     if doubtful or priors.flow_forward is None or len(job.tracks) < MIN_SEEN:

@@ -57,7 +57,7 @@ class PeopleConfig:
     parts_every: int = 16
     """Frames between two whose parts are looked at, too, for people who are far away; a multiple of `every`."""
     moving_every: int = 16
-    """Frames between two in which what moves is looked at whichever way is up; a multiple of `every`.
+    """Frames between two in which moving objects are looked at whichever way is up; a multiple of `every`.
     Halved where that finds somebody."""
 
 

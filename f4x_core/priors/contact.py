@@ -1,4 +1,4 @@
-"""Distance of what moves from the ground that it touches and from how its picture grows, over time."""
+"""Distances of moving objects from the ground that they touch and from how their pictures grow, over time."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ bounces .09, what passes before another mover .05; what walks or turns has .005 
 MIN_OBJECT_PIXELS = 30
 """Moving regions with fewer pixels per frame than this follow the static depth around them."""
 MOVING_MARGIN = 6
-"""Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of what moves."""
+"""Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of moving objects."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def largest_piece(own: np.ndarray) -> np.ndarray:
 
 
 def inverse_around(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> float:
-    """Median inverse depth `(H,W)` of what stands around the region `own (H,W)`; of the whole frame where nothing does."""
+    """Median inverse depth `(H,W)` of the background around the region `own (H,W)`; of the whole frame where nothing does."""
     rim = ndimage.binary_dilation(own, iterations=2 * MOVING_MARGIN) & ~moving
     return float(np.median(inverse[rim] if rim.any() else inverse))
 

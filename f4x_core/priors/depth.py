@@ -117,7 +117,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
 
 
 def _with_outlines(clip: Clip, priors: Priors, inverse: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """The mask `moving (F, H, W)` refined by what stands behind it, of `inverse (F, H, W)` depth; also `priors.mask`, `motion`."""
+    """Return the mask `moving (F, H, W)` refined by the background of `inverse (F, H, W)` depth; update `priors.mask`, `motion`."""
     assert priors.cameras is not None and priors.motion is not None
     mask = refine_mask(clip.frames[priors.frames], inverse, moving, shows_people(priors), priors.cameras)
     motion = np.where(mask & ~moving, np.maximum(priors.motion, JOINED_MOTION), priors.motion)
@@ -170,7 +170,7 @@ def inverse_depth_from_flow(
         squared = focal**2 * ((gain * inverse - offset) ** 2).sum(0)  # of the miss in pixels
         weight = given / (1 + squared / FLOW_OUTLIER_PX**2)
         inverse = (weight * along).sum(0) / np.maximum((weight * square).sum(0), 1e-20)
-    # What moves a little by itself meets no epipolar line at all gaps: the misses beyond noise tell how wrong the depth may be.
+    # A point that moves a little by itself meets no epipolar line at all gaps: misses beyond noise tell how wrong its depth may be.
     missed = (given * np.minimum(squared, MISS_LIMIT_PX**2)).sum(0) / np.maximum(given.sum(0), 1e-20)
     doubt = np.maximum(missed / FLOW_NOISE_PX**2, 1)
     # Errors of flow are shared by its gaps: the best gap tells the precision, more gaps only help against outliers.
@@ -345,7 +345,7 @@ def _static_depth(
     progress: Progress,
     statistics: dict[str, Any],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth and confidence `(F, H, W)` of the static world, also behind what moves or is not seen."""
+    """Inverse depth and confidence `(F, H, W)` of the static world, also where it is hidden or not seen."""
     import cv2
 
     assert priors.cameras is not None

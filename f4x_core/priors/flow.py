@@ -2,7 +2,8 @@
 
 DIS loses pictures that shift by more than a tenth of their width. Where forward and backward flow disagree on much of a pair, as in
 a fast pan, it is looked for once more after the second picture was brought over the first one by a homography of matched
-features; every pixel takes whichever of the two explains its grey levels better, so that what moves with the camera keeps its flow.
+features; every pixel takes the one of the two that explains its grey levels better, so that objects that move along keep their
+flow.
 
 DIS goes from coarse to fine: a thing that moves by more than half its size against its surroundings is blurred away before the
 search could reach it, and gets their flow, in both directions alike. That flow misses the grey levels where the thing was and

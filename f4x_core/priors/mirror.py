@@ -355,7 +355,7 @@ def _endings(cues: DepthCues) -> np.ndarray:
 
 
 def _inside(cues: DepthCues, frame: int) -> np.ndarray:
-    """(N,) bool: tracks away from the rim of the picture and from what moves."""
+    """(N,) bool: tracks away from the rim of the picture and from moving objects."""
     from scipy.ndimage import binary_dilation
 
     margin = RIM_PX * _unit(cues)

@@ -83,9 +83,9 @@ MAX_DYNAMIC_FRACTION = 0.6
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `motion`, `mask` and `tracks_motion`, and densify the tracks on what moves (provider `classical`).
+    """Fill `motion`, `mask` and `tracks_motion`, and densify the tracks on moving objects (provider `classical`).
 
-    A mask that is given decides what moves and where the dense tracks lie.
+    A mask that is given stays, and the dense tracks lie on it.
     """
     flows = long_flows(clip, priors, config, progress)
     everyone = shows_people(priors)

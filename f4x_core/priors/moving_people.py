@@ -1,4 +1,4 @@
-"""Moving people in the mask of what moves: they count whole, and what only seems to move beside them does not."""
+"""Moving people in the mask of moving objects: they count whole, and what only seems to move beside them does not."""
 
 from __future__ import annotations
 

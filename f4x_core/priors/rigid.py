@@ -1,7 +1,7 @@
 """Tells the flow that the cameras explain from that of movers, by one rigid world behind all frames.
 
 Near things that stand still leave the homography of a far wall behind as movers do, and two pictures cannot tell the two apart
-(`motion`). What moves by itself rarely fills the border of the picture, so a mask that does is in doubt: then the cameras of
+(`motion`). A moving object rarely fills the border of the picture, so a mask that does is in doubt: then the cameras of
 all tracks are compared with those of what the mask leaves (`cameras`). Once the cameras are known, one inverse depth per pixel
 that explains its flow to all other frames tells that it stands still (`second_look`).
 """
@@ -33,7 +33,7 @@ LENS = 5.0
 """Inverse depth from which a thing seems to stand in the lens: still nearer to the camera some depth explains whatever runs along
 the camera's own way (blackswan's swan: 6 to 8), yet outdoors a wall that the camera walks along is as near (parkour's: 9 to 44)."""
 MAX_BEHIND = 1.0
-"""Most pixels of parallax (at a width of `REFERENCE_WIDTH`) by which what stands still may seem behind what is around it."""
+"""Most pixels of parallax (at a width of `REFERENCE_WIDTH`) by which a static pixel may seem behind those around it."""
 JUMP, GOES_ON, BESIDE = 8.0, 0.8, 2
 """Pixels of parallax up to which what lies so many samples beside a thing in the lens continues it, and the fraction of its
 outline, of what is known there, that has to. Chosen on blackswan, a dark copy of it, parkour and breakdance: the swan has .3 to .6,
@@ -53,7 +53,7 @@ MIN_AHEAD = 1e-3
 
 
 def fills_border(mask: np.ndarray) -> bool:
-    """Return True if `mask (F,H,W)` bool covers more of the border of the pictures than what moves by itself does."""
+    """Return True if `mask (F,H,W)` bool covers more of the border of the pictures than moving objects do."""
     return bool(mask[:, border_of(*mask.shape[1:])].mean() > MAX_MOVING_BORDER)
 
 

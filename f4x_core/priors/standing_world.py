@@ -1,4 +1,4 @@
-"""Guess of the world before a camera that stands: a ground plane, and what stands upright on it.
+"""Guess of the world before a camera that stands: a ground plane, and upright objects on it.
 
 From one place no depth can be measured. What walks about shows the ground: on a plane the size of a thing in the picture is
 proportional to the rows between its lowest point and the horizon (Hoiem et al., "Putting Objects in Perspective", 2006).
@@ -102,7 +102,7 @@ class GuessedWorld:
     def inverse_depth(self, cameras: CameraPath, feet: np.ndarray | None = None) -> np.ndarray:
         """(F, H, W) float32 inverse depth; the unit is that of the camera's height above the ground.
 
-        feet: (H,W) row of the foot of what stands upright at each pixel of the first frame, 0 where nothing does.
+        feet: (H,W) row of the foot of the upright object at each pixel of the first frame, 0 for none.
         """
         import cv2
 
@@ -159,7 +159,7 @@ def slope(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.ndarray:
 
 
 def guess_world(priors: Priors) -> GuessedWorld:
-    """Guess the ground before a standing camera from what moves over it."""
+    """Guess the ground before a camera at rest from the objects that move over it."""
     contacts = find_contacts(priors)
     assert priors.cameras is not None
     intrinsics = priors.cameras.intrinsics[0]

@@ -78,7 +78,7 @@ def reliability(samples: Samples, swept: Swept) -> float:
 def surface_guide(swept: Swept, trust: np.ndarray, free: np.ndarray, looks: np.ndarray) -> np.ndarray:
     """(h, w, 3) guide of `depth.fill_inverse_depth`, with grey levels `looks (h, w)`.
 
-    Behind what moves, where it is not `free (h, w)`, surfaces go on smoothly.
+    Behind moving objects, where it is not `free (h, w)`, surfaces go on smoothly.
     """
     inverse = np.where(free, swept.inverse, pyramid_mean(swept.inverse, trust * free))
     levels = np.log(np.maximum(inverse, 1e-9)) / SURFACE_STEP

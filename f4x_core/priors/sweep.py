@@ -1,4 +1,4 @@
-"""Inverse depth of what stands by a plane sweep between known cameras and semi-global matching.
+"""Inverse depth of the background by a plane sweep between known cameras and semi-global matching.
 
 Chained flow is precise on surfaces but smooth across silhouettes: there the far side is drawn to the near one. The sweep is
 coarser in depth, and sharp where depth jumps, so it tells which surface a pixel belongs to.
@@ -52,7 +52,7 @@ CONFIRMED = 2
 
 @dataclass(frozen=True)
 class Samples:
-    """Inverse depth of what stands in a frame as flow and tracks measure it, on every `stride`-th pixel."""
+    """Inverse depth of the background of a frame as flow and tracks measure it, on every `stride`-th pixel."""
 
     inverse: np.ndarray
     """(h, w)."""
@@ -100,7 +100,7 @@ def sweep(
 ) -> list[Swept]:
     """Sweep all frames of `pictures (F, H, W)` uint8, in which `hidden (F, H, W)` is not seen, as far as `samples` reach.
 
-    What moves is compared as all else is: masks reach beyond it, and of two sides of the path one mostly sees what it hides.
+    Moving pixels are compared as all others are: masks are too wide, and one of two sides of the path mostly sees behind a mover.
     """
     prepared = (DARKEST + pictures * ((255 - DARKEST) / 255)).astype(np.uint8)
     if hidden is not None:

@@ -6,7 +6,7 @@ each person, whose joints `joints.npy` holds). Blender's conventions, verified
 against analytic reprojection: Depth is planar z with 1e10 for background; forward flow t -> t+1 is (-Vector.Z, +Vector.W),
 backward flow t -> t-1 is (+Vector.X, -Vector.Y), in pixels, x right, y down.
 
-What stands still is reprojected exactly; what moves follows the chained Vector passes, through held-out frames too (only
+Static points are reprojected exactly; moving ones follow the chained Vector passes, through held-out frames too (only
 their truth is used for that, never their picture).
 """
 
@@ -260,7 +260,7 @@ def provide_flow(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pro
 
 
 def provide_tracks(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `tracks` and `tracks_visible`: seeds as the settings ask, denser on what moves, never on the same spot twice."""
+    """Fill `tracks` and `tracks_visible`: seeds as the settings ask, denser on moving objects, never on the same spot twice."""
     truth, settings = _truth(clip, priors, progress), config.tracks
     frames = priors.frames
     found: list[tuple[np.ndarray, np.ndarray]] = []

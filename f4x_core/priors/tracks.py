@@ -25,7 +25,7 @@ MAX_SLIP = 12.0
 """Pixels by which a point slips off its object; where the mask ends farther away, it has a hole, and the point stays where flow
 put it. Points pulled over a hole are lost: of hand-set points on a pillow in a person's hands, whose mask flickers, tracks alone
 carry .09 to within a twentieth of the picture without a limit, .30 with 4 or 12 pixels, .28 with 16. With 8 and less the wall
-takes points on the outline of what moves by 3 pixels a frame along."""
+takes points on the outline of moving objects by 3 pixels a frame along."""
 LOST_ERROR = 1e3
 """Added to the accumulated error of a point for which every step failed, so that any valid path is preferred later."""
 MIN_SAMPLES = 4
@@ -33,8 +33,8 @@ MIN_SAMPLES = 4
 PLACE = 32
 """Side in pixels of the squares of the picture that all keep tracks."""
 PLACED_FRACTION = 0.5
-"""Fraction of the tracks that is kept for their place. All for their place: parkour's scene gains 1.4 dB, dog loses .3 dB of
-what moves, camel .7 dB."""
+"""Fraction of the tracks that is kept for their place. All for their place: parkour's scene gains 1.4 dB, dog loses .3 dB on
+movers, camel .7 dB."""
 PATCH = 7
 """Half size in pixels of the patches compared when a lost track is linked to a later one."""
 MIN_CORRELATION = 0.8
@@ -485,7 +485,7 @@ def thinned(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.nda
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `tracks` and `tracks_visible` with uniform coverage (provider `classical`); `motion` densifies what moves."""
+    """Fill `tracks` and `tracks_visible` with uniform coverage (provider `classical`); `motion` densifies moving objects."""
     flows = long_flows(clip, priors, config, progress)
     tracks, visible = seed_and_track(flows, config.tracks.spacing, config.tracks, progress=progress)
     joins = 0

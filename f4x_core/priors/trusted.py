@@ -35,7 +35,7 @@ FIRST_PX = 8.0
 FITTING_ROUNDS = 8
 """Rounds in which the points come to know the frames that miss them."""
 GROWTH = 1.25
-"""Trusted frames over those at the last adjustment, at which all are adjusted again by what stands."""
+"""Trusted frames over those at the last adjustment, at which all are adjusted again by static points."""
 OUTLIER_PX = 4.0
 """Error from which a single sighting of a point that stands is left out: there its track slips."""
 WORST_PX = 10.0

@@ -43,7 +43,7 @@ NODE_REACH = 3.0
 MIN_COVERAGE = 0.8
 # Scores (dB): a watchable picture, the gap to unseen frames, what camera refinement may win, moving against static region.
 WATCHABLE_PSNR, HELD_OUT_GAP, REFINEMENT_GAP, REGION_GAP = 27.0, 3.0, 1.5, 2.0
-# Of the mask of what moves, the mean dynamic alpha (`mover_coverage`): below the first the object is missing, above the second
+# Of the mask of moving objects, the mean dynamic alpha (`mover_coverage`): below the first the object is missing, above the second
 # it is there; missing in so many used frames in a row, and reproduced so many dB worse (`psnr_mask`), it is reported.
 # The decibels tell a lost object from a mask that grew: where dog's doubles, coverage halves and the score falls by 1.4 dB.
 LOST_COVERAGE, KEPT_COVERAGE, MIN_LOST_FRAMES, LOST_GAP = 0.5, 0.7, 3, 2.0

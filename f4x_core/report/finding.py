@@ -7,8 +7,8 @@ from typing import Literal
 MOVING_DEPTH = "The depth of what moves"
 """Begins every finding about it."""
 PATH, CAMERAS, MOVES, UNSEEN, ROOM, SCORE = "path", "cameras", "what moves", "unseen frames", "room", "score"
-"""Causes: what a camera's path cannot show, cameras that are wrong, what moves and is not followed, what does not carry over to
-frames that were not used, too few Gaussians; `SCORE` is none, but a picture that is poor, for whatever cause."""
+"""Causes: a camera path that cannot show it, wrong cameras, motion that is not followed, a scene that does not carry over to frames
+that were not used, too few Gaussians; `SCORE` is none, but a poor picture, for whatever cause."""
 ORDER = ("problem", "note", "good")
 Weight = Literal["problem", "note", "good"]
 

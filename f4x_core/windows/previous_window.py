@@ -145,7 +145,7 @@ class PreviousWindow:
 
         Scale: median ratio of the depth that the earlier scene shows to the priors', where nothing moves. Rotation and place:
         the mean over the shared cameras. How far away movers are is a guess that may differ from window to window: they get
-        the ratio of their own pixels, as long as it leaves them in front of what stands around them.
+        the ratio of their own pixels, as long as it leaves them in front of the surfaces around them.
         """
         assert priors.cameras is not None
         assert priors.depth is not None
@@ -318,7 +318,7 @@ def _worse(errors: np.ndarray, shared: np.ndarray) -> bool:
 
 
 def _room(depth: np.ndarray, moving: np.ndarray) -> float:
-    """Return the factor by which moving objects may be farther away and still be in front of what stands around them."""
+    """Return the factor by which moving objects may be farther away and still be in front of the surfaces around them."""
     found = []
     for z, mask in zip(depth, moving, strict=True):
         known = np.isfinite(z) & (z > 0)
