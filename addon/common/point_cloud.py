@@ -55,7 +55,7 @@ def new_point_cloud(name: str, count: int, collection: bpy.types.Collection) -> 
 
 
 def selected_in(layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
-    """The selected objects, whether or not there is a current window, which `bpy.context.selected_objects` needs."""
+    """Return the selected objects, whether or not there is a current window, which `bpy.context.selected_objects` needs."""
     layer.update()
     return [item for item in layer.objects if item is not None and item.select_get(view_layer=layer)]
 

@@ -141,7 +141,7 @@ def count(scene_object: SceneObject) -> None:
 
 
 def counts(scene_object: SceneObject) -> tuple[int, int]:
-    """The numbers of selected and existing Gaussians, whoever selected or deleted points since."""
+    """Return the numbers of selected and existing Gaussians, whoever selected or deleted points since."""
     selected = total = 0
     for cloud in scene_object.clouds:
         chosen, gone = (read_attribute(cloud.data, name) for name in (SELECTED, GONE))
@@ -229,7 +229,7 @@ class _Moment:
 
     @classmethod
     def of(cls, scene_object: SceneObject, display: Display, frame: float) -> _Moment:
-        """The scene with the edits of `display`."""
+        """Return the scene with the edits of `display`."""
         appearance = display.appearance(frame)
         scored = hasattr(scene_object.root, "f4x") and scene_object.state.show_score
         if scored:
@@ -383,7 +383,7 @@ def _add_visibility_modifier(clouds: list[bpy.types.Object]) -> None:
 
 
 def _visible_tree() -> bpy.types.GeometryNodeTree:
-    """A node tree that deletes hidden and removed points."""
+    """Return a node tree that deletes hidden and removed points."""
     tree = bpy.data.node_groups.new(VISIBLE, "GeometryNodeTree")
     for direction in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")

@@ -207,7 +207,7 @@ def _called(path: Path, clip: str) -> str:
 
 
 def _free_name(wanted: str) -> str:
-    """A short prefix that no object starts with yet, so the nodes' names sort in their own order."""
+    """Return a short prefix that no object starts with yet, so the nodes' names sort in their own order."""
     wanted = wanted.encode()[:MAX_NAME].decode(errors="ignore")
     name, number = wanted, 2
     while any(o.name.startswith(name) for o in bpy.data.objects):
@@ -232,7 +232,7 @@ class Extras:
 
 
 def extras_of(scene: Scene) -> tuple[Extras, Extras]:
-    """The optional values of the static and of the dynamic Gaussians of a scene."""
+    """Return the optional values of the static and of the dynamic Gaussians of a scene."""
     count, total, latent = len(scene.static), len(scene.static) + len(scene.dynamic), None
     if scene.features is not None and scene.features.pca is not None:
         latent = scene.features.pca.to_unit_range(scene.latents()[:total])  # copies of edits come after them
@@ -332,7 +332,7 @@ def follow_scale(camera: bpy.types.Object, root: bpy.types.Object) -> None:
 
 
 def _reach(scene: Scene) -> float:
-    """A distance beyond every Gaussian from every camera, world units."""
+    """Return a distance beyond every Gaussian from every camera, world units."""
     points = np.concatenate([scene.static.means, scene.dynamic.means])
     spread = np.ptp(np.concatenate([points, scene.cameras.centers]), axis=0)
     return max(MIN_REACH, 2 * float(np.linalg.norm(spread)))

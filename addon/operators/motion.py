@@ -129,12 +129,12 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
 
 
 def _view_of(context: bpy.types.Context) -> bpy.types.Region:
-    """The region of the 3D viewport that shows the scene."""
+    """Return the region of the 3D viewport that shows the scene."""
     return next(region for region in context.area.regions if region.type == "WINDOW")
 
 
 def _point_in_view(context: bpy.types.Context, event: bpy.types.Event) -> tuple[int, int] | None:
-    """The mouse in the pixels of the view; None over the sidebar, a header or a toolbar."""
+    """Return the mouse in the pixels of the view; None over the sidebar, a header or a toolbar."""
     view, x, y = _view_of(context), event.mouse_x, event.mouse_y
     for region in context.area.regions:
         inside = region.x <= x < region.x + region.width and region.y <= y < region.y + region.height

@@ -226,7 +226,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         self._write(layer, images, region, mattes, view)
 
     def _eye(self, depsgraph, view: str) -> Eye:
-        """The camera of a view at present."""
+        """Return the camera of a view at present."""
         scene, size = depsgraph.scene, (self.resolution_x, self.resolution_y)
         if not view:
             return camera_eye(scene.camera, scene, depsgraph, *size)
@@ -318,7 +318,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
                 self.tag_redraw()
 
     def _view_texture(self, coarse: int) -> gpu.types.GPUTexture:
-        """The viewport's picture, `coarse` times smaller."""
+        """Return the viewport's picture, `coarse` times smaller."""
         projection, world_to_view, width, height = self._view
         size = (-(-width // coarse), -(-height // coarse))
         seen = eye(projection, world_to_view, *size)
@@ -367,7 +367,7 @@ def _mist(world: bpy.types.World | None, back: float) -> Mist:
 
 
 def _exposure(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, back: float) -> Exposure:
-    """The shutter of the render settings and the lens of the camera."""
+    """Return the shutter of the render settings and the lens of the camera."""
     render, lens = scene.render, camera_lens(scene.camera, depsgraph, back)
     span = render.motion_blur_shutter if render.use_motion_blur else 0.0
     opens = {"START": 0.0, "CENTER": -span / 2, "END": -span}[render.motion_blur_position]

@@ -103,7 +103,7 @@ class _Holdouts:
 
 
 def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[list[Cloud], list[Surface]]:
-    """Every visible point cloud that holds Gaussians and every visible surface, instances too, in Blender's world."""
+    """Return every visible point cloud that holds Gaussians and every visible surface, instances too, in Blender's world."""
     more = more or More()
     mattes = more.mattes
     holds, images = _Holdouts(depsgraph), Images()
@@ -129,7 +129,7 @@ def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[lis
 
 
 def _unseen(owner: bpy.types.Object, data: bpy.types.PointCloud) -> dict[str, np.ndarray]:
-    """The layer `unseen` (N,1) of evaluated points; nothing where they belong to no scene."""
+    """Return the layer `unseen` (N,1) of evaluated points; nothing where they belong to no scene."""
     found, gid = SceneObject.of(owner), read_attribute(data, "gid")
     if found is None or gid is None:
         return {}
@@ -201,7 +201,7 @@ class Reader:
     def _cloud(
         self, key: tuple, item: bpy.types.Object, to_world: np.ndarray, changed: _Changes
     ) -> tuple[Cloud | None, frozenset[str] | None]:
-        """The cloud, and the attributes that its modifiers write."""
+        """Return the cloud, and the attributes that its modifiers write."""
         written = self._written_by(item)
         old, before = self._clouds.get(key, (None, None))
         if old is None or changed.any_data(item) or written != before:
@@ -261,7 +261,7 @@ class _Changes:
 
 
 def world_color(world: bpy.types.World | None) -> np.ndarray:
-    """(3,) sRGB of a world of one colour: its Background node, else its viewport colour; black without a world."""
+    """Return (3,) sRGB of a world of one colour: its Background node, else its viewport colour; black without a world."""
     if world is None:
         return np.zeros(3)
     color, strength = world.color, 1.0
@@ -275,7 +275,7 @@ def world_color(world: bpy.types.World | None) -> np.ndarray:
 
 
 def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Cloud | None:
-    """The Gaussians of a point cloud; None where it holds none."""
+    """Return the Gaussians of a point cloud; None where it holds none."""
     means, quats, look = read_attribute(data, "position"), read_attribute(data, "rotation"), read_look(data)
     if means is None or quats is None or look is None or not len(means):
         return None
@@ -302,7 +302,7 @@ def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Clou
 
 
 def _reread(data: bpy.types.PointCloud, old: Cloud, written: frozenset[str]) -> Cloud | None:
-    """The cloud with what its modifiers write read anew; None where it holds no Gaussians any more."""
+    """Return the cloud with what its modifiers write read anew; None where it holds no Gaussians any more."""
     new = {part: read_attribute(data, name) for name, part in _POSED.items() if name in written}
     if len(data.points) != len(old.means) or any(values is None for values in new.values()):
         return _cloud(data, old.to_world, old.index)

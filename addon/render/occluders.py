@@ -40,7 +40,7 @@ def hide_occluders(root: bpy.types.Object, frames: Iterable[int]) -> str:
 
 
 def _largest_occluder(root: bpy.types.Object) -> bpy.types.Object | None:
-    """The visible object that hides most of the scene from the scene's camera at this frame, if it is in the way."""
+    """Return the visible object that hides most of the scene from the scene's camera at this frame, if it is in the way."""
     scene, depsgraph = bpy.context.scene, bpy.context.evaluated_depsgraph_get()
     centre = scene.camera.matrix_world.translation.copy()
     points, own = _points_in_view(scene, depsgraph), {root, *root.children_recursive}

@@ -54,7 +54,7 @@ def lighting(depsgraph: bpy.types.Depsgraph) -> Callable[[bpy.types.Object, Clou
 
 
 def _root(item: bpy.types.Object) -> bpy.types.Object | None:
-    """The root of the scene that an evaluated object is a part of."""
+    """Return the root of the scene that an evaluated object is a part of."""
     found = SceneObject.of(item.original)
     return None if found is None else found.root
 
@@ -72,7 +72,7 @@ def _lamps(depsgraph: bpy.types.Depsgraph) -> list[shadows.Lamp]:
 
 
 def _lamp(data: bpy.types.Light, matrix: np.ndarray) -> shadows.Lamp:
-    """A lamp as the core's; it shines along its -z axis."""
+    """Return a lamp as the core's; it shines along its -z axis."""
     power = data.energy * 2 ** getattr(data, "exposure", 0.0) * sum(data.color) / 3
     axes, place = matrix[:3, :3], matrix[:3, 3]
     back = axes[:, 2] / np.linalg.norm(axes[:, 2])
@@ -105,7 +105,7 @@ def _casters(depsgraph: bpy.types.Depsgraph) -> list[tuple[shadows.Caster, bpy.t
 
 
 def _rays(corners: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """`Caster.blocks` of triangles whose corners are (3T,3) in the world."""
+    """Return `Caster.blocks` of triangles whose corners are (3T,3) in the world."""
     tree = BVHTree.FromPolygons(corners.tolist(), np.arange(len(corners)).reshape(-1, 3).tolist(), all_triangles=True)
 
     def blocks(starts: np.ndarray, ways: np.ndarray) -> np.ndarray:

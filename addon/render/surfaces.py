@@ -123,7 +123,7 @@ def _textures(
 
 
 def _at_corners(mesh: bpy.types.Mesh, name: str, vertices: np.ndarray, loops: np.ndarray) -> np.ndarray | None:
-    """(3 T,3) linear colors of an attribute at the corners; None where the mesh has none of that name on them."""
+    """Return (3 T,3) linear colors of an attribute at the corners; None where the mesh has none of that name on them."""
     attribute = mesh.attributes.get(name) if name else mesh.color_attributes.active_color
     rows = {"POINT": vertices, "CORNER": loops}.get(attribute.domain) if attribute is not None else None
     layout = COLORS.get(attribute.data_type) if attribute is not None else None
@@ -136,7 +136,7 @@ def _at_corners(mesh: bpy.types.Mesh, name: str, vertices: np.ndarray, loops: np
 
 
 def look_of(material: bpy.types.Material | None) -> Look:
-    """The color, light and image of a material, as far as its nodes say so plainly; else its color for the viewport."""
+    """Return the color, light and image of a material, as far as its nodes say so plainly; else its color for the viewport."""
     if material is None:
         return Look()
     plain = Look(tuple(material.diffuse_color[:3]))
@@ -155,12 +155,12 @@ def look_of(material: bpy.types.Material | None) -> Look:
 
 
 def _source(socket: bpy.types.NodeSocket) -> bpy.types.Node | None:
-    """The node that a socket gets its value from; None where it has its own."""
+    """Return the node that a socket gets its value from; None where it has its own."""
     return socket.links[0].from_node if socket.is_linked else None
 
 
 def _shader(node: bpy.types.Node, name: str, depth: int = 0) -> bpy.types.Node | None:
-    """The first shader with a color behind an input, also where several are mixed."""
+    """Return the first shader with a color behind an input, also where several are mixed."""
     node = _source(node.inputs[name])
     if node is None or depth > DEEP or node.type in BASE or node.type == "EMISSION":
         return node if node is not None and depth <= DEEP else None
@@ -178,7 +178,7 @@ def _light(shader: bpy.types.Node, color: str, strength: str) -> tuple[float, fl
 
 
 def _colored(socket: bpy.types.NodeSocket, glow: tuple[float, float, float], plain: Look) -> Look:
-    """The look of a shader whose color comes from `socket`: itself, or the nearest node behind it that plainly has one."""
+    """Return the look of a shader whose color comes from `socket`: itself, or the nearest node behind it that plainly has one."""
     node = _source(socket)
     if node is None:
         return Look(tuple(socket.default_value[:3]), glow)

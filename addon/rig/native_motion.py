@@ -77,7 +77,7 @@ class _CarriedCloud:
             return False
 
     def now(self) -> Carried:
-        """The Gaussians by the empties as they stand; the very same arrays where none has moved."""
+        """Return the Gaussians by the empties as they stand; the very same arrays where none has moved."""
         self._nodes.objects.foreach_get("matrix_world", self._buffer)
         to_scene = np.linalg.inv(np.array(self._root.matrix_world, np.float64))
         # Blender gives matrices column by column
@@ -172,7 +172,7 @@ def look() -> float:
 
 
 def _viewports() -> list[bpy.types.SpaceView3D]:
-    """The 3D viewports of all windows."""
+    """Return the 3D viewports of all windows."""
     return [
         area.spaces.active
         for window in bpy.context.window_manager.windows

@@ -198,7 +198,7 @@ def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
 
 
 def _nodes_below(root: bpy.types.Object, original: bpy.types.Object) -> list[bpy.types.Object]:
-    """The nodes of a copied scene: those that were copied with it, and copies of the rest, hidden ones for example."""
+    """Return the nodes of a copied scene: those that were copied with it, and copies of the rest, hidden ones for example."""
     copied = {item[NODE]: item for item in root.children if NODE in item}
     actions: dict[bpy.types.Action, bpy.types.Action] = {}
     for id, item in nodes_of(original).items():
@@ -215,7 +215,7 @@ def _nodes_below(root: bpy.types.Object, original: bpy.types.Object) -> list[bpy
 
 
 def _copy_below(root: bpy.types.Object, original: bpy.types.Object, helper: bpy.types.Object) -> bpy.types.Object:
-    """The helper of a copied scene, copied here unless the user did it."""
+    """Return the helper of a copied scene, copied here unless the user did it."""
     number = _helpers(original).index(helper)
     there = _helpers(root)
     if len(there) == len(_helpers(original)):
@@ -251,7 +251,7 @@ def _swap_all(item: bpy.types.Object, swaps: dict) -> None:
 
 
 def _helpers(root: bpy.types.Object) -> list[bpy.types.Object]:
-    """The helper meshes of a scene, the pairs first."""
+    """Return the helper meshes of a scene, the pairs first."""
     meshes = [item for item in root.children if item.type == "MESH" and "node_id" in item.data.attributes]
     return sorted(meshes, key=lambda item: "reference" not in item.data.attributes)
 
@@ -269,7 +269,7 @@ def _is_in_order(root: bpy.types.Object) -> bool:
 
 
 def _own_meshes(root: bpy.types.Object) -> list[bpy.types.Mesh]:
-    """The helper meshes that are not another file's."""
+    """Return the helper meshes that are not another file's."""
     return [helper.data for helper in _helpers(root) if helper.data.library is None]
 
 

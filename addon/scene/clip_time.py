@@ -59,11 +59,11 @@ class Timing:
     """Clip frames per frame of the timeline."""
 
     def times_at(self, frames: np.ndarray) -> np.ndarray:
-        """The clip frames that are shown at frames of the timeline; they may lie outside the clip."""
+        """Return the clip frames that are shown at frames of the timeline; they may lie outside the clip."""
         return self.first + (np.asarray(frames, float) - self.start) * self.rate
 
     def frames_of(self, times: np.ndarray) -> np.ndarray:
-        """The frames of the timeline at which clip frames are shown."""
+        """Return the frames of the timeline at which clip frames are shown."""
         return self.start + (np.asarray(times, float) - self.first) / self.rate
 
 
@@ -115,7 +115,7 @@ def is_still(root: bpy.types.Object) -> bool:
 
 
 def timing_of(root: bpy.types.Object) -> Timing:
-    """The timing of a scene; a .blend of an older version has none, and shows clip frame n at frame n."""
+    """Return the timing of a scene; a .blend of an older version has none, and shows clip frame n at frame n."""
     return Timing(*(float(root.get(name, default)) for name, default in ((FIRST, 0), (START, 0), (RATE, 1))))
 
 
@@ -172,7 +172,7 @@ def _place_keys(root: bpy.types.Object) -> None:
 
 
 def _moved(root: bpy.types.Object, placed: tuple[float, float]) -> Callable[[np.ndarray], np.ndarray]:
-    """A function that moves frames from where start and rate `placed` put them to where the timing of a root does."""
+    """Return a function that moves frames from where start and rate `placed` put them to where the timing of a root does."""
     old, new = Timing(root[FIRST], *placed), timing_of(root)
     return lambda frames: new.frames_of(_snapped(old.times_at(frames)))
 
@@ -289,7 +289,7 @@ def _drive(
 
 
 def _new_driver(drivers, path: str, index: int) -> bpy.types.FCurve:
-    """A driver without keys: Blender gives it two, which would change its value."""
+    """Return a driver without keys: Blender gives it two, which would change its value."""
     curve = drivers.new(path, index=index)
     while curve.keyframe_points:
         curve.keyframe_points.remove(curve.keyframe_points[0], fast=True)
@@ -328,7 +328,7 @@ def _snapped(times: np.ndarray) -> np.ndarray:
 
 
 def _datablocks(root: bpy.types.Object) -> list[bpy.types.ID]:
-    """The objects below a root and their data; not those of another scene that hangs there."""
+    """Return the objects below a root and their data; not those of another scene that hangs there."""
     below = root.children_recursive
     others = {part for item in below if TIME in item for part in (item, *item.children_recursive)}
     mine = [item for item in below if item not in others]
@@ -341,7 +341,7 @@ def _animated(root: bpy.types.Object) -> list[bpy.types.ID]:
 
 
 def _own_curves(root: bpy.types.Object) -> list[bpy.types.FCurve]:
-    """The F-curves of everything below a root, in actions of its own: copies share them at first."""
+    """Return the F-curves of everything below a root, in actions of its own: copies share them at first."""
     animated = _animated(root)
     users: dict[bpy.types.Action, list[bpy.types.ID]] = {}
     for item in animated:
@@ -359,7 +359,7 @@ def _own_curves(root: bpy.types.Object) -> list[bpy.types.FCurve]:
 
 
 def _time_curve(root: bpy.types.Object) -> bpy.types.FCurve | None:
-    """The keys of Time."""
+    """Return the keys of Time."""
     curves = curves_of(root)
     return None if curves is None else curves.find(_path(TIME))
 

@@ -19,7 +19,7 @@ from . import clip_time
 
 
 def tints_of(scene: Scene) -> np.ndarray | None:
-    """(M,K,3) int8 tints of the M Gaussians of the base at K knots, static ones first; None where colors stay."""
+    """Return (M,K,3) int8 tints of the M Gaussians of the base at K knots, static ones first; None where colors stay."""
     return None if scene.tints is None else np.concatenate(scene.tints.parts)
 
 

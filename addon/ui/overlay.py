@@ -50,7 +50,7 @@ def _draw() -> None:
 def _batch(
     cloud: bpy.types.Object, data: bpy.types.PointCloud, shader: gpu.types.GPUShader
 ) -> gpu.types.GPUBatch | None:
-    """The selected points of an evaluated cloud; None where there are none."""
+    """Return the selected points of an evaluated cloud; None where there are none."""
     chosen = read_attribute(data, SELECTED)
     if chosen is None or not chosen.any():
         return None

@@ -140,13 +140,13 @@ def write_distilled(
 
 
 def reel_of_scene(scene: Scene, source: Path, frames: str | None) -> ClipStream:
-    """The frames that a scene was fitted to, at the scene's size, read on demand."""
+    """Return the frames that a scene was fitted to, at the scene's size, read on demand."""
     cameras = scene.cameras
     return ClipStream(source, frames, cameras.width, cameras.height, len(cameras))
 
 
 def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Progress) -> Clip:
-    """The clip that a scene was fitted to, at the scene's size."""
+    """Return the clip that a scene was fitted to, at the scene's size."""
     clip = read_clip(source, frames, scene.cameras.width, progress=progress)
     cameras = scene.cameras
     if len(clip) != len(cameras) or (clip.width, clip.height) != (cameras.width, cameras.height):
@@ -158,7 +158,7 @@ def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Prog
 
 
 def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | ClipStream | None, progress: Progress) -> FeatureMaps:
-    """The feature maps in `folder`. Missing ones are extracted from `clip`, or from the clip that the scene names."""
+    """Return the feature maps in `folder`. Missing ones are extracted from `clip`, or from the clip that the scene names."""
     if clip is None and (folder / "spec.json").is_file():
         return read_maps(folder)
     if clip is None:

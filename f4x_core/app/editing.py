@@ -121,7 +121,7 @@ def edit_file(
 
 
 def _resolved(scene: Scene, request: EditRequest, progress: Progress) -> tuple[Change, ...]:
-    """The operations of a request, each resolved in the scene that those before it leave."""
+    """Return the operations of a request, each resolved in the scene that those before it leave."""
     resolved: list[Change] = []
     encode = encoder(progress)
     for number, operation in enumerate(request.operations, 1):

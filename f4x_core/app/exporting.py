@@ -27,7 +27,7 @@ class ExportOptions:
     """First frame, end and step of many as `A:B:S`; None: all."""
 
     def format_of(self, output: Path | str) -> str:
-        """The name of the format of `output`. Raises F4xError where it does not go with the moments."""
+        """Return the name of the format of `output`. Raises F4xError where it does not go with the moments."""
         return choose_format(output, self.format, one_moment=self.time is not None)[0]
 
     def times_of(self, scene: Scene | SplatSequence, name: Path | str) -> list[float]:

@@ -177,7 +177,7 @@ def part_of(count: int, part: str | None, video: bool = False) -> range:
 
 
 def file_name(channel: str) -> str:
-    """The channel's name as a file name: characters such as those in `mask:polar bear` become _."""
+    """Return the channel's name as a file name: characters such as those in `mask:polar bear` become _."""
     return re.sub(r"[^\w.-]", "_", channel)
 
 

@@ -42,7 +42,7 @@ class Mattes:
 
     @classmethod
     def of(cls, scene: Scene, channels: Sequence[str]) -> Mattes | None:
-        """The mattes that the channels ask for; a Gaussian of several selections belongs to the last one."""
+        """Return the mattes that the channels ask for; a Gaussian of several selections belongs to the last one."""
         labels = [name.removeprefix(MASK) for name in channels if name.startswith(MASK)]
         if CRYPTOMATTE not in channels and not labels:
             return None
@@ -67,7 +67,7 @@ def passes_of(channels: Sequence[str], exr: bool) -> list[str]:
 
 
 def exposure_of(options: RenderOptions) -> Exposure:
-    """The exposure that the options ask for."""
+    """Return the exposure that the options ask for."""
     for name, value, most in (("motion-blur", options.motion_blur, 100.0), ("aperture", options.aperture, 100.0)):
         if not 0 <= value <= most:
             raise F4xError(f"--{name} {value:g}: give a number from 0 to {most:g}.")
@@ -110,12 +110,12 @@ def write(file: Path, images: Mapping[str, np.ndarray], mattes: Mattes | None) -
 
 
 def display(combined: np.ndarray) -> np.ndarray:
-    """(H,W,3) uint8 sRGB of a picture in linear light."""
+    """Return (H,W,3) uint8 sRGB of a picture in linear light."""
     return (np.clip(srgb_from_linear(combined[..., :3]), 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def _time_at(times: Sequence[float], row: float) -> float:
-    """The time at a fractional view of a trajectory, straight on beyond its ends."""
+    """Return the time at a fractional view of a trajectory, straight on beyond its ends."""
     if len(times) == 1:
         return times[0]
     below = int(np.clip(np.floor(row), 0, len(times) - 2))

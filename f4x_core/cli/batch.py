@@ -236,7 +236,7 @@ def _duration(seconds: float) -> str:
 
 
 def _plan_result(board: Board) -> dict[str, Any]:
-    """The result of a dry run: all tasks with their states."""
+    """Return the result of a dry run: all tasks with their states."""
     rows = [_row_plan(each) for each in board.rows.values()]
     lines = [
         f"{row['name']}: " + ", ".join(f"{task['stage']} [{task['state']}]" for task in row["tasks"]) for row in rows
@@ -268,7 +268,7 @@ def _exit_code(failed: Sequence[Any]) -> int:
 
 
 def _batch_result(board: Board, store: Store, seconds: float) -> dict[str, Any]:
-    """The result of the verb: counts, errors and notes of all rows."""
+    """Return the result of the verb: counts, errors and notes of all rows."""
     rows = list(board.rows.values())
     failed = {each.row.name: each.errors for each in board.failed}
     index = f"{store.url}/{PAGE}"

@@ -91,7 +91,7 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _version(package: str) -> str:
-    """The version of an installed package; empty where it is not there."""
+    """Return the version of an installed package; empty where it is not there."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -107,7 +107,7 @@ def _ability(packages: tuple[str, ...], bare: tuple[str, ...]) -> str:
 
 
 def anonymous(text: str) -> str:
-    """The text without paths, and without the names of this user and this machine."""
+    """Return the text without paths, and without the names of this user and this machine."""
     text = _PATH.sub("(path)", text)
     with contextlib.suppress(OSError, KeyError, ImportError):  # a user without a name has none to hide
         names = {getpass.getuser(), Path.home().name, platform.node()} - PUBLIC_NAMES
@@ -139,7 +139,7 @@ def numbers_of(path: Path) -> list[str]:
 
 
 def _native() -> dict[str, str]:
-    """The compiler, the instruction set, and the error of the compiled library against its stored float64 values."""
+    """Return the compiler, the instruction set, and the error of the compiled library against its stored float64 values."""
     from ..native import instruction_set
     from ..native import open_library as open_unchecked
     from ..native.build import find_compiler

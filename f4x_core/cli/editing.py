@@ -27,7 +27,7 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def request_of(args: argparse.Namespace) -> EditRequest:
-    """The edit that the arguments ask for."""
+    """Return the edit that the arguments ask for."""
     selection = None if args.select is None else read_selection(args.select)
     state = EditorState(selection, args.frame, agreed=args.yes)
     if args.say is None:
@@ -38,7 +38,7 @@ def request_of(args: argparse.Namespace) -> EditRequest:
 
 
 def _result(edited: Edited, args: argparse.Namespace) -> dict[str, Any]:
-    """The sentences on what was done, or would be."""
+    """Return the sentences on what was done, or would be."""
     scene, new = edited.after, edited.new
     found, lines = ({}, []) if args.say is None else _readings(edited)
     chosen, before = sizes(scene), len(edited.before.edits)

@@ -46,7 +46,7 @@ def run_serve(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _reason(error: BaseException) -> BaseException:
-    """The first error of a group; one of standard output names it, and nothing more is written there."""
+    """Return the first error of a group; one of standard output names it, and nothing more is written there."""
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
     if not isinstance(error, OSError):

@@ -31,7 +31,7 @@ BLEED = 2
 
 
 def picture_in(frames: Iterable[np.ndarray]) -> Picture | None:
-    """The picture within `frames (H,W,3)` uint8, of one size; None where it has no bars.
+    """Return the picture within `frames (H,W,3)` uint8, of one size; None where it has no bars.
 
     A bar is black in all of them, and opposite bars are alike. A single dark edge is part of the picture.
     """

@@ -181,7 +181,7 @@ def _match(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
 
 
 def _overlap(picture: np.ndarray, down: int, right: int) -> np.ndarray:
-    """The part of a picture that another one, shifted by so many cells, covers."""
+    """Return the part of a picture that another one, shifted by so many cells, covers."""
     rows, columns = picture.shape
     return picture[max(down, 0) : rows + min(down, 0), max(right, 0) : columns + min(right, 0)]
 

@@ -71,7 +71,7 @@ class Frames(NamedTuple):
 
 
 def frames_in(folder: Path) -> Frames:
-    """The frames directly in `folder`, numbers in their names sorted by value; none if no folder."""
+    """Return the frames directly in `folder`, numbers in their names sorted by value; none if no folder."""
     if not folder.is_dir():
         return Frames([], [], np.zeros(0, np.int64), ())
     files = sorted(
@@ -119,7 +119,7 @@ def _told(sentence: str) -> Note:
 
 
 def _without_companions(files: list[Path]) -> tuple[list[Path], list[Path], list[Note]]:
-    """The frames among picture `files`, the masks of all of them or none, and what is left out.
+    """Return the frames among picture `files`, the masks of all of them or none, and what is left out.
 
     A companion has a word like `mask` in its name and belongs to a picture whose name has none, or it has the name of another
     picture and a second ending.
@@ -179,7 +179,7 @@ def _numbered(files: list[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def _role(file: Path, names: set[str]) -> tuple[tuple[str | int, ...], frozenset[str]]:
-    """The picture that a file belongs to, as the words and numbers of its name, and the words that make it a companion."""
+    """Return the picture that a file belongs to, as the words and numbers of its name, and the words that make it a companion."""
     stem = file.stem
     words = re.findall(r"[a-z]+|\d+", stem.lower())
     marks = {word for word in words if word in MASK_WORDS | MAP_WORDS}
@@ -232,7 +232,7 @@ def _review(files: tuple[Path, ...], changed: int, repeats: bool) -> Review:
 
 
 def _white(files: tuple[Path, ...]) -> tuple[int, list[Note]]:
-    """The value of white in 16-bit pictures, and what has to be said of it."""
+    """Return the value of white in 16-bit pictures, and what has to be said of it."""
     largest, kinds = 0, set()
     looks = evenly_spaced(len(files), LOOKS)
     for step, index in enumerate([*looks, *np.setdiff1d(np.arange(len(files)), looks)]):
@@ -258,7 +258,7 @@ def _white(files: tuple[Path, ...]) -> tuple[int, list[Note]]:
 
 
 def _small(row: int, file: Path, white: int) -> Shown:
-    """A picture to compare with others, of one pixel where it cannot be read."""
+    """Return a picture to compare with others, of one pixel where it cannot be read."""
     from PIL import Image
 
     try:

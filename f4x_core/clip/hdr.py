@@ -66,7 +66,7 @@ def _linear(transfer: Transfer) -> np.ndarray:
 
 @cache
 def _encoded() -> np.ndarray:
-    """(65536,) uint8 sRGB of linear light 0 to 1, IEC 61966-2-1."""
+    """Return (65536,) uint8 sRGB of linear light 0 to 1, IEC 61966-2-1."""
     light = np.arange(65536) / 65535
     return np.round(255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)).astype(
         np.uint8

@@ -48,7 +48,7 @@ class Picture:
 
 
 def cut(pixels: np.ndarray, picture: Picture | None) -> np.ndarray:
-    """The `picture` of `pixels (h,w,…)`, a frame of its source or a mask of that at any size; all where it is None."""
+    """Return the `picture` of `pixels (h,w,…)`, a frame of its source or a mask of that at any size; all where it is None."""
     if picture is None:
         return pixels
     down, across = pixels.shape[0] / picture.height, pixels.shape[1] / picture.width

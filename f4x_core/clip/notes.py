@@ -40,7 +40,7 @@ class Remark:
     advice: str = ""
 
     def __str__(self) -> str:
-        """Both as one text."""
+        """Return both as one text."""
         return f"{self.what} {self.advice}".strip()
 
 

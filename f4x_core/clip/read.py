@@ -179,7 +179,7 @@ def _stacked(kept: list[np.ndarray], file: Path) -> np.ndarray:
 
 
 def _read_masks(masks: str | Path, source: Source, pictures: _Pictures) -> np.ndarray:
-    """The masks of the frames, cut and resized as they are."""
+    """Return the masks of the frames, cut and resized as they are."""
     layout, (height, width) = source.layout, pictures.frames.shape[1:3]
     if str(masks) == LAYOUT and layout is not None and len(layout.masks) == len(layout.images):
         files = [layout.masks[index] for index in pictures.indices]

@@ -240,7 +240,7 @@ SCENES = {
 def _people(
     name: str, camera: CameraMove, figures: tuple[Figure, ...], bodies: tuple[Body, ...] = (), **rest: Any
 ) -> RenderedScene:
-    """A clip of people, at the size of real ones; before stronger patterns the networks take the wall for somebody."""
+    """Return a clip of people, at the size of real ones; before stronger patterns the networks take the wall for somebody."""
     return RenderedScene(
         name, "yard", camera, bodies, figures=figures, size=(480, 270), focus_height=0.9, contrast=0.25, **rest
     )
@@ -353,7 +353,7 @@ EXAMPLES = {
 
 
 def scenes_named(names: Sequence[str]) -> list[RenderedScene]:
-    """The scenes that `names` names, each once; `ALL` stands for every one of `SCENES`. F4xError for an unknown name."""
+    """Return the scenes that `names` names, each once; `ALL` stands for every one of `SCENES`. F4xError for an unknown name."""
     known = SCENES | PEOPLE | EXAMPLES
     wanted = dict.fromkeys(SCENES if ALL in names else names)
     for name in wanted:

@@ -105,7 +105,7 @@ class Source:
                 yield shown._replace(pixels=pixels, alpha=hidden)
 
     def clock(self, seconds: list[float] | np.ndarray, tick: float, step: int) -> Clock:
-        """The clock of frames of the source that are `step` apart."""
+        """Return the clock of frames of the source that are `step` apart."""
         rate, slower = self.claimed[0], 0.0
         if any(note.kind == "repeated" for note in self.notes):
             slower = rate_without_repeats(self.stamps, rate) / step
@@ -153,7 +153,7 @@ class Source:
 
 
 def kept_of(layout: Layout, rows: np.ndarray, places: np.ndarray) -> Layout:
-    """The layout with the images `rows` alone, each at its place in time."""
+    """Return the layout with the images `rows` alone, each at its place in time."""
 
     def chosen(files: list[Path]) -> list[Path]:
         return [files[row] for row in rows] if len(files) == len(layout.images) else files

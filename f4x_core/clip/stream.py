@@ -52,7 +52,7 @@ class Survey:
         return f"{self.first + start * self.step}:{self.first + (end - 1) * self.step + 1}:{self.step}"
 
     def clock(self, start: int, end: int) -> Clock:
-        """The clock of a clip of the frames `start` to `end` (not included)."""
+        """Return the clock of a clip of the frames `start` to `end` (not included)."""
         if self.seconds is None or self.source is None:
             return Clock(np.arange(end - start, dtype=np.float64), self.rate)
         return self.source.clock(self.seconds[start:end], self.tick, self.step)

@@ -118,7 +118,7 @@ class UndamagedFrames:
             self.lost_before = serial + AFTER_LOSS
 
     def _frames(self, packet: Any, serial: int) -> list[Any]:
-        """The frames that come out of the decoder for a packet; looks in FFmpeg's log for a loss before it."""
+        """Return the frames that come out of the decoder for a packet; looks in FFmpeg's log for a loss before it."""
         from av import logging
 
         if self.decoder.name not in TRACED:

@@ -262,7 +262,7 @@ def _pulled(graph, numbers: deque[int]) -> Iterator[Numbered]:
 
 
 def _rgb(frame, stream) -> np.ndarray:
-    """`(H, W, 3)` uint8 sRGB of a decoded frame."""
+    """Return `(H, W, 3)` uint8 sRGB of a decoded frame."""
     from av.video.reformatter import Colorspace
 
     transfer = HDR.get(stream.codec_context.color_trc)
@@ -286,7 +286,7 @@ def _rgb(frame, stream) -> np.ndarray:
 
 
 def _from_ycgco(frame) -> np.ndarray:
-    """`(H, W, 3)` uint8 of a frame in Y, Cg and Co, ITU-T H.273; FFmpeg converts no such colours."""
+    """Return `(H, W, 3)` uint8 of a frame in Y, Cg and Co, ITU-T H.273; FFmpeg converts no such colours."""
     frame.colorspace, full = (
         BT601,
         frame.color_range == FULL_RANGE,
@@ -298,7 +298,7 @@ def _from_ycgco(frame) -> np.ndarray:
 
 
 def _squared(pixels: np.ndarray, aspect: Fraction | None) -> np.ndarray:
-    """The picture with square pixels: as high as it was, `aspect` (width of a pixel to its height) times as wide."""
+    """Return the picture with square pixels: as high as it was, `aspect` (width of a pixel to its height) times as wide."""
     import cv2
 
     height, width = pixels.shape[:2]
@@ -333,12 +333,12 @@ def _opened(file: Path):
 
 
 def _candidates(container) -> list:
-    """The streams of moving pictures that can be decoded."""
+    """Return the streams of moving pictures that can be decoded."""
     return [each for each in container.streams.video if _kind(each) == "video"]
 
 
 def _kind(stream) -> str:
-    """The kind of a stream: the cover of a song is one of a single picture, and some are made by encoders not known here."""
+    """Return the kind of a stream: the cover of a song is one of a single picture, and some are made by encoders not known here."""
     from av.stream import Disposition
 
     if stream.type == "video" and stream.codec_context is None:

@@ -156,7 +156,7 @@ def frame_of(clip: Clip, index: int) -> tuple[Tensor, Tensor | None]:
 
 
 def within(region: Tensor, seen: Tensor | None) -> Tensor:
-    """The part of a region (H,W) that was seen."""
+    """Return the part of a region (H,W) that was seen."""
     return region if seen is None else region * seen
 
 
@@ -174,7 +174,7 @@ def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def without_frames(metrics: dict[str, Any]) -> dict[str, Any]:
-    """The result of `evaluate` without its rows for single frames."""
+    """Return the result of `evaluate` without its rows for single frames."""
     return {name: value for name, value in metrics.items() if name != "frames"}
 
 
@@ -276,7 +276,7 @@ def registered_scores(
 
 
 def beside(frames: int, index: int, held_out: set[int]) -> tuple[int, ...]:
-    """The last used clip frame before `index` and the first after it; one of them at an end of the clip's `frames`."""
+    """Return the last used clip frame before `index` and the first after it; one of them at an end of the clip's `frames`."""
     used = [i for i in range(frames) if i not in held_out]
     before = max((i for i in used if i < index), default=None)
     after = min((i for i in used if i > index), default=None)

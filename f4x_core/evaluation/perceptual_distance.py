@@ -55,7 +55,7 @@ def lpips_missing() -> list[str]:
 
 
 def _distance(image: np.ndarray, target: np.ndarray, spatial: bool) -> np.ndarray | None:
-    """() or, `spatial`, (H,W) of pictures (H,W,3) in [0,1]."""
+    """Return () or, `spatial`, (H,W) of pictures (H,W,3) in [0,1]."""
     network = _load(spatial)
     if isinstance(network, str) or min(image.shape[:2]) < MIN_SIDE:
         return None

@@ -153,7 +153,7 @@ def _sightings(scene: Scene, clip: Clip, used: int, frame: int, flow: Flow, back
 
 
 def _smooth(depth: np.ndarray) -> np.ndarray:
-    """(H,W) bool: depth is known here and at all neighbours, and takes no step."""
+    """Return (H,W) bool: depth is known here and at all neighbours, and takes no step."""
     import cv2
 
     filled, window = np.nan_to_num(depth), np.ones((3, 3), np.uint8)
@@ -162,7 +162,7 @@ def _smooth(depth: np.ndarray) -> np.ndarray:
 
 
 def _near_motion(dynamic: np.ndarray) -> np.ndarray:
-    """(H,W) bool: a pixel with dynamic alpha is near."""
+    """Return (H,W) bool: a pixel with dynamic alpha is near."""
     import cv2
 
     margin = 1 + 2 * max(2, round(MOVING_MARGIN * dynamic.shape[1]))

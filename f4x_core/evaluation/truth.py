@@ -104,7 +104,7 @@ class TrueClip:
         return cls(folder, path, truth["moving_index"], extras, used, similarity, focal_ratio, still)
 
     def into_scene(self, camera: Camera, scene: Scene) -> Camera:
-        """A camera of the true world as one of the scene's, at the size of the scene's pictures."""
+        """Return a camera of the true world as one of the scene's, at the size of the scene's pictures."""
         return into_scene(camera, self.similarity, self.focal_ratio).resized(scene.cameras.width, scene.cameras.height)
 
 
@@ -245,7 +245,7 @@ def align_cameras(estimated: CameraPath, truth: CameraPath) -> Similarity:
 
 
 def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """The rotation R (3,3) with the largest trace of R^T matrix."""
+    """Return the rotation R (3,3) with the largest trace of R^T matrix."""
     u, _, vt = np.linalg.svd(matrix)
     return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
 
@@ -263,7 +263,7 @@ def rotation_error(estimated: CameraPath, truth: CameraPath, similarity: Similar
 
 
 def into_scene(camera: Camera, similarity: Similarity, focal_ratio: float = 1.0) -> Camera:
-    """A camera of the true world as a camera of the scene's world: the same image in other units and axes.
+    """Return a camera of the true world as a camera of the scene's world: the same image in other units and axes.
 
     `focal_ratio` is the fitted focal length divided by the true one. The extra cameras have the clip's true focal length, but a
     scene that was fitted with a slightly wrong one reproduces its images only with the same wrong focal length.
@@ -316,7 +316,7 @@ class SeenSurface:
         return cls(np.concatenate(still), moving, far * np.concatenate(sky))
 
     def covers(self, camera: Camera, frame: int) -> np.ndarray:
-        """(H,W) bool: pixels of `camera` onto which a seen point falls; single-pixel gaps between points are closed.
+        """Return (H,W) bool: pixels of `camera` onto which a seen point falls; single-pixel gaps between points are closed.
 
         A seen wall behind an unseen part of the subject counts, so the region is rather too large than too small (by 1 %
         of the picture, 10 degrees off the path). For the same reason no depth is compared: it is asked whether anything
@@ -342,7 +342,7 @@ class SeenSurface:
 
 
 def _landing(camera: Camera, *clouds: np.ndarray) -> np.ndarray:
-    """(H,W) bool: pixels onto which some point of `clouds`, each (n,3), falls; single-pixel gaps are closed."""
+    """Return (H,W) bool: pixels onto which some point of `clouds`, each (n,3), falls; single-pixel gaps are closed."""
     mask = np.zeros((camera.height, camera.width), bool)
     for points in clouds:
         pixels, depth = camera.project(points)

@@ -25,7 +25,7 @@ class ImageClass(NamedTuple):
 
 @cache
 def image_classes() -> tuple[ImageClass, ...]:
-    """All classes, in the order of the logits."""
+    """Return all classes, in the order of the logits."""
     lines = CLASS_NAMES.read_text(encoding="utf-8").splitlines()
     return tuple(ImageClass(names, kind) for names, _, kind in (line.partition("\t") for line in lines))
 

@@ -49,7 +49,7 @@ class Head(nn.Module):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Self:
-        """The head that `to_arrays` gave, in float32."""
+        """Return the head that `to_arrays` gave, in float32."""
         weights = [arrays[f"weight_{i}"] for i in range(len(arrays) // 2)]
         head = cls([len(weights[0]), *(weight.shape[1] for weight in weights)])
         with torch.no_grad():

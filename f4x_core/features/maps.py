@@ -62,7 +62,7 @@ class FeatureMaps:
         return len(self.stored)
 
     def at(self, t: int) -> np.ndarray:
-        """The features (h,w,C) float32 of clip frame `t`."""
+        """Return the features (h,w,C) float32 of clip frame `t`."""
         if not 0 <= t < len(self):
             raise F4xError(f"{self.folder}: there is no frame {t}; the maps cover frames 0 to {len(self) - 1}.")
         return self.expand(self.row(t).astype(np.float32))

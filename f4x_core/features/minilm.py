@@ -52,7 +52,7 @@ class MiniLm:
             raise F4xError(f"{folder} is not a readable text encoder ({reason(error)}).") from error
 
     def encode(self, labels: list[str]) -> np.ndarray:
-        """(L, 384) float32 unit vectors."""
+        """Return (L, 384) float32 unit vectors."""
         return average_templates(labels, ("{}",), self.embed)
 
     def embed(self, sentences: list[str]) -> np.ndarray:
@@ -72,7 +72,7 @@ class MiniLm:
         return [self.vocabulary["[CLS]"], *pieces[: MAX_TOKENS - 2], self.vocabulary["[SEP]"]]
 
     def _pieces(self, word: str) -> list[int]:
-        """The longest pieces that a word begins with, one after the other; unknown where it is none of them."""
+        """Return the longest pieces that a word begins with, one after the other; unknown where it is none of them."""
         unknown = [self.vocabulary["[UNK]"]]
         if len(word) > MAX_LETTERS:
             return unknown

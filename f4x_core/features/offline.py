@@ -107,7 +107,7 @@ class Conse:
             return functional.normalize(words, dim=-1).numpy()
 
     def _probability(self, rgb: np.ndarray, size: tuple[int, int]) -> torch.Tensor:
-        """(1,1000,h,w) of the picture stretched to `size`: the classifier at every cell, no pooling."""
+        """Return (1,1000,h,w) of the picture stretched to `size`: the classifier at every cell, no pooling."""
         features = self.network.extract_features(image_tensor(rgb, size, (0.5,) * 3, (0.5,) * 3))
         return self.network._fc(features.permute(0, 2, 3, 1)).softmax(-1).permute(0, 3, 1, 2)
 
@@ -122,7 +122,7 @@ def load_classifier(model: Path | str | None = None) -> Any:
 
 
 def class_embeddings(encode: Callable[[list[str]], np.ndarray]) -> np.ndarray:
-    """(1000, C) float32 unit vectors of ImageNet's classes, drawn towards what people call them.
+    """Return (1000, C) float32 unit vectors of ImageNet's classes, drawn towards what people call them.
 
     A breed of dogs is far from "dog" in a space of words, so that the kind, where the list says one, counts KIND_WEIGHT times.
     """
@@ -136,7 +136,7 @@ def class_embeddings(encode: Callable[[list[str]], np.ndarray]) -> np.ndarray:
 
 
 def _module(name: str, package: str) -> Any:
-    """A module of an installed package; F4xError says how to install it."""
+    """Return a module of an installed package; F4xError says how to install it."""
     try:
         return import_module(name)
     except ImportError as error:

@@ -155,7 +155,7 @@ class Precomputed:
         return self._stack(self.source)
 
     def _stack(self, file: Path) -> tuple[int, Callable[[int], np.ndarray]]:
-        """All frames in one array."""
+        """Return all frames in one array."""
         if file.suffix == ".npz" and (vector := _member(file, "global")) is not None:
             self.glob = vector.astype(np.float32)
         stack = _array(file)
@@ -177,13 +177,13 @@ class Precomputed:
 
 
 def _limited(rows: int, columns: int) -> tuple[int, int]:
-    """The grid, smaller where it exceeds LIMIT."""
+    """Return the grid, smaller where it exceeds LIMIT."""
     scale = min(1.0, LIMIT / max(rows, columns))
     return max(1, round(rows * scale)), max(1, round(columns * scale))
 
 
 def _array(file: Path) -> np.ndarray:
-    """The array of a file: mapped from `.npy`, `map` or the only one of `.npz`, the tensor of `.pt`."""
+    """Return the array of a file: mapped from `.npy`, `map` or the only one of `.npz`, the tensor of `.pt`."""
     try:
         if file.suffix in (".pt", ".pth"):
             tensor = torch.load(file, map_location="cpu", weights_only=True)

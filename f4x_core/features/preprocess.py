@@ -25,7 +25,7 @@ def image_tensor(
     std: tuple[float, float, float] = (1.0, 1.0, 1.0),
     mode: str = "bilinear",
 ) -> torch.Tensor:
-    """A picture (H,W,3) uint8 as (1,3,h,w) float32, `(rgb / 255 - mean) / std`, stretched to `size` (h, w).
+    """Return a picture (H,W,3) uint8 as (1,3,h,w) float32, `(rgb / 255 - mean) / std`, stretched to `size` (h, w).
 
     Resized as the models were trained: anti-aliased when shrinking, rounded to whole levels (processors resize uint8).
     """

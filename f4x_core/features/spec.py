@@ -52,7 +52,7 @@ class FeatureSpec:
 
     @classmethod
     def from_json(cls, data: Any) -> FeatureSpec:
-        """The spec that `to_json` wrote; F4xError names what is unknown, missing or of the wrong kind."""
+        """Return the spec that `to_json` wrote; F4xError names what is unknown, missing or of the wrong kind."""
         known = {entry.name: entry for entry in dataclasses.fields(cls)}
         if not isinstance(data, dict):
             raise F4xError("feature spec: not a JSON object; write it again.")

@@ -41,7 +41,7 @@ class Spectrum:
         return np.cumsum(self.values) / total if total > 0 else np.ones(len(self.values))
 
     def coordinates(self, features: Sequence[np.ndarray], width: int) -> np.ndarray:
-        """(…,width) of one map (…,C) per teacher, all on the same grid; 0 beyond the last component."""
+        """Return (…,width) of one map (…,C) per teacher, all on the same grid; 0 beyond the last component."""
         stacked = np.concatenate(
             [(map_ - mean) / scale for map_, mean, scale in zip(features, self.means, self.scales, strict=True)], -1
         )
@@ -49,7 +49,7 @@ class Spectrum:
         return np.pad(found, [(0, 0)] * (found.ndim - 1) + [(0, width - found.shape[-1])])
 
     def width(self, min_kept: float = KEPT) -> int:
-        """The smallest width that keeps at least `min_kept` of the variance; the largest there is where none does."""
+        """Return the smallest width that keeps at least `min_kept` of the variance; the largest there is where none does."""
         enough = [width for width in WIDTHS if self.kept[min(width, len(self.kept)) - 1] >= min_kept]
         return enough[0] if enough else WIDTHS[-1]
 
@@ -60,7 +60,7 @@ class Spectrum:
 
 
 def measure_spectrum(maps: Sequence[FeatureMaps], frames: Sequence[int], seed: int = 0) -> Spectrum:
-    """The spectrum of `maps` over clip frames `frames`.
+    """Return the spectrum of `maps` over clip frames `frames`.
 
     Teachers have different grids: a place is drawn in the picture, and each gives the cell that the place falls into.
     """

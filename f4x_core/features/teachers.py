@@ -37,7 +37,7 @@ class Teacher(Protocol):
         ...
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """The map (h,w,C) float32 of a picture (H,W,3) uint8."""
+        """Return the map (h,w,C) float32 of a picture (H,W,3) uint8."""
         ...
 
 
@@ -74,7 +74,7 @@ class TeacherEntry:
         return ", ".join(describe(name)["source"] for name in self.weights) or "files made by another program"
 
     def load(self, path: Path | str | None = None) -> Teacher:
-        """The teacher, its packages imported now; F4xError when they or the weights are absent."""
+        """Return the teacher, its packages imported now; F4xError when they or the weights are absent."""
         return cast(Teacher, factory_of(self.factory)(model=path, **self.options))
 
 
@@ -117,7 +117,7 @@ TEACHERS = {
 
 
 def find_teacher(name: str) -> TeacherEntry:
-    """The entry called `name`; F4xError lists the known ones."""
+    """Return the entry called `name`; F4xError lists the known ones."""
     if name not in TEACHERS:
         raise F4xError(f"There is no teacher '{name}'; known: {', '.join(TEACHERS)}.")
     return TEACHERS[name]
@@ -143,7 +143,7 @@ def extract(
     rank: int | None = None,
     progress: Progress = silent,
 ) -> FeatureMaps:
-    """The maps of teacher `name` for every frame of `clip`, in `folder` (which gets `spec.json`, `maps.npy`, …).
+    """Return the maps of teacher `name` for every frame of `clip`, in `folder` (which gets `spec.json`, `maps.npy`, …).
 
     Does nothing when `folder` holds maps of the same teacher, weights, frames and rank. `model` is a folder with the
     weights (or with the maps, of teachers that read files), a hub id, or the name of another checkpoint; `rank` as in

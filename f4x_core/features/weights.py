@@ -95,7 +95,7 @@ WEIGHTS: Mapping[str, PackagedWeights | Checkpoint] = {**PACKAGED, **CHECKPOINTS
 
 
 def describe(name: str) -> dict[str, Any]:
-    """A row of `f4x models list`: name, kind, source, licence, download_bytes, path (None = not on this machine)."""
+    """Return a row of `f4x models list`: name, kind, source, licence, download_bytes, path (None = not on this machine)."""
     entry, path = find_weights(name), local_path(name)
     packaged = isinstance(entry, PackagedWeights)
     return {
@@ -109,7 +109,7 @@ def describe(name: str) -> dict[str, Any]:
 
 
 def find_weights(name: str) -> PackagedWeights | Checkpoint:
-    """The entry called `name`; F4xError lists the known ones."""
+    """Return the entry called `name`; F4xError lists the known ones."""
     if name not in WEIGHTS:
         raise F4xError(f"There is no model '{name}'; known: {', '.join(WEIGHTS)}.")
     return WEIGHTS[name]

@@ -96,7 +96,7 @@ class Drawing:
     threads: int
 
     def problem_of(self, own: DrawnSet) -> dict[str, Any]:
-        """The fields of `APPEARANCE` that both passes read."""
+        """Return the fields of `APPEARANCE` that both passes read."""
         dynamic = own.log_lifetimes is not None
         fixed = {"mark": float(dynamic), "time": self.time, "whole": self.whole, "margin": self.margin}
         arrays = {"means": own.means, "quats": own.quats, "log_scales": own.log_scales, "logits": own.opacity_logits}
@@ -112,7 +112,7 @@ class NativeDrawing(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, drawing: Drawing, *tensors: Tensor | None) -> Any:
-        """The tensors of a `Drawn`."""
+        """Return the tensors of a `Drawn`."""
         sets = _sets_of(tensors)
         frozen = drawing.frozen
         lengths = [len(own.means) for own in sets] + ([] if frozen is None else [len(frozen[0].means)])
@@ -167,12 +167,12 @@ def _sets_of(tensors: Sequence[Tensor | None]) -> list[DrawnSet]:
 
 
 def _slices(lengths: Sequence[int]) -> list[slice]:
-    """The rows of each part of so many rows."""
+    """Return the rows of each part of so many rows."""
     return [slice(end - length, end) for end, length in zip(accumulate(lengths), lengths, strict=True)]
 
 
 def _split(sh: Tensor) -> tuple[Tensor, Tensor]:
-    """The first coefficients (N,3) of harmonics (N,S,3), and the others (N,S-1,3)."""
+    """Return the first coefficients (N,3) of harmonics (N,S,3), and the others (N,S-1,3)."""
     return sh[:, 0], sh[:, 1:]
 
 

@@ -27,7 +27,7 @@ class CorrectedView(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, rotations: Tensor, positions: Tensor, base: Tensor, frame: int) -> Tensor:
-        """The corrected matrix, in the precision of `base`."""
+        """Return the corrected matrix, in the precision of `base`."""
         vector, before = rotations[frame].tolist(), base[frame, :3].numpy().astype(float)  # (3,), (3,4)
         turned = _turn(vector) @ before
         after = base[frame].numpy().copy()
@@ -58,7 +58,7 @@ class CorrectedView(torch.autograd.Function):
 
 
 def _turn(vector: Sequence[float]) -> np.ndarray:
-    """(3,3) the rotation by a rotation vector (Rodrigues)."""
+    """Return (3,3) the rotation by a rotation vector (Rodrigues)."""
     x, y, z = vector
     angle = math.hypot(x, y, z)
     small = angle < SMALL_ANGLE
@@ -120,19 +120,19 @@ class CameraRig:
         }
 
     def view(self, frame: int) -> Tensor:
-        """(4,4) world_to_camera of supervised frame `frame`, float32, differentiable."""
+        """Return (4,4) world_to_camera of supervised frame `frame`, float32, differentiable."""
         own = (self.parameters[name] for name in ("camera_rotation", "camera_position"))
         return CorrectedView.apply(*own, self.base, frame)
 
     def intrinsics(self, frame: int, width: int, height: int) -> Tensor:
-        """(3,3) intrinsics in pixels of the frame resampled to width x height."""
+        """Return (3,3) intrinsics in pixels of the frame resampled to width x height."""
         if (width, height) not in self._resampled:
             ratio = self.base.new_tensor([[width / self.path.width], [height / self.path.height], [1.0]])
             self._resampled[width, height] = self.base_intrinsics * ratio
         return self._resampled[width, height][frame]
 
     def camera(self, frame: int, width: int, height: int) -> Camera:
-        """The camera of supervised frame `frame` for images of width x height; its pose is differentiable."""
+        """Return the camera of supervised frame `frame` for images of width x height; its pose is differentiable."""
         return Camera(self.intrinsics(frame, width, height), self.view(frame), width, height)
 
     def smoothness(self) -> Tensor:
@@ -142,7 +142,7 @@ class CameraRig:
         return CameraSmoothness.apply(self.parameters["camera_rotation"], self.parameters["camera_position"])
 
     def refined(self) -> CameraPath:
-        """The path with its corrections folded in."""
+        """Return the path with its corrections folded in."""
         with torch.no_grad():
             matrices = torch.stack([self.view(i) for i in range(len(self.path))]).double().numpy()
         # float32 rotations are not orthonormal to float64 precision; the nearest rotation is.

@@ -64,7 +64,7 @@ class GaussianSet:
         return type(self)({n: p.requires_grad_(True) for n, p in parameters.items()}, labels)
 
     def splats(self, means: Tensor, quats: Tensor) -> Splats:
-        """The Gaussians, activated, at `means` (N,3) and `quats` (N,4) in the world."""
+        """Return the Gaussians, activated, at `means` (N,3) and `quats` (N,4) in the world."""
         return Splats(means, quats, self.scales, self.opacities, self.sh)
 
 
@@ -90,7 +90,7 @@ class DynamicGaussians(GaussianSet):
     use_dw: bool = field(default=False)
 
     def presence(self, away: Tensor) -> Tensor:
-        """(N,) in [0, 1]: how much of each Gaussian is there `away` (N,) clip frames after its reference time."""
+        """Return (N,) in [0, 1]: how much of each Gaussian is there `away` (N,) clip frames after its reference time."""
         before, after = self.parameters["log_lifetimes"].exp().unbind(1)
         return ((1 - away.abs() / torch.where(away < 0, before, after)) / (1 - WHOLE)).clamp(0, 1)
 
@@ -100,7 +100,7 @@ class DynamicGaussians(GaussianSet):
         return born[:, None] + torch.stack([-before, -WHOLE * before, WHOLE * after, after], 1)
 
     def splats_there(self, means: Tensor, quats: Tensor, away: Tensor) -> Splats:
-        """The Gaussians as `splats` has them, faded as scenes fade them: optical depth, not opacity."""
+        """Return the Gaussians as `splats` has them, faded as scenes fade them: optical depth, not opacity."""
         depth = -torch.log1p(-self.opacities.clamp(max=1 - OPACITY_MARGIN))
         return Splats(means, quats, self.scales, -torch.expm1(-self.presence(away) * depth), self.sh)
 

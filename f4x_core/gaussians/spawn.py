@@ -72,7 +72,7 @@ class Spawned:
 
     @classmethod
     def joined(cls, parts: Sequence[Spawned]) -> Spawned:
-        """All of `parts`, in order."""
+        """Return all of `parts`, in order."""
         if not parts:
             return cls(*(np.zeros(shape, np.float32) for shape in ((0, 3), (0, 3), (0,), (0,))))
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))

@@ -37,10 +37,10 @@ class Splats:
         return replace(self, **{name: change(array) for name, array in self.arrays().items()})
 
     def take(self, index: Any) -> Self:
-        """The Gaussians at `index`: (n,) int, (N,) bool or a slice."""
+        """Return the Gaussians at `index`: (n,) int, (N,) bool or a slice."""
         return self.map(lambda array: array[index])
 
     def arrays(self) -> dict[str, Array]:
-        """The arrays by name, without those that are None."""
+        """Return the arrays by name, without those that are None."""
         named = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: array for name, array in named.items() if array is not None}

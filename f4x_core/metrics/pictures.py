@@ -13,7 +13,7 @@ SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
 
 @lru_cache(maxsize=8)
 def ssim_window(dtype: torch.dtype) -> Tensor:
-    """(11,) the blur, summing to 1."""
+    """Return (11,) the blur, summing to 1."""
     offsets = torch.arange(SSIM_WINDOW, dtype=torch.float64) - (SSIM_WINDOW - 1) / 2
     kernel = torch.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
     return (kernel / kernel.sum()).to(dtype)

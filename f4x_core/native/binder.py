@@ -44,7 +44,7 @@ class Array:
     """Elements from one entry to the next along each axis; None = C-contiguous."""
 
     def names(self) -> set[str]:
-        """The sizes that shape and strides refer to."""
+        """Return the sizes that shape and strides refer to."""
         lengths = map(str, (*self.shape, *(self.strides or ())))
         return {part for length in lengths for part in re.split("[+*]", length) if not part.isdigit()}
 
@@ -123,7 +123,7 @@ class Struct:
         filled.arrays.update(values)
 
     def _make_plan(self, *sizes: int) -> list[tuple[str, Check | None]]:
-        """Every field of C in order and, of an array, its check for the values of `_sizes`."""
+        """Return every field of C in order and, of an array, its check for the values of `_sizes`."""
         named = dict(zip(self._sizes, sizes, strict=True))
         return [
             (name, _check_of(f"{self.name}.{name}", kind, named) if name in self.arrays else None)

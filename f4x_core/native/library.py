@@ -34,7 +34,7 @@ def library_path(target: str | None = None) -> Path:
 
 
 def open_library() -> tuple[ctypes.CDLL | None, str]:
-    """The library, or None and the reason why there is none; looked for once per process."""
+    """Return the library, or None and the reason why there is none; looked for once per process."""
     return _open(library_path())
 
 
@@ -55,7 +55,7 @@ def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
 
 
 def require_library() -> ctypes.CDLL:
-    """The library, for callers that were chosen because it is there."""
+    """Return the library, for callers that were chosen because it is there."""
     library, reason = open_library()
     assert library is not None, reason
     return library

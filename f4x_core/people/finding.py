@@ -54,7 +54,7 @@ class Seed:
 
 
 def find_everyone(picture: np.ndarray, parts: bool = False) -> list[Seed]:
-    """The people whom the detector sees in `picture (H, W, 3)` uint8, the surest first.
+    """Return the people whom the detector sees in `picture (H, W, 3)` uint8, the surest first.
 
     `parts`: look again in overlapping parts of the picture, for those who are far away.
     """
@@ -68,7 +68,7 @@ def find_everyone(picture: np.ndarray, parts: bool = False) -> list[Seed]:
 
 
 def find_mover(picture: np.ndarray, region: np.ndarray, step: int) -> Seed | None:
-    """The person who fills a moving `region (H // step, W // step)` bool, whichever way is up; None where nobody does."""
+    """Return the person who fills a moving `region (H // step, W // step)` bool, whichever way is up; None where nobody does."""
     y, x = np.nonzero(region)
     low, high = step * np.array([x.min(), y.min()]), step * np.array([x.max() + 1, y.max() + 1])
     side = CROP_FACTOR * float(np.max(high - low))
@@ -121,7 +121,7 @@ def _agreement(pose: Pose, region: np.ndarray, step: int) -> float:
 
 
 def look_twice(picture: np.ndarray, crop: Crop) -> Pose | None:
-    """The person in a crop, and again in the crop that their joints ask for; None where nobody is."""
+    """Return the person in a crop, and again in the crop that their joints ask for; None where nobody is."""
     if not is_usable(crop, picture):
         return None
     first = find_pose(picture, crop)
@@ -171,7 +171,7 @@ def _starts(length: int, side: int) -> list[int]:
 
 
 def _moved(one: Detection, left: int, top: int) -> Detection:
-    """A detection in a part of the picture, in pixels of the whole."""
+    """Return a detection in a part of the picture, in pixels of the whole."""
     corner = np.array([left, top], np.float64)
     crop = Crop(one.crop.center + corner, one.crop.side, one.crop.angle)
     return Detection(one.score, crop)

@@ -117,7 +117,7 @@ def _numbered_as(given: np.ndarray, people: list[Person]) -> list[Person]:
 
 
 def _with_movers(seeds: list[Seed], picture: np.ndarray, regions: list[np.ndarray]) -> list[Seed]:
-    """The people of a picture, and whoever else fills a moving region of it."""
+    """Return the people of a picture, and whoever else fills a moving region of it."""
     shape = picture.shape[0], picture.shape[1]
     for region in regions:
         those = [seed for seed in seeds if fills(seed.pose, region, FLOW_STEP)]

@@ -111,7 +111,7 @@ def rasterize(
 
 
 def backend_function(name: str) -> Callable[[RasterInput], RasterOutput]:
-    """The function of a backend, imported when it is used."""
+    """Return the function of a backend, imported when it is used."""
     if name == "native":
         from .native import rasterize_native as function
     elif name == "reference":
@@ -175,7 +175,7 @@ def _why_not_gsplat() -> str | None:
 
 @cache
 def _native() -> Any:
-    """The native room, or None where it was left out of the installation."""
+    """Return the native room, or None where it was left out of the installation."""
     return import_module(".native", __name__) if find_spec(f"{__name__}.native") else None
 
 

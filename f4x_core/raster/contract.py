@@ -40,7 +40,7 @@ class RasterConfig:
 
     @classmethod
     def as_fitted(cls, focal: float | None, camera: Camera) -> RasterConfig:
-        """The constants that show in `camera` what was fitted at a focal length of `focal` pixels (None = not known).
+        """Return the constants that show in `camera` what was fitted at a focal length of `focal` pixels (None = not known).
 
         The fit widened every projected Gaussian by `blur` in pixels of its own camera. The same angle is added here; with the
         same number of pixels for every size, Gaussians swell in small images and come apart in large ones.

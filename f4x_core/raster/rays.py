@@ -153,7 +153,7 @@ def filter_weights(oversample: int) -> Tensor:
 
 
 def _oversampled(camera: Camera, oversample: int) -> Camera:
-    """The camera with finer pixels, and one whole pixel more on every side, which the filter reaches into."""
+    """Return the camera with finer pixels, and one whole pixel more on every side, which the filter reaches into."""
     intrinsics = np.array(camera.intrinsics, np.float64)
     intrinsics[:2, 2] += 1
     intrinsics[:2] *= oversample
@@ -168,7 +168,7 @@ def reference_rays(splats: Splats, colors: Tensor, camera: Camera, config: RayCo
 
 
 def composite(seen: Projected, colors: Tensor, camera: Camera, config: RayConfig) -> Tensor:
-    """The rule of the compositing alone, in float64: (H,W,4). See `reference_rays`."""
+    """Return the rule of the compositing alone, in float64: (H,W,4). See `reference_rays`."""
     k, colors = torch.as_tensor(camera.intrinsics), torch.cat((colors.double(), torch.ones(len(colors), 1)), 1)
     origin = -torch.einsum("nij,nj->ni", seen.whiten, seen.means)
     rows = []

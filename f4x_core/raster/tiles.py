@@ -83,7 +83,7 @@ class _Grid:
         self.columns, self.rows, self.first_row = -(-width // side), len(band), band.start
 
     def basis(self, like: Tensor) -> Tensor:
-        """(6, pixels) monomials 1, u, v, u^2, uv, v^2 of a pixel centre relative to the tile centre."""
+        """Return (6, pixels) monomials 1, u, v, u^2, uv, v^2 of a pixel centre relative to the tile centre."""
         axis = torch.arange(self.side, dtype=like.dtype, device=like.device) + 0.5 - self.side / 2
         v, u = (c.reshape(-1) for c in torch.meshgrid(axis, axis, indexing="ij"))
         return torch.stack((torch.ones_like(u), u, v, u * u, u * v, v * v))
@@ -132,7 +132,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def _map(function: Callable[[Item], Result], items: Sequence[Item], threads: int) -> list[Result]:
-    """`[function(item) for item in items]`, spread over Python threads; torch lets go of the GIL inside its operations."""
+    """Return `[function(item) for item in items]`, spread over Python threads; torch lets go of the GIL inside its operations."""
     threads = min(threads, len(items))
     if threads <= 1:
         return [function(item) for item in items]
@@ -234,7 +234,7 @@ def _batches(lists: TileLists, pixels: int) -> list[Tensor]:
 
 
 def _polynomials(table: Tensor, lists: TileLists, grid: _Grid) -> Tensor:
-    """(B, 6, SLAB) coefficients of log2 alpha over `_Grid.basis` for every slot."""
+    """Return (B, 6, SLAB) coefficients of log2 alpha over `_Grid.basis` for every slot."""
     if table.shape[1] == 0:
         return table.new_empty(len(lists.ids), 6, SLAB)
     oy, e, A, k, r, log_opacity = _local(table, lists.ids, lists.tile, grid)
@@ -251,7 +251,7 @@ def _polynomials(table: Tensor, lists: TileLists, grid: _Grid) -> Tensor:
 
 
 def _local(table: Tensor, ids: Tensor, tile: Tensor, grid: _Grid) -> tuple[Tensor, ...]:
-    """(B, SLAB) each: y of the mean from the tile centre, e = x - k y from there, then A, k, r, log2 opacity."""
+    """Return (B, SLAB) each: y of the mean from the tile centre, e = x - k y from there, then A, k, r, log2 opacity."""
     mx, my, A, k, r, log_opacity = table.index_select(1, ids.view(-1)).view(6, -1, SLAB)
     x, y = grid.centres(tile[:, None], table)
     oy = my - y

@@ -72,7 +72,7 @@ def draw_triangles(
 
 
 def edge_functions(corners: np.ndarray) -> np.ndarray:
-    """(T,3,3) `edges`, so that `edges (u, v, 1)` are in proportion to the barycentric coordinates divided by z.
+    """Return (T,3,3) `edges`, so that `edges (u, v, 1)` are in proportion to the barycentric coordinates divided by z.
 
     Args:
         corners: (T,3,3) u z, v z, z of each corner.

@@ -168,7 +168,7 @@ def about_room(shortages: Sequence[Shortage]) -> list[Finding]:
 
 
 def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
-    """The scene in a word: poor, usable with limits, or good; empty where it was not measured."""
+    """Return the scene in a word: poor, usable with limits, or good; empty where it was not measured."""
     score = fair_score(metrics)
     if score is None:
         return ""
@@ -178,7 +178,7 @@ def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
 
 
 def verdict(metrics: Mapping[str, Any], found: Sequence[Finding], subject: str = "The scene") -> str:
-    """The page's first sentence, about `subject`."""
+    """Return the page's first sentence, about `subject`."""
     word, problems = quality(metrics, found), sum(finding.weight == "problem" for finding in found)
     if not word:
         return f"{subject} was not measured."
@@ -353,7 +353,7 @@ def _about_lost_movers(metrics: Mapping[str, Any]) -> list[Finding]:
 
 
 def about_cuts(priors: Priors, picked: str = "") -> list[Finding]:
-    """The findings about hard cuts within the clip (`clip.changes`), in frames of its source: `picked` is the clip's."""
+    """Return the findings about hard cuts within the clip (`clip.changes`), in frames of its source: `picked` is the clip's."""
     cuts = priors.statistics.get("changes", {}).get("cuts", [])
     if not cuts:
         return []

@@ -220,7 +220,7 @@ def _provenance(provenance: Mapping[str, Any]) -> str:
 
 
 def _coloured(values: np.ndarray, colours: str) -> np.ndarray:
-    """(H,W) values in [0,1] as (H,W,3) colours; NaN is grey."""
+    """Return (H,W) values in [0,1] as (H,W,3) colours; NaN is grey."""
     painted = matplotlib.colormaps[colours](np.nan_to_num(np.clip(values, 0, 1)))[..., :3]
     painted[~np.isfinite(values)] = 0.5
     return painted
@@ -247,7 +247,7 @@ def _worst(clip: Clip, metrics: Mapping[str, Any], images: Mapping[int, np.ndarr
 
 
 def _motion(clip: Clip, priors: Priors, shown: Iterable[int]) -> str:
-    """The soft score in red over the grey frame, the mask's edge in white."""
+    """Return the soft score in red over the grey frame, the mask's edge in white."""
     if priors.motion is None or priors.mask is None:
         return ""
     figures = []

@@ -28,7 +28,7 @@ class Finding:
 
 
 def caused_by(cause: str, found: Iterable[Finding]) -> list[Finding]:
-    """The findings with a cause."""
+    """Return the findings with a cause."""
     return [replace(one, cause=cause) for one in found]
 
 

@@ -175,7 +175,7 @@ def _about_standing(priors: Priors, geometry: ClipGeometry) -> Finding:
 
 
 def _about_bump(priors: Priors) -> list[Finding]:
-    """A camera that rests but for a few frames."""
+    """Return a camera that rests but for a few frames."""
     steps, unit = _track_steps(priors), priors.width / 480
     if not len(steps) or np.isnan(steps).all() or np.nanmedian(steps) > RESTS_PX * unit:
         return []
@@ -205,7 +205,7 @@ def _track_steps(priors: Priors) -> np.ndarray:
 
 
 def _about_translation(priors: Priors) -> list[Finding]:
-    """A step so small that its size rests on a prior."""
+    """Return a step so small that its size rests on a prior."""
     translation = priors.statistics.get("cameras", {}).get("translation", {})
     if translation.get("verdict") != "small" or priors.camera_kind != "moving":
         return []

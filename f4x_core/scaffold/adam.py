@@ -65,7 +65,7 @@ class Adam:
         return self.state[value]
 
     def _problem(self, value: Tensor, gradient: Tensor, rate: float, reach: Tensor | None, cap: Tensor | None) -> Any:
-        """The kernel's struct, kept from step to step."""
+        """Return the kernel's struct, kept from step to step."""
         state, rows = self.state[value], len(value)
         step = state["step"]
         changing: dict[str, Any] = {
@@ -95,7 +95,7 @@ class Adam:
         return new
 
     def state_dict(self) -> dict[str, Any]:
-        """The state of every tensor by the place of its group, for checkpoints."""
+        """Return the state of every tensor by the place of its group, for checkpoints."""
         tensors = [group["params"][0] for group in self.param_groups]
         return {"state": {place: dict(self.state[t]) for place, t in enumerate(tensors) if t in self.state}}
 

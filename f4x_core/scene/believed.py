@@ -31,7 +31,7 @@ class BelievedZone:
 
     @classmethod
     def of(cls, scene: Scene) -> BelievedZone | None:
-        """The zone of a scene; None where its fit did not tell how far it can be believed."""
+        """Return the zone of a scene; None where its fit did not tell how far it can be believed."""
         degrees = scene.provenance.get("believed_degrees")
         if not isinstance(degrees, int | float) or not 0 <= degrees < 90:
             return None
@@ -59,7 +59,7 @@ class BelievedZone:
         )
 
     def line(self, degrees: float) -> str:
-        """The sentence about a view so many degrees aside; nothing where it can be believed."""
+        """Return the sentence about a view so many degrees aside; nothing where it can be believed."""
         if degrees <= self.degrees:
             return ""
         within = f"{self.degrees:.0f}°" if self.degrees >= 1 else "1°"

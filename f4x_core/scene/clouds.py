@@ -64,7 +64,7 @@ class Cloud:
 
     @classmethod
     def of_scene(cls, scene: Scene, time: float) -> Cloud:
-        """The Gaussians of a scene at clip time `time`."""
+        """Return the Gaussians of a scene at clip time `time`."""
         return replace(cls.of_posed(scene.posed(time), scene.fitted_focal(time)), key=scene.name)
 
     @classmethod
@@ -86,7 +86,7 @@ class Cloud:
         return self.means @ self.to_world[:3, :3].T + self.to_world[:3, 3]
 
     def colors(self, center: np.ndarray) -> np.ndarray:
-        """(N,3) sRGB seen from `center (3,)` in the world; appearance turns with the surface."""
+        """Return (N,3) sRGB seen from `center (3,)` in the world; appearance turns with the surface."""
         colors = self._unshaded(center)
         if self.light is not None:
             dark = self.light < 1

@@ -9,5 +9,5 @@ def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
-    """The inverse of `linear_from_srgb`."""
+    """Return the inverse of `linear_from_srgb`."""
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055)

@@ -29,7 +29,7 @@ def concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Gau
 
 
 def followed_by(static: StaticSet, more: StaticSet) -> StaticSet:
-    """Both sets as one; what has no span is always there."""
+    """Return both sets as one; what has no span is always there."""
     return concatenated([static, more], [within(part, np.array(ALWAYS)) for part in (static, more)])
 
 

@@ -33,7 +33,7 @@ def murmur3(data: bytes) -> int:
 
 
 def identify(name: str) -> int:
-    """The 32-bit id of a name, never one whose float is not a number or denormal."""
+    """Return the 32-bit id of a name, never one whose float is not a number or denormal."""
     value = murmur3(name.encode())
     return value ^ (1 << 23) if value >> 23 & 255 in (0, 255) else value
 

@@ -37,7 +37,7 @@ class Lens:
     """Height of the aperture, by its width: 2 is an anamorphic lens."""
 
     def through(self, camera: Camera, point: np.ndarray) -> Camera:
-        """The pinhole camera at `point (2,)` of the unit disc of the lens, right and up."""
+        """Return the pinhole camera at `point (2,)` of the unit disc of the lens, right and up."""
         right, up = point * self.radius
         matrix, intrinsics = camera.world_to_camera.copy(), camera.intrinsics.copy()
         matrix[:2, 3] -= right, -up
@@ -154,7 +154,7 @@ def draw_one(
 
 
 def combined(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """(H,W,4) linear light, premultiplied, of `rgb (H,W,3)` sRGB that covers `alpha (H,W)`; 1 over a background.
+    """Return (H,W,4) linear light, premultiplied, of `rgb (H,W,3)` sRGB that covers `alpha (H,W)`; 1 over a background.
 
     The color under the alpha is what is linearised, and then premultiplied.
     """

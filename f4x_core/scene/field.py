@@ -75,7 +75,7 @@ class FieldHead:
         return out.reshape(*latent.shape[:-1], out.shape[1])
 
     def to_rgb(self, latent: np.ndarray) -> np.ndarray:
-        """(…,3) uint8 colours of the features of `latent (…,D)`.
+        """Return (…,3) uint8 colours of the features of `latent (…,D)`.
 
         The last layer and the projection onto three directions are one linear map: the C channels are never made.
         """
@@ -164,7 +164,7 @@ class FeatureField:
         return tuple(head.spec.name for head in self.heads)
 
     def head(self, name: str) -> FieldHead:
-        """The head of a teacher; F4xError with the names there are when there is none."""
+        """Return the head of a teacher; F4xError with the names there are when there is none."""
         for head in self.heads:
             if head.spec.name == name:
                 return head
@@ -207,7 +207,7 @@ class FeatureField:
         return sum(array.nbytes for array in self.to_arrays().values())
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """Every array by its name in the scene file."""
+        """Return every array by its name in the scene file."""
         packed = self.static if self.bits == 8 else self.static[:, 0::2] << 4 | self.static[:, 1::2]
         arrays = {"static/latent": packed, "latent/low": self.low, "latent/step": self.step}
         if len(self.nodes):
@@ -246,7 +246,7 @@ class FeatureField:
 
     @classmethod
     def take_from(cls, arrays: dict[str, np.ndarray], header: Any) -> Self:
-        """The field that `to_arrays` and `to_json` (`header`) gave; its arrays are taken out of `arrays`.
+        """Return the field that `to_arrays` and `to_json` (`header`) gave; its arrays are taken out of `arrays`.
 
         F4xError, without the file's name, says what is missing or does not fit.
         """
@@ -312,7 +312,7 @@ def quantise(
 
 
 def _pca_array(pca: Pca) -> np.ndarray:
-    """(4,C): the mean, then the basis."""
+    """Return (4,C): the mean, then the basis."""
     return np.concatenate([pca.mean[None], pca.basis]).astype(np.float32)
 
 
@@ -321,7 +321,7 @@ def _pca_json(pca: Pca | None) -> dict[str, list[float]] | None:
 
 
 def _pca(header: Any, arrays: dict[str, np.ndarray], name: str, channels: int) -> Pca | None:
-    """The Pca that `_pca_json` and `_pca_array` gave, its array taken out of `arrays`."""
+    """Return the Pca that `_pca_json` and `_pca_array` gave, its array taken out of `arrays`."""
     if header is None:
         return None
     array = arrays.pop(name, None)

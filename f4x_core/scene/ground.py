@@ -82,7 +82,7 @@ class Surface:
 
 
 def sample(image: np.ndarray, uvs: np.ndarray) -> np.ndarray:
-    """(...,3) colors of a repeating `image (h,w,3)` at `uvs (...,2)` from its lower left, between pixels in proportion."""
+    """Return (...,3) colors of a repeating `image (h,w,3)` at `uvs (...,2)` from its lower left, between pixels in proportion."""
     height, width = image.shape[:2]
     x, y = uvs[..., 0] * width - 0.5, (1 - uvs[..., 1]) * height - 0.5
     left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
@@ -119,7 +119,7 @@ class Ground:
     """Colour of the rest of each pixel; its limit is 0 where there is no rest."""
 
     def cut(self, region: tuple[slice, slice]) -> Ground:
-        """The part inside a region."""
+        """Return the part inside a region."""
         whole = {f.name: getattr(self, f.name) for f in fields(self)}
         arrays = {name: value[region] for name, value in whole.items() if isinstance(value, np.ndarray)}
         layers = {name: layer[region] for name, layer in self.layers.items()}
@@ -127,7 +127,7 @@ class Ground:
         return replace(self, **arrays, layers=layers, beside=beside)
 
     def matte(self, surfaces: Sequence[Surface], layer: str, ids: np.ndarray) -> np.ndarray:
-        """(H,W,K) 1 where a surface of that id shows itself."""
+        """Return (H,W,K) 1 where a surface of that id shows itself."""
         owners = np.repeat(
             np.array([surface.mattes.get(layer, 0) for surface in surfaces], np.uint32),
             [len(surface.triangles) for surface in surfaces],
@@ -285,7 +285,7 @@ def _shaded(surface: Surface, triangle: np.ndarray, weights: np.ndarray, rays: n
 
 
 def _with_edges(sharp: Ground, drawn: _Triangles) -> Ground:
-    """The ground with soft edges where things meet."""
+    """Return the ground with soft edges where things meet."""
     owner = np.append(drawn.owner, -1)
     own = owner[sharp.hit]
     mask = _meets(own, sharp.rgb)
@@ -324,7 +324,7 @@ def _with_edges(sharp: Ground, drawn: _Triangles) -> Ground:
 
 
 def _meets(own: np.ndarray, rgb: np.ndarray) -> np.ndarray:
-    """(H,W) where what `own (H,W)` numbers, or its color, differs from that of a neighboring pixel, and beside that."""
+    """Return (H,W) where what `own (H,W)` numbers, or its color, differs from that of a neighboring pixel, and beside that."""
     mask = np.zeros(own.shape, bool)
     for axis in (0, 1):
         first, second = (
@@ -344,7 +344,7 @@ def _offsets(count: int) -> np.ndarray:
 
 
 def _spread(values: np.ndarray, mask: np.ndarray, empty: float) -> np.ndarray:
-    """(H,W,...) `values` where `mask (H,W)` is, and `empty` elsewhere."""
+    """Return (H,W,...) `values` where `mask (H,W)` is, and `empty` elsewhere."""
     whole = np.full((*mask.shape, *values.shape[1:]), empty, values.dtype)
     whole[mask] = values
     return whole
@@ -353,7 +353,7 @@ def _spread(values: np.ndarray, mask: np.ndarray, empty: float) -> np.ndarray:
 def _layers(
     surfaces: Sequence[Surface], look: Look, wanted: Sequence[str], depth: np.ndarray, hit: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """`Ground.layers` of surfaces, with the `depth (H,W)` where they show themselves and the triangles `hit (H,W)`."""
+    """Return `Ground.layers` of surfaces, with the `depth (H,W)` where they show themselves and the triangles `hit (H,W)`."""
     there, camera = np.isfinite(depth), look.camera
     corners = np.concatenate([surface.triangles for surface in surfaces])[hit[there]].astype(np.float64)
     places = camera.unproject(camera.pixel_grid()[there], depth[there])

@@ -134,7 +134,7 @@ class Area:
 
 
 def _to_disc(middle: np.ndarray, size: float) -> np.ndarray:
-    """(N,S,3) ways to S points on a disc of radius `size` across the ways `middle (N,3)`; one way without a size."""
+    """Return (N,S,3) ways to S points on a disc of radius `size` across the ways `middle (N,3)`; one way without a size."""
     if size <= 0:
         return middle[:, None]
     side = np.cross(middle, np.eye(3)[np.abs(middle).argmin(axis=1)])
@@ -188,7 +188,7 @@ def _free(points: np.ndarray, ways: np.ndarray, asked: np.ndarray, casters: Sequ
 
 
 def _meets(points: np.ndarray, ways: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """(N,S) bool: whether a way passes through a box."""
+    """Return (N,S) bool: whether a way passes through a box."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = (box[:, None, None] - points[:, None]) / ways  # (2,N,S,3)
     # a way along a side of the box has no number there, and does not leave it

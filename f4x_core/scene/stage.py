@@ -182,7 +182,7 @@ class _Drawing:
         return cls(composite, camera, settings, surfaces, numbers, mattes, holds)
 
     def over(self, back: Ground, part: tuple[slice, slice], passes: Collection[str]) -> dict[str, np.ndarray]:
-        """The passes of a part of the picture, over the ground of all of its rows."""
+        """Return the passes of a part of the picture, over the ground of all of its rows."""
         own = self._over(back, part, passes)
         columns = part[1]
         if back.share is None or back.beside is None or back.share[:, columns].min(initial=1) == 1:
@@ -236,7 +236,7 @@ def _bands(rows: slice, width: int) -> Iterator[slice]:
 
 
 def _matte_ids(clouds: Sequence[Cloud], surfaces: Sequence[Surface], layer: str) -> np.ndarray:
-    """(K,) uint32, increasing: everything that a layer of mattes tells apart."""
+    """Return (K,) uint32, increasing: everything that a layer of mattes tells apart."""
     owners: list[Cloud | Surface] = [*clouds, *surfaces]
     parts = [np.atleast_1d(owner.mattes[layer]) for owner in owners if layer in owner.mattes]
     found = np.unique(np.concatenate([np.zeros(0, np.uint32), *parts]))
@@ -271,7 +271,7 @@ def _own_layers(
 
 
 def _ways(places: np.ndarray, beside: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """(N,6) from `places (N,3)` to where they were and will be."""
+    """Return (N,6) from `places (N,3)` to where they were and will be."""
     return np.concatenate([there - places for there in beside or (places, places)], 1)
 
 

@@ -102,14 +102,14 @@ def render_trajectory(
 
 
 def fitted_config(scene: Scene, camera: Camera, time: float) -> RasterConfig:
-    """The rasteriser's constants with which an image from `camera` shows what was fitted, whatever its size."""
+    """Return the rasteriser's constants with which an image from `camera` shows what was fitted, whatever its size."""
     from ..raster import RasterConfig
 
     return RasterConfig.as_fitted(scene.fitted_focal(time), camera)
 
 
 def seen_from(scene: Scene, views: Iterable[tuple[Camera, float]], margin: float = 0.0) -> Scene:
-    """The scene with no more background than cameras at times show, in pictures larger by `margin` on every side (shares).
+    """Return the scene with no more background than cameras at times show, in pictures larger by `margin` on every side (shares).
 
     What its background leaves out draws nothing there (`raster.in_view`), so pictures are the same, for the memory of what is
     seen. Features are left behind.

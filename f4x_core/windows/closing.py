@@ -118,7 +118,7 @@ def _sections(
     metrics: Mapping[str, Any],
     shared: Sequence[tuple[int, int]],
 ) -> list[str]:
-    """The body of the page, verdict `summary` first; `shared` (first frame, end) are frames of two windows."""
+    """Return the body of the page, verdict `summary` first; `shared` (first frame, end) are frames of two windows."""
     from ..report.diagnostics import finding_boxes, frame_scores, needs_table  # draws: only where a page is made
 
     counted = (
@@ -152,7 +152,7 @@ def _sections(
 
 
 def _angles(parts: Sequence[FittedWindow]) -> str:
-    """The angle of every window."""
+    """Return the angle of every window."""
     rows = [[part.frames, "unknown" if part.believed is None else f"{part.believed:.1f}°"] for part in parts]
     return page.table(["frames", "views that can be believed, off the camera's path"], rows)
 

@@ -98,7 +98,7 @@ class EarlierBackground:
     """(D,) bool: which of those drawn are learnt further."""
 
     def with_own(self, static: StaticSet) -> StaticSet:
-        """The window's whole background: the Gaussians that stayed as they were, then its own."""
+        """Return the window's whole background: the Gaussians that stayed as they were, then its own."""
         return followed_by(self.world.take(~np.isin(self.world.ids, self.drawn.ids[self.learns])), static)
 
     def known(self, next_id: int) -> KnownGround:
@@ -130,7 +130,7 @@ class PreviousWindow:
         return state.hexdigest()
 
     def depth(self, clip: Clip, backend: str = "auto") -> np.ndarray:
-        """(F,H,W) depth that the earlier scene shows in the supervised frames of the later `clip`, NaN where it ends."""
+        """Return (F,H,W) depth that the earlier scene shows in the supervised frames of the later `clip`, NaN where it ends."""
         frames = np.asarray(clip.supervised)
         known = np.full((len(frames), clip.height, clip.width), np.nan, np.float32)
         size = clip.width, clip.height
@@ -210,7 +210,7 @@ class PreviousWindow:
         return replace(priors, cameras=replace(path, world_to_camera=views), depth=depth)
 
     def _registered(self, camera: Camera, image: np.ndarray, still: np.ndarray, freedom: int, backend: str) -> Camera:
-        """The camera from which the background is seen where it is in `image` (H,W,3) uint8, judged where `still` (H,W)."""
+        """Return the camera from which the background is seen where it is in `image` (H,W,3) uint8, judged where `still` (H,W)."""
         seen, flow = self._ground(camera, backend), dis("medium", 0)
         drawn, target = grey(np.stack([(255 * seen["rgb"].clip(0, 1)).astype(np.uint8), image]))
         there = flow(drawn, target)
@@ -296,7 +296,7 @@ class PreviousWindow:
         return Comparison(there & (off > WRONG), there, ((seen["rgb"].clip(0, 1) - image) ** 2).mean(-1))
 
     def continued(self, scaffold: Scaffold) -> Scaffold:
-        """The window's scaffold with the ids of the earlier nodes that go on in it, and new ones for the others."""
+        """Return the window's scaffold with the ids of the earlier nodes that go on in it, and new ones for the others."""
         before = self.scene.scaffold
         if before is None:
             return replace(scaffold, ids=self.next_node + np.arange(len(scaffold)))
@@ -350,12 +350,12 @@ class WindowFit(ClipFit):
         return self.previous.depth(self.clip, self.config.backend)
 
     def make_priors(self) -> Priors:
-        """The priors of the window, in the world of the one before and seen from cameras that agree with its background."""
+        """Return the priors of the window, in the world of the one before and seen from cameras that agree with its background."""
         backend, previous = self.config.backend, self.previous
         return previous.track(self.clip, previous.place(super().make_priors(), backend), MASK_MARGIN, backend)
 
     def start(self, priors: Priors) -> Trainer:
-        """The trainer, in front of the background that stays."""
+        """Return the trainer, in front of the background that stays."""
         config, frames = self.config, spawn_frames(priors, self.config)
         self.background = self.previous.background(self.clip, priors, frames, MASK_MARGIN, config.backend)
         known = self.background.known(self.previous.scene.next_id)

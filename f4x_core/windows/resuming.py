@@ -53,7 +53,7 @@ def require_same_at_once(folder: Path, options: Mapping[str, str]) -> None:
 
 
 def _made_with(folder: Path) -> dict[str, str]:
-    """The options of the windows in `folder`; of a fit at once only that it is one; nothing where none is there."""
+    """Return the options of the windows in `folder`; of a fit at once only that it is one; nothing where none is there."""
     if (folder / PLAN).is_file():
         return _read_options(folder / PLAN)
     return {WINDOW: AT_ONCE} if (folder / "checkpoints").is_dir() else {}

@@ -62,12 +62,12 @@ class WindowBefore:
 
     @classmethod
     def of(cls, scene: Scene, path: Path, offset: int) -> WindowBefore:
-        """The window whose `scene` is at `path`."""
+        """Return the window whose `scene` is at `path`."""
         next_node = int(scene.provenance["window"]["next_node"])
         return cls(path, offset, next_node, scene.next_id, PreviousWindow(scene, offset, next_node).digest)
 
     def read(self) -> PreviousWindow:
-        """The window with its scene."""
+        """Return the window with its scene."""
         return PreviousWindow(read_scene(self.path), self.offset, self.next_node)
 
 
@@ -169,7 +169,7 @@ class WindowRequest:
             shutil.rmtree(folder / done, ignore_errors=True)
 
     def _fitted(self, progress: Progress) -> FitResult:
-        """The fit; what it held of the window before is gone when it ends."""
+        """Return the fit; what it held of the window before is gone when it ends."""
         if self.before is None:
             return ClipFit(self.clip, self.folder, self.config, progress, self.resume, whole=False).run()
         previous = self.before.read()

@@ -181,7 +181,7 @@ def _extent(centers: np.ndarray) -> float:
 
 
 def build(size: str) -> nn.Module:
-    """The network of `SIZES[size]` with random weights; F4xError when the package is not here."""
+    """Return the network of `SIZES[size]` with random weights; F4xError when the package is not here."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its configuration library, which is not used
         try:
@@ -205,7 +205,7 @@ def build(size: str) -> nn.Module:
 
 
 def _load(weights: Located) -> nn.Module:
-    """The network in evaluation mode, float32 on the CPU, without gradients; F4xError when it cannot be opened."""
+    """Return the network in evaluation mode, float32 on the CPU, without gradients; F4xError when it cannot be opened."""
     network = build(_size(weights))
     try:
         missing, _ = load_model(nn.ModuleDict({"model": network}), _file(weights, "model.safetensors"), strict=False)
@@ -236,7 +236,7 @@ def _size(weights: Located) -> str:
 
 
 def _file(weights: Located, name: str) -> Path:
-    """A file of a checkpoint in a folder or the local cache; nothing is downloaded."""
+    """Return a file of a checkpoint in a folder or the local cache; nothing is downloaded."""
     folder = Path(weights.place)
     if folder.is_dir():
         path: Any = folder / name

@@ -59,7 +59,7 @@ def find(default: str, model: str | Path | None = None) -> Located:
 
 
 def load(model_class: type, weights: Located) -> Any:
-    """The model in evaluation mode, float32 on the CPU, without gradients.
+    """Return the model in evaluation mode, float32 on the CPU, without gradients.
 
     Errors: F4xError when the weights are not here, are of another architecture, damaged or incomplete.
     """
@@ -90,7 +90,7 @@ def load(model_class: type, weights: Located) -> Any:
 
 
 def load_tokenizer(weights: Located) -> Any:
-    """The tokenizer stored beside the weights; F4xError when it is not here."""
+    """Return the tokenizer stored beside the weights; F4xError when it is not here."""
     entry, place = weights.entry, weights.place
     with _quiet():
         try:

@@ -45,7 +45,7 @@ class Sam2Teacher:
         self.model: Any = load(transformers.Sam2VideoModel, self.weights)
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
-        """The spec for pictures of any size: they are stretched to the model's square."""
+        """Return the spec for pictures of any size: they are stretched to the model's square."""
         decoder = self.model.config.mask_decoder_config.hidden_size
         return FeatureSpec(
             name=self.head,
@@ -84,7 +84,7 @@ class FeatureSam2(transformers.Sam2VideoModel):
         """None: there is no encoder."""
 
     def get_image_features(self, pixel_values: torch.Tensor, **_: Any) -> Any:
-        """The maps of the frame whose number is `pixel_values`, flattened as the tracker wants them (hw,1,C)."""
+        """Return the maps of the frame whose number is `pixel_values`, flattened as the tracker wants them (hw,1,C)."""
         assert self.source is not None
         maps = self.source(int(pixel_values))
         flat = [level.flatten(1).T[:, None] for level in maps]
@@ -284,7 +284,7 @@ class Sam2MaskDecoder:
         return self.model(self._session, frame_idx=t).pred_masks
 
     def _maps(self, t: int) -> list[torch.Tensor]:
-        """The three levels (C,h,w) of frame `t`, fine to coarse."""
+        """Return the three levels (C,h,w) of frame `t`, fine to coarse."""
         channels = self.model.hidden_dim
         fine = (None, None) if self._skips is None else self._skips(t)
         maps = []
@@ -306,7 +306,7 @@ class Sam2MaskDecoder:
         return maps
 
     def _logits(self, masks: torch.Tensor) -> np.ndarray:
-        """(H,W) float32 from (1,1,h,w)."""
+        """Return (H,W) float32 from (1,1,h,w)."""
         full = functional.interpolate(masks.float(), self.size, mode="bilinear", align_corners=False)
         return full[0, 0].numpy()
 

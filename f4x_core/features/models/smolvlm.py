@@ -35,7 +35,7 @@ class SmolVlmTeacher:
         self.model: Any = load(transformers.SmolVLMForConditionalGeneration, self.weights).model.vision_model
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
-        """The spec for pictures of any size: they are stretched to the model's square."""
+        """Return the spec for pictures of any size: they are stretched to the model's square."""
         vision = self.model.config
         return FeatureSpec(
             name="smolvlm",
@@ -77,7 +77,7 @@ class SmolVlm:
         history: Sequence[tuple[str, str]] = (),
         max_tokens: int = 64,
     ) -> str:
-        """The model's words about frames whose `smolvlm` maps (h,w,C) were seen at `seconds` of the video.
+        """Return the model's words about frames whose `smolvlm` maps (h,w,C) were seen at `seconds` of the video.
 
         `history` holds earlier (question, answer) pairs, `max_tokens` is the most new tokens. Greedy: the same every time.
         Errors: F4xError for an empty question, no frames, or maps of another shape.
@@ -109,7 +109,7 @@ class SmolVlm:
         return self.tokenizer.decode(new[0], skip_special_tokens=True).strip()
 
     def prompt(self, seconds: Sequence[float], question: str, history: Sequence[tuple[str, str]] = ()) -> str:
-        """The conversation as SmolVLM2 was trained to read a video: frames with their times, then the questions."""
+        """Return the conversation as SmolVLM2 was trained to read a video: frames with their times, then the questions."""
         image = AROUND + WHOLE + IMAGE * self.tokens_per_frame + AROUND
         shown = "".join(f"\nFrame from {_clock(second, 'mm:ss')}:{image}" for second in seconds)
         length = _clock(seconds[-1], "h:mm:ss")

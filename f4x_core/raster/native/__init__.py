@@ -42,7 +42,7 @@ def rasterize_native(inputs: RasterInput) -> RasterOutput:
 
 
 def color_gradients(inputs: RasterInput) -> Callable[[np.ndarray], np.ndarray]:
-    """The function that gives the gradient (N,C) float32 of the colours of numpy `inputs` for that of the image (H,W,C).
+    """Return the function that gives the gradient (N,C) float32 of the colours of numpy `inputs` for that of the image (H,W,C).
 
     What is drawn is drawn once, however often the function is called.
 

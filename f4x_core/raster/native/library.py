@@ -104,7 +104,7 @@ class Render:
 
 
 def open_library() -> tuple[ctypes.CDLL | None, str]:
-    """The library after its self-check, or None and the reason why there is none; checked once per process."""
+    """Return the library after its self-check, or None and the reason why there is none; checked once per process."""
     library, reason = open_unchecked()
     return (None, reason) if library is None else _checked(library)
 

@@ -67,7 +67,7 @@ def require_glb(path: Path) -> None:
 
 
 def _primitive(mesh: SplatMesh, buffer: GltfBuffer) -> dict[str, Any]:
-    """The triangles with colours, and with joints where the mesh has a skin."""
+    """Return the triangles with colours, and with joints where the mesh has a skin."""
     turn = Y_UP[:3, :3]
     attributes = {
         "POSITION": buffer.add(mesh.vertices @ turn.T, target=ARRAY_BUFFER, bounds=True),

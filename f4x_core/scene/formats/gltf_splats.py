@@ -79,7 +79,7 @@ def read_gltf(path: Path | str) -> Splats:
 
 
 def _read_document(path: Path) -> tuple[dict[str, Any], bytes]:
-    """The JSON of a file and the binary chunk of a .glb."""
+    """Return the JSON of a file and the binary chunk of a .glb."""
     data = path.read_bytes()
     if not data.startswith(GLB_MAGIC):
         return parse_json(data), b""
@@ -138,7 +138,7 @@ class _GltfFile:
                 yield primitive, matrix
 
     def primitives_of(self, mesh: int) -> list[dict[str, Any]]:
-        """The primitives of splats of a mesh."""
+        """Return the primitives of splats of a mesh."""
         if mesh not in self.meshes:
             primitives = self.document["meshes"][mesh]["primitives"]
             self.meshes[mesh] = [each for each in primitives if EXTENSION in each.get("extensions", {})]
@@ -255,7 +255,7 @@ def _require_known(extension: dict[str, Any], names: dict[str, Any]) -> None:
 
 
 def _local_matrix(node: dict[str, Any]) -> np.ndarray:
-    """The 4x4 matrix of a node to its parent (glTF 2.0, section 3.5.3)."""
+    """Return the 4x4 matrix of a node to its parent (glTF 2.0, section 3.5.3)."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = node.get("rotation", (0, 0, 0, 1))

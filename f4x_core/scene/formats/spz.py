@@ -231,7 +231,7 @@ def _bytes(values: np.ndarray) -> np.ndarray:
 
 
 def _smallest_three(quats: np.ndarray) -> np.ndarray:
-    """(N,) uint32 of wxyz rotations: which of x, y, z, w is largest, then sign and 9 bits of each of the others."""
+    """Return (N,) uint32 of wxyz rotations: which of x, y, z, w is largest, then sign and 9 bits of each of the others."""
     xyzw = np.roll(quaternion.normalize(quats.astype(np.float64)), -1, axis=1)
     largest = np.abs(xyzw).argmax(axis=1)
     xyzw *= np.where(np.take_along_axis(xyzw, largest[:, None], 1) < 0, -1, 1)
@@ -244,7 +244,7 @@ def _smallest_three(quats: np.ndarray) -> np.ndarray:
 
 
 def _rotations(rows: np.ndarray) -> np.ndarray:
-    """(N,4) unit wxyz float32 of the bytes of rotations, (N,3) in version 2 or (N,4)."""
+    """Return (N,4) unit wxyz float32 of the bytes of rotations, (N,3) in version 2 or (N,4)."""
     xyzw = np.zeros((len(rows), 4))
     if rows.shape[1] == 3:
         xyzw[:, :3] = rows / 127.5 - 1

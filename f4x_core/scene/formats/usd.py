@@ -94,7 +94,7 @@ class Kind:
 
 
 def _harmonics(posed: PosedSplats) -> np.ndarray:
-    """(N S, 3): the coefficients of one Gaussian are neighbours, the constant one first."""
+    """Return (N S, 3): the coefficients of one Gaussian are neighbours, the constant one first."""
     return world_harmonics(posed, MAX_DEGREE).reshape(-1, 3)
 
 
@@ -192,7 +192,7 @@ class Part:
     """Decimals of positions."""
 
     def text(self, column: Column, posed: PosedSplats) -> bytes:
-        """The values of an attribute at one moment."""
+        """Return the values of an attribute at one moment."""
         decimals = self.decimals if column.decimals is None else column.decimals
         return _array(column.values(self.of(posed)), decimals, column.digits)
 
@@ -391,7 +391,7 @@ def _boxes(posed: PosedSplats) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _header(root: str, times: Sequence[float], fps: float, offset: np.ndarray) -> str:
-    """The lines up to the first prim of splats; `offset (3,)` moves all of them, in double precision."""
+    """Return the lines up to the first prim of splats; `offset (3,)` moves all of them, in double precision."""
     moved = f"({', '.join(f'{value:.17g}' for value in offset)})"
     shift = (
         f'    double3 xformOp:translate = {moved}\n    uniform token[] xformOpOrder = ["xformOp:translate"]\n'
@@ -416,7 +416,7 @@ def _decimals(posed: PosedSplats) -> int:
 
 
 def _array(values: np.ndarray, decimals: int, digits: int | None = None) -> bytes:
-    """`[1,2]` of values (N,), `[(1,2),(.3,4)]` of (N,k), rounded to `decimals`, or to significant `digits`."""
+    """Return `[1,2]` of values (N,), `[(1,2),(.3,4)]` of (N,k), rounded to `decimals`, or to significant `digits`."""
     if digits is None:
         digits, values = EXACT, np.round(values.astype(np.float64), decimals) + 0.0  # there is no -0 then
     number = f"%.{digits}g"

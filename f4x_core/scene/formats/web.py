@@ -88,7 +88,7 @@ def believed_degrees(scene: Scene) -> float:
 
 
 def _stored(scene: Scene) -> Splats:
-    """All Gaussians as the file stores them, dynamic ones at their reference times, with the colour of the middle camera."""
+    """Return all Gaussians as the file stores them, dynamic ones at their reference times, with the colour of the middle camera."""
     middle = len(scene.cameras) // 2
     colour = scene.colors(scene.posed(float(scene.cameras.times[middle])), scene.cameras[middle])
     opacities, _ = scene.full_appearance

@@ -210,13 +210,13 @@ def _surface(posed: PosedSplats, config: MeshConfig, progress: Progress) -> tupl
 
 
 def _means(grid: Grid, sums: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(P,C) means of what `opacity_field` summed, at `points (P,3)`."""
+    """Return (P,C) means of what `opacity_field` summed, at `points (P,3)`."""
     *totals, depth = grid.sample(sums, points).T
     return np.stack(totals, axis=1) / np.maximum(depth, np.finfo(np.float32).tiny)[:, None]
 
 
 def _vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(V,3) of length 1, the mean of the triangles around by area."""
+    """Return (V,3) of length 1, the mean of the triangles around by area."""
     normals = np.zeros_like(vertices)
     of_faces = normals_of(vertices, faces)
     for corner in range(3):

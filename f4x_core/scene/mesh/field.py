@@ -129,6 +129,6 @@ def _contributions(
 
 
 def _deviations(splats: Splats) -> np.ndarray:
-    """(N,3) standard deviation of each Gaussian along the world's axes."""
+    """Return (N,3) standard deviation of each Gaussian along the world's axes."""
     turn = quaternion.to_matrix(np.asarray(splats.quats, np.float64))
     return np.sqrt((turn**2 * (np.asarray(splats.scales, np.float64) ** 2)[:, None]).sum(2))

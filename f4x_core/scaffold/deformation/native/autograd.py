@@ -56,7 +56,7 @@ class SkinningData:
 
     @classmethod
     def of(cls, deformer: Deformer, mask: Tensor, kernel: Kernel, threads: int) -> SkinningData:
-        """The same as in `deformer`; `mask (N, K)` bool are its valid neighbours."""
+        """Return the same as in `deformer`; `mask (N, K)` bool are its valid neighbours."""
         fixed = {"node": deformer.node.numpy(), "then": deformer.then.numpy(), "mask": mask.numpy()}
         return cls(fixed | {"index": deformer.pairs.index}, kernel, threads)
 
