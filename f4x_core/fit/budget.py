@@ -69,7 +69,7 @@ class ClipSize:
         return self.width * self.height
 
     def shrunk(self, longer_side: int) -> ClipSize:
-        """The size of the pictures that priors are made from."""
+        """Return the size of the pictures that priors are made from."""
         factor = min(1.0, longer_side / max(self.width, self.height))
         return replace(self, width=round(factor * self.width), height=round(factor * self.height))
 
@@ -114,7 +114,7 @@ class Work:
     """Work of all threads."""
 
     def __add__(self, other: Work) -> Work:
-        """Both."""
+        """Return the sum of both."""
         return Work(self.alone + other.alone, self.shared + other.shared)
 
 
@@ -129,7 +129,7 @@ class MachineSpeed:
 
     @classmethod
     def measured(cls, threads: int) -> MachineSpeed:
-        """The best of five raster steps.
+        """Time raster steps; the best of five counts.
 
         Processor time, so that other work on the machine changes nothing: it is what an idle one takes.
         """
@@ -195,7 +195,7 @@ def cost(size: ClipSize, config: FitConfig, speed: MachineSpeed) -> Cost:
 
 
 def for_clip(minutes: float | None, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> FitConfig:
-    """The configuration for so many frames (`for_frames`), with those of its steps that `minutes` have time for.
+    """Return the configuration for so many frames (`for_frames`), with those of its steps that `minutes` have time for.
 
     The profile's own steps are always taken: what has no time for these is thinned (`within`).
     """
@@ -213,7 +213,7 @@ def has_room(size: ClipSize, config: FitConfig, memory: float | None) -> bool:
 
 
 def within(grant: Grant, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> FitConfig:
-    """The configuration with as many Gaussians as the grant has room for, or the profile's own where nothing is granted.
+    """Return the configuration with as many Gaussians as the grant has room for, or the profile's own where nothing is granted.
 
     Raises:
         F4xError: a grant that has no room for what a tenth of the profile's Gaussians, or all that such a clip can ask for,
@@ -270,7 +270,7 @@ def _memory_limit(granted: float | None, size: ClipSize, config: FitConfig) -> _
 
 
 def _up(number: float) -> str:
-    """A number to one decimal, rounded up: what is said to be enough is."""
+    """Return a number to one decimal, rounded up: what is said to be enough is."""
     return f"{math.ceil(10 * number) / 10:.1f}"
 
 
@@ -316,7 +316,7 @@ def _training_memory(size: ClipSize, config: FitConfig) -> float:
 
 
 def _scaled(config: FitConfig, factor: float, frames: int) -> FitConfig:
-    """The configuration with room for `factor` times as many Gaussians; what was set by hand never becomes more."""
+    """Return the configuration with room for `factor` times as many Gaussians; what was set by hand never becomes more."""
     usual = for_frames(profile(config.name), frames) if config.name in PROFILES else config
     changes, kept = {}, []
     for name in [f"{kind}_{which}" for kind in ("spawn", "density") for which in SETS]:

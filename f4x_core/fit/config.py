@@ -75,7 +75,7 @@ class ScaffoldConfig:
         )
 
     def geometry(self, seed: int) -> GeometryConfig:
-        """The geometric optimisation."""
+        """Return the geometric optimisation."""
         weight = self.geometry_arap
         return GeometryConfig(steps=self.geometry_steps, coordinate=weight, length=weight, seed=seed, graph=self.graph)
 
@@ -164,7 +164,7 @@ class RateConfig:
     """Camera position."""
 
     def of(self, kind: str, tensor: str) -> Rate | float:
-        """The rate of a parameter `tensor` of the Gaussians that are `kind`, `static` or `dynamic`."""
+        """Return the rate of a parameter `tensor` of the Gaussians that are `kind`, `static` or `dynamic`."""
         own: GaussianRates = getattr(self, kind)
         if tensor == "dw":
             return self.dw
@@ -435,7 +435,7 @@ def for_motion(config: FitConfig, fraction: float, frames: int) -> FitConfig:
 
 
 def profile(name: str) -> FitConfig:
-    """The profile called `name`; raises F4xError for an unknown one."""
+    """Return the profile called `name`; raises F4xError for an unknown one."""
     if name not in PROFILES:
         raise F4xError(f"There is no profile '{name}'; the profiles are {', '.join(PROFILES)}.")
     return PROFILES[name]()
@@ -446,7 +446,7 @@ THREADS = "threads"
 
 
 def resolved(config: FitConfig) -> dict:
-    """The settings that a result can depend on, as plain JSON values, every default written out; without `THREADS`."""
+    """Return the settings that a result can depend on, as plain JSON values, every default written out; without `THREADS`."""
 
     def plain(value: object) -> Any:
         if dataclasses.is_dataclass(value):

@@ -133,7 +133,7 @@ class _Making:
         self._add(cover(DepthImage(image, depth, hole, camera), np.zeros((0, 3)), MADE, self.rng), camera)
 
     def finish(self) -> Scene:
-        """The scene, without what proved to be in sight."""
+        """Return the scene, without what proved to be in sight."""
         scene, made = self.scene, self._hidden()
         if not made.any() and not self.painted.any():
             return replace(scene, static=scene.static.take(slice(self.first)))
@@ -210,7 +210,7 @@ def harmonic(values: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _light(scene: Scene, view: View) -> np.ndarray:
-    """(N,) of each Gaussian, static ones first, what reaches a view, in pixels."""
+    """Return (N,) of each Gaussian, static ones first, what reaches a view, in pixels."""
     layer = np.ones((view.camera.height, view.camera.width, 1), np.float32)
     return blend_weight_sums(scene.posed(view.time), view.camera, layer)[:, 0]
 

@@ -157,7 +157,7 @@ class HeadTask:
         return self.weight * loss
 
     def folded(self) -> Head:
-        """The head with mean and spread inside its last layer."""
+        """Return the head with mean and spread inside its last layer."""
         head = Head.from_arrays(self.head.to_arrays())
         last = head.layers[-1]
         with torch.no_grad():
@@ -186,7 +186,7 @@ class KeptHead:
 def distil(
     scene: Scene, maps: Sequence[FeatureMaps], config: DistilConfig | None = None, progress: Progress = silent
 ) -> Scene:
-    """The scene with a head for each of `maps` (and the heads it already had), trained on its used frames.
+    """Return the scene with a head for each of `maps` (and the heads it already had), trained on its used frames.
 
     Gaussians, scaffold and cameras are the same objects (with `feature_grad_to_skinning`: but for the skinning weights).
     Each head's `report` tells relative error mean|found - wanted| / mean|wanted| and cosine on used and held-out frames, as
@@ -289,7 +289,7 @@ class _Distillation:
         return View(frame, sparse.csr_matrix(mix, dtype=np.float32), torch.from_numpy(alpha.astype(np.float32)))
 
     def first_latents(self, views: Sequence[View]) -> np.ndarray:
-        """(Ns+M,D) where training starts: the scene's own latents, or each column's mean of the principal components that
+        """Return (Ns+M,D) where training starts: the scene's own latents, or each column's mean of the principal components that
         its cells show, spread 1."""
         old = self.scene.features
         if self.kept and old is not None:
@@ -363,7 +363,7 @@ class _Distillation:
         return mixed.reshape(*self.grid, -1)
 
     def need(self) -> Need:
-        """The row of the needs table."""
+        """Return the row of the needs table."""
         chosen = f"{self.width} channels, {len(self.kept) + len(self.tasks)} heads"
         evidence = self.spectrum.evidence() if self.config.width is None and not self.kept else "given"
         if self.kept:
@@ -430,11 +430,11 @@ class _Skinning:
         self.static = len(scene.static)
 
     def weights(self) -> Tensor:
-        """(Nd,K), 0 where they were 0."""
+        """Return (Nd,K), 0 where they were 0."""
         return torch.softmax(self.logits.masked_fill(~self.used, -math.inf), 1).nan_to_num(0.0)
 
     def columns(self, latents: Tensor) -> Tensor:
-        """(Ns+Nd,D) latents of all Gaussians from those of static ones and nodes."""
+        """Return (Ns+Nd,D) latents of all Gaussians from those of static ones and nodes."""
         nodes = latents[self.static :]
         return torch.cat([latents[: self.static], (self.weights()[..., None] * nodes[self.node]).sum(1)])
 
@@ -500,7 +500,7 @@ def dissimilarity(found: Tensor, wanted: Tensor, seen: Tensor, span: float) -> T
 
 
 def _stored(task: HeadTask) -> FieldHead:
-    """The trained head in the scene file's form."""
+    """Return the trained head in the scene file's form."""
     arrays = {name: array.astype(np.float16) for name, array in task.folded().to_arrays().items()}
     layers = range(len(arrays) // 2)
     glob = None if task.maps.glob is None else np.asarray(task.maps.glob, np.float16)

@@ -46,7 +46,7 @@ class FrameData:
     """Pixels of `large` from one pixel to the next."""
 
     def seen(self, frame: int) -> Tensor | None:
-        """(H,W) float32 1 where the frame was seen; None where all of it was."""
+        """Return (H,W) float32 1 where the frame was seen; None where all of it was."""
         return None if self.hidden is None else (~self.hidden[frame]).float()
 
     def maps(self, frame: int) -> FramePriors:
@@ -67,7 +67,7 @@ class FrameData:
 
     @classmethod
     def full(cls, clip: Clip, priors: Priors) -> FrameData:
-        """The supervised frames at the fitted size."""
+        """Return the supervised frames at the fitted size."""
         frames = clip.frames if len(priors.frames) == len(clip) else clip.frames[priors.frames]  # no copy of all
         rgb = torch.from_numpy(np.require(frames, requirements=("C", "W")))
         hidden = None if clip.hidden is None else torch.from_numpy(clip.hidden[priors.frames])
@@ -110,7 +110,7 @@ class MovingTracks:
         return cls(torch.from_numpy(priors.tracks), torch.from_numpy(visible & (motion > TRACK_MOTION)[None]), *size)
 
     def random_partner(self, frame: int, generator: torch.Generator) -> int | None:
-        """A random other frame that shares enough tracks with `frame`; None where there is none."""
+        """Return a random other frame that shares enough tracks with `frame`; None where there is none."""
         shared = (self.visible & self.visible[frame]).sum(1)  # (F,)
         shared[frame] = 0
         candidates = (shared >= MIN_SHARED_TRACKS).nonzero()[:, 0]

@@ -48,7 +48,7 @@ def refit(
     resume: bool = False,
     progress: Progress = silent,
 ) -> Scene:
-    """The scene with an appearance for linear light stored in it (`scene.linear.with_look`); all else is as it was.
+    """Return the scene with an appearance for linear light stored in it (`scene.linear.with_look`); all else is as it was.
 
     Args:
         scene: its edits stay, but the unedited Gaussians are what is refitted.
@@ -111,7 +111,7 @@ class _Refit:
         return digest.hexdigest()
 
     def run(self, checkpoint: Path | None, resume: bool, progress: Progress) -> Look:
-        """All steps."""
+        """Run all steps from the last checkpoint, and return the appearance."""
         key, begun = self.key, 0
         state = load_checkpoint(checkpoint, key) if checkpoint is not None and resume else None
         if state is not None:
@@ -132,7 +132,7 @@ class _Refit:
         return self.look()
 
     def look(self) -> Look:
-        """The appearance as it is now."""
+        """Return the appearance as it is now."""
         with torch.no_grad():
             dc = self.start.dc + spherical_harmonics.dc_from_rgb(self.color_shift.numpy() + 0.5)
             opacities = torch.where(self.there, torch.sigmoid(self.opacity_logits), 0.0)
@@ -152,7 +152,7 @@ class _Refit:
         self.adam.step()
 
     def _draw(self, posed: PosedSplats, colors: Tensor, camera: Camera, time: float) -> Tensor:
-        """(H,W,4) linear colours and alpha as a renderer for linear light draws them."""
+        """Return (H,W,4) linear colours and alpha as a renderer for linear light draws them."""
         opacities = torch.where(self.there, torch.sigmoid(self.opacity_logits), 0.0)
         if self.scene.fades:
             opacities = 1 - (1 - opacities) ** torch.from_numpy(self.scene.presence(time))
@@ -160,7 +160,7 @@ class _Refit:
         return filtered_rays(splats, linear_color(colors + self.color_shift), camera, self.config.oversample, self.rays)
 
     def _view(self, step: int) -> tuple[Camera, float]:
-        """A part of the clip's picture at a moment, or, every second time, of a view from aside."""
+        """Return a part of the clip's picture at a moment, or, every second time, of a view from aside."""
         rng = np.random.default_rng([self.config.seed, step])
         time = float(rng.choice(self.scene.cameras.times))
         right, up = rng.uniform(-self.config.aside, self.config.aside, 2)
@@ -181,7 +181,7 @@ def linear_color(display: Tensor) -> Tensor:
 
 
 def display_color(linear: Tensor) -> Tensor:
-    """The inverse of `linear_color`."""
+    """Return the inverse of `linear_color`."""
     return torch.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 

@@ -103,7 +103,7 @@ class LossTerm:
 
 
 def total_loss(terms: Sequence[LossTerm], step: int, rendered: Rendered) -> Tensor:
-    """The weighted sum of the terms that count at `step`."""
+    """Return the weighted sum of the terms that count at `step`."""
     total = torch.zeros(())
     for term in terms:
         if term.due(step):
@@ -112,7 +112,7 @@ def total_loss(terms: Sequence[LossTerm], step: int, rendered: Rendered) -> Tens
 
 
 def loss_terms(model: SceneModel, tracks: MovingTracks, config: FitConfig) -> tuple[LossTerm, ...]:
-    """The terms of a fit, those without weight left out."""
+    """Return the terms of a fit, those without weight left out."""
     weights = config.losses
     losses = _Losses(model, tracks, config)
     if model.kernels.native:
@@ -196,7 +196,7 @@ class _Losses:
         return torch.linalg.vector_norm(pixels - expected, dim=1).clamp_max(TRACK_CLAMP).mean()
 
     def motion(self, rendered: Rendered) -> Tensor:
-        """The physics-inspired losses of the nodes on the frames around the rendered one."""
+        """Return the physics-inspired losses of the nodes on the frames around the rendered one."""
         config, model, w = self.config, self.model, self.config.losses
         nodes, frame, reach = model.nodes, rendered.frame, max(config.shifts)
         assert nodes is not None

@@ -77,7 +77,7 @@ class NodeSet:
         return quaternion.normalize(self.parameters["node_quat"])
 
     def snapshot(self) -> Scaffold:
-        """The scaffold with the parameters' present values."""
+        """Return the scaffold with the parameters' present values."""
         with torch.no_grad():
             return dataclasses.replace(
                 self.scaffold,
@@ -193,7 +193,7 @@ class SceneModel:
         return self.attachment.born
 
     def dynamic_at(self, *times: float) -> list[Moved]:
-        """The dynamic Gaussians at each of `times` (clip frame indices), whether they are there then or not."""
+        """Return the dynamic Gaussians at each of `times` (clip frame indices), whether they are there then or not."""
         assert self.dynamic is not None
         assert self.nodes is not None
         xyz = self.nodes.parameters["node_xyz"]
@@ -226,7 +226,7 @@ class SceneModel:
         return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in parts[0].arrays()})
 
     def drawn(self, moved: Moved | None, camera: Camera, there: Tensor | None = None) -> Drawn:
-        """All Gaussians of `posed` as the raster takes them, with their channels as `camera` sees them.
+        """Return all Gaussians of `posed` as the raster takes them, with their channels as `camera` sees them.
 
         Channels: rgb; where something moves which Gaussians are dynamic; with `there` (M,3), the places of the M dynamic
         Gaussians at another time, the places of all then, static ones staying put. They send no gradient to the camera.
@@ -255,7 +255,7 @@ class SceneModel:
         return DrawnSet(means, quats, scales, opacities, own["sh0"], own["shN"], own.get("log_lifetimes"), there)
 
     def _more_channels(self, means: Tensor, there: Tensor | None) -> list[Tensor]:
-        """The channels of `drawn` behind rgb."""
+        """Return the channels of `drawn` behind rgb."""
         if self.dynamic is None:
             return []
         own = slice(len(self.static), len(self))

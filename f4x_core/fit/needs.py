@@ -31,7 +31,7 @@ class Need:
     """Additional cost of a scene that models everything."""
 
     def row(self) -> dict[str, str]:
-        """The row as plain values, for the scene file."""
+        """Return the row as plain values, for the scene file."""
         return asdict(self)
 
 
@@ -59,7 +59,7 @@ class Shortage:
 
 
 def lack_in_words(shortages: Iterable[Shortage]) -> str:
-    """The shortages as one, nothing where there is none."""
+    """Return the shortages as one, nothing where there is none."""
     lacking = "; ".join(map(str, shortages))
     return lacking and f"no room for {lacking}"
 

@@ -25,7 +25,7 @@ frames goes with what it is carried along with."""
 
 
 def with_people_of(scene: Scene, priors: Priors) -> Scene:
-    """The unedited scene with the person and the part of the body of every Gaussian stored in it, by its blend weights.
+    """Return the unedited scene with the person and the part of the body of every Gaussian stored in it, by its blend weights.
 
     A scene in whose clip nobody was found stays as it is.
     """

@@ -35,7 +35,7 @@ class NativePictureLoss(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, image: Tensor, target: Tensor, weight: Tensor, comparison: Comparison) -> Tensor:
-        """The sum, a scalar; raises F4xError where memory runs out."""
+        """Return the sum, a scalar; raises F4xError where memory runs out."""
         height, width, channels = image.shape
         stride = channels
         if not image.is_contiguous():

@@ -91,7 +91,7 @@ class ClipFit:
     """It is no window of a longer clip: what no frame of it shows is made up (`completed`), and colors change (`tinted_scene`)."""
 
     def run(self) -> FitResult:
-        """All stages, one after the other."""
+        """Run all stages, one after the other."""
         # Torch's sums depend on its number of threads. They also gain nothing beside those of the raster and collapse when
         # other work wants the cores.
         with torch_threads(1):
@@ -138,16 +138,16 @@ class ClipFit:
         return config_hash(settings, self.clip.digest, self.clip.width, self.clip.height)
 
     def known_depth(self) -> np.ndarray | None:
-        """(F,H,W) depth known from elsewhere, NaN where it is not: a witness of which way round the priors are."""
+        """Return (F,H,W) depth known from elsewhere, NaN where it is not: a witness of which way round the priors are."""
         return None
 
     def make_priors(self) -> Priors:
-        """The priors of the clip."""
+        """Return the priors of the clip."""
         config, known_depth = self.config.priors_in_threads, self.known_depth()
         return build_priors(self.clip, self.folder / "priors", config, self.progress, known_depth)
 
     def start(self, priors: Priors) -> Trainer:
-        """The trainer before its first step."""
+        """Return the trainer before its first step."""
         return start_fit(self.clip, priors, self.config, self.progress)
 
     def finish(self, trainer: Trainer) -> FitResult:
@@ -208,7 +208,7 @@ def start_fit(
 
 
 def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tuple[Scaffold | None, list[Need], Priors]:
-    """The scaffold, or None where nothing moves; what decided; the priors with depth that lies on the scaffold."""
+    """Return the scaffold, or None where nothing moves; what decided; the priors with depth that lies on the scaffold."""
     fraction = moving_fraction(priors)
     if fraction >= config.min_moving_fraction:
         start = start_scaffold(priors, config, progress)
@@ -222,7 +222,7 @@ def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tupl
 
 
 def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> FitResult:
-    """The scene that a trainer has learnt, with its provenance. `seconds`: wall time per stage."""
+    """Return the scene that a trainer has learnt, with its provenance. `seconds`: wall time per stage."""
     clip, model = trainer.clip, trainer.model
     needs = [*_picture_need(clip), _colour_need(trainer), *trainer.needs, _gaussian_need(trainer)]
     scene = Scene(
@@ -330,7 +330,7 @@ def _static_set(model: SceneModel) -> StaticSet:
 
 
 def _dynamic_set(model: SceneModel) -> DynamicSet:
-    """The dynamic Gaussians, each at its own reference time."""
+    """Return the dynamic Gaussians, each at its own reference time."""
     own, nodes = model.dynamic, model.nodes
     assert own is not None and nodes is not None
     with torch.no_grad():

@@ -30,17 +30,17 @@ class Action:
 
 
 def steps_at(fractions: tuple[float, ...], total: int) -> frozenset[int]:
-    """The steps nearest to these fractions of all steps."""
+    """Return the steps nearest to these fractions of all steps."""
     return frozenset(round(fraction * total) for fraction in fractions)
 
 
 def first_step_from(fraction: float, total: int) -> int:
-    """The first step that is at least this fraction of all steps."""
+    """Return the first step that is at least this fraction of all steps."""
     return next((step for step in range(total) if step / total >= fraction), total)
 
 
 def every(period: int, total: int) -> frozenset[int]:
-    """Every `period`-th of `total` steps done, and the last one."""
+    """Return every `period`-th of `total` steps done, and the last one."""
     return frozenset({*range(period, total + 1, period), total}) if period else frozenset({total})
 
 

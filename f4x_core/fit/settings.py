@@ -107,7 +107,7 @@ class Setting:
         return not isinstance(self.value, Mapping)
 
     def parse(self, text: str) -> Any:
-        """The value that `text` says; F4xError when it is of another kind."""
+        """Return the value that `text` says; F4xError when it is of another kind."""
         try:
             return _parse(text.strip(), self.annotation, self.limits)
         except ValueError:
@@ -115,12 +115,12 @@ class Setting:
 
 
 def list_settings(config: Any, group: str = "") -> list[Setting]:
-    """Every setting of a configuration (a dataclass), in the order of its classes; `group` is put before the names."""
+    """Return every setting of a configuration (a dataclass), in the order of its classes; `group` is put before the names."""
     return list(_walk(config, group))
 
 
 def set_fields(config: Config, assignments: Sequence[str]) -> Config:
-    """The configuration with fields set as `assignments` say, in their order.
+    """Return the configuration with fields set as `assignments` say, in their order.
 
     Args:
         config: a frozen dataclass of settings; it stays as it is.
@@ -143,7 +143,7 @@ def set_fields(config: Config, assignments: Sequence[str]) -> Config:
 
 
 def as_lines(config: Any) -> str:
-    """All settings for people: `NAME = VALUE  (what it has to be)`, and what it does in the lines below."""
+    """Return all settings for people: `NAME = VALUE  (what it has to be)`, and what it does in the lines below."""
     lines = []
     for setting in list_settings(config):
         lines.append(f"{setting.name} = {setting.text}".rstrip() + f"  ({setting.kind})")
@@ -173,7 +173,7 @@ def _walk(config: Any, group: str) -> Iterator[Setting]:
 
 
 def _find(settings: Sequence[Setting], name: str) -> Setting:
-    """The setting called `name`; F4xError names the nearest one, or says why this one cannot be set."""
+    """Return the setting called `name`; F4xError names the nearest one, or says why this one cannot be set."""
     found = next((setting for setting in settings if setting.name == name), None)
     if found is None:
         inside = next((setting.name for setting in settings if setting.name.startswith(f"{name}.")), None)

@@ -44,7 +44,7 @@ def spawn_frames(priors: Priors, config: FitConfig) -> np.ndarray:
 
 
 def first_lifetimes(times: np.ndarray, reference: np.ndarray, carried: np.ndarray) -> Tensor:
-    """(N,2) logarithms of lifetimes, to be learnt: whole while `carried (F,N)` bool lasts around the `reference (N,)` frame.
+    """Return (N,2) logarithms of lifetimes, to be learnt: whole while `carried (F,N)` bool lasts around the `reference (N,)` frame.
 
     Where that is to the clip's end, they end beyond it and begin to fade in it: only ramps have gradients. `times (F,)`: those
     of the frames.
@@ -175,7 +175,7 @@ class Spawner:
         return spawn_dynamic(spawned, reference, model.nodes.snapshot(), self.degree, spawn, first_id)
 
     def _moved(self, model: SceneModel, dynamic: DynamicGaussians | None, frame: int) -> np.ndarray:
-        """(N,3) places of the dynamic Gaussians so far at supervised frame `frame`."""
+        """Return (N,3) places of the dynamic Gaussians so far at supervised frame `frame`."""
         if dynamic is None or not len(dynamic):
             return np.zeros((0, 3), np.float32)
         with torch.no_grad():
@@ -185,6 +185,6 @@ class Spawner:
         return places[self._seen_at(model, dynamic, frame)]
 
     def _seen_at(self, model: SceneModel, dynamic: DynamicGaussians, frame: int) -> np.ndarray:
-        """(N,) bool: the nodes of a Gaussian are seen in the supervised frame `frame`."""
+        """Return (N,) bool: the nodes of a Gaussian are seen in the supervised frame `frame`."""
         assert model.nodes is not None
         return model.nodes.scaffold.certain[frame][model.nodes.neighbours[dynamic.labels["attach"]]].mean(1) >= CARRIED

@@ -104,7 +104,7 @@ class Tinting:
             in_threads(solve, rows.tolist(), lambda done: progress("colors over time", done, len(rows)))
 
     def finish(self) -> Scene:
-        """The scene with its tints, if they pay, and with what decided among its needs."""
+        """Return the scene with its tints, if they pay, and with what decided among its needs."""
         if not len(self.judged) or not self.targets:
             return self.scene
         gain = float(np.mean([self._gain(row) for row in self.judged if row in self.targets]))
@@ -120,7 +120,7 @@ class Tinting:
         return with_tints(scene, scene.cameras.times[self.knots], self.values) if pays else scene
 
     def _view(self, frame: int, seen: np.ndarray | None, mask: np.ndarray | None = None) -> tuple[_View, np.ndarray]:
-        """A frame of the clip as it is seen, and its picture (H,W,3) without tints."""
+        """Return a frame of the clip as it is seen, and its picture (H,W,3) without tints."""
         scene, camera, time = self.scene, self.scene.cameras[frame], float(self.scene.cameras.times[frame])
         posed = scene.posed(time)
         moves = posed.dynamic[:, None].astype(np.float32)
@@ -160,14 +160,14 @@ class _View:
     """(H,W,1) float32 1 where in addition nothing moves."""
 
     def picture(self, tint: np.ndarray) -> np.ndarray:
-        """(H,W,3): what `tint (N,3)` adds to the picture."""
+        """Return (H,W,3): what `tint (N,3)` adds to the picture."""
         if not self.moves.any():
             return self.counts * self.weights.picture(tint)
         both = self.weights.picture(np.concatenate([tint, tint * self.moves], 1))
         return self.still * both[..., :3] + (self.counts - self.still) * both[..., 3:]
 
     def sums(self, picture: np.ndarray) -> np.ndarray:
-        """(N,3): the transpose of `picture`, applied to (H,W,3)."""
+        """Return (N,3): the transpose of `picture`, applied to (H,W,3)."""
         if not self.moves.any():
             return self.weights.sums(self.counts * picture)
         both = self.weights.sums(np.concatenate([self.still * picture, self.counts * picture], -1))
@@ -205,7 +205,7 @@ def tinted_scene(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Scene:
-    """The fitted, unedited scene with colors over time, if the frames of its whole clip ask for them.
+    """Return the fitted, unedited scene with colors over time, if the frames of its whole clip ask for them.
 
     `masks`: clip frame -> (H,W) bool of moving objects, in addition to the dynamic Gaussians.
     """

@@ -108,7 +108,7 @@ class Trainer:
         self.actions = self._schedule()
 
     def _schedule(self) -> list[Action]:
-        """All that happens beside the gradient steps, in the order in which it happens."""
+        """Return all that happens beside the gradient steps, in the order in which it happens."""
         config, total = self.config, self.config.steps
         start, optimised, done = Moment.START, Moment.OPTIMISED, Moment.DONE
         actions = [Action("learning rates", start, range(total), self._set_rates)]
@@ -158,7 +158,7 @@ class Trainer:
             raise
 
     def _summary(self) -> str:
-        """The quality when it was last measured."""
+        """Return the quality when it was last measured."""
         if not self.history:
             return ""
         return f"{self.history[-1]['psnr']:.1f} dB, {int(self.history[-1]['gaussians']):,} Gaussians"
@@ -198,7 +198,7 @@ class Trainer:
         return len(self.model) + (0 if self.model.frozen is None else len(self.model.frozen))
 
     def _next_frame(self) -> int:
-        """Each supervised frame once, in random order, then again."""
+        """Return the next frame: each supervised one once, in random order, then again."""
         if not self.order:
             self.order = torch.randperm(len(self.model.times), generator=self.generator).tolist()
         return self.order.pop()
@@ -309,7 +309,7 @@ class Trainer:
         self.history.append({**point, "gaussians": float(len(self.model))})
 
     def picture(self, frame: int) -> Tensor:
-        """(H,W,3) the model's picture of supervised frame `frame`, clamped to [0,1]."""
+        """Return (H,W,3) the model's picture of supervised frame `frame`, clamped to [0,1]."""
         model, data = self.model, self.levels[0]
         with torch.no_grad():
             moved = model.dynamic_at(float(model.times[frame]))[0] if model.dynamic is not None else None

@@ -94,7 +94,7 @@ class Body:
         return float((weight * here * there).sum() / max((weight * there**2).sum(), 1e-9))
 
     def leaning(self, below: float, above: float) -> Body:
-        """The body with its legs and the rest turned away from the camera by so many radians, about between the hips."""
+        """Return the body with its legs and the rest turned away from the camera by so many radians, about between the hips."""
         metres = np.empty_like(self.metres)
         for joints, angle in ((LEGS, below), (TRUNK, above)):
             sine, cosine = np.sin(angle), np.cos(angle)
@@ -193,7 +193,7 @@ def _take_fragments(maps: DepthMaps, placed: PlacedPeople) -> None:
 
 
 def _ground_below(maps: DepthMaps, shown: np.ndarray, frame: int) -> GroundEdge | None:
-    """The ground behind the lower edge of the person `shown (F, H, W)` in a frame."""
+    """Return the ground behind the lower edge of the person `shown (F, H, W)` in a frame."""
     return ground_edge(maps.inverse[frame], maps.static_confidence[frame], maps.moving[frame], shown[frame])
 
 
@@ -218,7 +218,7 @@ def _upright(bodies: dict[int, Body], edges: dict[int, GroundEdge | None], intri
 
 
 def _lower_ankle(metres: np.ndarray) -> int:
-    """The ankle of the foot that stands, from the joints `(33, 3)` of a body."""
+    """Return the ankle of the foot that stands, from the joints `(33, 3)` of a body."""
     left, right = (metres[list(foot), 1].max() for foot in (FEET[::2], FEET[1::2]))
     return ANKLES[int(right > left)]
 
@@ -231,7 +231,7 @@ def _lean(rise: np.ndarray, up: np.ndarray) -> float:
 def _standing_feet(
     maps: DepthMaps, shown: np.ndarray, seen: list[_Seen], priors: Priors, size: np.ndarray
 ) -> list[list[Foot]]:
-    """The feet of the person `shown (F, H, W)` that stand in each of the frames in which they are `seen`.
+    """Return the feet of the person `shown (F, H, W)` that stand in each of the frames in which they are `seen`.
 
     size: (f,) a metre at the body, as a fraction of its distance.
     """
@@ -265,7 +265,7 @@ def _contacts(
 
 
 def _with_clothes(shown: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(H, W) bool: the person `shown` and what is `free` close beside them: clothes and what they hold."""
+    """Return (H, W) bool: the person `shown` and what is `free` close beside them: clothes and what they hold."""
     return shown | (free & dilate_masks(shown[None], BESIDE)[0])
 
 

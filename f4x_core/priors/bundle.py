@@ -68,7 +68,7 @@ class Observations:
     """(O,) float64 trust."""
 
     def keep(self, chosen: np.ndarray) -> Observations:
-        """The chosen rows (mask or indices)."""
+        """Return the chosen rows (mask or indices)."""
         return Observations(self.frame[chosen], self.point[chosen], self.uv[chosen], self.weight[chosen])
 
     def followed_by(self, other: Observations, first: int) -> Observations:
@@ -81,7 +81,7 @@ class Observations:
         )
 
     def by_frame(self, frames: int) -> list[Observations]:
-        """The sightings of each frame."""
+        """Return the sightings of each frame."""
         order = np.argsort(self.frame, kind="stable")
         ends = np.searchsorted(self.frame[order], np.arange(frames + 1))
         return [self.keep(order[start:end]) for start, end in pairwise(ends)]
@@ -137,16 +137,16 @@ class Bundle:
         return lens
 
     def path(self, times: np.ndarray, width: int, height: int) -> CameraPath:
-        """The cameras at their `times (F,)` in clip frames."""
+        """Return the cameras at their `times (F,)` in clip frames."""
         return CameraPath(self.intrinsics, self.world_to_camera, np.asarray(times, np.float64), width, height)
 
     def of_frames(self, frames: np.ndarray) -> Bundle:
-        """The cameras `frames` (mask or indices) alone, with all points."""
+        """Return the cameras `frames` (mask or indices) alone, with all points."""
         zoom = None if self.zoom is None else self.zoom[frames]
         return replace(self, rotation=self.rotation[frames], center=self.center[frames], zoom=zoom)
 
     def with_frames(self, frames: np.ndarray, found: Bundle) -> Bundle:
-        """All cameras, those of `frames` as in `found`, which gives the focal length, too; the points stay."""
+        """Return all cameras, those of `frames` as in `found`, which gives the focal length, too; the points stay."""
         rotation, center = self.rotation.copy(), self.center.copy()
         rotation[frames], center[frames] = found.rotation, found.center
         zoom = self.zoom
@@ -410,7 +410,7 @@ class _Problem:
         return reflection[:, :, :3]
 
     def part(self, group: _Group) -> _Problem:
-        """The cameras and points of a group."""
+        """Return the cameras and points of a group."""
         run = group.run
         return replace(
             self,
@@ -441,7 +441,7 @@ class _Problem:
         )
 
     def centred(self) -> _Problem:
-        """The same with the middle camera at the origin, the median inverse distance 1 and the mean zoom 1."""
+        """Return the same with the middle camera at the origin, the median inverse distance 1 and the mean zoom 1."""
         shift = self.center[len(self.center) // 2]
         xyz = self.points[:, :3] - self.points[:, 3:] * shift
         inverse = self.points[:, 3] / np.maximum(np.linalg.norm(xyz, axis=1), 1e-9)
@@ -466,7 +466,7 @@ def _robust(squared: np.ndarray, config: BundleConfig) -> np.ndarray:
 
 
 def _costs(problem: _Problem, observations: Observations, config: BundleConfig) -> np.ndarray:
-    """(F,) cost of the sightings of every frame."""
+    """Return (F,) cost of the sightings of every frame."""
     if open_library()[0] is None:
         return _plain_costs(problem, observations, config)
     costs = np.empty(len(problem.center))
@@ -529,7 +529,7 @@ def _prior_cost(problem: _Problem, config: BundleConfig, belief: float) -> float
 
 
 def _bends(frames: int) -> np.ndarray:
-    """`(F, F)` matrix of second differences over the frames, and the mean, which is held at 0; all over the root of F."""
+    """Return `(F, F)` matrix of second differences over the frames, and the mean, which is held at 0; all over the root of F."""
     rows = np.zeros((frames, frames))
     for row in range(frames - 2):
         rows[row, row : row + 3] = 1, -2, 1
@@ -603,7 +603,7 @@ class _Sums(NamedTuple):
 
 
 def _sums(problem: _Problem, observations: Observations, config: BundleConfig, held_points: bool = False) -> _Sums:
-    """The sums at `problem`; of points that are held nothing need be added up."""
+    """Return the sums at `problem`; of points that are held nothing need be added up."""
     if open_library()[0] is None:
         return _plain_sums(problem, observations, config)
     sums = _Sums.none(len(problem.center), 0 if held_points else len(problem.points), config)
@@ -651,7 +651,7 @@ class _Group(NamedTuple):
 
 
 def _grouped(observations: Observations, count: int) -> list[_Group]:
-    """The `count` points in groups by the first and the last frame that see them, in steps of `RUN_STEP`."""
+    """Return the `count` points in groups by the first and the last frame that see them, in steps of `RUN_STEP`."""
     first, last = np.full(count, np.iinfo(np.int64).max), np.zeros(count, np.int64)
     np.minimum.at(first, observations.point, observations.frame)
     np.maximum.at(last, observations.point, observations.frame)
@@ -689,7 +689,7 @@ class _NormalEquations(NamedTuple):
 
 
 def _normal_equations(problem: _Problem, groups: list[_Group], config: BundleConfig, belief: float) -> _NormalEquations:
-    """The normal equations of half the cost at `problem`, its priors included."""
+    """Return the normal equations of half the cost at `problem`, its priors included."""
     frames, each = len(problem.center), config.unknowns
     size, count = each * frames, len(problem.points)
     blocks, slopes = np.zeros((frames, 7, 7)), np.zeros((frames, 7))
@@ -768,7 +768,7 @@ def _solve(equations: _NormalEquations, damping: float, cameras: int) -> tuple[n
 
 
 def _eliminated(coupling: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """`(3, m, n)`: the coupling of m unknowns and n points, times the upper triangles `root (n, 3, 3)`."""
+    """Return `(3, m, n)`: the coupling of m unknowns and n points, times the upper triangles `root (n, 3, 3)`."""
     parts = np.empty_like(coupling)
     for j in range(3):
         np.multiply(coupling[0], root[:, 0, j], out=parts[j])

@@ -335,7 +335,7 @@ def complete(
     times: np.ndarray,
     lens: BundleConfig | None = None,
 ) -> Solution:
-    """All frames registered and adjusted together on the solution's own observations and the static tracks.
+    """Return all frames registered and adjusted together on the solution's own observations and the static tracks.
 
     Missing frames start from the interpolated path, the ones next to a known camera first, and are resected. `lens`: whether
     the focal length is adjusted with them; held when left out.
@@ -369,7 +369,7 @@ def _settled(
     some: tuple[Observations, np.ndarray],
     lens: BundleConfig,
 ) -> Solution:
-    """The solution, adjusted anew on `some` of `every` sighting of static tracks while a frame is left that misses its own.
+    """Return the solution, adjusted anew on `some` of `every` sighting of static tracks while a frame is left that misses its own.
 
     In a long sweep what a far frame misses is the first to be dropped as an outlier, and nothing draws that frame back.
     """
@@ -391,7 +391,7 @@ def _worst_frame(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> floa
 
 
 def _triangulated_anew(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> Bundle:
-    """The cameras with one point for each of the `tracks`."""
+    """Return the cameras with one point for each of the `tracks`."""
     return replace(bundle, points=triangulate(bundle, seen, len(tracks))[0])
 
 
@@ -501,7 +501,7 @@ def _rematched(job: _CameraProblem, solution: Solution) -> Solution:
 
 
 def _completed(job: _CameraProblem, solution: Solution) -> Solution:
-    """All frames of the solution, or of its rival where that explains the static tracks of all frames better.
+    """Return all frames of the solution, or of its rival where that explains the static tracks of all frames better.
 
     A sample of frames hardly tells the two apart where there is little translation. On scooter-black the errors of a sample
     differ by 2 % or 9 %, those of all frames by 40 to 60 %.
@@ -630,7 +630,7 @@ def _sampled(solution: Solution) -> tuple[Solution, np.ndarray]:
 
 
 def _resolve_mirror(job: _CameraProblem, start: Solution) -> Solution | None:
-    """The solution, or its mirror image, adjusted on a sample of frames; None where no sample can be taken."""
+    """Return the solution, or its mirror image, adjusted on a sample of frames; None where no sample can be taken."""
     sample, frames = _sampled(start)
     if not len(sample.observations.frame):
         return None
@@ -771,7 +771,7 @@ def _adjusted_pan(turning: Solution, focal: float) -> Solution:
 
 
 def _static_camera(frames: int, focal: float, principal: np.ndarray, turns: np.ndarray | None = None) -> Solution:
-    """The camera that stands at the origin; `turns (F, 3, 3)`: its rotations, when left out it does not turn."""
+    """Return the camera that stands at the origin; `turns (F, 3, 3)`: its rotations, when left out it does not turn."""
     turns = np.tile(np.eye(3), (frames, 1, 1)) if turns is None else turns
     bundle = Bundle(focal, principal, turns, np.zeros((frames, 3)), np.zeros((0, 3)))
     nothing = Observations(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
@@ -790,7 +790,7 @@ def _covered(registered: np.ndarray) -> float:
 
 
 def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:
-    """A solution of keyframes as one of all frames."""
+    """Return a solution of keyframes as one of all frames."""
     rotation, center = np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3))
     registered = np.zeros(frames, bool)
     rotation[keyframes], center[keyframes] = solution.bundle.rotation, solution.bundle.center
@@ -800,7 +800,7 @@ def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:
 
 
 def _limited_observations(solution: Solution, max_points: int) -> Observations:
-    """The solution's observations of at most `max_points` finite points that hold all its frames."""
+    """Return the solution's observations of at most `max_points` finite points that hold all its frames."""
     seen = solution.observations
     visible = seen.visible(len(solution.registered), len(solution.bundle.points))
     visible &= np.isfinite(solution.bundle.points).all(1) & (visible.sum(0) > 2)
@@ -837,7 +837,7 @@ def _interpolated(bundle: Bundle, registered: np.ndarray, frames: np.ndarray, ti
 
 
 def _first_camera_at_origin(bundle: Bundle) -> Bundle:
-    """The same geometry in the axes of the first camera."""
+    """Return the same geometry in the axes of the first camera."""
     turn, origin = bundle.rotation[0], bundle.center[0]
     return replace(
         bundle,
@@ -862,5 +862,5 @@ def _turns(path: CameraPath) -> np.ndarray:
 
 
 def _json(value: float) -> float | None:
-    """A rounded number, None where it is not finite."""
+    """Return a rounded number, None where it is not finite."""
     return round(float(value), 4) if np.isfinite(value) else None

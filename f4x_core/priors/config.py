@@ -125,7 +125,7 @@ class PriorsConfig:
 
     @classmethod
     def of(cls, provider: str, **stages: Any) -> PriorsConfig:
-        """All stages done by one provider (`PriorsConfig.of("synthetic")`); `stages` replace whole stage configs.
+        """Return all stages done by one provider (`PriorsConfig.of("synthetic")`); `stages` replace whole stage configs.
 
         People are found by the networks beside `classical`, read from the truth beside `synthetic`, by nobody beside another.
         """
@@ -135,14 +135,14 @@ class PriorsConfig:
         return cls(**({**made, "people": PeopleConfig(provider=_finds_people(provider))} | stages))
 
     def with_provider(self, provider: str) -> PriorsConfig:
-        """The same settings with every stage done by `provider`."""
+        """Return the same settings with every stage done by `provider`."""
         stages = dict.fromkeys(("flow", "tracks", "motion", "cameras", "depth"), provider)
         stages["people"] = _finds_people(provider)
         return replace(self, **{name: replace(getattr(self, name), provider=one) for name, one in stages.items()})
 
 
 def _finds_people(provider: str) -> str:
-    """The provider of people beside the `provider` of all other stages."""
+    """Return the provider of people beside the `provider` of all other stages."""
     return {"classical": "networks", "synthetic": "synthetic"}.get(provider, "none")
 
 

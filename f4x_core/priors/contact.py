@@ -81,7 +81,7 @@ def inverse_around(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> 
 
 
 def one_scale(ratio: np.ndarray, trust: np.ndarray, quantile: float = CONTACT_QUANTILE) -> float:
-    """The factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
+    """Return the factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
 
     The weighted `quantile` of what frames ask for: ground behind a body that is in the air asks for less.
     """
@@ -133,13 +133,13 @@ class GroundEdge:
     """0..1."""
 
     def normal(self, intrinsics: np.ndarray) -> np.ndarray:
-        """(3,) direction up from the ground in the axes of the camera with `intrinsics (3, 3)`, of any length."""
+        """Return (3,) direction up from the ground in the axes of the camera with `intrinsics (3, 3)`, of any length."""
         (fx, _, cx), (_, fy, cy) = intrinsics[:2]
         return -np.array([self.plane[1] * fx, self.plane[2] * fy, self.plane @ (1, cx, cy)])
 
 
 def without_upright(edges: Sequence[GroundEdge | None], intrinsics: np.ndarray) -> list[GroundEdge | None]:
-    """The `edges` of a mover in f frames, None for those on something upright, as the side of a box, which hides its feet.
+    """Return the `edges` of a mover in f frames, None for those on something upright, as the side of a box, which hides its feet.
 
     All of them where hardly any is level: then depth is too poor to tell. intrinsics: (f, 3, 3).
     """
@@ -155,7 +155,7 @@ def without_upright(edges: Sequence[GroundEdge | None], intrinsics: np.ndarray) 
 
 
 def ground_edge(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray) -> GroundEdge | None:
-    """The ground that a region is seen in front of, carried up to its lower edge; None where too little of it is seen.
+    """Return the ground that a region is seen in front of, carried up to its lower edge; None where too little of it is seen.
 
     The ground is a plane, so its inverse depth is linear in the picture; it is fitted below the region, where flow is free.
     """

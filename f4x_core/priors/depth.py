@@ -179,7 +179,7 @@ def inverse_depth_from_flow(
 
 
 def epipolar_direction(cameras: CameraPath, frame: int, pixels: np.ndarray, others: list[int]) -> np.ndarray:
-    """(..., 2) along which `pixels (..., 2)` of a frame would shift with their depth, seen from the farthest of the frames
+    """Return (..., 2) along which `pixels (..., 2)` of a frame would shift with their depth, seen from the farthest of the frames
     `others`; 0 without any."""
     if not others:
         return np.zeros(pixels.shape)
@@ -245,7 +245,7 @@ def _roughness(guide: np.ndarray, smooth: float, flat: float) -> dict[str, np.nd
 def _smooth_map(
     bands: dict[str, np.ndarray], weight: np.ndarray, sample: np.ndarray, start: np.ndarray, iterations: int
 ) -> np.ndarray:
-    """`(h, w)` where `(matrix of bands + weight) map = weight sample`, by conjugate gradients from `start`."""
+    """Return `(h, w)` where `(matrix of bands + weight) map = weight sample`, by conjugate gradients from `start`."""
     solution, (height, width) = np.array(start, np.float64, order="C"), start.shape
     arrays = {"weight": weight, "sample": np.ascontiguousarray(sample, np.float64), "solution": solution}
     F4X_SMOOTH_MAP(SMOOTHING(width=width, height=height, iterations=iterations, tolerance=MISS_LEFT, **bands, **arrays))
@@ -255,7 +255,7 @@ def _smooth_map(
 def _plain_smooth_map(
     bands: dict[str, np.ndarray], weight: np.ndarray, sample: np.ndarray, start: np.ndarray, iterations: int
 ) -> np.ndarray:
-    """The same by scipy."""
+    """Return the same by scipy."""
     count, width = weight.size, weight.shape[1]
     diagonal = (bands["itself"] + weight).ravel()
     matrix = dia_array((diagonal[None], [0]), shape=(count, count))
@@ -305,7 +305,7 @@ def ground_prior(cameras: CameraPath) -> np.ndarray:
 
 
 def mean_down(cameras: CameraPath) -> np.ndarray:
-    """(3,) unit vector in the world: down in the mean camera."""
+    """Return (3,) unit vector in the world: down in the mean camera."""
     down = cameras.world_to_camera[:, 1, :3].mean(0)
     return down / max(float(np.linalg.norm(down)), 1e-9)
 

@@ -69,7 +69,7 @@ Flow = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def dis(preset: str, refine_iterations: int) -> Flow:
-    """A function (grey (H,W) uint8, grey (H,W) uint8) -> flow (H,W,2) float32, pixels; F4xError: unknown preset."""
+    """Return a function (grey (H,W) uint8, grey (H,W) uint8) -> flow (H,W,2) float32, pixels; F4xError: unknown preset."""
     import cv2
 
     presets = {
@@ -96,7 +96,7 @@ def dis(preset: str, refine_iterations: int) -> Flow:
 
 
 def grey(frames: np.ndarray) -> np.ndarray:
-    """(F,H,W,3) uint8 RGB to (F,H,W) uint8."""
+    """Return (F,H,W,3) uint8 RGB to (F,H,W) uint8."""
     import cv2
 
     return np.stack([cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames])
@@ -134,7 +134,7 @@ def _plain_sample(image: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 @lru_cache(4)
 def pixel_grid(height: int, width: int) -> np.ndarray:
-    """(H,W,2) float32 pixel centres (x, y), not to be written to."""
+    """Return (H,W,2) float32 pixel centres (x, y), not to be written to."""
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     grid = np.stack([columns, rows], -1).astype(np.float32)
     grid.setflags(write=False)
@@ -155,23 +155,23 @@ def warp(image: np.ndarray, flow: np.ndarray) -> np.ndarray:
 
 
 def length(vectors: np.ndarray) -> np.ndarray:
-    """(...,2) -> (...): Euclidean length, several times faster than `np.linalg.norm` over so short an axis."""
+    """Return (...,2) -> (...): Euclidean length, several times faster than `np.linalg.norm` over so short an axis."""
     return np.hypot(vectors[..., 0], vectors[..., 1])
 
 
 def inside(points: np.ndarray, height: int, width: int) -> np.ndarray:
-    """(...,2) -> (...) bool: within the picture, its edges included."""
+    """Return (...,2) -> (...) bool: within the picture, its edges included."""
     x, y = points[..., 0], points[..., 1]
     return (x >= 0) & (y >= 0) & (x <= width) & (y <= height)
 
 
 def consistent(there: np.ndarray, back: np.ndarray) -> np.ndarray:
-    """(H,W) bool: |f(p) + b(p+f)| < 0.5 (|f| + |b|) + 0.5 px (MoSca's test), and p + f inside the picture."""
+    """Return (H,W) bool: |f(p) + b(p+f)| < 0.5 (|f| + |b|) + 0.5 px (MoSca's test), and p + f inside the picture."""
     return agree(pixel_grid(*there.shape[:2]), there, warp(back, there), *there.shape[:2])
 
 
 def consistent_at(points: np.ndarray, there: np.ndarray, back: np.ndarray) -> np.ndarray:
-    """The same test at `points` (...,2) with flow `there` (...,2), against the dense flow `back` (H,W,2)."""
+    """Return the same test at `points` (...,2) with flow `there` (...,2), against the dense flow `back` (H,W,2)."""
     return agree(points, there, sample(back, points + there), *back.shape[:2])
 
 
@@ -256,7 +256,7 @@ def _chain(flows: np.ndarray, gap: int, out: np.ndarray, frame: int) -> None:
 
 
 def scratch_array(shape: tuple[int, ...]) -> np.ndarray:
-    """A float16 array of zeros in an unnamed temporary file: long clips would not fit into memory."""
+    """Return a float16 array of zeros in an unnamed temporary file: long clips would not fit into memory."""
     size = 2 * math.prod(shape)
     try:
         with tempfile.TemporaryFile() as file:
@@ -306,7 +306,7 @@ def _after_homography(
 
 
 def _homography(first: np.ndarray, second: np.ndarray) -> np.ndarray | None:
-    """(3,3) from the pixels of one picture to those of another by matched SIFT features; None where too few agree."""
+    """Return (3,3) from the pixels of one picture to those of another by matched SIFT features; None where too few agree."""
     import cv2
 
     sift = cv2.SIFT.create(FEATURES)
@@ -325,7 +325,7 @@ def _homography(first: np.ndarray, second: np.ndarray) -> np.ndarray | None:
 
 
 def _beyond(first: np.ndarray, second: np.ndarray, homography: np.ndarray, flow: Flow) -> np.ndarray:
-    """(H,W,2) flow whose start is a homography between the pixels (centres at 0) of two pictures."""
+    """Return (H,W,2) flow whose start is a homography between the pixels (centres at 0) of two pictures."""
     import cv2
 
     height, width = first.shape
@@ -342,7 +342,7 @@ def _beyond(first: np.ndarray, second: np.ndarray, homography: np.ndarray, flow:
 
 
 def _better(first: np.ndarray, second: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(H,W,2) per pixel the flow that misses the grey levels around it by less; one that leaves the picture misses most."""
+    """Return (H,W,2) per pixel the flow that misses the grey levels around it by less; one that leaves the picture misses most."""
     missed = []
     for candidate in (one, other):
         error = abs(warp(second.astype(np.float32), candidate) - first)
@@ -360,14 +360,14 @@ class _Shift:
     high: np.ndarray
 
     def reversed(self) -> _Shift:
-        """The same, seen from the second picture."""
+        """Return the same, seen from the second picture."""
         return _Shift(-self.motion, self.low + self.motion, self.high + self.motion)
 
 
 def _find_lost(
     first: np.ndarray, second: np.ndarray, there: np.ndarray, back: np.ndarray, flow: Flow
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The flows `there` and `back` (H,W,2), replaced where something small moves that they miss."""
+    """Return the flows `there` and `back` (H,W,2), replaced where something small moves that they miss."""
     missed_there, missed_back = _missed(first, second, there), _missed(second, first, back)
     shifts = _shifts(first, second, there, missed_there > MISSED)
     shifts += [shift.reversed() for shift in _shifts(second, first, back, missed_back > MISSED)]
@@ -447,7 +447,7 @@ def _moved(picture: np.ndarray, by: np.ndarray, shape: tuple[int, ...]) -> np.nd
 
 
 def _best_shift(picture: np.ndarray, aligned: np.ndarray, region: np.ndarray, reach: int) -> np.ndarray | None:
-    """(2,) whole pixels up to `reach` that bring most of what is left over at a `region` (h,w) onto what is left over.
+    """Return (2,) whole pixels up to `reach` that bring most of what is left over at a `region` (h,w) onto what is left over.
 
     `aligned` (h,w) is the other picture laid over `picture` (h,w) by the motion of the surroundings. Where a thing was and
     where it goes the two differ, and nowhere else. None: nothing is left over, or it hardly moves (`KNOWN_SHIFT`).

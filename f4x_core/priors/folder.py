@@ -278,7 +278,7 @@ def file_of(folder: Path, name: str) -> Path:
 
 
 def sources_in(folder: Path) -> dict[str, str]:
-    """The whole path of every prior's file, for `Priors.validate`."""
+    """Return the whole path of every prior's file, for `Priors.validate`."""
     return {name: str(file_of(folder, name)) for name in FIELDS}
 
 
@@ -322,7 +322,7 @@ def _digest_bytes(data: bytes) -> str:
 
 
 def _encode(value: Any) -> bytes:
-    """The bytes of a file: `.npy` of an array, JSON of a camera path or of plain values."""
+    """Return the bytes of a file: `.npy` of an array, JSON of a camera path or of plain values."""
     if isinstance(value, np.ndarray):
         buffer = io.BytesIO()
         np.save(buffer, value, allow_pickle=False)

@@ -40,7 +40,7 @@ class Bend:
         return abs(self.bend) >= MIN_BEND and self.saved >= MIN_SAVED
 
     def advice(self, width: int, height: int) -> str:
-        """A sentence that says what to do with a film of this shape."""
+        """Return a sentence that says what to do with a film of this shape."""
         k1, k2 = self.ffmpeg(width, height)
         shape = "barrel" if self.bend > 0 else "pincushion"
         return (
@@ -63,7 +63,7 @@ class Bend:
 def measure(
     bundle: Bundle, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, config: BundleConfig
 ) -> Bend | None:
-    """The bend that explains static tracks best, from the cameras found with a straight lens; None with too few tracks.
+    """Return the bend that explains static tracks best, from the cameras found with a straight lens; None with too few tracks.
 
     `tracks (F,N,2)` pixels, `visible (F,N)`, `static (N,)`: all frames of `bundle`.
     """

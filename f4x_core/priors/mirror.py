@@ -138,7 +138,7 @@ def adjust_coarse_to_fine(bundle: Bundle, observations: Observations, config: Bu
 
 
 def mirrored(bundle: Bundle) -> Bundle:
-    """The mirror image in depth: centres reflected at the middle camera's, inverse distance -> largest + smallest - it.
+    """Return the mirror image in depth: centres reflected at the middle camera's, inverse distance -> largest + smallest - it.
 
     Each camera is turned so that its points stay where they were seen, as well as a turn can do it.
     """
@@ -171,7 +171,7 @@ def choose_orientation(
     config = replace(config, robust_px=GRADUAL_PX[-1])
 
     def both(start: Bundle) -> tuple[Bundle, Bundle]:
-        """A start adjusted, and its mirror image."""
+        """Return a start adjusted, and its mirror image."""
         own = adjust_coarse_to_fine(start, observations, config)
         # At the coarsest scale a mirror image slips back to where it came from.
         return own, adjust_coarse_to_fine(mirrored(own), observations, config, first=1)
@@ -202,7 +202,7 @@ def decide(
 def compare_orientations(
     first: Bundle, second: Bundle, observations: Observations, config: BundleConfig, cues: DepthCues
 ) -> list[Evidence]:
-    """All evidence about two solutions of the same observations, positive in favour of `first`."""
+    """Return all evidence about two solutions of the same observations, positive in favour of `first`."""
     errors = [float(np.median(bundle.errors(observations))) for bundle in (first, second)]
     apart = _standard_errors(first, second, observations, config)
     found = [
@@ -328,7 +328,7 @@ def _tracks_end_behind(first: _TrackDepths, second: _TrackDepths, cues: DepthCue
 
 
 def _endings(cues: DepthCues) -> np.ndarray:
-    """(E, 3) int: sampled frame before a static track ends, the track, and the neighbour that comes nearest to it."""
+    """Return (E, 3) int: sampled frame before a static track ends, the track, and the neighbour that comes nearest to it."""
     tracks, visible, static = cues.tracks, cues.visible & cues.static, cues.static
     count, unit = len(tracks), _unit(cues)
     found = []
@@ -355,7 +355,7 @@ def _endings(cues: DepthCues) -> np.ndarray:
 
 
 def _inside(cues: DepthCues, frame: int) -> np.ndarray:
-    """(N,) bool: tracks away from the rim of the picture and from moving objects."""
+    """Return (N,) bool: tracks away from the rim of the picture and from moving objects."""
     from scipy.ndimage import binary_dilation
 
     margin = RIM_PX * _unit(cues)

@@ -149,7 +149,7 @@ def _over_time(frames: np.ndarray, masks: np.ndarray, maps: DepthMaps, priors: P
 def _ground_edges(
     frames: np.ndarray, masks: Sequence[np.ndarray] | np.ndarray, maps: DepthMaps, priors: Priors
 ) -> list[GroundEdge | None]:
-    """The ground below a mover's masks (f, H, W) in the rows `frames (f,)` of the priors."""
+    """Return the ground below a mover's masks (f, H, W) in the rows `frames (f,)` of the priors."""
     assert priors.cameras is not None
 
     def find(i: int) -> GroundEdge | None:
@@ -166,7 +166,7 @@ def _row(number: int, frames: np.ndarray, decided_by: str, degrees: float, prior
 
 
 def _labels_of_tracks(labels: np.ndarray, priors: Priors) -> np.ndarray:
-    """(F, N) label under every visible track sample, 0 elsewhere."""
+    """Return (F, N) label under every visible track sample, 0 elsewhere."""
     if priors.tracks is None or priors.tracks_visible is None:
         return np.zeros((len(labels), 0), int)
     found = np.zeros(priors.tracks_visible.shape, int)
@@ -177,7 +177,7 @@ def _labels_of_tracks(labels: np.ndarray, priors: Priors) -> np.ndarray:
 
 
 def _tracks_mostly_inside(inside: np.ndarray, priors: Priors) -> np.ndarray:
-    """(N,) bool: tracks whose visible samples mostly lie `inside (F, N)`."""
+    """Return (N,) bool: tracks whose visible samples mostly lie `inside (F, N)`."""
     if priors.tracks_visible is None:
         return np.zeros(0, bool)
     hits = inside.sum(0)
@@ -223,7 +223,7 @@ def _in_one_component(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def _rigid_bodies(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
-    """The rigid bodies of a region, the one with most tracks first; the region itself where none is found."""
+    """Return the rigid bodies of a region, the one with most tracks first; the region itself where none is found."""
     found: list[_MovingObject] = []
     left = region.tracks
     while len(found) < MAX_BODIES and len(left) >= MIN_POINTS:
@@ -254,12 +254,12 @@ def _is_separate_object(some: np.ndarray, others: np.ndarray, frames: np.ndarray
 
 
 def _inliers_only(motion: OwnMotion) -> OwnMotion:
-    """The motion restricted to the tracks that follow the body."""
+    """Return the motion restricted to the tracks that follow the body."""
     return replace(motion, z=motion.z[:, motion.inliers], inliers=motion.inliers[motion.inliers])
 
 
 def _tracks_on(mover: _MovingObject, priors: Priors) -> TracksOnObject:
-    """The tracks of a moving object with the cameras of its frames."""
+    """Return the tracks of a moving object with the cameras of its frames."""
     assert priors.tracks is not None and priors.tracks_visible is not None and priors.cameras is not None
     tracks = priors.tracks[np.ix_(mover.frames, mover.tracks)].astype(np.float64)
     visible = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)].copy()
@@ -336,7 +336,7 @@ def _bulge(mask: np.ndarray) -> np.ndarray:
 
 
 def _from_outline(mask: np.ndarray) -> np.ndarray:
-    """(H, W) float32 pixels from the pixels of `mask (H, W)` to its outline; the border of the picture is one, too."""
+    """Return (H, W) float32 pixels from the pixels of `mask (H, W)` to its outline; the border of the picture is one, too."""
     import cv2
 
     return cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]

@@ -74,7 +74,7 @@ class Background:
 def refine_mask(
     frames: np.ndarray, inverse: np.ndarray, mask: np.ndarray, people: np.ndarray | None, cameras: CameraPath
 ) -> np.ndarray:
-    """(F, H, W) bool: the moving `mask (F, H, W)` without shadows and halos, with thin parts beside it.
+    """Return (F, H, W) bool: the moving `mask (F, H, W)` without shadows and halos, with thin parts beside it.
 
     frames: (F, H, W, 3) uint8; inverse: (F, H, W) float32 inverse depth of the background; people: (F, H, W) bool, if known, pixels
     that show somebody, who stay in the mask where they do not look like the background. Constants were chosen on
@@ -121,7 +121,7 @@ def refine_mask(
 
 
 def _hiding(solid: np.ndarray) -> np.ndarray:
-    """(F, H, W) bool: pixels that do not show the background, of `solid (F, H, W)` masks."""
+    """Return (F, H, W) bool: pixels that do not show the background, of `solid (F, H, W)` masks."""
     import cv2
 
     wide = np.ones((2 * BETWEEN + 1, 2 * BETWEEN + 1), np.uint8)
@@ -220,7 +220,7 @@ def _refined(
 def _missing_parts(
     picture: np.ndarray, behind: Background, kept: np.ndarray, same: np.ndarray, tinted: np.ndarray
 ) -> np.ndarray:
-    """(H, W) bool: parts of a mover that its mask lacks as a whole: regions of `picture (H, W, 3)` that do not look like the
+    """Return (H, W) bool: parts of a mover that its mask lacks as a whole: regions of `picture (H, W, 3)` that do not look like the
     background, touch what is `kept (H, W)` of the mask and end where the background shows, `same (H, W)`.
 
     A ball that rolls moves as the background behind it on one side; no pixel of it need differ from all that is near.
@@ -284,7 +284,7 @@ def _like_background(
 
 
 def _opened(region: np.ndarray, side: int) -> np.ndarray:
-    """(H, W) uint8: the `region (H, W)` bool without what is narrower than `side` pixels."""
+    """Return (H, W) uint8: the `region (H, W)` bool without what is narrower than `side` pixels."""
     import cv2
 
     return cv2.morphologyEx(region.astype(np.uint8), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))

@@ -194,7 +194,7 @@ def _at_all_frames(
 
 
 def _in_every_frame(whole: Bundle, tracks: np.ndarray, seen: TracksOnObject, usual: float) -> OwnMotion | None:
-    """All tracks triangulated from all frames, and the depth of those that follow the body."""
+    """Return all tracks triangulated from all frames, and the depth of those that follow the body."""
     count = tracks.shape[1]
     frame, point = np.nonzero(seen.visible)
     sighted = Observations(frame, point, tracks[frame, point].astype(np.float64), np.ones(len(frame)))

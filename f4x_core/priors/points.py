@@ -50,7 +50,7 @@ class FittedPoints:
 
 
 def fit_points(cameras: CameraPath, tracks: np.ndarray, seen: np.ndarray, rounds: int = 0) -> FittedPoints:
-    """The points nearest to the rays of `tracks (F,n,2)` in pixels in the frames in which they are `seen (F,n)`.
+    """Return the points nearest to the rays of `tracks (F,n,2)` in pixels in the frames in which they are `seen (F,n)`.
 
     In so many further `rounds` sightings that miss the point count less: tracks slip where something passes before them.
     """

@@ -58,7 +58,7 @@ def match_anew(pictures: np.ndarray, seen: Observations) -> Observations:
 
 
 def _anchors(seen: Observations) -> np.ndarray:
-    """(O,) int: the sighting that holds the patch of each one's point, near the middle of the point's life."""
+    """Return (O,) int: the sighting that holds the patch of each one's point, near the middle of the point's life."""
     order = np.lexsort((seen.frame, seen.point))
     _, first, point, number = np.unique(seen.point[order], return_index=True, return_inverse=True, return_counts=True)
     middle = seen.frame[order][first + number // 2]  # (P,)

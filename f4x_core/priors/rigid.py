@@ -84,7 +84,7 @@ def explained_fraction(bundle: Bundle, tracks: np.ndarray, visible: np.ndarray) 
 def flow_beyond_cameras(
     cameras: CameraPath, mask: np.ndarray, flows: dict[int, np.ndarray], gaps: tuple[int, ...]
 ) -> np.ndarray:
-    """(F,h,w) float32 in 0..1 on every `STEP`-th pixel: how surely the flow there is not the cameras' own; 1 away from
+    """Return (F,h,w) float32 in 0..1 on every `STEP`-th pixel: how surely the flow there is not the cameras' own; 1 away from
     the mask.
 
     `mask (F,H,W)` bool; `flows`: signed gap -> (F,H,W,2) pixels, of which `gaps` count, both ways. One inverse depth per pixel
@@ -160,7 +160,7 @@ class _DepthFit:
 
 
 def _apart_from_the_rest(fit: _DepthFit, asked: np.ndarray, near: np.ndarray, by_itself: np.ndarray) -> np.ndarray:
-    """(P,) pixels of parallax by which the pixels `asked (h,w)` lie behind all that stands still around those that are
+    """Return (P,) pixels of parallax by which the pixels `asked (h,w)` lie behind all that stands still around those that are
     `near (h,w)` the mask, less than 0 before it; `by_itself (P,)` is the score of their flow. What is around lies infinitely
     far away where nothing is known of it.
 

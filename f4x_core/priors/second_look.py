@@ -158,12 +158,12 @@ def _stands_still(priors: Priors, asked: np.ndarray) -> np.ndarray:
 
 
 def _released(mask: np.ndarray, tracks: np.ndarray, visible: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """(F,H,W) bool: pixels of `mask (F,H,W)` around which most tracks (F,n,2) stand still (n,)."""
+    """Return (F,H,W) bool: pixels of `mask (F,H,W)` around which most tracks (F,n,2) stand still (n,)."""
     return (_votes(tracks, visible, np.where(stands, 1.0, -1.0), mask.shape[1:]) > 0) & mask
 
 
 def _votes(tracks: np.ndarray, visible: np.ndarray, vote: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
-    """(F,H,W) float32: what the tracks (F,n,2) around each pixel of pictures of `size (H, W)` vote, each its `vote (n,)`."""
+    """Return (F,H,W) float32: what the tracks (F,n,2) around each pixel of pictures of `size (H, W)` vote, each its `vote (n,)`."""
     import cv2
 
     height, width = size

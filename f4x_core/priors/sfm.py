@@ -131,7 +131,7 @@ def solve_rotations(
     principal: np.ndarray,
     max_count: int = 1000,
 ) -> Solution:
-    """A camera that only turns: rotations chained over neighbouring frames, to be adjusted by the caller.
+    """Return a camera that only turns: rotations chained over neighbouring frames, to be adjusted by the caller.
 
     `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. Centres are zero and points lie at distance 1.
     """
@@ -296,7 +296,7 @@ def search_focal(
     translating: bool = True,
     expected: float = DEFAULT_FOCAL,
 ) -> tuple[Solution, dict[str, list[float]]]:
-    """A sample of the solution adjusted at the focal length its observations prefer, and the curve of errors.
+    """Return a sample of the solution adjusted at the focal length its observations prefer, and the curve of errors.
 
     `candidates` and `expected` are in picture widths. For each the cameras and points of the sample are adjusted with the focal
     length held; `FOCAL_PRIOR` decides where the curve is flat (little parallax, little rotation).
@@ -318,7 +318,7 @@ def search_focal(
 
 
 def refocused(solution: Solution, focal: float, translating: bool = True) -> Solution:
-    """The solution with another focal length: rotations shrink or grow so that the picture turns as fast as before."""
+    """Return the solution with another focal length: rotations shrink or grow so that the picture turns as fast as before."""
     bundle, middle = solution.bundle, len(solution.bundle.rotation) // 2
     reference = bundle.rotation[middle]
     relative = quaternion.to_rotation_vector(quaternion.from_matrix(bundle.rotation @ reference.T))
@@ -430,7 +430,7 @@ def _first_pair(
 
 
 def _next_frame(registered: np.ndarray, observations: Observations, bundle: Bundle) -> int | None:
-    """The unregistered frame that sees most known points, among those next to a registered one."""
+    """Return the unregistered frame that sees most known points, among those next to a registered one."""
     known = np.isfinite(bundle.points).all(1)
     count = np.bincount(observations.frame[known[observations.point]], minlength=len(registered))
     count = np.where(beside(registered) & ~registered, count, 0)
@@ -438,7 +438,7 @@ def _next_frame(registered: np.ndarray, observations: Observations, bundle: Bund
 
 
 def beside(chosen: np.ndarray) -> np.ndarray:
-    """(F,) bool: frames one before or behind a chosen one."""
+    """Return (F,) bool: frames one before or behind a chosen one."""
     near = np.zeros_like(chosen)
     near[1:] |= chosen[:-1]
     near[:-1] |= chosen[1:]

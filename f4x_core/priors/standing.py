@@ -106,7 +106,7 @@ class StillnessTest:
         return Standing(float(standing), float(covered), float(jitter), MAX_JITTER_PX * self.unit)
 
     def turns(self, report: Callable[[int], None] | None = None) -> np.ndarray:
-        """(F, 3, 3) rotations from the axes of the first frame; exactly 1 where the jitter is noise.
+        """Return (F, 3, 3) rotations from the axes of the first frame; exactly 1 where the jitter is noise.
 
         `report` is called with the number of frames done.
         """
@@ -144,7 +144,7 @@ class StillnessTest:
         return there, (ahead[:, 0] > 0) & (behind[:, 0] > 0) & close
 
     def _rotation(self, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The turn that takes places `here (n, 2)` to `there (n, 2)`, and what it misses them by `(n,)` pixels."""
+        """Return the turn that takes places `here (n, 2)` to `there (n, 2)`, and what it misses them by `(n,)` pixels."""
         middle = np.array([self.width, self.height]) / 2
         a, b = (bearings(uv.astype(np.float64), self.focal, middle) for uv in (here, there))
         return rotation_between(a, b, self.focal)

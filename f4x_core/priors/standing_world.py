@@ -94,13 +94,13 @@ class GuessedWorld:
         return self.horizon_error < KNOWN * HORIZON_SPREAD * self.height
 
     def down(self, camera: Camera) -> np.ndarray:
-        """(3,) unit vector: down in the axes of the camera that defines the world."""
+        """Return (3,) unit vector: down in the axes of the camera that defines the world."""
         focal, middle = camera.intrinsics[1, 1], camera.intrinsics[1, 2]
         down = np.array([0.0, 1.0, (middle - self.horizon) / focal])
         return down / np.linalg.norm(down)
 
     def inverse_depth(self, cameras: CameraPath, feet: np.ndarray | None = None) -> np.ndarray:
-        """(F, H, W) float32 inverse depth; the unit is that of the camera's height above the ground.
+        """Return (F, H, W) float32 inverse depth; the unit is that of the camera's height above the ground.
 
         feet: (H,W) row of the foot of the upright object at each pixel of the first frame, 0 for none.
         """
@@ -131,13 +131,13 @@ class GuessedWorld:
         return np.maximum(tilt[1] * (row - camera.intrinsics[1, 2]) / camera.intrinsics[1, 1] + tilt[2], 0)
 
     def error(self) -> np.ndarray:
-        """(H,) relative error of the depth of the ground in every row; infinite above its end."""
+        """Return (H,) relative error of the depth of the ground in every row; infinite above its end."""
         below = np.arange(self.height) + 0.5 - self.horizon
         error = np.hypot(self.horizon_error / np.maximum(below, 1e-6), MIN_ERROR)
         return np.where(below + self.horizon > self.base, error, np.inf)
 
     def confidence(self) -> np.ndarray:
-        """(H,) 0..1 of every row: that of a guess, and of the ground as its error says where contacts tell it."""
+        """Return (H,) 0..1 of every row: that of a guess, and of the ground as its error says where contacts tell it."""
         known = 1 / (1 + PRECISION_OF_HALF * self.error() ** 2)
         return np.maximum(known, GUESS_CONFIDENCE) if self.known else np.full(self.height, GUESS_CONFIDENCE)
 

@@ -174,7 +174,7 @@ def plane_costs(
 
 
 def _homographies(cameras: CameraPath, frame: int, other: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
-    """(3, 3) `A` and `B`: `A + rho B` takes samples (columns and rows from 0) of the plane of inverse depth `rho` to pixels
+    """Return (3, 3) `A` and `B`: `A + rho B` takes samples (columns and rows from 0) of the plane of inverse depth `rho` to pixels
     (from 0) of another frame."""
     here, there = cameras[frame], cameras[other]
     relative = there.world_to_camera @ here.camera_to_world
@@ -228,7 +228,7 @@ def _best_planes(costs: np.ndarray, step: int, right: np.ndarray, below: np.ndar
 
 
 def _plain_best_planes(costs: np.ndarray, step: int, right: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """The same by numpy."""
+    """Return the same by numpy."""
     sums = np.zeros(costs.shape, np.int32)
     for axis, jump in ((1, right), (0, below)):
         lines, penalty, into = (np.moveaxis(each, axis, 0) for each in (costs, jump, sums))

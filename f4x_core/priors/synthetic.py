@@ -51,7 +51,7 @@ CHANNEL_ORDER = "XYZWRGBAUV"
 
 
 def read_passes(path: str | Path) -> dict[str, np.ndarray]:
-    """The passes of a multilayer EXR: pass name -> `(H, W)` or `(H, W, C)` float32, channels in the order XYZW / RGBA.
+    """Return the passes of a multilayer EXR: pass name -> `(H, W)` or `(H, W, C)` float32, channels in the order XYZW / RGBA.
 
     Reads Blender 4.x files (one part, `ViewLayer.IndexOB.X`) and 5.x files (a part per pass, `ViewLayer.Object Index.X`);
     names are those of 5.x without the view layer. F4xError when the file cannot be read.
@@ -333,7 +333,7 @@ def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pr
 
 
 def _truth(clip: Clip, priors: Priors, progress: Progress) -> Truth:
-    """The truth, read once for all stages."""
+    """Return the truth, read once for all stages."""
     if "truth" not in priors.scratch:
         priors.scratch["truth"] = Truth.read(clip, progress)
     return priors.scratch["truth"]

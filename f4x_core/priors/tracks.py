@@ -168,7 +168,7 @@ class ObjectFlows:
         return np.where(slipped[:, None], target + 0.5, points)
 
     def pull_each(self, points: np.ndarray, frames: np.ndarray) -> np.ndarray:
-        """The same for points (P,2) of different frames (P,)."""
+        """Return the same for points (P,2) of different frames (P,)."""
         pulled = points.copy()
         for frame in np.unique(frames):
             pulled[frames == frame] = self.pull(points[frames == frame], frame)
@@ -334,7 +334,7 @@ def continue_lost(
 
 
 def _seen_again(company: _Company, rows: np.ndarray, pictures: np.ndarray, t: int) -> np.ndarray:
-    """(L,2) where the lost points `rows (L,)` of a company are seen in frame `t`, NaN where they are not."""
+    """Return (L,2) where the lost points `rows (L,)` of a company are seen in frame `t`, NaN where they are not."""
     from scipy.spatial import cKDTree
 
     tracks, lost, end = company.tracks, company.lost[rows], company.end
@@ -424,14 +424,14 @@ class _Company:
 
 
 def _median_of_first(values: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """(L,2) medians of the first `count (L,)` of `values (L,n,2)`; `np.nanmedian` takes ten times as long over so few."""
+    """Return (L,2) medians of the first `count (L,)` of `values (L,n,2)`; `np.nanmedian` takes ten times as long over so few."""
     ordered = np.sort(np.where(np.arange(values.shape[1])[:, None] < count[:, None, None], values, np.inf), axis=1)
     rows = np.arange(len(values))
     return (ordered[rows, (count - 1) // 2] + ordered[rows, count // 2]) / 2
 
 
 def _patches(pictures: np.ndarray, tracks: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """(N,P) float32 patches around tracks (F,N,2) at one frame each (N,), normalised so that products correlate them."""
+    """Return (N,P) float32 patches around tracks (F,N,2) at one frame each (N,), normalised so that products correlate them."""
     window = np.stack(np.meshgrid(np.arange(-PATCH, PATCH + 1), np.arange(-PATCH, PATCH + 1)), -1).reshape(-1, 2)
     patches = np.zeros((len(frames), len(window)), np.float32)
     for frame in np.unique(frames):

@@ -124,7 +124,7 @@ def _grow(bundle: Bundle, seen: Observations, trusted: np.ndarray) -> Bundle:
 
 
 def _within(bundle: Bundle, seen: Observations, tracks: np.ndarray, limit: float, rounds: int = 0) -> np.ndarray:
-    """(F,) bool: frames that see enough of the `tracks` and miss them by at most `limit` pixels (`frame_errors`)."""
+    """Return (F,) bool: frames that see enough of the `tracks` and miss them by at most `limit` pixels (`frame_errors`)."""
     enough = np.bincount(seen.frame, minlength=len(bundle.center)) >= MIN_SIGHTINGS
     return enough & (frame_errors(bundle, seen, len(tracks), rounds) <= limit)  # NaN compares false
 
@@ -159,7 +159,7 @@ def _register(bundle: Bundle, seen: Observations, trusted: np.ndarray, frame: in
 
 
 def _steady(bundle: Bundle, seen: Observations) -> np.ndarray:
-    """(P,) bool: which points of the bundle are met by most of what is `seen` of them."""
+    """Return (P,) bool: which points of the bundle are met by most of what is `seen` of them."""
     error = np.nan_to_num(bundle.errors(seen), nan=WORST_PX, posinf=WORST_PX)
     count = np.bincount(seen.point, minlength=len(bundle.points))
     square = np.bincount(seen.point, np.minimum(error, WORST_PX) ** 2, len(bundle.points))

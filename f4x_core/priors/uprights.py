@@ -58,7 +58,7 @@ def feet_of_uprights(clip: Clip, priors: Priors, end: float) -> np.ndarray:
 
 
 def background(clip: Clip, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
-    """(H,W,3) uint8 median of some frames where nothing moves, and the moving masks of these frames (f,H,W)."""
+    """Return (H,W,3) uint8 median of some frames where nothing moves, and the moving masks of these frames (f,H,W)."""
     chosen = evenly_spaced(len(priors.frames), PLATE_FRAMES)
     pictures = clip.frames[priors.frames[chosen]]
     moving = np.zeros(pictures.shape[:3], bool) if priors.mask is None else priors.mask[chosen]
@@ -70,7 +70,7 @@ def background(clip: Clip, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
 
 
 def like_ground(picture: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(H,W) bool: pixels of `picture (H,W,3)` whose color is one of those of the ground, `known (H,W)`."""
+    """Return (H,W) bool: pixels of `picture (H,W,3)` whose color is one of those of the ground, `known (H,W)`."""
     import cv2
 
     samples = known.sum()

@@ -76,7 +76,7 @@ def find_zoom(sample: Solution, frames: np.ndarray, lens: BundleConfig) -> Zoom:
 
 
 def zoomed(turning: Solution, zoom: Zoom, known: float | None) -> Solution:
-    """All frames of a turning camera, adjusted with the zoom found; `known`: focal length of the first frame in pixels."""
+    """Return all frames of a turning camera, adjusted with the zoom found; `known`: focal length of the first frame in pixels."""
     logarithm = np.interp(np.arange(len(turning.bundle.center)), zoom.frames, zoom.logarithm)
     usual = float(np.exp(logarithm.mean()))
     start = refocused(turning, usual, translating=False)
