@@ -39,7 +39,7 @@ class Look:
     image: bpy.types.Image | None = None
     """Image that holds the color."""
     uv_map: str = ""
-    """Its UV map on the mesh; empty = the mesh's own for renders."""
+    """Name of its UV map on the mesh; empty = the mesh's own for renders."""
 
 
 class Images:

@@ -13,7 +13,7 @@ from ..rig.native_motion import carried_places
 from ..scene.scene_object import PREVIEW, SELECTED, SceneObject
 
 COLOUR = (1.0, 0.05, 0.6, 0.3)
-"""Not the orange in which Blender outlines objects, and rare in pictures; what the points look like shows through."""
+"""Pink: rare in pictures, unlike the orange in which Blender outlines objects; the points' own color shows through."""
 SIZE = 2.0
 """Pixels of a point at a scale of 1."""
 

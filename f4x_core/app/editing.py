@@ -51,7 +51,7 @@ class Edited:
     before: Scene
     """The scene with the edits that it had."""
     after: Scene
-    """With the new ones."""
+    """The scene with the new edits, too."""
     proposal: Proposal
     """All readings that were compared."""
 

@@ -1,4 +1,4 @@
-"""From a clip to a scene with its pages: at once or in windows, with features and an appearance for linear light."""
+"""Makes a scene with its pages of a clip: at once or in windows, with features and an appearance for linear light."""
 
 from __future__ import annotations
 

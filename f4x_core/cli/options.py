@@ -61,7 +61,7 @@ def clip_options(sub: argparse.ArgumentParser) -> None:
 
 
 def edits_option(sub: argparse.ArgumentParser) -> None:
-    """With or without the edits of a scene."""
+    """Add the option that leaves the edits of a scene out."""
     sub.add_argument("--without-edits", dest="edits", action="store_false", help="the scene as it was fitted")
 
 

@@ -34,11 +34,11 @@ class Shown(NamedTuple):
     pixels: np.ndarray
     """(H, W, 3) uint8 sRGB."""
     seconds: float
-    """Its time stamp; NaN where the file has none."""
+    """Time stamp; NaN where the file has none."""
     tick: float
     """Seconds to which time stamps are rounded."""
     number: int = 0
-    """Its place among all frames of the source, those that are left out included."""
+    """Index among all frames of the source, those that are left out included."""
     alpha: np.ndarray | None = None
     """(H, W) uint8, 0 where the picture hides its colours; None where it hides nothing."""
 

@@ -1,4 +1,4 @@
-"""From a path that a person gives to a `Clip`."""
+"""Reads a `Clip` from a path that a person gives."""
 
 from collections.abc import Callable
 from functools import partial

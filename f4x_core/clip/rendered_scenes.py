@@ -32,7 +32,7 @@ class CameraMove:
     turn: float = 0.0
     """Degrees that a `pan` turns through."""
     distance: float = 5.0
-    """From the focus at the start, metres."""
+    """Distance from the focus at the start, metres."""
     height: float = 1.6
     """Above the ground, metres."""
     tremble: float = 0.006
@@ -46,9 +46,9 @@ class Swing:
     """A body hangs by a point above it and swings across the view, as far to the left as to the right."""
 
     length: float
-    """From the point to the body's centre, metres."""
+    """Distance from the point to the body's centre, metres."""
     degrees: float
-    """To either side."""
+    """Largest angle to either side."""
     times: float
     """There and back during the clip."""
     lowest: float
@@ -70,7 +70,7 @@ class Way:
     drop: float = 0.0
     """Height (metres) from which it falls at first; it bounces, tumbles and comes to rest on a side."""
     swing: Swing | None = None
-    """It hangs above the curve and swings."""
+    """True if it hangs above the curve and swings."""
 
 
 @dataclass(frozen=True)

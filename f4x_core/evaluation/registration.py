@@ -21,7 +21,7 @@ NEIGHBOURS, REACH = 3, 6
 """Used frames on either side that a held-out frame is matched with, and how many clip frames away they may be: flow fails over
 long gaps, and each neighbour's own camera error averages out."""
 FLOW_PRESET, FLOW_REFINEMENTS = "fine", 0
-"""Of DIS. Variational refinement moves no score by more than 0.02 dB (means of train and of dog)."""
+"""Settings of DIS. Variational refinement moves no score by more than 0.02 dB (means of train and of dog)."""
 CELLS = 60
 """Cells across the picture; each gives at most one point, so that one textured wall does not outvote the rest."""
 MIN_CELL = 6
@@ -57,7 +57,7 @@ class Registration:
     error_px: float
     """Median reprojection error of `camera`, pixels; NaN without points."""
     interpolated_error_px: float
-    """That of the interpolated camera."""
+    """Error in pixels of the interpolated camera."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def resected(start: Camera, points: np.ndarray, pixels: np.ndarray) -> Camera:
 def halfway_offset(
     scene: Scene, frame: int, neighbours: tuple[int, ...], fraction: float, camera: Camera, backend: str = "auto"
 ) -> np.ndarray:
-    """From the pixels of `camera` at clip frame `frame` to where a blend along flow shows the same surface, (H,W,2) float32.
+    """Return (H,W,2) float32: ways from pixels of `camera` at clip `frame` to the same surface in a blend along flow.
 
     A blend puts a surface point on the straight line between its pixels in the two `neighbours`, at `fraction` of the way; the
     scene's depth at `camera` says which point each pixel sees. With one neighbour it is the point's pixel there.

@@ -69,7 +69,7 @@ class TrueClip:
     used: np.ndarray
     """(F,) supervised frames."""
     similarity: Similarity
-    """From the scene's world to the true one."""
+    """Similarity from the scene's world to the true one."""
     focal_ratio: float
     """Fitted focal length divided by the true one."""
     still: bool

@@ -18,7 +18,7 @@ class ImageClass(NamedTuple):
     """One class."""
 
     names: str
-    """Its synonyms, with commas between them."""
+    """Synonyms, with commas between them."""
     kind: str
     """The everyday word for what it is; empty where there is none."""
 

@@ -120,7 +120,7 @@ class Precomputed:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """Not possible: there is no model here, only its results."""
+        """Raise F4xError: there is no model here, only its results."""
         raise F4xError(f"{self.source} holds maps of one clip and cannot encode other pictures.")
 
     def encode_clip(self, frames: Sized) -> Iterator[np.ndarray]:

@@ -1,4 +1,4 @@
-"""From pictures to the tensors that models take, and from one grid to another. Needs torch alone, no torchvision."""
+"""Turns pictures into the tensors that models take, and maps from one grid to another. Needs torch alone, no torchvision."""
 
 from __future__ import annotations
 

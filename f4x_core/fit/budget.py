@@ -48,7 +48,7 @@ that stay in place for 2 to 3."""
 MEMORY_FRACTION = 0.5
 """Fraction of the machine's memory that a fit takes at most where no number is granted."""
 MIN_FRACTION = 0.1
-"""With room for a smaller fraction of the Gaussians than this the result would be smear: the grant is refused."""
+"""Smallest fraction of the Gaussians that a grant must have room for; with fewer the result would be smear."""
 SETS = ("static", "dynamic")
 
 

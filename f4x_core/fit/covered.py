@@ -79,7 +79,7 @@ class _Making:
     """The background while it is made up, view after view."""
 
     scene: Scene
-    """With what has been made up so far."""
+    """The scene with everything made up so far."""
     views: Sequence[View]
     """Small ones, evenly over the clip."""
     first: int

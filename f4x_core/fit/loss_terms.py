@@ -95,7 +95,7 @@ class LossTerm:
     value: Callable[[Rendered], Tensor]
     """The unweighted scalar."""
     every: int = 1
-    """It counts at every n-th step."""
+    """Steps between two at which it counts."""
 
     def due(self, step: int) -> bool:
         """Return True if it counts at `step`."""

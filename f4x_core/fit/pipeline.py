@@ -1,4 +1,4 @@
-"""From a clip to a scene: priors, needs, scaffold, spawning, training; an interrupted fit can be resumed."""
+"""Fits a clip: priors, needs, scaffold, spawning, training; an interrupted fit can be resumed."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class ClipFit:
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time of the stages that are done."""
     whole: bool = True
-    """It is no window of a longer clip: what no frame of it shows is made up (`completed`), and colors change (`tinted_scene`)."""
+    """False for a window of a longer clip. A whole one gets its hidden background (`completed`) and `tinted_scene`."""
 
     def run(self) -> FitResult:
         """Run all stages, one after the other."""

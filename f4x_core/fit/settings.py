@@ -78,9 +78,9 @@ class Setting:
     """One field of a configuration."""
 
     name: str
-    """Its name, with those of its groups before it: `losses.ssim`."""
+    """Name, with those of its groups before it: `losses.ssim`."""
     value: Any
-    """Its value in the configuration that was listed."""
+    """Value in the configuration that was listed."""
     annotation: Any
     """Type annotation of the field."""
     doc: str

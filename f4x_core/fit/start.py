@@ -49,7 +49,7 @@ class Start:
     """None when no moving track can be lifted."""
     needs: list[Need]
     priors: Priors
-    """With depth that lies on the scaffold (`carried_depth`)."""
+    """Priors with depth that lies on the scaffold (`carried_depth`)."""
 
 
 def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Start:

@@ -37,7 +37,8 @@ class TintConfig:
     megabytes: float = 48.0
     """Most that they may take. Where they would take more, every second used frame is such a moment, or every third."""
     iterations: int = 4
-    """Of conjugate gradients. A fifth brings at most .03 dB to frames between the moments, twelve but 2 dB to those at them."""
+    """Iterations of conjugate gradients. A fifth brings at most .03 dB to frames between the moments; twelve bring 2 dB, but to those
+    at them."""
     damping: float = 0.05
     """Squared weight, in pixels, below which a Gaussian's color hardly follows. Four times as much loses .1 to .4 dB."""
 
@@ -151,7 +152,7 @@ class _View:
     """One frame as a linear map from the tints of N Gaussians: those that stand still count where nothing moves alone."""
 
     weights: BlendWeights
-    """With six channels where some Gaussians are dynamic, else with three."""
+    """Blend weights of a frame: six channels where some Gaussians are dynamic, else three."""
     moves: np.ndarray
     """(N,1) float32 1 for dynamic Gaussians."""
     counts: np.ndarray

@@ -83,7 +83,7 @@ class Trainer:
         self.step = 0
         """Steps done."""
         self.loss = math.nan
-        """Of the last step."""
+        """Loss of the last step."""
         self.history: list[dict[str, float]] = []
         """The quality curve."""
         self.band_gains: list[float] = []
@@ -261,12 +261,12 @@ class Trainer:
         self.model.nodes = NodeSet(with_graph(nodes.snapshot(), nodes.graph), nodes.graph, nodes.parameters)
 
     def _learn_offsets(self) -> None:
-        """From here on the graph is frozen, because the offsets belong to its edges."""
+        """Learn the offsets of skinning weights; the graph is frozen from here on, because they belong to its edges."""
         assert self.model.dynamic is not None
         self.model.dynamic.use_dw = True
 
     def _consider_harmonics(self) -> None:
-        """See whether one more degree of harmonics pays, and add it; one that is set by hand is added anyway."""
+        """Add one more degree of harmonics if it pays; one that is set by hand is added anyway."""
         config, degree = self.config, degree_of(self.model.static.sh.shape[1])
         allowed = config.max_sh_degree if config.sh_degree is None else config.sh_degree
         if degree >= min(allowed, len(config.harmonics_at)):

@@ -80,11 +80,11 @@ class Drawing:
     """Arguments of `NativeDrawing` that have no gradient."""
 
     centre: tuple[float, float, float]
-    """Of the camera."""
+    """Centre of the camera."""
     channels: int
     """3 colours; 4 with the mark of what is dynamic; 7 with positions."""
     time: float
-    """That is drawn, in clip frames."""
+    """Time that is drawn, in clip frames."""
     born: Tensor | None
     """(N,) clip time at which each Gaussian of the set with lifetimes has its reference."""
     whole: float

@@ -49,7 +49,7 @@ class DepthEvidence:
     focal: float
     """Focal length in picture widths."""
     depth_error: float
-    """Of static depth, by its confidence."""
+    """Relative error of static depth, by its confidence."""
     view_degrees: float | None
     """Median angle between the outermost viewing rays of a static point; None where depth does not come from them."""
     ray_noise: float
@@ -57,7 +57,7 @@ class DepthEvidence:
     mirror_probability: float
     """0..1: that near and far are exchanged."""
     moving_error: float | None
-    """Of the depth of moving objects; None where nothing moves."""
+    """Relative error of the depth of moving objects; None where nothing moves."""
 
 
 @dataclass(frozen=True)

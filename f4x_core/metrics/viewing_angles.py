@@ -1,4 +1,4 @@
-"""From how many sides a clip shows things: viewing angles of static points, of moving groups, and DyCheck's angular factor.
+"""Viewing angles of a clip: of static points, of moving groups, and DyCheck's angular factor.
 
 A depth error becomes visible from the side only; what was seen from one direction alone has no measured depth. numpy, no torch.
 """
@@ -29,7 +29,7 @@ MIN_SIGHTINGS = 2
 
 @dataclass(frozen=True)
 class GroupView:
-    """From how many sides one group of moving nodes was seen, by its own turning and by the camera's path."""
+    """Viewing angles of one group of moving nodes, by its own turning and by the camera's path."""
 
     nodes: int
     """Nodes of the scaffold that belong to it."""
@@ -105,7 +105,7 @@ def static_view_degrees(priors: Priors) -> np.ndarray:
 
 
 def group_views(scaffold: Scaffold, cameras: CameraPath, fps: float) -> list[GroupView]:
-    """From how many sides each group of connected nodes was seen, the largest group first.
+    """Return the viewing angles of each group of connected nodes, the largest group first.
 
     `cameras`: one per time of the scaffold. The viewing direction from the group's middle to the camera is turned into the
     group's own axes, those of its best rigid motion (`groups.group_motion`), so that a thing that turns before a standing

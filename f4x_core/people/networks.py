@@ -30,7 +30,7 @@ AUXILIARY = (33, 34)
 CONFIRMED_AT = (1.0, 1.35)
 """Sides of a crop, in its own, in which the detector looks for the same person again."""
 MAX_APART, MAX_GROWTH, MAX_TURN = 0.2, 0.5, 0.7
-"""It is the same person within this distance (sides), logarithm of the size and turn (radians)."""
+"""Largest distance (sides), difference of the logarithm of the size, and turn (radians) of two crops of the same person."""
 OVERLAP = 0.3
 """Two detections whose boxes have a larger intersection over union are one."""
 

@@ -118,7 +118,7 @@ class _Stages:
     priors: Priors
     """Filled stage by stage."""
     digest: str
-    """Of the clip."""
+    """Digest of the clip."""
     progress: Progress
 
     def key(self, stage: str, wanted: list[str]) -> str:

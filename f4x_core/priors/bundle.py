@@ -195,7 +195,7 @@ class BundleConfig:
 
     @property
     def unknowns(self) -> int:
-        """Of one camera: rotation, centre and, where the lens zooms, the logarithm of its focal length."""
+        """Number of unknowns of one camera: rotation, centre and, where the lens zooms, the logarithm of its focal length."""
         return 7 if self.refine_zoom else 6
 
 
@@ -685,7 +685,7 @@ class _NormalEquations(NamedTuple):
     point_gradient: np.ndarray
     """(P, 3)."""
     coupling: list[tuple[_Group, np.ndarray]]
-    """Of every group `(3, 6f+1, n)` between its f cameras, with the focal length of all, and its n points."""
+    """Coupling `(3, 6f+1, n)` of every group between its f cameras, with the focal length of all, and its n points."""
 
 
 def _normal_equations(problem: _Problem, groups: list[_Group], config: BundleConfig, belief: float) -> _NormalEquations:

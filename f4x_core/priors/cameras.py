@@ -138,7 +138,7 @@ move fill it they explain .53."""
 INFINITY = 1e4
 """Distance, in radii of the camera's path, from which the path shifts nothing by as much as a tenth of a pixel."""
 MIN_TRACKS = 12
-"""With fewer static tracks than this the motion of the camera cannot be determined."""
+"""Static tracks that the motion of the camera needs at least."""
 
 
 def provide(
@@ -265,7 +265,7 @@ class _CameraProblem:
 
     @property
     def settings(self) -> CamerasConfig:
-        """Those of this stage."""
+        """Settings of this stage."""
         return self.config.cameras
 
     @property

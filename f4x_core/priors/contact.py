@@ -33,7 +33,7 @@ BEHIND_WEIGHT = 0.02
 """Weight of a ground contact behind the object's depth: an object in the air is seen in front of farther ground, never behind
 nearer ground."""
 MIN_CONTACT_PIXELS = 8
-"""With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
+"""Free pixels below a moving region that a contact needs at least; else it takes the depth of its surroundings."""
 SIZE_NOISE, CONTACT_NOISE, PATH_NOISE = 0.04, 0.04, 0.004
 """Relative errors of the frame-to-frame size change and of one contact depth, and usual acceleration along the view as a fraction
 of the distance (per frame squared; 11 m/s^2 at five meters), used to smooth an object's depth. Chosen on people-cross, knight,

@@ -22,7 +22,7 @@ FRAMES, POINTS = 12, 300
 STEP, FARTHEST = 0.05, 0.4
 """Bends are tried in such steps as long as the error falls, up to the farthest: no rectilinear film is bent more."""
 MIN_BEND, MIN_SAVED = 0.03, 0.25
-"""It is told where the lens bends at least so much, and that takes this fraction of the error away."""
+"""Smallest bend of a lens that is reported, and fraction of the error that it must take away."""
 
 
 @dataclass(frozen=True)

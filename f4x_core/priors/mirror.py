@@ -71,7 +71,7 @@ class Evidence:
     """One kind of evidence for which of two solutions is the right way round."""
 
     what: str
-    """Its name."""
+    """Name of the kind of evidence."""
     log_odds: float
     """Natural logarithm of the odds, positive in favour of the first solution."""
     detail: str

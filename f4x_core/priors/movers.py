@@ -83,7 +83,7 @@ class _MovingObject:
     tracks: np.ndarray
     """(n,) indices of the tracks on it."""
     motion: OwnMotion | None = None
-    """Its structure, where it has one."""
+    """Structure of the region, where it has one."""
 
 
 def place_objects(

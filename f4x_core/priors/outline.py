@@ -56,7 +56,7 @@ where it is large, and where it is small and more likely a shadow."""
 SHADED = 0.5
 """Correlation of a part with the background behind it from which it is that background in a shadow."""
 MIN_LEFT = 0.4
-"""With less of a frame's mask left, what was taken for the background is the mover itself, and the mask stays."""
+"""Fraction of a frame's mask that must be left; else the mover itself was taken for the background, and the mask stays."""
 
 
 @dataclass(frozen=True)

@@ -194,5 +194,5 @@ class _Comparison:
 
     @property
     def fraction(self) -> float:
-        """Of the points found again, the fraction that stands; 0 where it tells nothing."""
+        """Fraction of the points found again that stand; 0 where it tells nothing."""
         return float(self.stands.sum() / self.found.sum()) if self.counts else 0.0

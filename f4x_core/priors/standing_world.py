@@ -78,7 +78,7 @@ class GuessedWorld:
     horizon: float
     """Row of the horizon, pixels."""
     horizon_error: float
-    """Its standard deviation, pixels."""
+    """Standard deviation of the horizon, pixels."""
     base: float
     """Row at which the background stands on the ground, pixels."""
     contacts: int
@@ -86,7 +86,7 @@ class GuessedWorld:
     people: bool
     """True where people are among them."""
     height: int
-    """Of the picture, pixels."""
+    """Height of the picture, pixels."""
 
     @property
     def known(self) -> bool:

@@ -35,9 +35,9 @@ class Zoom:
     factor: float
     """Longest over shortest focal length."""
     left: float
-    """Its cost as a fraction of that of a camera that only turns."""
+    """Cost as a fraction of that of a camera that only turns."""
     cost: float
-    """Its cost per sighting and degree of freedom."""
+    """Cost per sighting and degree of freedom."""
     logarithm: np.ndarray
     """(S,) logarithm of the sampled frames' focal lengths in pixels."""
     frames: np.ndarray

@@ -27,7 +27,7 @@ from .contract import RasterConfig
 CYCLES_FILTER = 0.1726
 """Variance in px^2, along each axis, of Cycles' default pixel filter (Blackman-Harris of 1.5 pixels)."""
 BLACKMAN_HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
-"""Its cosines."""
+"""Coefficients of the cosines of the Blackman-Harris filter."""
 FILTER_WIDTH = 3
 """Pixels across which that filter reaches."""
 NARROW = 0.3

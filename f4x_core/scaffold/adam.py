@@ -16,7 +16,7 @@ from ..native.adam import ADAM, take_steps
 from ..native.kernels import TORCH, Kernels
 
 KEEP_MEAN, KEEP_SQUARE = 0.9, 0.999
-"""Of the moments, per step (Kingma and Ba 2015)."""
+"""Decay of the moments per step (Kingma and Ba 2015)."""
 MOMENTS = ("exp_avg", "exp_avg_sq")
 ADAM_EPSILON = 1e-15
 """3DGS uses this instead of Adam's 1e-8: many gradients are far smaller than that."""

@@ -28,7 +28,7 @@ class LiftingConfig:
     min_fraction: float = 0.1
     """Curves believed in a smaller fraction of the frames are removed."""
     carriers: int = 8
-    """So many nearest seen curves carry a curve through frames in which it was not seen."""
+    """Number of nearest seen curves that carry a curve through frames in which it was not seen."""
 
 
 @dataclass(frozen=True, eq=False)

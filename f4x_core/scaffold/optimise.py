@@ -24,7 +24,7 @@ class GeometryConfig:
 
     steps: int = 300
     learning_rate: float = 0.01
-    """Of node positions (world units) and rotations (quaternion components)."""
+    """Learning rate of node positions (world units) and rotations (quaternion components)."""
     decay_start: float = 1 / 3
     """Fraction of the steps after which the rate falls along a cosine ..."""
     decay_to: float = 1 / 30

@@ -37,9 +37,9 @@ class Lamp(Protocol):
     """Light source."""
 
     def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """(ways (N,S,3), irradiances (N,S)): from `points (N,3)` to S places of the lamp, and what each of them gives, W/m^2.
+        """Return ways (N,S,3) from `points (N,3)` to S places of the lamp, and the irradiance (N,S) by each of them, W/m^2.
 
-        That is on what faces the lamp. The ways to a sun are `reach` long.
+        Irradiance is that of a surface that faces the lamp. The ways to a sun are `reach` long.
         """
         ...
 
@@ -56,7 +56,7 @@ class Sun:
     """(3,) unit vector to it."""
 
     def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """See `Lamp`."""
+        """Return `Lamp.rays`."""
         ways = _to_disc(np.broadcast_to(reach * self.towards, points.shape), reach * self.size)
         return ways, np.full(ways.shape[:2], self.power / ways.shape[1])
 
@@ -68,12 +68,12 @@ class Ball:
     power: float
     """W."""
     size: float
-    """Its radius in world units; 0 has hard shadows."""
+    """Radius in world units; 0 has hard shadows."""
     place: np.ndarray
     """(3,) its centre in the world."""
 
     def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """See `Lamp`."""
+        """Return `Lamp.rays`."""
         middle = self.place - points
         squared = np.maximum((middle**2).sum(1), max(self.size, OFF) ** 2)
         ways = _to_disc(middle, self.size)
@@ -93,7 +93,7 @@ class Spot(Ball):
     """Fraction of the cone, by cosine, over which its light ends; 0 has a hard edge."""
 
     def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """See `Lamp`."""
+        """Return `Lamp.rays`."""
         ways, given = super().rays(points, reach)
         own = (points - self.place) @ self.to_lamp.T
         along = -own[:, 2] / np.maximum(np.linalg.norm(own, axis=1), np.finfo(float).tiny)

@@ -30,9 +30,9 @@ class FittedWindow:
     """Results of one window for the page and the terminal."""
 
     frames: str
-    """Its first and last frame, counted from the first of the shot, in words."""
+    """First and last frame, counted from the first of the shot, in words."""
     place: str
-    """Its folder, from that of the shot."""
+    """Folder of the window, relative to that of the shot."""
     metrics: Mapping[str, Any]
     """Metrics of `evaluation.evaluate` for the window as it was fitted."""
     findings: tuple[Finding, ...]

@@ -50,7 +50,7 @@ class WindowBefore:
     """The window before one, as a file."""
 
     path: Path
-    """Its scene."""
+    """Path of its scene file."""
     offset: int
     """Frames from its first to the later window's first."""
     next_node: int

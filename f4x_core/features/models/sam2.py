@@ -139,7 +139,7 @@ class EverythingConfig:
     offset: float = 1.0
     """Shift of the cut by which stability is measured."""
     overlap: float = 0.7
-    """Of two masks that overlap more (intersection over union), the better one stays."""
+    """Largest intersection over union of two masks that are both kept; of others the better one stays."""
     min_pixels: int = 25
     """Smaller masks (pixels of the picture) are dropped."""
 

@@ -1,4 +1,4 @@
-"""From selected Gaussians to a skinned mesh."""
+"""Makes a skinned mesh of selected Gaussians."""
 
 from __future__ import annotations
 
