@@ -37,8 +37,8 @@ class TintConfig:
     megabytes: float = 48.0
     """Most that they may take. Where they would take more, every second used frame is such a moment, or every third."""
     iterations: int = 4
-    """Iterations of conjugate gradients. A fifth brings at most .03 dB to frames between the moments; twelve bring 2 dB, but to those
-    at them."""
+    """Iterations of conjugate gradients. A fifth brings at most .03 dB to frames between the moments, twelve 2 dB to those at them
+    alone."""
     damping: float = 0.05
     """Squared weight, in pixels, below which a Gaussian's color hardly follows. Four times as much loses .1 to .4 dB."""
 
