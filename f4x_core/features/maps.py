@@ -122,37 +122,14 @@ def write_maps(
     was written stays beside it, and the next call with the same plan goes on from there. F4xError: wrong shapes or counts,
     values that are not finite in float16, a full disk, a folder that holds something else or that another call is writing.
     """
-    spec, count, rank = plan.spec, plan.count, plan.projected_to
-    folder, stage = link_target(folder), f"features {spec.name}"
+    spec, rank = plan.spec, plan.projected_to
+    folder = link_target(folder)
     unfinished = neighbour(folder, "unfinished") if callable(frames) else None
     with _sole_writer(folder), replace_folder(folder, SPEC, unfinished) as part:
         _follow(part, plan.to_json())
-        written, shape = part / ("full.npy" if rank else "maps.npy"), (count, *spec.grid, spec.dim)
-        done = _rows_in(written, shape)
-        progress(stage, done, count)
-        with _array_file(written, shape, done) as file:
-            for frame in frames(done) if callable(frames) else frames:
-                if done == count:
-                    raise F4xError(f"{folder}: more than the {count} maps that the clip has frames.")
-                file.write(_checked(frame, spec, done).tobytes())
-                done += 1
-                progress(stage, done, count)
-        if done != count:
-            raise F4xError(f"{folder}: {done} maps for {count} frames; give one per frame of the clip.")
-        lost = 0.0
-        if rank is not None:
-            full, moments = _load(written, mapped=True), _Moments(spec.dim)
-            for frame in full:
-                moments.add(frame)
-            basis, mean, lost = moments.project(rank)
-            with _array_file(part / "maps.npy", (count, *spec.grid, rank)) as file:
-                for t in range(count):
-                    file.write(((full[t].astype(np.float32) - mean) @ basis.T).astype(HALF).tobytes())
-                    progress(f"{stage}, rank {rank}", t + 1, count)
-            np.save(part / "basis.npy", basis, allow_pickle=False)
-            np.save(part / "mean.npy", mean, allow_pickle=False)
-            del full  # Windows keeps mapped files from being removed
-            written.unlink()
+        written = part / ("full.npy" if rank else "maps.npy")
+        _write_frames(folder, written, plan, frames, progress)
+        lost = 0.0 if rank is None else _project(written, rank, plan, progress)
         if spec.has_global:
             vector = np.asarray(glob() if callable(glob) else glob, np.float32)
             if vector.shape != (spec.dim,) or not np.isfinite(vector).all():
@@ -162,6 +139,52 @@ def write_maps(
         _write_json(part / STORED, {"lost": lost, "settings": plan.settings or {}})
         (part / PLAN).unlink()
     return read_maps(folder)
+
+
+def _write_frames(
+    folder: Path,
+    written: Path,
+    plan: MapsPlan,
+    frames: Iterable[np.ndarray] | Callable[[int], Iterable[np.ndarray]],
+    progress: Progress,
+) -> None:
+    """Write the maps (h,w,C) of `frames` into the array file `written`, behind those that it has already.
+
+    `folder` is what the maps become part of, for errors.
+    """
+    spec, count = plan.spec, plan.count
+    stage, shape = f"features {spec.name}", (count, *spec.grid, spec.dim)
+    done = _rows_in(written, shape)
+    progress(stage, done, count)
+    with _array_file(written, shape, done) as file:
+        for frame in frames(done) if callable(frames) else frames:
+            if done == count:
+                raise F4xError(f"{folder}: more than the {count} maps that the clip has frames.")
+            file.write(_checked(frame, spec, done).tobytes())
+            done += 1
+            progress(stage, done, count)
+    if done != count:
+        raise F4xError(f"{folder}: {done} maps for {count} frames; give one per frame of the clip.")
+
+
+def _project(written: Path, rank: int, plan: MapsPlan, progress: Progress) -> float:
+    """Replace the maps in the file `written` by their coordinates along the first `rank` principal directions.
+
+    Writes maps, basis and mean beside it; returns the fraction of the variance that is lost.
+    """
+    full, moments, count, part = _load(written, mapped=True), _Moments(plan.spec.dim), plan.count, written.parent
+    for frame in full:
+        moments.add(frame)
+    basis, mean, lost = moments.project(rank)
+    with _array_file(part / "maps.npy", (count, *plan.spec.grid, rank)) as file:
+        for t in range(count):
+            file.write(((full[t].astype(np.float32) - mean) @ basis.T).astype(HALF).tobytes())
+            progress(f"features {plan.spec.name}, rank {rank}", t + 1, count)
+    np.save(part / "basis.npy", basis, allow_pickle=False)
+    np.save(part / "mean.npy", mean, allow_pickle=False)
+    del full  # Windows keeps mapped files from being removed
+    written.unlink()
+    return lost
 
 
 def read_maps(folder: Path | str) -> FeatureMaps:
