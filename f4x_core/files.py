@@ -85,7 +85,7 @@ def link_target(path: Path | str) -> Path:
 
 
 def same_file(one: Path, other: Path) -> bool:
-    """True where two paths lead to one existing file, by links or by other names of its folder."""
+    """Return True where two paths lead to one existing file, by links or by other names of its folder."""
     return one.exists() and other.exists() and one.samefile(other)
 
 
@@ -106,7 +106,7 @@ def user_path(path: Path | str) -> Path:
 
 
 def neighbour(path: Path, end: str) -> Path:
-    """The hidden file `.NAME.end` beside `path`, its name cut to what file systems allow."""
+    """Return the hidden file `.NAME.end` beside `path`, its name cut to what file systems allow."""
     name = path.name.encode("utf-8", "surrogateescape")[:MAX_NAME_BYTES].decode("utf-8", "ignore")
     return path.with_name(f".{name}.{end}")
 
@@ -154,7 +154,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
 
 def _locked(path: Path) -> int | None:
-    """A descriptor that holds the lock of `path`; None if another one does."""
+    """Return a descriptor that holds the lock of `path`; None if another one does."""
     try:
         descriptor = _opened_lock(path)
     except OSError as error:
@@ -229,7 +229,7 @@ def _flush_folder(folder: Path) -> None:
 
 
 def json_text(data: Any, indent: int | None = None) -> str:
-    """`data` as standard JSON text, see `json_data`; NaN and infinity become null."""
+    """Return `data` as standard JSON text, see `json_data`; NaN and infinity become null."""
     return json.dumps(json_data(data), indent=indent, allow_nan=False)
 
 
@@ -238,7 +238,7 @@ def json_data(
     non_finite: Callable[[float], Any] = lambda value: None,
     unknown: Callable[[Any], Any] = lambda value: value,
 ) -> Any:
-    """Nested data as plain JSON types: dicts with string keys, lists, strings, numbers, booleans and None.
+    """Return nested data as plain JSON types: dicts with string keys, lists, strings, numbers, booleans and None.
 
     Arrays and numbers of numpy become lists and numbers of Python.
 

@@ -28,7 +28,7 @@ STEPS = 4
 
 
 def interpreter_in(folder: Path) -> Path:
-    """The Python of the environment in `folder`."""
+    """Return the Python of the environment in `folder`."""
     return folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
 
 
@@ -88,7 +88,7 @@ def _run(command: list[str], tell) -> None:
 
 
 def _short(line: str) -> str:
-    """A line of pip without addresses and file paths."""
+    """Return a line of pip without addresses and file paths."""
     return re.sub(r"\s*\(?(from|in) (http|file:|/|\w:\\).*", "", line)
 
 

@@ -266,7 +266,7 @@ CURES = {
 
 
 def code_of_module(name: str) -> str:
-    """Code of what a module raises; `name` may have Blender's prefix of an extension before it."""
+    """Return the code of what a module raises; `name` may have Blender's prefix of an extension before it."""
     parts = name.split(".")
     tops = [index for index, part in enumerate(parts) if part in TOPS]
     parts = parts[tops[-1] :] if tops else []
@@ -290,7 +290,7 @@ def code_of(error: BaseException) -> str:
 
 
 def _module_of(frame: FrameType) -> str:
-    """The dotted name of the module that runs in `frame`; a script has that of its folder before its own."""
+    """Return the dotted name of the module that runs in `frame`; a script has that of its folder before its own."""
     name, file = str(frame.f_globals.get("__name__")), Path(frame.f_code.co_filename)
     return name if "." in name else f"{file.parent.name}.{file.stem}"
 
@@ -311,12 +311,12 @@ def sentence_of(error: BaseException, place: object = "the disk") -> str:
 
 
 def with_code(error: BaseException, place: object = "the disk") -> str:
-    """The sentence of an expected error with the code behind it, unless another process put one there."""
+    """Return the sentence of an expected error with the code behind it, unless another process put one there."""
     return coded(sentence_of(error, place), code_of(error))
 
 
 def coded(sentence: str, code: str) -> str:
-    """The sentence, ended by a full stop, with the code behind it, unless it has one."""
+    """Return the sentence, ended by a full stop, with the code behind it, unless it has one."""
     if _HAS_CODE.search(sentence):
         return sentence
     return f"{sentence}{'' if sentence.endswith(STOPS) else '.'} [{code}]"

@@ -79,11 +79,11 @@ class SceneAxes:
         return _three(self.to_world @ np.array(tuple(way), float))
 
     def turn_in_scene(self, turn: Iterable[float]) -> Vector3:
-        """Axis times angle of a turn in Blender's world as in the scene's axes."""
+        """Return the axis times angle of a turn in Blender's world as in the scene's axes."""
         return _three(self.turn.T @ np.array(tuple(turn), float))
 
     def turn_in_world(self, turn: Iterable[float]) -> Vector3:
-        """Axis times angle of a turn in the scene's axes as in Blender's world."""
+        """Return the axis times angle of a turn in the scene's axes as in Blender's world."""
         return _three(self.turn @ np.array(tuple(turn), float))
 
 

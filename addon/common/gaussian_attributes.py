@@ -24,7 +24,7 @@ FITTED_SCALE, FITTED_BASE = "f4x_fitted_scale", "f4x_fitted_base"
 
 
 def draws_splats() -> bool:
-    """True if this Blender has splats of its own (5.3)."""
+    """Return True if this Blender has splats of its own (5.3)."""
     return "type" in bpy.types.PointCloud.bl_rna.properties
 
 

@@ -31,7 +31,7 @@ def write_attribute(data: bpy.types.ID, name: str, kind: str, values: np.ndarray
 
 
 def read_attribute(data: bpy.types.ID, name: str) -> np.ndarray | None:
-    """Values of one POINT attribute, (N,) or (N,C); None if it is missing or of an unsupported type."""
+    """Return the values of one POINT attribute, (N,) or (N,C); None if it is missing or of an unsupported type."""
     attribute = data.attributes.get(name)
     if attribute is None or attribute.domain != "POINT" or attribute.data_type not in _LAYOUT:
         return None

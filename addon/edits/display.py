@@ -103,7 +103,7 @@ def _remove_handles(scene_object: SceneObject) -> None:
 
 
 def is_drawn(scene_object: SceneObject) -> bool:
-    """True if lists and points show the preview of a scene, or its pending edits."""
+    """Return True if lists and points show the preview of a scene, or its pending edits."""
     holders = [scene_object.root, *(cloud.data for cloud in scene_object.clouds)]
     return {holder.get(DRAWN) for holder in holders} == {_hash(scene_object)}
 
@@ -152,7 +152,7 @@ def counts(scene_object: SceneObject) -> tuple[int, int]:
 
 
 def last_counts(scene_object: SceneObject) -> tuple[int, int]:
-    """`counts`, worked out only where Blender has seen a change since the last call: panels are drawn often."""
+    """Return `counts`, worked out only where Blender has seen a change since the last call: panels are drawn often."""
     uid = scene_object.root.session_uid
     if uid not in _counts:
         _counts[uid] = counts(scene_object)

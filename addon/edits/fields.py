@@ -234,7 +234,7 @@ def _number(name: str) -> Shown:
 
 
 def _switch(name: str, title: str, put: Callable[[Row, bool], dict[str, Any]]) -> Shown:
-    """True if an optional field has a value."""
+    """Return True if an optional field has a value."""
     options = {"name": title, "default": False}
     return Shown(f"use_{name}", BoolProperty, options, lambda one, _: getattr(one, name) is not None, put)
 

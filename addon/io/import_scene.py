@@ -339,7 +339,7 @@ def _reach(scene: Scene) -> float:
 
 
 def _splat_material(name: str) -> bpy.types.Material:
-    """Emission of `rgb`, as transparent as its alpha: a coarse picture in Cycles and EEVEE, exact in neither.
+    """Return the emission of `rgb`, as transparent as its alpha: a coarse picture in Cycles and EEVEE, exact in neither.
 
     Blender 5.3 colors splats by their harmonics where they have no material, and would count the alpha twice with this one.
     """

@@ -73,7 +73,7 @@ def clip_camera(root: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def is_under_way(target: bpy.types.Scene) -> bool:
-    """True if `target` is a project whose settings an import must not change."""
+    """Return True if `target` is a project whose settings an import must not change."""
     if bpy.data.is_saved or any(PATH in item or SOURCE in item for item in target.objects):
         return True
     before = target.get(SET_UP)
@@ -155,7 +155,7 @@ def _settings(target: bpy.types.Scene) -> dict[str, Any]:
 
 
 def _is_default(target: bpy.types.Scene) -> bool:
-    """True if the render settings are those of a new Blender scene."""
+    """Return True if the render settings are those of a new Blender scene."""
     render, view = target.render, target.view_settings
     names = ("resolution_x", "resolution_y", "resolution_percentage", "fps", "fps_base")
     names += ("pixel_aspect_x", "pixel_aspect_y")

@@ -76,7 +76,7 @@ def preferences() -> F4X_AP_preferences | None:
 
 
 def worker_folder() -> Path:
-    """Folder in which Set Up creates the worker's environment: in the user's files, outside the extension."""
+    """Return the folder in which Set Up creates the worker's environment: in the user's files, outside the extension."""
     try:
         return Path(bpy.utils.extension_path_user(PACKAGE, path="worker"))
     except ValueError:  # not installed as an extension

@@ -39,7 +39,7 @@ FORMAT_ITEMS = [
 
 
 def usd_megabytes(scene_object: SceneObject, one_frame: bool) -> float:
-    """About the size of the scene as USD; its text grows with frames and moving Gaussians. 0 without the scene file."""
+    """Return about the size of the scene as USD; its text grows with frames and moving Gaussians. 0 without the scene file."""
     try:
         scene = scene_object.edited
     except F4xError:
@@ -49,7 +49,7 @@ def usd_megabytes(scene_object: SceneObject, one_frame: bool) -> float:
 
 
 def target_of(path: Path, wanted: str, one_frame: bool) -> tuple[str, Path]:
-    """(format, file or folder) of an export to `path`: many frames of a format that holds one a file get a folder.
+    """Return (format, file or folder) of an export to `path`: many frames of a format that holds one a file get a folder.
 
     Raises F4xError for an ending that no format has.
     """

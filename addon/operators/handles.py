@@ -112,7 +112,7 @@ def _axes(item: bpy.types.Object) -> SceneAxes:
 
 
 def _values(item: bpy.types.Object) -> dict[str, Any]:
-    """Fields of the edit that a handle stands for."""
+    """Return the fields of the edit that a handle stands for."""
     axes = _axes(item)
     turn = np.rad2deg(item.rotation_quaternion.normalized().to_exponential_map())
     size = float(np.exp(np.mean(np.log(np.maximum(np.abs(item.scale), 1e-9)))))
@@ -168,7 +168,7 @@ class F4X_OT_edit_gizmo(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
 
 
 def _edit_of_selection(scene_object: SceneObject) -> int:
-    """Id of the last edit, if it moves what is selected, else of a new one."""
+    """Return the id of the last edit, if it moves what is selected, else of a new one."""
     chosen, edits = scene_object.selected_ids, scene_object.stack.edits
     last = edits[-1] if edits else None
     if last and last.enabled and isinstance(last.operation, Transform) and last.operation.select == chosen:

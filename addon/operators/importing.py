@@ -32,7 +32,7 @@ SCENE_FILES = "*.f4x;*.ply;*.splat;*.spz;*.glb;*.gltf"
 
 
 def options_for(filepath: str) -> list[str]:
-    """Names of the import options that a file of this name has, in their order."""
+    """Return the names of the import options that a file of this name has, in their order."""
     numbered = re.fullmatch(r".*\d\.ply", Path(filepath).name, re.IGNORECASE) is not None
     return ["set_up_render", "clear_view", *(["sequence", "step"] if numbered else []), "clip"]
 
@@ -156,7 +156,7 @@ def _own_pace(root: bpy.types.Object, scene: bpy.types.Scene) -> str:
 
 
 def _summary(root: bpy.types.Object) -> str:
-    """Summary of an import, in as few words as the status bar shows."""
+    """Return the summary of an import, in as few words as the status bar shows."""
     if PATH in root and SceneObject(root).holds_edits:
         return f"{root.name}: {len(SceneObject(root).base.cameras)} frames. Space plays"
     clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD"]

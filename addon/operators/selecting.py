@@ -236,7 +236,7 @@ class _Prompt(SearchOperator):
         super().let_go(context)
 
     def _mouse(self, event) -> tuple[bpy.types.Region, np.ndarray]:
-        """(the viewport's region, (2,) the mouse in it); F4xError outside."""
+        """Return (the viewport's region, (2,) the mouse in it); F4xError outside."""
         for region in self._area.regions:
             at = np.array([event.mouse_x - region.x, event.mouse_y - region.y])
             if region.type == "WINDOW" and (at >= 0).all() and (at < (region.width, region.height)).all():

@@ -39,7 +39,7 @@ def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, ver
 
 
 def _selection_options(scene_object: SceneObject) -> tuple[Path | str, ...]:
-    """Options of a verb that hand over what is selected, in a file that goes with Blender; none where nothing is."""
+    """Return the options of a verb that hand over what is selected, in a file that goes with Blender; none where nothing is."""
     selection = scene_object.selection
     if selection is None:
         return ()

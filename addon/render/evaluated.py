@@ -52,7 +52,7 @@ class Mattes:
         self._selected: dict[str, dict[str, np.ndarray]] = {}
 
     def of(self, owner: bpy.types.Object) -> dict[str, int]:
-        """Layer -> id of an object as a whole."""
+        """Return layer -> id of an object as a whole."""
         collections = owner.users_collection
         return {
             "object": self._id("object", owner.name),
@@ -60,7 +60,7 @@ class Mattes:
         }
 
     def of_points(self, owner: bpy.types.Object, data: bpy.types.PointCloud) -> dict[str, np.ndarray]:
-        """Layer -> (N,) id of each point of an object's evaluated `data`; of several selections the last one counts."""
+        """Return layer -> (N,) id of each point of an object's evaluated `data`; of several selections the last one counts."""
         ids = {layer: np.full(len(data.points), own, np.uint32) for layer, own in self.of(owner).items()}
         found, gid = SceneObject.of(owner), read_attribute(data, "gid")
         if found is not None and gid is not None:
@@ -97,7 +97,7 @@ class _Holdouts:
         self._layer = depsgraph.view_layer
 
     def is_held(self, owner: bpy.types.Object) -> bool:
-        """True if an object that owns something seen cuts a hole."""
+        """Return True if an object that owns something seen cuts a hole."""
         root = root_of(owner) if owner.type == "POINTCLOUD" else None
         return owner.holdout_get(view_layer=self._layer) or (root is not None and root.is_holdout)
 
@@ -214,7 +214,7 @@ class Reader:
         return _reread(item.data, old, written), written
 
     def _written_by(self, item: bpy.types.Object) -> frozenset[str] | None:
-        """Attributes that the modifiers of a point cloud write; None = they may do anything."""
+        """Return the attributes that the modifiers of a point cloud write; None = they may do anything."""
         written: frozenset[str] | None = frozenset()
         for modifier in item.original.modifiers:
             tree = modifier.node_group if modifier.type == "NODES" else None
@@ -318,12 +318,12 @@ def _reread(data: bpy.types.PointCloud, old: Cloud, written: frozenset[str]) -> 
 
 
 def _removes_tints(node: bpy.types.Node) -> bool:
-    """True for a node that only removes attributes which the engine does not read."""
+    """Return True for a node that only removes attributes which the engine does not read."""
     return node.bl_idname == "GeometryNodeRemoveAttribute" and node.inputs["Name"].default_value.startswith(TINT)
 
 
 def _attributes_of(tree: bpy.types.NodeTree | None) -> frozenset[str] | None:
-    """Attributes of the points that a tree writes; None where it holds a node of which this is not known."""
+    """Return the attributes of the points that a tree writes; None where it holds a node of which this is not known."""
     if tree is None:
         return None
     written: set[str] = set()

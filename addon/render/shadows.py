@@ -60,7 +60,7 @@ def _root(item: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def _lamps(depsgraph: bpy.types.Depsgraph) -> list[shadows.Lamp]:
-    """Lamps that cast shadows."""
+    """Return the lamps that cast shadows."""
     found = []
     for instance in depsgraph.object_instances:
         item = instance.object
@@ -89,7 +89,7 @@ def _lamp(data: bpy.types.Light, matrix: np.ndarray) -> shadows.Lamp:
 
 
 def _casters(depsgraph: bpy.types.Depsgraph) -> list[tuple[shadows.Caster, bpy.types.Object | None]]:
-    """Everything solid that casts shadows, seen by the camera or not; of a mesh of Gaussians also the root of its scene."""
+    """Return everything solid that casts shadows, seen by the camera or not; of a mesh of Gaussians also the root of its scene."""
     found = []
     for instance in depsgraph.object_instances:
         item = instance.object

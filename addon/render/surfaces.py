@@ -50,7 +50,7 @@ class Images:
         self._read: dict[int, np.ndarray | None] = {}
 
     def pixels(self, image: bpy.types.Image) -> np.ndarray | None:
-        """(h,w,3) sRGB, the upper row first; None for an image without any."""
+        """Return (h,w,3) sRGB, the upper row first; None for an image without any."""
         if image.session_uid not in self._read:
             self._read[image.session_uid] = _pixels(image)
         return self._read[image.session_uid]
@@ -78,7 +78,7 @@ def surface_of(item: bpy.types.Object, to_world: np.ndarray, images: Images | No
 
 
 def _looks(item: bpy.types.Object, mesh: bpy.types.Mesh, vertices: np.ndarray, images: Images) -> dict[str, Any]:
-    """Fields of a `Surface` that say how the triangles with these corners look."""
+    """Return the fields of a `Surface` that say how the triangles with these corners look."""
     count = len(vertices) // 3
     slots, loops = np.empty(count, np.int32), np.empty(3 * count, np.int32)
     mesh.loop_triangles.foreach_get("material_index", slots)
@@ -109,7 +109,7 @@ def _each_corner(colors: np.ndarray) -> np.ndarray:
 def _textures(
     mesh: bpy.types.Mesh, looks: list[Look], slots: np.ndarray, loops: np.ndarray, images: Images
 ) -> list[Texture]:
-    """Images on the triangles."""
+    """Return the images on the triangles."""
     found = []
     for slot, look in enumerate(looks):
         own = slots == slot
@@ -170,7 +170,7 @@ def _shader(node: bpy.types.Node, name: str, depth: int = 0) -> bpy.types.Node |
 
 
 def _light(shader: bpy.types.Node, color: str, strength: str) -> tuple[float, float, float]:
-    """Linear light that a shader gives off in one color."""
+    """Return linear light that a shader gives off in one color."""
     if color not in shader.inputs or strength not in shader.inputs:
         return (0.0, 0.0, 0.0)
     values = shader.inputs[color].default_value[:3]

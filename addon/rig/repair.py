@@ -237,7 +237,7 @@ def _sockets(tree: bpy.types.NodeTree) -> list[bpy.types.NodeSocket]:
 
 
 def used_by(item: bpy.types.Object) -> set[bpy.types.ID | None]:
-    """Collections and objects that the trees of an object use."""
+    """Return the collections and objects that the trees of an object use."""
     return {socket.default_value for modifier in _trees(item) for socket in _sockets(modifier.node_group)}
 
 
@@ -263,7 +263,7 @@ def _order(root: bpy.types.Object) -> str:
 
 
 def _is_in_order(root: bpy.types.Object) -> bool:
-    """True if the places of the nodes are those that were worked out last."""
+    """Return True if the places of the nodes are those that were worked out last."""
     order = _order(root)
     return root.get(ORDER) == order and all(mesh.get(ORDER) == order for mesh in _own_meshes(root))
 
@@ -274,7 +274,7 @@ def _own_meshes(root: bpy.types.Object) -> list[bpy.types.Mesh]:
 
 
 def _in_order(collection: bpy.types.Collection) -> list[str]:
-    """Names of what is in a collection, in the order in which the node Collection Info reads it."""
+    """Return the names of what is in a collection, in the order in which the node Collection Info reads it."""
     return sorted([*collection.objects.keys(), *collection.children.keys()], key=_Natural)
 
 

@@ -65,7 +65,7 @@ _scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
 
 
 def look_at(path: Path) -> SceneFile:
-    """Content of a scene or splat file, from its header; read anew only when the file has changed."""
+    """Return the content of a scene or splat file, from its header; read anew only when the file has changed."""
     try:
         found = path.stat()
     except OSError as error:

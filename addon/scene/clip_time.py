@@ -110,7 +110,7 @@ def rate_between(clip_fps: float, scene: bpy.types.Scene) -> float:
 
 
 def is_still(root: bpy.types.Object) -> bool:
-    """True for a scene of one moment, such as splats of another program."""
+    """Return True for a scene of one moment, such as splats of another program."""
     return root.get(FIRST) is not None and root[FIRST] == root[LAST]
 
 
@@ -137,7 +137,7 @@ def _exact_time(root: bpy.types.Object, depsgraph: bpy.types.Depsgraph | None) -
 
 
 def follows_timeline(root: bpy.types.Object) -> bool:
-    """True if Time follows the timeline: no artist has keyed, driven or stopped it."""
+    """Return True if Time follows the timeline: no artist has keyed, driven or stopped it."""
     driver = root.animation_data.drivers.find(_path(TIME)) if root.animation_data else None
     return TIME not in root or (driver is not None and driver.driver.expression == FOLLOWING and not driver.mute)
 
@@ -336,7 +336,7 @@ def _datablocks(root: bpy.types.Object) -> list[bpy.types.ID]:
 
 
 def _animated(root: bpy.types.Object) -> list[bpy.types.ID]:
-    """Objects and data with an action below a root."""
+    """Return the objects and data with an action below a root."""
     return [item for item in _datablocks(root) if item.animation_data and item.animation_data.action]
 
 
@@ -365,7 +365,7 @@ def _time_curve(root: bpy.types.Object) -> bpy.types.FCurve | None:
 
 
 def _is_own(root: bpy.types.Object) -> bool:
-    """True if a root is not another file's."""
+    """Return True if a root is not another file's."""
     return root.library is None and root.override_library is None
 
 

@@ -27,7 +27,7 @@ OFFERED = ("what moves", "what stands still", "everything", "nothing")
 
 
 def _complete(self, context, typed: str) -> list[str]:
-    """Labels of the scene's vocabulary that contain the last word typed."""
+    """Return the labels of the scene's vocabulary that contain the last word typed."""
     try:
         labels = labels_of(SceneObject(self.id_data).base)
     except F4xError:

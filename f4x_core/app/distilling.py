@@ -95,7 +95,7 @@ def _distill(request: DistilRequest, progress: Progress) -> Distilled:
 
 
 def read_with_arrays(path: Path) -> tuple[Scene, dict[str, Any]]:
-    """(scene, what its header says of arrays and features)."""
+    """Return (scene, what its header says of arrays and features)."""
     with updating(path):  # both of one file
         return read_scene(path), _arrays_of(read_header(path))
 

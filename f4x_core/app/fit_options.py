@@ -36,7 +36,7 @@ class ClipOptions:
         return read_clip(source, self.frames, self.width_of(source), self.hold_out, self.masks, progress)
 
     def width_of(self, source: Path | str) -> int:
-        """Width in pixels at which the clip at `source` is fitted."""
+        """Return the width in pixels at which the clip at `source` is fitted."""
         return usual_width(source) if self.width is None else self.width
 
     def first_picture(self, source: Path | str, width: int | None = None) -> Clip:

@@ -122,7 +122,7 @@ def _refuse_unknown(scene: Scene, channels: Sequence[str]) -> None:
 
 
 def _views_of(scene: Scene, options: RenderOptions) -> tuple[Trajectory, np.ndarray, np.ndarray]:
-    """(all views of `--path`, `--width` wide, indices that `--frames` chooses, those of them in `--part`)."""
+    """Return (all views of `--path`, `--width` wide, indices that `--frames` chooses, those of them in `--part`)."""
     if not 0 < options.degrees < 90:
         raise F4xError(f"--degrees {options.degrees:g}: give a number above 0 and below 90.")
     views = trajectory_of(scene, options.path, options.degrees)
@@ -204,7 +204,7 @@ def write_frame(
 
 
 def depth_span(scene: Scene, backend: str = "auto") -> tuple[float, float]:
-    """(near, far) depth in world units for the colours of the depth images; one range for the whole clip."""
+    """Return (near, far) depth in world units for the colours of the depth images; one range for the whole clip."""
     middle = len(scene.cameras) // 2
     depth = render(scene, scene.cameras[middle], float(scene.cameras.times[middle]), ("depth",), backend)["depth"]
     return depth_range([depth])
@@ -220,7 +220,7 @@ def channel_image(channel: str, values: np.ndarray, span: tuple[float, float], f
 
 
 def feature_channels(scene: Scene) -> tuple[str, ...]:
-    """Channels that show the feature field of `scene`: the latent and every head."""
+    """Return the channels that show the feature field of `scene`: the latent and every head."""
     return () if scene.features is None else ("latent", *scene.features.names)
 
 

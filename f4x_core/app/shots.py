@@ -54,7 +54,7 @@ class Mattes:
 
 
 def passes_of(channels: Sequence[str], exr: bool) -> list[str]:
-    """Passes of `shoot` for `--channels`; F4xError for one that there is not."""
+    """Return the passes of `shoot` for `--channels`; F4xError for one that there is not."""
     known = (*PASSES, CRYPTOMATTE) if exr else ("rgb", "alpha")
     unknown = [name for name in channels if name not in known and not (exr and name.startswith(MASK))]
     if unknown:
@@ -86,7 +86,7 @@ def take(
     exposure: Exposure,
     wanted: tuple[Sequence[str], Mattes | None, str],
 ) -> dict[str, np.ndarray]:
-    """`shoot` view `index` of a trajectory; `wanted`: passes, mattes, raster backend."""
+    """Return `shoot` view `index` of a trajectory; `wanted`: passes, mattes, raster backend."""
     names, mattes, backend = wanted
     cameras = cameras_of(views)
 

@@ -175,7 +175,7 @@ class Screen:
         self.console.print(f"{datetime.now():%H:%M:%S} {line}")
 
     def watch(self, engine: Engine, store: Store) -> Callable[[Board], None]:
-        """A function that shows the board's current state and updates the index from time to time."""
+        """Return a function that shows the board's current state and updates the index from time to time."""
         next_index = time.monotonic() + INDEX_EVERY
 
         def watch(board: Board) -> None:

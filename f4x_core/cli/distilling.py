@@ -62,7 +62,7 @@ def config_of(args: argparse.Namespace) -> DistilConfig:
 
 
 def read_labels(text: str) -> list[str]:
-    """Labels of a file with one per line, or of a list with commas."""
+    """Return the labels of a file with one per line, or of a list with commas."""
     path = user_path(text)
     is_file = os.path.isfile(path)  # False for a list of words that is longer than a name may be
     if not is_file and (path.suffix.lower() in (".txt", ".csv") or len(path.parts) > 1):

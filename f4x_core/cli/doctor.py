@@ -52,7 +52,7 @@ TRIAL = (10_000, 240, 136)
 
 
 def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Versions, backends, self-check and a speed line; or what a code means.
+    """Return the versions, backends, self-check and a speed line; or what a code means.
 
     Raises:
         F4xError: there is no such code, or the scene of a report cannot be read.
@@ -117,7 +117,7 @@ def anonymous(text: str) -> str:
 
 
 def numbers_of(path: Path) -> list[str]:
-    """Lines about a scene and the fit beside it: numbers alone, so that nothing in them can name anybody.
+    """Return the lines about a scene and the fit beside it: numbers alone, so that nothing in them can name anybody.
 
     Raises:
         F4xError: the scene cannot be read.
@@ -158,7 +158,7 @@ def _native() -> dict[str, str]:
 
 
 def _trial(backend: str) -> str:
-    """Milliseconds of a raster backend for a small image, or the reason why it does not run."""
+    """Return the milliseconds of a raster backend for a small image, or the reason why it does not run."""
     from ..errors import F4xError
     from ..geometry.camera import Camera
     from ..geometry.splats import Splats

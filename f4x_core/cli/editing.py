@@ -64,7 +64,7 @@ def _result(edited: Edited, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _readings(edited: Edited) -> tuple[dict[str, Any], list[str]]:
-    """(all readings of the sentence as JSON, all readings as lines of text)."""
+    """Return (all readings of the sentence as JSON, all readings as lines of text)."""
     proposal = edited.proposal
     rows: list[dict[str, Any]] = [
         {"why": one.why or "as said", "scores": dict(one.scores)} for one in proposal.candidates

@@ -47,7 +47,7 @@ def config_of(args: argparse.Namespace) -> FitConfig:
 
 
 def fit_options_of(args: argparse.Namespace) -> FitOptions:
-    """Everything that the arguments of a fit ask for."""
+    """Return everything that the arguments of a fit ask for."""
     names = () if args.features is None else tuple(listed_teachers(args.features, "--features"))
     limits = {"minutes": args.minutes, "memory": args.memory, "window": args.window, "overlap": args.overlap}
     more = {"resume": args.resume, "features": names, "linear_light": args.linear_light}
@@ -151,7 +151,7 @@ def added_to(fitted: Fitted, number: int) -> dict[str, dict[str, Any]]:
 
 
 def remark_lines(remarks: Iterable[Remark]) -> list[str]:
-    """Lines for the terminal of what was left out, mended or guessed while a clip was read."""
+    """Return the lines for the terminal of what was left out, mended or guessed while a clip was read."""
     return [f"! {remark}" for remark in remarks]
 
 

@@ -89,7 +89,7 @@ def _why_not_folded(scene: Scene) -> str:
 
 
 def _in_words(path: str, stack: EditStack) -> dict[int, str]:
-    """Id of an edit -> what it does; what is kept along the axes of the scene is put as the camera sees it."""
+    """Return id of an edit -> what it does; what is kept along the axes of the scene is put as the camera sees it."""
     edits = (*stack.edits, *reversed(stack.undone))
     words = {edit.id: describe(edit.operation) for edit in edits}
     if any(SCENE_AXES in does for does in words.values()):

@@ -56,7 +56,7 @@ def _reason(error: BaseException) -> BaseException:
 
 
 def _address(text: str) -> tuple[str, int]:
-    """(host, port) of `PORT` or `HOST:PORT`."""
+    """Return (host, port) of `PORT` or `HOST:PORT`."""
     host, _, port = text.rpartition(":")
     if not (port.isascii() and port.isdigit()):
         raise F4xError(f"--http {text}: write a port, for example --http 8484.")

@@ -88,7 +88,7 @@ def read_clock(seconds: Sequence[float] | np.ndarray, tick: float, rate: float, 
 
 
 def _mended(stamps: np.ndarray) -> np.ndarray | None:
-    """`stamps (T,)` with the few that are out of order put evenly between their neighbours; None where too many are.
+    """Return `stamps (T,)` with the few that are out of order put evenly between their neighbours; None where too many are.
 
     Of two stamps in the wrong order either may be the wrong one: it is that which leaves the more even intervals. Some files
     have the times of decoding, which are the right ones in another order.

@@ -148,7 +148,7 @@ def _without_companions(files: list[Path]) -> tuple[list[Path], list[Path], list
 
 
 def _numbered(files: list[Path]) -> tuple[list[Path], list[Path]]:
-    """Picture `files` without those that are none of a numbered sequence beside them, and these.
+    """Return the picture `files` without those that are none of a numbered sequence beside them, and these.
 
     Such are variants of one of the sequence, whose name goes on with a word or whose copy they are, and pictures without a
     number. Files stay where no pattern of names is that of at least half of them.
@@ -191,7 +191,7 @@ def _role(file: Path, names: set[str]) -> tuple[tuple[str | int, ...], frozenset
 
 
 def _one_kind(files: list[Path]) -> tuple[list[Path], list[Path]]:
-    """`files` with one for each stem, of the ending that most of those in doubt have first; and the others."""
+    """Return `files` with one for each stem, of the ending that most of those in doubt have first; and the others."""
     by_stem: dict[str, list[Path]] = {}
     for file in files:
         by_stem.setdefault(file.stem, []).append(file)

@@ -186,7 +186,7 @@ def _tangential(camera: dict[str, Any]) -> Any:
 
 
 def _scale(folder: Path) -> str | None:
-    """Name of the largest pictures in a folder of `1x`, `2x`, ...; None when there are none."""
+    """Return the name of the largest pictures in a folder of `1x`, `2x`, ...; None when there are none."""
     return next((f"{scale}x" for scale in SCALES if (folder / f"{scale}x").is_dir()), None)
 
 
@@ -235,7 +235,7 @@ def plain(folder: Path) -> Layout | None:
 
 
 def find_novel(folder: Path) -> list[Layout]:
-    """Cameras that a data set reserves for evaluation, in the folder of `find_layout`; none in other folders."""
+    """Return the cameras that a data set reserves for evaluation, in the folder of `find_layout`; none in other folders."""
     return dycheck_novel(folder) or nvidia_novel(folder)
 
 
@@ -313,7 +313,7 @@ def _masks_beside(folder: Path) -> list[Path]:
 
 
 def _dycheck_items(folder: Path) -> tuple[list[Item], list[Item]]:
-    """Pictures to learn from, in order of time, and those of other cameras; both empty where nothing tells."""
+    """Return the pictures to learn from, in order of time, and those of other cameras; both empty where nothing tells."""
     for train, test in DYCHECK_SPLITS:
         if (folder / "splits" / f"{train}.json").exists():
             return _split(folder / "splits" / f"{train}.json"), _split(folder / "splits" / f"{test}.json")

@@ -83,7 +83,7 @@ def read_clip(
 
 
 def usual_width(source: str | Path) -> int:
-    """Width in pixels at which the longer side of the pictures of `source` has `USUAL_SIDE`, if they are so large."""
+    """Return the width in pixels at which the longer side of the pictures of `source` has `USUAL_SIDE`, if they are so large."""
     first = read_clip(source, "0:1")
     return even_size(first.width, first.height, USUAL_SIDE * first.width // max(first.width, first.height))[0]
 

@@ -23,7 +23,7 @@ MAX_REPEATS = 5
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> float:
-    """Mean absolute difference of two pictures (H,W,3) uint8 in levels; infinite where their sizes differ."""
+    """Return the mean absolute difference of two pictures (H,W,3) uint8 in levels; infinite where their sizes differ."""
     import cv2
 
     return sum(cv2.mean(cv2.absdiff(a, b))[:3]) / 3 if a.shape == b.shape else np.inf

@@ -112,7 +112,7 @@ class Source:
         return read_clock(seconds, tick, rate / step, slower)
 
     def remarks(self, indices: np.ndarray, clock: Clock, hidden: float) -> tuple[Remark, ...]:
-        """Remarks on the clip of frames `indices` with this clock, of whose pixels alpha hides a fraction `hidden`."""
+        """Return the remarks on the clip of frames `indices` with this clock, of whose pixels alpha hides a fraction `hidden`."""
         numbers = np.array(self.numbers)[indices]
         timed = [note._replace(frame=int(numbers[note.frame])) for note in clock.notes]
         whole = int(indices[0]) == 0, self.ended and int(indices[-1]) == len(self.numbers) - 1

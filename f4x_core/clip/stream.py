@@ -106,7 +106,7 @@ class ClipStream:
 
 
 def reported_frame_count(source: str | Path, frames: str | None = None) -> int:
-    """Number of frames that `read_clip` would read, from the metadata of the source; 0 where those do not give it."""
+    """Return the number of frames that `read_clip` would read, from the metadata of the source; 0 where those do not give it."""
     source = user_path(source)
     total = describe(source)[1] if source.is_file() else len(find_layout(source).images)
     return len(frame_indices(frames, total, source)) if total else 0

@@ -136,7 +136,7 @@ class UndamagedFrames:
                 self.damaged.append(key - BETWEEN if leading else serial - BETWEEN * (serial == key))
 
     def _lost(self, log: str) -> bool:
-        """True where a reference before a picture is missing, by the decoder's log."""
+        """Return True where a reference before a picture is missing, by the decoder's log."""
         unit, count = UNIT.search(log), COUNT.search(log)
         if unit is None or count is None:
             return False

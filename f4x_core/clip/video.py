@@ -172,7 +172,7 @@ def _each_frame(container, stream, decoder) -> Iterator:
 
 
 def _upright(frame, stream) -> tuple[np.ndarray, np.ndarray | None]:
-    """Colours (H,W,3) and alpha (H,W) or None of a decoded frame as it is to be shown."""
+    """Return the colours (H,W,3) and alpha (H,W) or None of a decoded frame as it is to be shown."""
     aspect, file = stream.sample_aspect_ratio, stream.container.name
 
     def shown(pixels: np.ndarray) -> np.ndarray:
@@ -185,7 +185,7 @@ def _upright(frame, stream) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _alpha(alpha: np.ndarray) -> np.ndarray | None:
-    """Alpha (H,W) uint8, None where it hides nothing."""
+    """Return the alpha (H,W) uint8, None where it hides nothing."""
     return None if (alpha >= SEEN).all() else np.ascontiguousarray(alpha)
 
 

@@ -110,7 +110,7 @@ def evaluate(
     held_out, figures = set(scene.held_out), figures or Figures()
 
     def scores(index: int) -> dict[str, Any]:
-        """Scores of one frame."""
+        """Return the scores of one frame."""
         moment = FrozenMoment(scene, float(cameras.times[index]), backend)
         target, seen = frame_of(clip, index)
         rig = CameraRig(cameras.at_times([float(cameras.times[index])]))
@@ -222,7 +222,7 @@ def refine(
 
 
 def mask_scores(image: Tensor, moving: Tensor, target: Tensor, mask: np.ndarray) -> dict[str, float]:
-    """Scores of moving objects over a mask (H,W) that does not depend on the scene; empty if the mask is too small.
+    """Return the scores of moving objects over a mask (H,W) that does not depend on the scene; empty if the mask is too small.
 
     `psnr_mask` (dB) compares the pictures (H,W,3), `mover_coverage` is the mean dynamic alpha `moving (H,W)`.
     """

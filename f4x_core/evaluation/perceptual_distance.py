@@ -37,7 +37,7 @@ def lpips_bytes(image: np.ndarray, target: np.ndarray) -> float | None:
 
 
 def masked_lpips(image: np.ndarray, target: np.ndarray, mask: np.ndarray) -> float | None:
-    """LPIPS of RGB pictures (H,W,3) in [0,1] over the pixels of `mask` (H,W) bool: DyCheck's mLPIPS (Gao et al. 2022).
+    """Return the LPIPS of RGB pictures (H,W,3) in [0,1] over the pixels of `mask` (H,W) bool: DyCheck's mLPIPS (Gao et al. 2022).
 
     Both pictures are black outside the mask, and the mean over the mask is of the map of distances at the pictures' size
     (`spatial=True`). NaN where no pixel counts; None as in `lpips`.

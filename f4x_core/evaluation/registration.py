@@ -90,7 +90,7 @@ def register_camera(scene: Scene, clip: Clip, frame: int, backend: str = "auto")
 
 
 def near_used(scene: Scene, frames: int, frame: int) -> list[int]:
-    """Used clip frames near `frame` of a clip of `frames`, nearest first, at most NEIGHBOURS on either side."""
+    """Return used clip frames near `frame` of a clip of `frames`, nearest first, at most NEIGHBOURS on either side."""
     held_out = set(scene.held_out)
     used = [other for other in range(frames) if other not in held_out and abs(other - frame) <= REACH]
     before = [other for other in used if other < frame][-NEIGHBOURS:]
@@ -133,7 +133,7 @@ def halfway_offset(
 
 
 def _sightings(scene: Scene, clip: Clip, used: int, frame: int, flow: Flow, backend: str) -> Sightings:
-    """Static points with texture that clip frame `used` sees, and where flow finds them in `frame`."""
+    """Return the static points with texture that clip frame `used` sees, and where flow finds them in `frame`."""
     import cv2
 
     camera, time = scene.cameras[used], float(scene.cameras.times[used])

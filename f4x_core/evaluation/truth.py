@@ -167,7 +167,7 @@ def score_against_truth(
 
 
 def _means(rows: Sequence[dict[str, Any]], names: Sequence[str], suffix: str) -> dict[str, float]:
-    """`unseen_NAME` + suffix: mean over the rows in which a figure is finite; figures that never are, are left out."""
+    """Return `unseen_NAME` + suffix: mean over the rows in which a figure is finite; figures that never are, are left out."""
     means = {}
     for name in names:
         values = [row[name] for row in rows if np.isfinite(row[name])]
@@ -179,7 +179,7 @@ def _means(rows: Sequence[dict[str, Any]], names: Sequence[str], suffix: str) ->
 def fitted_depth_errors(
     scene: Scene, clip: TrueClip, backend: str = "auto", progress: Progress = silent
 ) -> dict[str, float]:
-    """`depth_errors` of the scene's own rendered depth in the used frames; {} without passes of the clip."""
+    """Return `depth_errors` of the scene's own rendered depth in the used frames; {} without passes of the clip."""
     found, true, moving = [], [], []
     for done, frame in enumerate(clip.used):
         progress("depth", done, len(clip.used))
@@ -197,7 +197,7 @@ def fitted_depth_errors(
 
 
 def depth_errors(found: np.ndarray, true: np.ndarray, moving: np.ndarray) -> dict[str, float]:
-    """Median relative error of depth: `depth_error_static`, `depth_error_moving` (a region without pixels is left out).
+    """Return the median relative error of depth: `depth_error_static`, `depth_error_moving` (a region without pixels is left out).
 
     Args:
         found: (F,H,W) z depth in the true unit (the cameras' alignment gives it); NaN = unknown, does not count.
@@ -251,13 +251,13 @@ def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 
 
 def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Angles (F,) in radians between rotations (F,3,3)."""
+    """Return the angles (F,) in radians between rotations (F,3,3)."""
     # |A - B|_F = sqrt(8) sin(angle/2): exact for small angles too, where the arc cosine of the trace is not.
     return 2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=(1, 2)) / np.sqrt(8), 0, 1))
 
 
 def rotation_error(estimated: CameraPath, truth: CameraPath, similarity: Similarity) -> float:
-    """Root mean square angle in degrees between the orientations of two paths after `similarity`."""
+    """Return the root mean square angle in degrees between the orientations of two paths after `similarity`."""
     turns_there, turns_here = (path.world_to_camera[:, :3, :3].transpose(0, 2, 1) for path in (truth, estimated))
     return float(np.degrees(np.sqrt(np.mean(_angles(turns_there, similarity[1] @ turns_here) ** 2))))
 
@@ -325,7 +325,7 @@ class SeenSurface:
         return _landing(camera, self.still, self.moving.get(frame, np.zeros((0, 3))))
 
     def regions(self, extra: ExtraCamera, index: int, moving_index: Sequence[int]) -> dict[str, np.ndarray]:
-        """`covered` (H,W) bool of one view of an extra camera, and where its passes tell, its parts `moving` and `static`.
+        """Return `covered` (H,W) bool of one view of an extra camera, and where its passes tell, its parts `moving` and `static`.
 
         Sky that the view shows is covered where a used frame looked into the same direction, and belongs to `static`.
         """
@@ -356,7 +356,7 @@ def _landing(camera: Camera, *clouds: np.ndarray) -> np.ndarray:
 def _score_view(
     scene: Scene, view: View, actual: np.ndarray, regions: dict[str, np.ndarray], refine_camera: bool, backend: str
 ) -> dict[str, float]:
-    """PSNR and SSIM of one extra view: `actual` (H,W,3) uint8, `regions` of the same size as `SeenSurface.regions`."""
+    """Return the PSNR and SSIM of one extra view: `actual` (H,W,3) uint8, `regions` of the same size as `SeenSurface.regions`."""
     camera, time = view
     size = camera.width, camera.height
     target = torch.from_numpy(resize_color(actual, *size).astype(np.float32) / 255)

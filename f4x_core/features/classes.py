@@ -31,14 +31,14 @@ def image_classes() -> tuple[ImageClass, ...]:
 
 
 def kinds_of(name: str) -> frozenset[str]:
-    """Everyday words for what a name may mean: a swan, and a black swan, is a bird; empty where no class says so."""
+    """Return everyday words for what a name may mean: a swan, and a black swan, is a bird; empty where no class says so."""
     words = {*spellings(name)}
     return frozenset(found for word, found in _kinds() if word in words)
 
 
 @cache
 def _kinds() -> frozenset[tuple[str, str]]:
-    """(name or its last word, kind) of all classes."""
+    """Return (name or its last word, kind) of all classes."""
     found = set()
     for names, kind in image_classes():
         for name in names.lower().split(", ") if kind else ():

@@ -214,7 +214,7 @@ def read_maps(folder: Path | str) -> FeatureMaps:
 
 
 def read_stored(folder: Path) -> dict[str, Any]:
-    """`stored.json` of a folder, empty where a foreign tool wrote none."""
+    """Return `stored.json` of a folder, empty where a foreign tool wrote none."""
     path = folder / STORED
     return _read_json(path) if path.is_file() else {}
 
@@ -288,7 +288,7 @@ class _Moments:
         self.square += cells.T @ cells
 
     def project(self, rank: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """(basis (k,C), mean (C,), fraction of the variance that is lost)."""
+        """Return (basis (k,C), mean (C,), fraction of the variance that is lost)."""
         mean = self.sum / self.count
         values, vectors = np.linalg.eigh(self.square / self.count - np.outer(mean, mean))  # ascending
         values = np.maximum(values, 0)

@@ -56,7 +56,7 @@ class MiniLm:
         return average_templates(labels, ("{}",), self.embed)
 
     def embed(self, sentences: list[str]) -> np.ndarray:
-        """(n, 384) float32: the mean over the tokens of each sentence."""
+        """Return (n, 384) float32: the mean over the tokens of each sentence."""
         rows = np.empty((len(sentences), self.dim), np.float32)
         tokens = [self.tokens(sentence) for sentence in sentences]
         for length in sorted({len(row) for row in tokens}):  # equal lengths need no padding
@@ -67,7 +67,7 @@ class MiniLm:
         return rows
 
     def tokens(self, sentence: str) -> list[int]:
-        """Rows of the vocabulary: the sentence's pieces between [CLS] and [SEP]."""
+        """Return the rows of the vocabulary: the sentence's pieces between [CLS] and [SEP]."""
         pieces = [row for word in words(sentence) for row in self._pieces(word)]
         return [self.vocabulary["[CLS]"], *pieces[: MAX_TOKENS - 2], self.vocabulary["[SEP]"]]
 
@@ -91,7 +91,7 @@ class MiniLm:
         return rows
 
     def _hidden(self, tokens: np.ndarray) -> np.ndarray:
-        """(n,t,384) of `tokens (n,t)`: what the last layer says of each."""
+        """Return (n,t,384) of `tokens (n,t)`: what the last layer says of each."""
         x = self.tensors["embeddings.word_embeddings.weight"][tokens]
         x = x + self.tensors["embeddings.position_embeddings.weight"][: tokens.shape[1]]
         x = self._normalised(x + self.tensors["embeddings.token_type_embeddings.weight"][0], "embeddings")
@@ -104,7 +104,7 @@ class MiniLm:
         return x
 
     def _attention(self, x: np.ndarray, at: str) -> np.ndarray:
-        """(n,t,384) of `x (n,t,384)`: every head's values, weighed by softmax(query . key / sqrt(width of a head))."""
+        """Return (n,t,384) of `x (n,t,384)`: every head's values, weighed by softmax(query . key / sqrt(width of a head))."""
         query, key, value = (
             self._linear(x, f"{at}.{part}").reshape(*x.shape[:2], self.heads, -1).transpose(0, 2, 1, 3)
             for part in ("query", "key", "value")

@@ -54,7 +54,7 @@ class Visual:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """(h,w,96) float32 of a picture (H,W,3) uint8."""
+        """Return (h,w,96) float32 of a picture (H,W,3) uint8."""
         size = input_size(rgb.shape[1], rgb.shape[0], AREA, self.MULTIPLE)
         with torch.inference_mode():
             features = self.layers(image_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD))
@@ -95,7 +95,7 @@ class Conse:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """(h,w,384) float32 of a picture (H,W,3) uint8."""
+        """Return (h,w,384) float32 of a picture (H,W,3) uint8."""
         height, width = rgb.shape[:2]
         grid = self.spec_for(width, height).grid
         with torch.inference_mode():

@@ -139,7 +139,7 @@ class Precomputed:
             yield x[0].permute(1, 2, 0).numpy()
 
     def _open(self) -> tuple[int, Callable[[int], np.ndarray]]:
-        """(number of frames, function that reads the map (h,w,C) of one)."""
+        """Return (number of frames, function that reads the map (h,w,C) of one)."""
         if self.source.is_dir():
             files = [
                 f for f in self.source.iterdir() if f.suffix in ENDINGS and f.stem not in ("global", "basis", "mean")
@@ -203,7 +203,7 @@ def _array(file: Path) -> np.ndarray:
 
 
 def _member(file: Path, name: str) -> np.ndarray | None:
-    """Array `name` of an `.npz`; for `map` also the only one there is."""
+    """Return the array `name` of an `.npz`; for `map` also the only one there is."""
     try:
         with open_npz(file) as arrays:
             if name not in arrays and (name != "map" or len(arrays) != 1):

@@ -12,7 +12,7 @@ IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 def input_size(width: int, height: int, area: int, multiple: int) -> tuple[int, int]:
-    """(h, w) of about `area` pixels, in multiples of the model's stride, nearest to the picture's aspect ratio."""
+    """Return (h, w) of about `area` pixels, in multiples of the model's stride, nearest to the picture's aspect ratio."""
     scale = sqrt(area / (width * height))
     h, w = (max(1, round(side * scale / multiple)) * multiple for side in (height, width))
     return h, w
@@ -37,7 +37,7 @@ def image_tensor(
 
 
 def resize_map(features: torch.Tensor, size: tuple[int, int], resize: str = "bilinear") -> torch.Tensor:
-    """Features (B,C,H,W) at another grid (h, w) by the rule of a `FeatureSpec`; differentiable."""
+    """Return the features (B,C,H,W) at another grid (h, w) by the rule of a `FeatureSpec`; differentiable."""
     if features.shape[-2:] == torch.Size(size):
         return features
     if resize == "area":

@@ -47,7 +47,7 @@ class FeatureSpec:
             raise F4xError(f"feature spec '{self.name}': temperature {self.temperature} is not above 0.")
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for `json.dumps`."""
+        """Return plain values for `json.dumps`."""
         return {**dataclasses.asdict(self), "grid": list(self.grid)}
 
     @classmethod

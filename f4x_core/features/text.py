@@ -98,5 +98,5 @@ def average_templates(
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., C) scaled to length 1; zero stays zero."""
+    """Return the vectors (..., C) scaled to length 1; zero stays zero."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

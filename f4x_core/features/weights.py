@@ -116,7 +116,7 @@ def find_weights(name: str) -> PackagedWeights | Checkpoint:
 
 
 def local_path(name: str) -> Path | None:
-    """File or folder of the weights on this machine, or None. Never asks the network."""
+    """Return the file or folder of the weights on this machine, or None. Never asks the network."""
     entry = find_weights(name)
     if isinstance(entry, PackagedWeights):
         return entry.path()

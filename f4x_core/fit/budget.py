@@ -162,22 +162,22 @@ def _raster_step(threads: int) -> float:
 
 
 def max_gaussians(config: FitConfig) -> int:
-    """Gaussians that a fit has room for."""
+    """Return the Gaussians that a fit has room for."""
     return config.density_static.max_count + config.density_dynamic.max_count
 
 
 def asked_gaussians(size: ClipSize, config: FitConfig) -> float:
-    """Gaussians that such a clip can ask for at most."""
+    """Return the Gaussians that such a clip can ask for at most."""
     return config.density_static.max_growth * MAX_VIEWS * size.pixels / config.spawn_static.spacing**2
 
 
 def expected_gaussians(size: ClipSize, config: FitConfig) -> float:
-    """Gaussians that a fit may end with: what there is room for, or what a clip can ask for."""
+    """Return the Gaussians that a fit may end with: what there is room for, or what a clip can ask for."""
     return min(max_gaussians(config), asked_gaussians(size, config))
 
 
 def machine_memory() -> float:
-    """Gigabytes of main memory of this machine; infinite where it does not tell."""
+    """Return the gigabytes of main memory of this machine; infinite where it does not tell."""
     if not hasattr(os, "sysconf"):  # Windows
         return float("inf")
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIGABYTE
@@ -275,7 +275,7 @@ def _up(number: float) -> str:
 
 
 def _fixed(size: ClipSize, config: FitConfig) -> Work:
-    """Cost of everything but the Gaussians."""
+    """Return the cost of everything but the Gaussians."""
     small = size.shrunk(config.priors.longer_side)
     per_pixel = PRIORS_PER_PIXEL * small.frames * small.pixels
     priors = Work(PRIORS + (1 - PRIORS_SHARED) * per_pixel, PRIORS_SHARED * per_pixel)
@@ -286,22 +286,22 @@ def _fixed(size: ClipSize, config: FitConfig) -> Work:
 
 
 def _per_gaussian(size: ClipSize, config: FitConfig) -> Work:
-    """Cost of one Gaussian."""
+    """Return the cost of one Gaussian."""
     return Work(config.steps * STEP_PER_GAUSSIAN, _tint_frames(size, config) * TINT_PER_GAUSSIAN)
 
 
 def _tint_frames(size: ClipSize, config: FitConfig) -> int:
-    """Frames whose colors are found, if there is room for all."""
+    """Return the frames whose colors are found, if there is room for all."""
     return size.frames if config.tints.enabled else 0
 
 
 def _tint_file(size: ClipSize, config: FitConfig, count: float) -> float:
-    """Bytes of the colors over time of a whole scene in its file."""
+    """Return the bytes of the colors over time of a whole scene in its file."""
     return min(TINT_FILE * count * size.windows**2 * _tint_frames(size, config), config.tints.megabytes * MEGABYTE)
 
 
 def _memory(size: ClipSize, config: FitConfig, count: float) -> float:
-    """Bytes at the peak, with so many Gaussians."""
+    """Return the bytes at the peak, with so many Gaussians."""
     small = size.shrunk(config.priors.longer_side)
     training = _training_memory(size, config) + GAUSSIAN_MEMORY * count
     priors = FRAME_MEMORY * size.frames * size.pixels + PRIORS_MEMORY * small.frames * small.pixels

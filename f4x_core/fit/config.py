@@ -60,11 +60,11 @@ class ScaffoldConfig:
         return GraphConfig(neighbours=self.neighbours, kth=self.distance_rank)
 
     def tolerance_at(self, width: int) -> float:
-        """Pixels within which nodes must carry tracks in a picture `width` pixels wide."""
+        """Return the pixels within which nodes must carry tracks in a picture `width` pixels wide."""
         return min(self.tolerance, self.tolerance_fraction * width)
 
     def selection(self, seed: int) -> SelectionConfig:
-        """Selection of nodes from tracks."""
+        """Return the selection of nodes from tracks."""
         between = tuple(count for count in NODE_COUNTS if self.min_nodes <= count <= self.max_nodes)
         return SelectionConfig(
             counts=between or (self.max_nodes,),
@@ -307,12 +307,12 @@ class FitConfig:
         return replace(own, max_count=max(1, min(own.max_count, self._first_of_growth(kind))))
 
     def first_limit_of(self, kind: str) -> str:
-        """Name of the setting that the number of `start_of` comes from."""
+        """Return the name of the setting that the number of `start_of` comes from."""
         own = getattr(self, f"spawn_{kind}").max_count
         return f"{'spawn' if own <= self._first_of_growth(kind) else 'density'}_{kind}.max_count"
 
     def _first_of_growth(self, kind: str) -> int:
-        """Gaussians that a set may begin with by what it may grow to."""
+        """Return the Gaussians that a set may begin with by what it may grow to."""
         return int(FIRST_FRACTION * getattr(self, f"density_{kind}").max_count)
 
     @property

@@ -148,7 +148,7 @@ class _Making:
         return replace(scene, static=static, needs=(*scene.needs, need.row()), extra={**scene.extra, **extra})
 
     def _hidden(self) -> np.ndarray:
-        """(n,) bool: new Gaussians that are in sight in no view, with one another or alone."""
+        """Return (n,) bool: new Gaussians that are in sight in no view, with one another or alone."""
         static = self.scene.static
         if len(static) == self.first:
             return np.zeros(0, bool)
@@ -158,7 +158,7 @@ class _Making:
         return most <= SHINES * THIN * self.light
 
     def _covered_in(self, camera: Camera, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) rows of covered Gaussians, not yet painted, whose centres `hidden (H,W)` pixels cover, (2,n) those pixels."""
+        """Return (n,) rows of covered Gaussians, not yet painted, whose centres `hidden (H,W)` pixels cover, (2,n) those pixels."""
         rows = np.flatnonzero(self.covered & ~self.painted)
         pixels, z = camera.project(self.scene.static.means[rows])
         inside = (z > 0) & ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(1)

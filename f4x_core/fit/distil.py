@@ -108,14 +108,14 @@ class _Mix(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, latents: Tensor, view: View) -> Tensor:
-        """(cells,D) of `latents (columns,D)`."""
+        """Return (cells,D) of `latents (columns,D)`."""
         ctx.view = view
         return torch.from_numpy(view.mix @ latents.detach().numpy())
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> Any:
-        """Gradient of the latents."""
+        """Return the gradient of the latents."""
         return torch.from_numpy(ctx.view.mix.T @ gradient.numpy()), None
 
 
@@ -138,11 +138,11 @@ class HeadTask:
         self.weight = (config.head_weights or {}).get(self.spec.name, 1.0)
 
     def decode(self, latent: Tensor) -> Tensor:
-        """Features (…,C)."""
+        """Return the features (…,C)."""
         return self.mean + self.spread * self.head(latent)
 
     def loss(self, latent: Tensor, alpha: Tensor, frame: int) -> Tensor:
-        """Relative L1 + SSIM + cosine terms of a view's latent (H,W,D), over cells that are covered."""
+        """Return the relative L1 + SSIM + cosine terms of a view's latent (H,W,D), over cells that are covered."""
         z, covered = to_grid(latent, alpha, self.spec)
         seen = covered > COVERED  # (h,w)
         wanted = torch.from_numpy(self.maps.at(frame))
@@ -176,7 +176,7 @@ class KeptHead:
         self.stored, self.head = stored, Head.from_arrays(arrays).requires_grad_(False)
 
     def loss(self, latent: Tensor, before: Tensor, alpha: Tensor) -> Tensor:
-        """Relative L1 between what is decoded from the latent (H,W,D) now and before."""
+        """Return the relative L1 between what is decoded from the latent (H,W,D) now and before."""
         seen = (alpha > COVERED)[..., None]
         with torch.no_grad():
             wanted = self.head(before) * seen
@@ -308,7 +308,7 @@ class _Distillation:
         return (latents / max(spread, 1e-6)).astype(np.float32)
 
     def components(self, frame: int) -> np.ndarray:
-        """(cells,D) principal components of all teachers' maps of a frame, on the common grid."""
+        """Return (cells,D) principal components of all teachers' maps of a frame, on the common grid."""
         found = []
         for each in self.maps:
             map_ = torch.from_numpy(each.at(frame)).permute(2, 0, 1)[None]  # (1,C,h,w)
@@ -317,7 +317,7 @@ class _Distillation:
         return self.spectrum.coordinates(found, self.width)
 
     def train(self, views: Sequence[View], start: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Latents (Ns+M,D) after training and, where they may move, skinning weights (Nd,K)."""
+        """Return the latents (Ns+M,D) after training and, where they may move, skinning weights (Nd,K)."""
         config = self.config
         before = torch.from_numpy(start.astype(np.float32))
         latents = before.clone().requires_grad_(not self.frozen)
@@ -334,7 +334,7 @@ class _Distillation:
         parameters = [parameter for group in groups for parameter in group["params"]]
 
         def gradients(view: View) -> tuple[Tensor, ...]:
-            """Gradients of a view's loss to all parameters."""
+            """Return the gradients of a view's loss to all parameters."""
             seen = self.seen(latents if skin is None else skin.columns(latents), view)
             loss = torch.stack([task.loss(seen, view.alpha, view.frame) for task in self.tasks]).sum()
             if self.kept and latents.requires_grad:
@@ -358,7 +358,7 @@ class _Distillation:
         return latents.detach().numpy(), None if skin is None else skin.weights().detach().numpy()
 
     def seen(self, columns: Tensor, view: View) -> Tensor:
-        """(h,w,D) latent that a view sees."""
+        """Return (h,w,D) latent that a view sees."""
         mixed: Tensor = _Mix.apply(columns, view)
         return mixed.reshape(*self.grid, -1)
 
@@ -472,7 +472,7 @@ def common_grid(specs: Sequence[FeatureSpec], scene: Scene) -> tuple[int, int]:
 
 
 def to_grid(latent: Tensor, alpha: Tensor, spec: FeatureSpec) -> tuple[Tensor, Tensor]:
-    """Latent (h,w,D) and alpha (h,w) on the grid of `spec`, from any other; empty cells are no part of the mean.
+    """Return the latent (h,w,D) and alpha (h,w) on the grid of `spec`, from any other; empty cells are no part of the mean.
 
     Shrinking is anti-aliased: means over area, or a triangle as wide as the new cells for `bilinear`.
     """

@@ -119,6 +119,6 @@ class MovingTracks:
         return int(candidates[torch.randint(len(candidates), (1,), generator=generator)])
 
     def shared(self, frame: int, partner: int) -> tuple[Tensor, Tensor]:
-        """(n,2) pixels of the tracks that both frames see: in `frame`, and in `partner`."""
+        """Return (n,2) pixels of the tracks that both frames see: in `frame`, and in `partner`."""
         both = self.visible[frame] & self.visible[partner]
         return self.points[frame, both], self.points[partner, both]

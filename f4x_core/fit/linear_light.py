@@ -175,7 +175,7 @@ class _Refit:
 
 
 def linear_color(display: Tensor) -> Tensor:
-    """Linear light of display colours, which below 0 have none (IEC 61966-2-1)."""
+    """Return linear light of display colours, which below 0 have none (IEC 61966-2-1)."""
     display = display.clamp_min(0)
     return torch.where(display <= 0.04045, display / 12.92, ((display.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
 

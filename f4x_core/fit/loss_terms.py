@@ -170,7 +170,7 @@ class _Losses:
         return depth_roughness(output.depth, output.alpha, rendered.target.float() / 255, unsure)
 
     def mask(self, rendered: Rendered) -> Tensor:
-        """Alpha of the dynamic Gaussians against the moving mask, as far as the motion score is certain."""
+        """Return the alpha of the dynamic Gaussians against the moving mask, as far as the motion score is certain."""
         certain = (2 * rendered.motion - 1).abs()  # 0 where the score says nothing
         error = (rendered.dynamic_alpha - (rendered.motion > 0.5).float()).abs()
         return (error * certain).mean()

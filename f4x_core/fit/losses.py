@@ -23,7 +23,7 @@ PLAIN = 0.04
 
 
 def masked_l1(image: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    """Sum over channels of |image - target| (H,W,C), averaged over pixels with `weight` (H,W)."""
+    """Return the sum over channels of |image - target| (H,W,C), averaged over pixels with `weight` (H,W)."""
     return ((image - target).abs().sum(-1) * weight).sum() / weight.sum().clamp_min(MIN_WEIGHT)
 
 
@@ -77,7 +77,7 @@ def frame_losses(
 
 
 def roughness_step(height: int, width: int) -> int:
-    """Pixels between two that a bend of the depth compares."""
+    """Return the pixels between two that a bend of the depth compares."""
     return max(round(min(height, width) / ROUGHNESS_STEPS), 1)
 
 
@@ -119,7 +119,7 @@ def depth_roughness(depth: Tensor, alpha: Tensor, image: Tensor, unsure: Tensor)
 
 
 def _three(image: Tensor, axis: int, step: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Pixels, and those `step` before and behind them along `axis`, in the order in which they lie."""
+    """Return the pixels, and those `step` before and behind them along `axis`, in the order in which they lie."""
     count = image.shape[axis] - 2 * step
     first, middle, last = (image.narrow(axis, k * step, count) for k in (0, 1, 2))
     return first, middle, last

@@ -115,7 +115,7 @@ class Moved(NamedTuple):
 
 
 def _centre(camera: Camera) -> tuple[float, float, float]:
-    """`camera.center` in plain numbers, without gradients: see `camera_rig.CorrectedView`."""
+    """Return `camera.center` in plain numbers, without gradients: see `camera_rig.CorrectedView`."""
     rows = camera.world_to_camera[:3].tolist()
     x, y, z = (-sum(row[axis] * row[3] for row in rows) for axis in range(3))
     return x, y, z
@@ -143,7 +143,7 @@ class SceneModel:
         return self.rig.path.times
 
     def __len__(self) -> int:
-        """Gaussians of both sets."""
+        """Return the number of Gaussians of both sets."""
         return len(self.static) + (0 if self.dynamic is None else len(self.dynamic))
 
     def sets(self) -> Iterator[tuple[str, StaticGaussians | DynamicGaussians]]:
@@ -176,7 +176,7 @@ class SceneModel:
         return known
 
     def skinning(self, x_reference: Tensor) -> tuple[Tensor, Tensor]:
-        """Weights (N,K) and identity strength (N,) of the dynamic Gaussians at their reference positions (N,3)."""
+        """Return the weights (N,K) and identity strength (N,) of the dynamic Gaussians at their reference positions (N,3)."""
         assert self.dynamic is not None
         assert self.nodes is not None
         known = self.attachment

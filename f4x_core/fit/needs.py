@@ -65,5 +65,5 @@ def lack_in_words(shortages: Iterable[Shortage]) -> str:
 
 
 def moving_fraction(priors: Priors) -> float:
-    """Fraction of all pixels that the mask calls moving."""
+    """Return the fraction of all pixels that the mask calls moving."""
     return float(np.mean(priors.mask)) if priors.mask is not None else 0.0

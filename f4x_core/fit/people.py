@@ -59,7 +59,7 @@ def _of_their_nodes(scene: Scene, light: np.ndarray) -> np.ndarray:
 
 
 def _layers(priors: Priors, row: int, count: int, size: tuple[int, int]) -> np.ndarray:
-    """(h,w,count + parts + 1) float32 of a used frame: the mask of each person, of each part of the body, and ones."""
+    """Return (h,w,count + parts + 1) float32 of a used frame: the mask of each person, of each part of the body, and ones."""
     assert priors.people is not None and priors.people_probability is not None
     height, width = size
     who = np.where(priors.people_probability[row] > SHOWN, priors.people[row], 0)

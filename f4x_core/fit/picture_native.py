@@ -68,5 +68,5 @@ class NativePictureLoss(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, factor: Tensor) -> Any:
-        """Gradient of the image."""
+        """Return the gradient of the image."""
         return ctx.saved_tensors[0] * factor, None, None, None

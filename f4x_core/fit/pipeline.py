@@ -133,7 +133,7 @@ class ClipFit:
         return now
 
     def settings_hash(self) -> str:
-        """Hash of everything but the priors that decides what this fit finds."""
+        """Return the hash of everything but the priors that decides what this fit finds."""
         settings = {name: value for name, value in resolved(self.config).items() if name not in NOT_DECIDING}
         return config_hash(settings, self.clip.digest, self.clip.width, self.clip.height)
 
@@ -181,7 +181,7 @@ def start_fit(
     progress: Progress = silent,
     ground: KnownGround | None = None,
 ) -> Trainer:
-    """Everything before the first step: cameras, scaffold, first Gaussians. `ground`: what is known of the static scene."""
+    """Return everything before the first step: cameras, scaffold, first Gaussians. `ground`: what is known of the static scene."""
     assert priors.cameras is not None
     config = for_motion(config, moving_fraction(priors), len(priors.frames))
     rig = CameraRig(priors.cameras.resized(clip.width, clip.height))
@@ -272,7 +272,7 @@ def _provenance(trainer: Trainer) -> dict[str, Any]:
 
 
 def _believed(priors: Priors) -> float | None:
-    """Degrees off the path within which all of the scene can be believed, to a tenth; None where nothing tells."""
+    """Return the degrees off the path within which all of the scene can be believed, to a tenth; None where nothing tells."""
     evidence = depth_evidence(priors)
     if evidence is None:
         return None

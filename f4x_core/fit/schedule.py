@@ -45,7 +45,7 @@ def every(period: int, total: int) -> frozenset[int]:
 
 
 def rate_at(rate: Rate | float, fraction: float, config: FitConfig) -> float:
-    """`rate` at this fraction of all steps; a pair decays log-linearly, without the reference's jump."""
+    """Return `rate` at this fraction of all steps; a pair decays log-linearly, without the reference's jump."""
     if not isinstance(rate, tuple):
         return rate
     start = config.rate_decay_start

@@ -152,7 +152,7 @@ def as_lines(config: Any) -> str:
 
 
 def field_docs(kind: type) -> dict[str, str]:
-    """Field -> the docstring that follows it in the source of the dataclass `kind`, on one line; others are left out."""
+    """Return field -> the docstring that follows it in the source of the dataclass `kind`, on one line; others are left out."""
     body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0].body  # type: ignore[attr-defined]
     found = {}
     for node, after in pairwise(body):
@@ -193,7 +193,7 @@ def _similarity(given: str, known: str) -> float:
 
 
 def _with_values(config: Any, values: Mapping[str, Any]) -> Any:
-    """`config` with fields set, all at once: a dataclass may check some of them against each other."""
+    """Return `config` with fields set, all at once: a dataclass may check some of them against each other."""
     changed: dict[str, Any] = {}
     groups: dict[str, dict[str, Any]] = {}
     for name, value in values.items():

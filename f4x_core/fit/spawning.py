@@ -38,7 +38,7 @@ Explained = Mapping[int, np.ndarray]
 
 
 def spawn_frames(priors: Priors, config: FitConfig) -> np.ndarray:
-    """Indices into F of the frames from which the static set is spawned."""
+    """Return the indices into F of the frames from which the static set is spawned."""
     count = min(config.spawn_static.frames, len(priors.frames))
     return evenly_spaced(len(priors.frames), count)
 
@@ -169,7 +169,7 @@ class Spawner:
     def _carried(
         self, model: SceneModel, spawned: Spawned, frame: int, spawn: SpawnConfig, first_id: int
     ) -> DynamicGaussians:
-        """Gaussians that were spawned in supervised frame `frame`, attached to the model's nodes."""
+        """Return the Gaussians that were spawned in supervised frame `frame`, attached to the model's nodes."""
         assert model.nodes is not None
         reference = np.full(len(spawned), frame)
         return spawn_dynamic(spawned, reference, model.nodes.snapshot(), self.degree, spawn, first_id)

@@ -26,7 +26,7 @@ DEPTH_NODES = 4
 
 
 def moving_tracks(priors: Priors) -> np.ndarray:
-    """Indices of the tracks whose visible samples mostly lie in the moving mask."""
+    """Return the indices of the tracks whose visible samples mostly lie in the moving mask."""
     assert priors.tracks is not None
     assert priors.tracks_visible is not None
     assert priors.mask is not None

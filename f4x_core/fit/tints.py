@@ -136,7 +136,7 @@ class Tinting:
         return _View(weights, moves, counts, counts * ~moving[..., None]), drawn[..., :3]
 
     def _gain(self, row: int) -> float:
-        """PSNR (dB) that the tints of the knots before and after bring to that of `row`."""
+        """Return the PSNR (dB) that the tints of the knots before and after bring to that of `row`."""
         frame, (target, seen) = int(self.knots[row]), self.targets[row]
         view, picture = self._view(frame, seen)
         times = self.scene.cameras.times[self.knots[row - 1 : row + 2]]
@@ -223,12 +223,12 @@ def _frame(clip: Clip, index: int) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> float:
-    """Sum of products in float64; numpy's pairwise sums do not depend on threads, a BLAS may."""
+    """Return the sum of products in float64; numpy's pairwise sums do not depend on threads, a BLAS may."""
     return float(np.multiply(a, b).sum(dtype=np.float64))
 
 
 def _error(picture: np.ndarray, target: np.ndarray, seen: np.ndarray | None) -> float:
-    """Mean square of what the screen shows, at least `MIN_ERROR`."""
+    """Return the mean square of what the screen shows, at least `MIN_ERROR`."""
     left = np.clip(picture, 0, 1) - target
     left = left if seen is None else left * seen[..., None]
     return max(float(np.square(left).mean(dtype=np.float64)), MIN_ERROR)

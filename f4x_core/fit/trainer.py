@@ -194,7 +194,7 @@ class Trainer:
         return self.step / self.config.steps
 
     def _drawn_count(self) -> int:
-        """Gaussians in a picture."""
+        """Return the number of Gaussians in a picture."""
         return len(self.model) + (0 if self.model.frozen is None else len(self.model.frozen))
 
     def _next_frame(self) -> int:
@@ -206,7 +206,7 @@ class Trainer:
     def render(
         self, frame: int, data: FrameData, background: Tensor | None = None, offset: Tensor | None = None
     ) -> Rendered:
-        """Supervised frame `frame` at the size of `data`, with all channels that the losses of the present step ask for.
+        """Return supervised frame `frame` at the size of `data`, with all channels that the losses of the present step ask for.
 
         `background`: (3,) rgb. `offset`: (N,2) pixels by which the projected means are moved.
         """
@@ -242,7 +242,7 @@ class Trainer:
             self.controls[name].record(offset.grad[rows], rendered.output.visible[rows], *size)
 
     def _rates(self, name: str) -> dict[str, float]:
-        """Learning rates of the tensors of the set called `name` at the present step."""
+        """Return the learning rates of the tensors of the set called `name` at the present step."""
         tensors = dict(self.model.sets())[name].parameters
         return {t: rate_at(self.config.rates.of(name, t), self.fraction, self.config) for t in tensors}
 
@@ -318,7 +318,7 @@ class Trainer:
         return out.channels[..., :3].clamp(0, 1)
 
     def state(self, settings_hash: str) -> dict[str, Any]:
-        """Everything that the next step depends on, as tensors and plain values."""
+        """Return everything that the next step depends on, as tensors and plain values."""
         model = self.model
         state: dict[str, Any] = {
             "config_hash": settings_hash,

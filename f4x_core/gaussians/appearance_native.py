@@ -23,7 +23,7 @@ class NativeAppearance(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, sh: Tensor, means: Tensor, quats: Tensor, centre: Tensor, threads: int) -> Tensor:
-        """Colours (N,3)."""
+        """Return the colours (N,3)."""
         sh, means, quats = (tensor.contiguous() for tensor in (sh, means, quats))
         colors = torch.empty_like(means)
         ctx.save_for_backward(sh, means, quats, centre)
@@ -34,7 +34,7 @@ class NativeAppearance(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, sent: Tensor) -> Any:
-        """Gradients of sh, means and quats."""
+        """Return the gradients of sh, means and quats."""
         sh, means, quats, centre = ctx.saved_tensors
         d_sh, d_means, d_quats = (torch.empty_like(tensor) for tensor in (sh, means, quats))
         arrays = {"sent": sent.contiguous(), "means": means, "quats": quats, "d_means": d_means, "d_quats": d_quats}
@@ -143,7 +143,7 @@ class NativeDrawing(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, *sent: Tensor) -> Any:
-        """Gradients of the tensors of every set."""
+        """Return the gradients of the tensors of every set."""
         sets, drawing = _sets_of(ctx.saved_tensors), ctx.drawing
         sent = Drawn(*(gradient.contiguous() for gradient in sent))
         got: list[Tensor | None] = []

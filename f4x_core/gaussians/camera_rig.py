@@ -39,7 +39,7 @@ class CorrectedView(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, sent: Tensor) -> Any:
-        """Gradients of the rotation vectors and the positions: zero but for the frame's."""
+        """Return the gradients of the rotation vectors and the positions: zero but for the frame's."""
         slope = sent.numpy()[:3].astype(float)
         # A small rotation w after the present one changes the loss by the sum of a * [w].
         (_, a01, a02), (a10, _, a12), (a20, a21, _) = (slope @ ctx.turned.T).tolist()
@@ -77,7 +77,7 @@ class CameraSmoothness(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, *parts: Tensor) -> Tensor:
-        """Sum of the means of all `parts`, a scalar."""
+        """Return the sum of the means of all `parts`, a scalar."""
         rows = [part.numpy() for part in parts]
         bends = [own[2:] - 2 * own[1:-1] + own[:-2] for own in rows]
         ctx.bends = bends
@@ -86,7 +86,7 @@ class CameraSmoothness(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, factor: Tensor) -> Any:
-        """Gradients of the rows."""
+        """Return the gradients of the rows."""
         gradients = []
         for bend in ctx.bends:
             slope, gradient = (
@@ -136,7 +136,7 @@ class CameraRig:
         return Camera(self.intrinsics(frame, width, height), self.view(frame), width, height)
 
     def smoothness(self) -> Tensor:
-        """Mean squared second difference of the corrections, in radians (positions: world units at depth 1)."""
+        """Return the mean squared second difference of the corrections, in radians (positions: world units at depth 1)."""
         if len(self.path) < 3:
             return self.base.new_zeros(())
         return CameraSmoothness.apply(self.parameters["camera_rotation"], self.parameters["camera_position"])

@@ -206,16 +206,16 @@ class _Grid:
         return grid
 
     def cell(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-        """Number of the cell of each pixel."""
+        """Return the number of the cell of each pixel."""
         down, across = self.level.shape
         return (rows * down // self.height) * across + cols * across // self.width
 
     def level_at(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-        """Level of the cell of each pixel."""
+        """Return the level of the cell of each pixel."""
         return self.level.ravel()[self.cell(rows, cols)]
 
     def block(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-        """Number of the block of each pixel, unique over all levels."""
+        """Return the number of the block of each pixel, unique over all levels."""
         down, across = self.level.shape
         cell = self.cell(rows, cols)
         level = self.level.ravel()[cell]
@@ -230,7 +230,7 @@ class _Grid:
         camera: Camera,
         existing: np.ndarray,
     ) -> np.ndarray:
-        """(n,) bool: pixels, one a cell, in whose block an existing Gaussian lies at their depth `z`, or many beside it."""
+        """Return (n,) bool: pixels, one a cell, in whose block an existing Gaussian lies at their depth `z`, or many beside it."""
         down, across = self.level.shape
         if not len(existing):
             return np.zeros(len(rows), bool)
@@ -255,7 +255,7 @@ class _Grid:
 
 
 def _blocks(cells: np.ndarray, level: int) -> np.ndarray:
-    """Sums over blocks of `2**level` x `2**level` cells; those at the rim are padded with nothing."""
+    """Return the sums over blocks of `2**level` x `2**level` cells; those at the rim are padded with nothing."""
     side = 2**level
     padded = np.pad(cells, [(0, -size % side) for size in cells.shape])
     return padded.reshape(padded.shape[0] // side, side, -1, side).sum((1, 3))
@@ -287,7 +287,7 @@ def _trainable(parameters: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 def spawn_static(spawned: Spawned, degree: int, config: SpawnConfig, first_id: int = 0) -> StaticGaussians:
-    """Static Gaussians of SH degree `degree` at back-projected pixels, ids from `first_id` on."""
+    """Return the static Gaussians of SH degree `degree` at back-projected pixels, ids from `first_id` on."""
     count = len(spawned.means)
     parameters = {"means": torch.from_numpy(spawned.means), "quats": _identity_quaternions(count)}
     parameters |= _parameters(spawned, degree, config.opacity)

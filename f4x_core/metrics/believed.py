@@ -107,7 +107,7 @@ def depth_evidence(priors: Priors) -> DepthEvidence | None:
 
 
 def _angle(error: float, focal: float) -> float:
-    """Degrees at which a relative depth error displaces by the tolerance."""
+    """Return the degrees at which a relative depth error displaces by the tolerance."""
     return min(float(np.degrees(np.arctan(TOLERANCE / (focal * max(error, DEPTH_FLOOR))))), MAX_DEGREES)
 
 
@@ -117,7 +117,7 @@ def _depth_from_rays(priors: Priors) -> bool:
 
 
 def _confidence(priors: Priors, moving: bool) -> np.ndarray:
-    """Confidence (n,) of known depth of moving objects or of the background; 1 where a provider gave none."""
+    """Return the confidence (n,) of known depth of moving objects or of the background; 1 where a provider gave none."""
     assert priors.depth is not None
     pick = slice(None), slice(None, None, SAMPLED), slice(None, None, SAMPLED)
     known = np.isfinite(priors.depth[pick])
@@ -130,7 +130,7 @@ def _confidence(priors: Priors, moving: bool) -> np.ndarray:
 
 
 def _error_of(confidence: np.ndarray) -> float:
-    """Relative depth error of the median confidence."""
+    """Return the relative depth error of the median confidence."""
     if not len(confidence):
         return GUESS_ERROR
     middle = float(np.median(confidence))
@@ -138,7 +138,7 @@ def _error_of(confidence: np.ndarray) -> float:
 
 
 def _moving_error(priors: Priors, focal: float, ray_noise: float) -> float | None:
-    """Median over the moving objects whose depth's origin is known, else by the confidence of moving pixels.
+    """Return the median over the moving objects whose depth's origin is known, else by the confidence of moving pixels.
 
     The classical provider's confidence there is how much of the ground contact was seen and no precision; priors written
     before origins were kept count as ground contact.

@@ -51,5 +51,5 @@ def psnr(image: Tensor, target: Tensor, weight: Tensor | None = None) -> float:
 
 
 def ssim(image: Tensor, target: Tensor) -> float:
-    """Mean structural similarity of two images (H,W,3)."""
+    """Return the mean structural similarity of two images (H,W,3)."""
     return float(ssim_map(image, target).mean())

@@ -61,7 +61,7 @@ def angular_factor(path: CameraPath, fps: float) -> float:
 
 
 def angular_speed(directions: np.ndarray, times: np.ndarray, fps: float) -> float:
-    """Mean angle (degrees per second) between neighbours in time of `directions (F,3)` at clip frames `times (F,)`."""
+    """Return the mean angle (degrees per second) between neighbours in time of `directions (F,3)` at clip frames `times (F,)`."""
     if len(directions) < 2:
         return 0.0
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -70,7 +70,7 @@ def angular_speed(directions: np.ndarray, times: np.ndarray, fps: float) -> floa
 
 
 def spanned_degrees(directions: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """Largest angle (P,) in degrees between two of the `directions (F,P,3)` in which `visible (F,P)`; NaN below two."""
+    """Return the largest angle (P,) in degrees between two of the `directions (F,P,3)` in which `visible (F,P)`; NaN below two."""
     unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
     unit = np.where(visible[..., None], unit, np.nan)
     smallest = np.ones(directions.shape[1])
@@ -81,7 +81,7 @@ def spanned_degrees(directions: np.ndarray, visible: np.ndarray) -> np.ndarray:
 
 
 def static_view_degrees(priors: Priors) -> np.ndarray:
-    """Angle (P,) in degrees spanned over the clip by the viewing rays of each static track, by depth and cameras.
+    """Return the angle (P,) in degrees spanned over the clip by the viewing rays of each static track, by depth and cameras.
 
     A track stands at the median of the places where depth puts it. At most `MAX_POINTS` tracks, evenly chosen; empty where
     tracks, depth or cameras are missing.

@@ -57,7 +57,7 @@ class Result:
 
 
 def _name(dtype: Any) -> str:
-    """Name of a dtype of numpy or torch, for example `float32`."""
+    """Return the name of a dtype of numpy or torch, for example `float32`."""
     return str(dtype).removeprefix("torch.")
 
 

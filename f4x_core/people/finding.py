@@ -98,7 +98,7 @@ def fills(pose: Pose, region: np.ndarray, step: int) -> bool:
 
 
 def steadiness(picture: np.ndarray, pose: Pose) -> float:
-    """Agreement 0..1 of a pose with those found in the same crop turned, mirrored and smaller.
+    """Return the agreement 0..1 of a pose with those found in the same crop turned, mirrored and smaller.
 
     A body is found again, whichever way is up; swans, camels and toy trains get other joints each time.
     """
@@ -115,7 +115,7 @@ def steadiness(picture: np.ndarray, pose: Pose) -> float:
 
 
 def _agreement(pose: Pose, region: np.ndarray, step: int) -> float:
-    """Intersection over union of a person's mask and a `region (H // step, W // step)` bool."""
+    """Return the intersection over union of a person's mask and a `region (H // step, W // step)` bool."""
     shown = pose.mask(step * region.shape[0], step * region.shape[1], step) > 0.5
     return float((shown & region).sum() / max((shown | region).sum(), 1))
 
@@ -152,7 +152,7 @@ def same_body(one: Pose, other: Pose, shape: tuple[int, int]) -> bool:
 
 
 def _detected(picture: np.ndarray, parts: bool) -> list[Crop]:
-    """Crops of the people that the detector sees, in the whole picture and in its parts; the surest first."""
+    """Return the crops of the people that the detector sees, in the whole picture and in its parts; the surest first."""
     seen = detect(picture, THRESHOLD)
     if parts:
         height, width = picture.shape[:2]
@@ -165,7 +165,7 @@ def _detected(picture: np.ndarray, parts: bool) -> list[Crop]:
 
 
 def _starts(length: int, side: int) -> list[int]:
-    """Starts of parts of length `side` along an edge: they overlap by half, and the last one ends at the border."""
+    """Return the starts of parts of length `side` along an edge: they overlap by half, and the last one ends at the border."""
     count = max(int(np.ceil(2 * (length - side) / side)), 0) + 1
     return np.round(np.linspace(0, max(length - side, 0), count)).astype(int).tolist()
 

@@ -220,7 +220,7 @@ class _Place:
         return best if best is not None and self.agreement(best) >= MIN_AGREEMENT else None
 
     def agreement(self, pose: Pose) -> float:
-        """Intersection over union of a person's mask and of where they are expected; 0 where nobody is present."""
+        """Return the intersection over union of a person's mask and of where they are expected; 0 where nobody is present."""
         if pose.presence < PRESENCE or not is_usable(pose.next_crop, self.picture):
             return 0.0
         shown = pose.mask(self.picture.shape[0], self.picture.shape[1], COARSE) > 0.5
@@ -255,7 +255,7 @@ def _joined(people: list[Person], pictures: np.ndarray) -> list[Person]:
 
 
 def _likeness(one: Person, other: Person, color: np.ndarray, other_color: np.ndarray) -> float:
-    """Likeness of `other` to `one`, of whom they may be the return; 0 where they cannot be."""
+    """Return the likeness of `other` to `one`, of whom they may be the return; 0 where they cannot be."""
     last, first = one.frames[-1], other.frames[0]
     if not 0 < first - last <= GAP:
         return 0.0

@@ -132,7 +132,7 @@ def missing() -> str:
 
 
 def detect(picture: np.ndarray, threshold: float) -> list[Detection]:
-    """People in `picture (H, W, 3)` uint8 with a score of at least `threshold`, the surest first."""
+    """Return the people in `picture (H, W, 3)` uint8 with a score of at least `threshold`, the surest first."""
     import cv2
 
     height, width = picture.shape[:2]
@@ -199,7 +199,7 @@ def confirm(picture: np.ndarray, crop: Crop) -> float:
 
 
 def _cut(picture: np.ndarray, crop: Crop, size: int) -> np.ndarray:
-    """(size, size, 3) uint8: the crop of a picture, black outside of it."""
+    """Return (size, size, 3) uint8: the crop of a picture, black outside of it."""
     import cv2
 
     there = crop.to_picture(size)
@@ -208,7 +208,7 @@ def _cut(picture: np.ndarray, crop: Crop, size: int) -> np.ndarray:
 
 
 def sigmoid(values: np.ndarray) -> np.ndarray:
-    """Logits to 0..1, of the same type."""
+    """Map logits to 0..1, of the same type."""
     return 1 / (1 + np.exp(-np.clip(values, -30, 30)))
 
 

@@ -92,7 +92,7 @@ class Observations:
         return used, replace(self, point=point)
 
     def visible(self, frames: int, points: int) -> np.ndarray:
-        """(frames, points) bool: which point was seen in which frame."""
+        """Return (frames, points) bool: which point was seen in which frame."""
         seen = np.zeros((frames, points), bool)
         seen[self.frame, self.point] = True
         return seen
@@ -161,7 +161,7 @@ class Bundle:
         return np.einsum("oij,oj->oi", self.rotation[observations.frame], offset)
 
     def residuals(self, observations: Observations) -> np.ndarray:
-        """Projection minus observation in pixels, `(O, 2)`; infinite behind the camera."""
+        """Return the projection minus observation in pixels, `(O, 2)`; infinite behind the camera."""
         local = self.local(observations)
         ahead = local[:, 2:] > MIN_DEPTH
         focal = self.focals[observations.frame, None]
@@ -169,7 +169,7 @@ class Bundle:
         return np.where(ahead, projected - observations.uv, np.inf)
 
     def errors(self, observations: Observations) -> np.ndarray:
-        """Reprojection error in pixels, `(O,)`."""
+        """Return the reprojection error in pixels, `(O,)`."""
         return np.linalg.norm(self.residuals(observations), axis=1)
 
 
@@ -200,7 +200,7 @@ class BundleConfig:
 
 
 def rays(bundle: Bundle, observations: Observations) -> np.ndarray:
-    """Unit viewing directions in the world, `(O, 3)`."""
+    """Return unit viewing directions in the world, `(O, 3)`."""
     plane = (observations.uv - bundle.principal) / bundle.focals[observations.frame, None]
     local = np.column_stack([plane, np.ones(len(plane))])
     local /= np.linalg.norm(local, axis=1, keepdims=True)
@@ -210,7 +210,7 @@ def rays(bundle: Bundle, observations: Observations) -> np.ndarray:
 def triangulate(
     bundle: Bundle, observations: Observations, count: int, rounds: int = 3
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points nearest to their viewing rays: `(count, 3)` and the spread of the rays `(count,)` in radians.
+    """Return the points nearest to their viewing rays: `(count, 3)` and the spread of the rays `(count,)` in radians.
 
     `X = argmin sum w |(I - d d^T)(X - c)|^2 / distance^2`, the distances from the round before, so that the error is
     angular. Spread is the largest angle to the point's mean ray, doubled. Points seen less than twice are NaN.
@@ -305,14 +305,14 @@ def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig)
 
 
 def sighting_costs(bundle: Bundle, observations: Observations, config: BundleConfig) -> np.ndarray:
-    """Robust squared error of every sighting, `(O,)` px^2, by its weight."""
+    """Return robust squared error of every sighting, `(O,)` px^2, by its weight."""
     return observations.weight * _robust((bundle.residuals(observations) ** 2).sum(1), config)
 
 
 def resect(
     bundle: Bundle, observations: Observations, frames: np.ndarray, iterations: int = 15, robust_px: float = 2.0
 ) -> Bundle:
-    """Cameras `frames` re-solved from known points, each by itself, starting where it stands; all others stay."""
+    """Return the cameras `frames` re-solved from known points, each by itself, starting where it stands; all others stay."""
     chosen = np.isin(observations.frame, frames) & np.isfinite(bundle.points[observations.point]).all(1)
     seen, config = observations.keep(chosen), BundleConfig(refine_focal=False, robust_px=robust_px)
     if not len(seen.frame):
@@ -347,7 +347,7 @@ def _incidence(index: np.ndarray, count: int) -> csr_matrix:
 
 
 def _unit(bundle: Bundle) -> float:
-    """Median distance of the finite points from the middle camera; 1 without any."""
+    """Return the median distance of the finite points from the middle camera; 1 without any."""
     distance = np.linalg.norm(bundle.points - bundle.center[len(bundle.center) // 2], axis=1)
     distance = distance[np.isfinite(distance)]
     return max(float(np.median(distance)), 1e-12) if len(distance) else 1.0
@@ -421,7 +421,7 @@ class _Problem:
         )
 
     def local(self, frame: int, points: np.ndarray) -> np.ndarray:
-        """Homogeneous `points (n, 4)` in the axes of a camera, `(3, n)`, scaled by the length of the homogeneous vector."""
+        """Return homogeneous `points (n, 4)` in the axes of a camera, `(3, n)`, scaled by the length of the homogeneous vector."""
         return self.rotation[frame] @ (points[:, :3] - points[:, 3:] * self.center[frame]).T
 
     def moved(self, cameras: np.ndarray, focal: float, points: np.ndarray, config: BundleConfig) -> _Problem:
@@ -512,12 +512,12 @@ def _sightings(problem: _Problem, observations: Observations, config: BundleConf
 
 
 def _depth_prior(config: BundleConfig) -> float:
-    """Fraction of the squared error that inverse distances which vary by their median must save."""
+    """Return the fraction of the squared error that inverse distances which vary by their median must save."""
     return DEPTH_PRIOR / config.relief**2
 
 
 def _prior_cost(problem: _Problem, config: BundleConfig, belief: float) -> float:
-    """Cost of what is believed beforehand, in units of `belief`."""
+    """Return the cost of what is believed beforehand, in units of `belief`."""
     cost = np.mean((problem.inverse_distance - 1) ** 2) * _depth_prior(config) if config.refine_centers else 0.0
     if config.refine_centers:
         cost += PATH_PRIOR * np.mean((problem.center**2).sum(1))
@@ -553,7 +553,7 @@ class _Linear(NamedTuple):
 def _linearise(
     problem: _Problem, frame: int, seen: Observations, tangents: np.ndarray, config: BundleConfig
 ) -> _Linear:
-    """Derivatives of the sightings `seen` of a frame; `tangents (P, 4, 3)` of the problem.
+    """Return the derivatives of the sightings `seen` of a frame; `tangents (P, 4, 3)` of the problem.
 
     Sightings are the last axis: numpy works on long rows, faster than on as many small matrices.
     """

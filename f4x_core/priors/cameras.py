@@ -290,13 +290,13 @@ class _CameraProblem:
         return np.array([self.priors.width, self.priors.height]) / 2
 
     def cues(self, frames: np.ndarray) -> DepthCues:
-        """Depth cues for the cameras of the supervised frames `frames`."""
+        """Return the depth cues for the cameras of the supervised frames `frames`."""
         depth = self.priors.scratch.get(SEEN_DEPTH) if self.priors.depth is None else self.priors.depth
         return DepthCues(frames, self.tracks, self.visible, self.static, self.priors.mask, depth)
 
 
 def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`tracks (F, N, 2)`, `visible (F, N)` and which tracks stand still `(N,)`; empty when there are none."""
+    """Return `tracks (F, N, 2)`, `visible (F, N)` and which tracks stand still `(N,)`; empty when there are none."""
     if priors.tracks is None or priors.tracks_visible is None:
         frames = len(priors.frames)
         return np.zeros((frames, 0, 2), np.float32), np.zeros((frames, 0), bool), np.zeros(0, bool)
@@ -655,7 +655,7 @@ def _resolve_mirror(job: _CameraProblem, start: Solution) -> Solution | None:
 
 
 def _with_sightings(job: _CameraProblem, solution: Solution) -> Solution:
-    """Cameras without points of their own get those of the static tracks, triangulated."""
+    """Return a solution whose cameras have points: without their own those of the static tracks, triangulated."""
     if len(solution.observations.frame):
         return solution
     seen, order = sightings(job.tracks, job.visible, job.static, 4 * SAMPLED_POINTS)
@@ -688,7 +688,7 @@ def _translates(job: _CameraProblem, moved: Solution) -> bool:
 
 
 def _search(job: _CameraProblem, start: Solution, translating: bool = True) -> tuple[Solution, dict[str, list[float]]]:
-    """`search_focal` among lenses of films, or with the one that is known."""
+    """Return `search_focal` among lenses of films, or with the one that is known."""
     width, side = job.priors.width, max(job.priors.width, job.priors.height)
     candidates = [focal * side / width for focal in FOCALS] if job.lens.refine_focal else [job.focal / width]
     return search_focal(start, width, candidates, translating, DEFAULT_FOCAL * side / width)
@@ -764,7 +764,7 @@ def _solve_keyframes(job: _CameraProblem, keyframes: np.ndarray) -> Solution | N
 
 
 def _adjusted_pan(turning: Solution, focal: float) -> Solution:
-    """Rotations of all frames adjusted at the focal length found."""
+    """Return the rotations of all frames adjusted at the focal length found."""
     turning = refocused(turning, focal, translating=False)
     settings = BundleConfig(iterations=8, refine_focal=False, refine_centers=False)
     return replace(turning, bundle=adjust(turning.bundle, turning.observations, settings))
@@ -779,12 +779,12 @@ def _static_camera(frames: int, focal: float, principal: np.ndarray, turns: np.n
 
 
 def _keyframes(frames: int, max_count: int) -> np.ndarray:
-    """Evenly spaced indices, first and last included, at most `max_count`."""
+    """Return evenly spaced indices, first and last included, at most `max_count`."""
     return evenly_spaced(frames, max_count)
 
 
 def _covered(registered: np.ndarray) -> float:
-    """Fraction of the clip between the first and the last registered frame."""
+    """Return the fraction of the clip between the first and the last registered frame."""
     known = np.flatnonzero(registered)
     return (known[-1] - known[0] + 1) / len(registered) if len(known) else 0.0
 
@@ -810,7 +810,7 @@ def _limited_observations(solution: Solution, max_points: int) -> Observations:
 
 
 def _triangulated(bundle: Bundle, observations: Observations, registered: np.ndarray, offset: int) -> Bundle:
-    """Points from number `offset` on triangulated anew from the registered cameras."""
+    """Return the points from number `offset` on triangulated anew from the registered cameras."""
     seen = observations.keep(registered[observations.frame])
     points, _ = triangulate(bundle, seen, len(bundle.points))
     points[:offset] = bundle.points[:offset]
@@ -818,7 +818,7 @@ def _triangulated(bundle: Bundle, observations: Observations, registered: np.nda
 
 
 def _interpolated(bundle: Bundle, registered: np.ndarray, frames: np.ndarray, times: np.ndarray) -> Bundle:
-    """Cameras `frames` put on the smooth path through the registered ones."""
+    """Return the cameras `frames` put on the smooth path through the registered ones."""
     size = (2 * bundle.principal).astype(int)
     path = bundle.path(times, *size)
     known = replace(
@@ -848,14 +848,14 @@ def _first_camera_at_origin(bundle: Bundle) -> Bundle:
 
 
 def _median_depth(solution: Solution) -> float:
-    """Median depth of the sightings; 1 without any."""
+    """Return the median depth of the sightings; 1 without any."""
     depth = solution.bundle.local(solution.observations)[:, 2]
     depth = depth[depth > 0]
     return float(np.median(depth)) if len(depth) else 1.0
 
 
 def _turns(path: CameraPath) -> np.ndarray:
-    """Angles between neighbouring cameras in radians, `(F - 1,)`."""
+    """Return the angles between neighbouring cameras in radians, `(F - 1,)`."""
     q = quaternion.from_matrix(path.world_to_camera[:, :3, :3])
     turn = quaternion.to_rotation_vector(quaternion.multiply(q[1:], quaternion.conjugate(q[:-1])))
     return np.linalg.norm(turn, axis=1)

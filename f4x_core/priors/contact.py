@@ -62,7 +62,7 @@ class DepthMaps:
 
 
 def guessed_confidence(priors: Priors, certain: float) -> float:
-    """Confidence of an object's depth in a frame in which its contact is `certain` 0..1."""
+    """Return the confidence of an object's depth in a frame in which its contact is `certain` 0..1."""
     return MOVING_CONFIDENCE * certain if priors.camera_kind == "moving" else GUESS_CONFIDENCE
 
 
@@ -91,7 +91,7 @@ def one_scale(ratio: np.ndarray, trust: np.ndarray, quantile: float = CONTACT_QU
 
 
 def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, grown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth `(f,)` of one object over time, and its certainty 0..1.
+    """Return the inverse depth `(f,)` of one object over time, and its certainty 0..1.
 
     `contact (f,)` inverse depths where it touches the ground with `trust (f,)` 0..1, `grown (f - 1,)` logarithm of its
     change of picture size to the next frame (NaN = unknown). Size is inverse depth times a constant, so

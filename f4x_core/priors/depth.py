@@ -128,7 +128,7 @@ def _with_outlines(clip: Clip, priors: Priors, inverse: np.ndarray, moving: np.n
 def _before_standing_camera(
     clip: Clip, priors: Priors, cameras: CameraPath, statistics: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Guessed inverse depth and confidence `(F, H, W)` of the world before a camera that stands."""
+    """Return guessed inverse depth and confidence `(F, H, W)` of the world before a camera that stands."""
     world = guess_world(priors)
     statistics["guess"] = world.summary()
     whence = "where what moves touches it" if world.known else "where it usually lies, as little tells where it is"
@@ -140,7 +140,7 @@ def _before_standing_camera(
 def inverse_depth_from_flow(
     cameras: CameraPath, frame: int, pixels: np.ndarray, targets: list[tuple[int, np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth `(n,)` of static `pixels (n, 2)` of a frame, and its precision `(n,)` (1 / variance).
+    """Return the inverse depth `(n,)` of static `pixels (n, 2)` of a frame, and its precision `(n,)` (1 / variance).
 
     `targets` lists (other frame, where the pixels are seen there `(n, 2)`, weight `(n,)`). With the ray `r`, `x = R r +
     rho t` in the other camera and `(u, v)` the normalised sighting, `rho (t_x - u t_z) = u a_z - a_x`, `a = R r`, is linear
@@ -193,7 +193,7 @@ def epipolar_direction(cameras: CameraPath, frame: int, pixels: np.ndarray, othe
 def fill_inverse_depth(
     inverse: np.ndarray, precision: np.ndarray, guide: np.ndarray, iterations: int = 60, curvature: float = CURVATURE
 ) -> np.ndarray:
-    """Inverse depth everywhere `(h, w)` from samples of different precision.
+    """Return the inverse depth everywhere `(h, w)` from samples of different precision.
 
     `guide (h, w)` are grey levels 0..255, whose steps `dI` count as `d = |dI| / EDGE_GREY`, or `(h, w, 3)`: levels whose steps
     `dS` are those of surfaces, how far these are trusted, `t` in 0..1, and grey levels: `d = t |dS| + (1 - t) |dI| / EDGE_GREY`.
@@ -291,7 +291,7 @@ def _line_roughness(levels: np.ndarray, smooth: float, flat: float) -> np.ndarra
 
 
 def ground_prior(cameras: CameraPath) -> np.ndarray:
-    """Inverse depth `(F, H, W)` of a world that is near below and farther above, the same from every direction of view.
+    """Return the inverse depth `(F, H, W)` of a world that is near below and farther above, the same from every direction of view.
 
     Inverse distance is `0.7 + s`, s that of `below_horizon`.
     """
@@ -345,7 +345,7 @@ def _static_depth(
     progress: Progress,
     statistics: dict[str, Any],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth and confidence `(F, H, W)` of the static world, also where it is hidden or not seen."""
+    """Return the inverse depth and confidence `(F, H, W)` of the static world, also where it is hidden or not seen."""
     import cv2
 
     assert priors.cameras is not None
@@ -392,12 +392,12 @@ SAMPLED = np.s_[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE]
 
 
 def sample_grid(height: int, width: int) -> np.ndarray:
-    """(h, w, 2) pixels (x, y) on which depth is measured."""
+    """Return (h, w, 2) pixels (x, y) on which depth is measured."""
     return pixel_grid(height, width)[SAMPLED].astype(np.float64)
 
 
 def between_samples(values: np.ndarray, height: int, width: int) -> np.ndarray:
-    """(height, width) float32: `values (h, w)` on the `SAMPLED` pixels, linear between them.
+    """Return (height, width) float32: `values (h, w)` on the `SAMPLED` pixels, linear between them.
 
     A sample is the value of its own pixel. Taken as that of the square of pixels that it stands for it would lie half a pixel too
     high, and on ground seen at a grazing angle that is 1 % too near.
@@ -414,7 +414,7 @@ def between_samples(values: np.ndarray, height: int, width: int) -> np.ndarray:
 def _measure(
     clip: Clip, priors: Priors, config: PriorsConfig, pictures: np.ndarray, blocked: np.ndarray, progress: Progress
 ) -> list[Samples]:
-    """Samples of every frame from flow and tracks; none where `blocked (F, H, W)`."""
+    """Return the samples of every frame from flow and tracks; none where `blocked (F, H, W)`."""
     assert priors.cameras is not None
     cameras, flows, tracks = priors.cameras, long_flows(clip, priors, config, progress), track_samples(priors)
     grid = sample_grid(*blocked.shape[1:])

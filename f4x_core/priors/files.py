@@ -225,7 +225,7 @@ def _derive(priors: Priors, fixed: tuple[str, ...]) -> dict[str, Any]:
 
 
 def camera_kind(path: CameraPath) -> str:
-    """`static`, `pan` (turns about its centre) or `moving`, from poses in world units."""
+    """Return `static`, `pan` (turns about its centre) or `moving`, from poses in world units."""
     world_to_camera = path.world_to_camera
     rotation = world_to_camera[:, :3, :3]
     centers = -np.einsum("tji,tj->ti", rotation, world_to_camera[:, :3, 3])

@@ -150,7 +150,7 @@ def look_up(image: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def warp(image: np.ndarray, flow: np.ndarray) -> np.ndarray:
-    """`image` (H,W[,C]) float32 looked up at p + flow(p), border repeated."""
+    """Return `image` (H,W[,C]) float32 looked up at p + flow(p), border repeated."""
     return look_up(image, pixel_grid(*flow.shape[:2]) + flow)
 
 
@@ -214,12 +214,12 @@ def best_of_cells(held: np.ndarray, side: int, least: float) -> tuple[np.ndarray
 
 
 def compose(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Flow a -> c from the flows a -> b and b -> c, all (H,W,2) float32."""
+    """Return flow a -> c from the flows a -> b and b -> c, all (H,W,2) float32."""
     return first + warp(second, first)
 
 
 def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> dict[int, np.ndarray]:
-    """Signed gap -> (F,H,W,2) float16 flows from frame t to t + gap (zeros where that frame does not exist).
+    """Return signed gap -> (F,H,W,2) float16 flows from frame t to t + gap (zeros where that frame does not exist).
 
     Gaps are powers of two up to the longest that `config` asks for, each chained from two half ones: with good flow at
     gap 1 that was as accurate as flow computed anew over the gap, at a twentieth of the time. They live in unnamed
@@ -383,7 +383,7 @@ def _find_lost(
 
 
 def _slip(picture: np.ndarray) -> np.ndarray:
-    """(h,w) grey levels by which a `picture` (h,w) float32 changes over `SLIP` pixels."""
+    """Return (h,w) grey levels by which a `picture` (h,w) float32 changes over `SLIP` pixels."""
     import cv2
 
     return SLIP * cv2.magnitude(*(cv2.Scharr(picture, cv2.CV_32F, *axis) / 32 for axis in ((1, 0), (0, 1))))
@@ -431,14 +431,14 @@ def _shifts(first: np.ndarray, second: np.ndarray, there: np.ndarray, lost: np.n
 
 
 def _closed(region: np.ndarray) -> np.ndarray:
-    """(h,w) uint8 of bool, holes and gaps of up to four pixels filled."""
+    """Return (h,w) uint8 of bool, holes and gaps of up to four pixels filled."""
     import cv2
 
     return cv2.morphologyEx(region.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
 
 
 def _moved(picture: np.ndarray, by: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """`picture` (H,W) looked up at p + `by` (x, y) for the pixels of `shape` (h,w), border repeated."""
+    """Return `picture` (H,W) looked up at p + `by` (x, y) for the pixels of `shape` (h,w), border repeated."""
     import cv2
 
     move = np.array([[1, 0, by[0]], [0, 1, by[1]]], np.float64)

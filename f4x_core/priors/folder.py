@@ -113,7 +113,7 @@ class Priors:
             self.warnings.append(message)
 
     def expected_shape(self, name: str) -> tuple[int | None, ...]:
-        """Shape that array `name` must have; None where the number of tracks is free."""
+        """Return the shape that array `name` must have; None where the number of tracks is free."""
         count = None if self.tracks is None else self.tracks.shape[1]
         sizes: dict[str, int | None] = {
             "F": len(self.frames),
@@ -283,7 +283,7 @@ def sources_in(folder: Path) -> dict[str, str]:
 
 
 def read_head(folder: Path) -> dict[str, Any]:
-    """`priors.json` as a dict; F4xError when it is missing, damaged or too new."""
+    """Return `priors.json` as a dict; F4xError when it is missing, damaged or too new."""
     path = folder / "priors.json"
     try:
         head = load_json(path)

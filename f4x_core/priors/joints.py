@@ -79,7 +79,7 @@ def to_segments(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> tuple
 
 
 def turn_to_ray(joints: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) shortest rotation of the camera's z axis to the ray through between the hips of `joints (n, 33, 3)`.
+    """Return (n, 3, 3) shortest rotation of the camera's z axis to the ray through between the hips of `joints (n, 33, 3)`.
 
     It turns metres along that ray, as networks know them, into the axes of the camera. intrinsics: (3, 3), or (n, 3, 3).
     """

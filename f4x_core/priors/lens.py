@@ -93,7 +93,7 @@ def measure(
 
 
 def straightened(uv: np.ndarray, principal: np.ndarray, bend: float) -> np.ndarray:
-    """Pixels `uv (n,2)` as a straight lens shows them; `principal (2,)` is the middle of the picture."""
+    """Return the pixels `uv (n,2)` as a straight lens shows them; `principal (2,)` is the middle of the picture."""
     offset = (uv - principal) / principal.max()
     return principal + principal.max() * offset * (1 + bend * (offset**2).sum(1, keepdims=True))
 

@@ -119,7 +119,7 @@ class Decision:
         return "sure" if self.margin >= SURE else "likely" if self.margin >= LIKELY else "toss-up"
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for the statistics of the priors."""
+        """Return plain values for the statistics of the priors."""
         return {
             "verdict": self.verdict,
             "chosen": "mirrored" if self.mirrored else "least error",
@@ -247,7 +247,7 @@ class _TrackDepths:
 
 
 def _track_depths(bundle: Bundle, cues: DepthCues) -> _TrackDepths:
-    """Static tracks triangulated from the sampled cameras, and their inverse depth there."""
+    """Return the static tracks triangulated from the sampled cameras, and their inverse depth there."""
     frames, kept = cues.frames, np.flatnonzero(cues.static & (cues.visible[cues.frames].sum(0) > 2))
     frame, point = np.nonzero(cues.visible[frames][:, kept])
     uv = cues.tracks[frames][:, kept][frame, point].astype(np.float64)
@@ -269,13 +269,13 @@ def _rating_evidence(
 
 
 def _agreement(a: Bundle, b: Bundle) -> float:
-    """Rank correlation of the distances of two solutions' points from their middle cameras."""
+    """Return the rank correlation of the distances of two solutions' points from their middle cameras."""
     distances = [np.linalg.norm(one.points - one.center[len(one.center) // 2], axis=1) for one in (a, b)]
     return rank_correlation(*distances)
 
 
 def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
-    """Mean rank correlation of image row and inverse depth over the frames, a clear one emphasised (`LOWER_CLEAR`)."""
+    """Return the mean rank correlation of image row and inverse depth over the frames, a clear one emphasised (`LOWER_CLEAR`)."""
     z = bundle.local(observations)[:, 2]
     found = []
     for frame in range(len(bundle.center)):
@@ -308,7 +308,7 @@ def _movers_in_front(dense: _TrackDepths, cues: DepthCues) -> float:
 
 
 def _tracks_end_behind(first: _TrackDepths, second: _TrackDepths, cues: DepthCues) -> list[Evidence]:
-    """Tracks that end inside the picture while a neighbour approaches them: the neighbour is nearer."""
+    """Return the tracks that end inside the picture while a neighbour approaches them: the neighbour is nearer."""
     pairs = _endings(cues)
     if len(pairs) < MIN_SAMPLES:
         return []
@@ -371,14 +371,14 @@ def _inside(cues: DepthCues, frame: int) -> np.ndarray:
 
 
 def _unit(cues: DepthCues) -> float:
-    """Pixels of this clip per pixel of a picture 480 wide."""
+    """Return the pixels of this clip per pixel of a picture 480 wide."""
     if cues.mask is not None:
         return max(cues.mask.shape[1:]) / 480
     return float(np.nanmax(cues.tracks, initial=1.0)) / 480
 
 
 def _agrees_with_prior(dense: _TrackDepths, cues: DepthCues) -> float:
-    """Mean rank correlation of inverse depth with a depth prior over the frames."""
+    """Return the mean rank correlation of inverse depth with a depth prior over the frames."""
     assert cues.depth is not None
     found = []
     height, width = cues.depth.shape[1:]

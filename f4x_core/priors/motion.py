@@ -212,7 +212,7 @@ def both_ways(gaps: tuple[int, ...], frames: int) -> tuple[int, ...]:
 
 
 def border_of(rows: int, columns: int) -> np.ndarray:
-    """(rows,columns) bool: the frame around the picture."""
+    """Return (rows,columns) bool: the frame around the picture."""
     border = np.ones((rows, columns), bool)
     top, side = max(1, round(BORDER * rows)), max(1, round(BORDER * columns))
     border[top : rows - top, side : columns - side] = False
@@ -243,7 +243,7 @@ def _off_homography(points: np.ndarray, flow: np.ndarray, good: np.ndarray, unit
 def _left_by_parallax(
     frames: np.ndarray, residual: np.ndarray, trust: np.ndarray, points: np.ndarray, unit: float
 ) -> np.ndarray:
-    """(f,K,P) what `_off_parallax` leaves of `residual (F,K,P,2)` in the frames `(f,)`."""
+    """Return (f,K,P) what `_off_parallax` leaves of `residual (F,K,P,2)` in the frames `(f,)`."""
     return np.stack(in_threads(lambda t: _off_parallax(residual[t], trust[t], points, unit, int(t)), frames))
 
 
@@ -349,12 +349,12 @@ def _without_covered(
 
 
 def enlarge(coarse: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Samples every `STEP` pixels (offset STEP / 2) to (H,W) float32."""
+    """Return (H,W) float32 of samples every `STEP` pixels (offset STEP / 2)."""
     return sample(coarse, (pixel_grid(height, width) - STEP // 2 - 0.5) / STEP + 0.5).astype(np.float32)
 
 
 def _smooth_in_time(score: np.ndarray, flows: dict[int, np.ndarray]) -> np.ndarray:
-    """Mean of each frame's score with its neighbours' (half the weight), carried along the flow."""
+    """Return the mean of each frame's score with its neighbours' (half the weight), carried along the flow."""
     frames = len(score)
 
     def mean(t: int) -> np.ndarray:

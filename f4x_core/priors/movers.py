@@ -128,7 +128,7 @@ def place_objects(
 
 
 def _over_time(frames: np.ndarray, masks: np.ndarray, maps: DepthMaps, priors: Priors) -> dict[str, list[Any]]:
-    """`over_time` of `place_objects` for a placed object, `masks (f, H, W)` in the rows `frames (f,)` of the priors."""
+    """Return `over_time` of `place_objects` for a placed object, `masks (f, H, W)` in the rows `frames (f,)` of the priors."""
 
     def compare(i: int) -> tuple[float, float | None, bool]:
         f, own, edge = frames[i], owns[i], edges[i]
@@ -383,7 +383,7 @@ def _relative_inverse(mover: _MovingObject, priors: Priors) -> list[np.ndarray]:
 
 
 def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Values `(n,)` known at `points (n, 2)` at the pixels `y, x (p,)`, never beyond the known ones."""
+    """Return the values `(n,)` known at `points (n, 2)` at the pixels `y, x (p,)`, never beyond the known ones."""
     every = -(-len(points) // MAX_KNOTS)
     smooth = RBFInterpolator(points[::every], values[::every], kernel="linear", smoothing=SMOOTH_PX)
     rows, columns = (np.arange(one.min(), one.max() + GRID_PX, GRID_PX) for one in (y, x))

@@ -101,7 +101,7 @@ def with_people(mask: np.ndarray, motion: np.ndarray, priors: Priors) -> np.ndar
 
 
 def dilate_masks(masks: np.ndarray, margin: int) -> np.ndarray:
-    """Masks (F,H,W) bool grown by a square of `margin` pixels to each side."""
+    """Return the masks (F,H,W) bool grown by a square of `margin` pixels to each side."""
     import cv2
 
     square = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)

@@ -186,7 +186,7 @@ def _along_rays(
 
 
 def _at(image: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(h, w[, C]) values of `image (H, W[, C])` at `place (2, h, w)` in pixels, of its dtype."""
+    """Return (h, w[, C]) values of `image (H, W[, C])` at `place (2, h, w)` in pixels, of its dtype."""
     return look_up(image, np.moveaxis(place, 0, -1))
 
 

@@ -140,7 +140,7 @@ def mask_is_given(priors: Priors) -> bool:
 
 
 def _stands_still(priors: Priors, asked: np.ndarray) -> np.ndarray:
-    """(n,) bool: which of the tracks `asked (n,)` are one point in space, as nearly as the background's are."""
+    """Return (n,) bool: which of the tracks `asked (n,)` are one point in space, as nearly as the background's are."""
     assert priors.cameras is not None and priors.tracks is not None and priors.tracks_visible is not None
     assert priors.tracks_motion is not None
     rest = np.flatnonzero((priors.tracks_motion <= STATIC_TRACK) & (priors.tracks_visible.sum(0) >= MIN_FRAMES))

@@ -104,13 +104,13 @@ def choose_covering_points(visible: np.ndarray, max_count: int) -> np.ndarray:
 
 
 def bearings(uv: np.ndarray, focal: float, principal: np.ndarray) -> np.ndarray:
-    """Unit viewing directions `(n, 3)` in camera axes."""
+    """Return unit viewing directions `(n, 3)` in camera axes."""
     local = np.concatenate([(uv - principal) / focal, np.ones_like(uv[:, :1])], axis=1)
     return local / np.linalg.norm(local, axis=1, keepdims=True)
 
 
 def rotation_between(a: np.ndarray, b: np.ndarray, focal: float, rounds: int = 8) -> tuple[np.ndarray, np.ndarray]:
-    """Robust rotation `(3, 3)` with `b ~ R a` of unit directions `(n, 3)`, and the residuals `(n,)` in pixels.
+    """Return robust rotation `(3, 3)` with `b ~ R a` of unit directions `(n, 3)`, and the residuals `(n,)` in pixels.
 
     Kabsch with Cauchy reweighting at the median residual: it follows the far majority and leaves parallax as residual.
     """
@@ -186,7 +186,7 @@ def solve_with_tracks(
 def solve_with_depth(
     tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, depth: np.ndarray, focal: float | None, width: int
 ) -> tuple[Solution, dict[str, list[float]]]:
-    """Cameras from tracks and a depth prior: field-of-view search, chained alignments, points from depth.
+    """Return the cameras from tracks and a depth prior: field-of-view search, chained alignments, points from depth.
 
     `tracks (F, N, 2)`, `depth (F, H, W)` in any unit. Pairs of frames 10 and 20 apart are aligned by a similarity of their
     lifted tracks for every candidate field of view; the least symmetric reprojection error wins (as in MoSca).
@@ -352,14 +352,14 @@ def adjust_known(
 
 
 def mean_directions(bundle: Bundle, observations: Observations) -> np.ndarray:
-    """Unit mean directions of the sightings of each point in the world, `(P, 3)`; 0 for a point that nobody sees."""
+    """Return unit mean directions of the sightings of each point in the world, `(P, 3)`; 0 for a point that nobody sees."""
     directions = np.zeros_like(bundle.points)
     np.add.at(directions, observations.point, rays(bundle, observations))
     return directions / (np.linalg.norm(directions, axis=1, keepdims=True) + 1e-12)
 
 
 def _on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
-    """Points at distance 1 in the mean direction of their sightings: a world without depth."""
+    """Return the points at distance 1 in the mean direction of their sightings: a world without depth."""
     return replace(bundle, points=mean_directions(bundle, observations))
 
 
@@ -378,7 +378,7 @@ def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.n
 
 
 def _structure(bundle: Bundle, observations: Observations, registered: np.ndarray) -> Bundle:
-    """Points triangulated from the registered frames; those with narrow rays or large errors are NaN."""
+    """Return the points triangulated from the registered frames; those with narrow rays or large errors are NaN."""
     seen = observations.keep(registered[observations.frame])
     points, spread = triangulate(bundle, seen, len(bundle.points))
     bundle = replace(bundle, points=points)
@@ -396,7 +396,7 @@ def _structure(bundle: Bundle, observations: Observations, registered: np.ndarra
 def _first_pair(
     tracks: np.ndarray, visible: np.ndarray, focal: float, principal: np.ndarray, seed: int
 ) -> tuple[int, int, np.ndarray, np.ndarray] | None:
-    """Two frames with parallax and their relative pose (first camera at the origin), or None."""
+    """Return two frames with parallax and their relative pose (first camera at the origin), or None."""
     import cv2
 
     best: tuple[float, int, int] | None = None
@@ -452,12 +452,12 @@ def _set_pose(bundle: Bundle, frame: int, rotation: np.ndarray, center: np.ndarr
 
 
 def _lift(uv: np.ndarray, z: np.ndarray, focal: float, principal: np.ndarray) -> np.ndarray:
-    """Points `(..., 3)` in camera axes."""
+    """Return the points `(..., 3)` in camera axes."""
     return np.concatenate([(uv - principal) / focal, np.ones_like(uv[..., :1])], axis=-1) * z[..., None]
 
 
 def _robust_alignment(a: np.ndarray, b: np.ndarray, with_scale: bool) -> tuple[float, np.ndarray, np.ndarray]:
-    """Similarity `b ~ s R a + t` with Cauchy weights relative to depth, so that far points do not dominate."""
+    """Return the similarity `b ~ s R a + t` with Cauchy weights relative to depth, so that far points do not dominate."""
     weight = 1 / b[:, 2] ** 2
     for _ in range(6):
         scale, rotation, shift = pose.align_similarity(a, b, weight, with_scale)
@@ -474,7 +474,7 @@ def _alignment_error(
     focal: float,
     principal: np.ndarray,
 ) -> float:
-    """Median symmetric reprojection error in pixels after aligning the lifted tracks of every pair, averaged."""
+    """Return the median symmetric reprojection error in pixels after aligning the lifted tracks of every pair, averaged."""
     errors = []
     for i, j in pairs:
         shared = visible[i] & visible[j]

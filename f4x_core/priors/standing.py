@@ -63,7 +63,7 @@ class Standing:
         return self.standing >= MIN_STANDING and self.covered >= MIN_COVERED and self.jitter <= self.limit
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for the statistics of the priors."""
+        """Return plain values for the statistics of the priors."""
         jitter = round(self.jitter, 3) if np.isfinite(self.jitter) else None
         fractions = {"standing": round(self.standing, 3), "covered": round(self.covered, 3)}
         return {"stands": self.stands, "jitter_px": jitter} | fractions
@@ -126,7 +126,7 @@ class StillnessTest:
         return turns
 
     def _find(self, reference: int, frame: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places `(n, 2)` of points of a reference in another frame, and whether they are found there `(n,)`."""
+        """Return the places `(n, 2)` of points of a reference in another frame, and whether they are found there `(n,)`."""
         import cv2
 
         if not len(points):
@@ -166,7 +166,7 @@ class StillnessTest:
         return _Comparison(found, stands, covered, float(np.median(shift)) if len(shift) else np.inf)
 
     def _turn(self, reference: int, frame: int) -> np.ndarray:
-        """Rotation (3, 3) from the axes of a reference to those of another frame; 1 where too few points are found."""
+        """Return the rotation (3, 3) from the axes of a reference to those of another frame; 1 where too few points are found."""
         points = self.points[reference]
         there, found = self._find(reference, frame, points)
         if frame == reference or found.sum() < MIN_FOUND // 2:

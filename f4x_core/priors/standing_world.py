@@ -126,7 +126,7 @@ class GuessedWorld:
         return np.stack(in_threads(draw, range(len(cameras))))
 
     def _below(self, row: float | np.ndarray, camera: Camera) -> Any:
-        """Inverse depth of the ground at a `row` of the picture, 0 above the horizon."""
+        """Return the inverse depth of the ground at a `row` of the picture, 0 above the horizon."""
         tilt = self.down(camera)
         return np.maximum(tilt[1] * (row - camera.intrinsics[1, 2]) / camera.intrinsics[1, 1] + tilt[2], 0)
 
@@ -142,7 +142,7 @@ class GuessedWorld:
         return np.maximum(known, GUESS_CONFIDENCE) if self.known else np.full(self.height, GUESS_CONFIDENCE)
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for the statistics of the priors; rows in picture heights."""
+        """Return plain values for the statistics of the priors; rows in picture heights."""
         rows = {"horizon": self.horizon, "horizon_error": self.horizon_error, "base": self.base}
         found = {name: round(value / self.height, 3) for name, value in rows.items()}
         return found | {"known": self.known, "contacts": self.contacts, "people": self.people}
@@ -173,7 +173,7 @@ def guess_world(priors: Priors) -> GuessedWorld:
 
 
 def find_horizon(contacts: Contacts, lens: Lens) -> tuple[float, float]:
-    """Row of the horizon and its standard deviation, in pixels.
+    """Return the row of the horizon and its standard deviation, in pixels.
 
     Mean and deviation over the rows that may be it: the logarithm of `true_size` is the same in a group, errors have long tails
     (who jumps, bends or is half hidden misses by much), and what is usual counts, too.
@@ -208,7 +208,7 @@ def true_size(row: np.ndarray, size: np.ndarray, scale: bool, horizon: np.ndarra
 
 
 def find_contacts(priors: Priors) -> Contacts:
-    """Feet of people, and lowest points of other moving objects, that are seen whole."""
+    """Return the feet of people, and lowest points of other moving objects, that are seen whole."""
     found = [_feet(priors), *_objects(priors)]
     kept = [found[0], *(one for one in found[1:] if len(one[0]) >= MIN_FRAMES)]
     groups = [np.full(len(row), number) for number, (row, _) in enumerate(kept)]
@@ -217,7 +217,7 @@ def find_contacts(priors: Priors) -> Contacts:
 
 
 def _feet(priors: Priors) -> tuple[np.ndarray, np.ndarray]:
-    """Rows `(n,)` of the lowest foot of people and pixels per metre at their bodies `(n,)`."""
+    """Return the rows `(n,)` of the lowest foot of people and pixels per metre at their bodies `(n,)`."""
     rows, sizes = [], []
     joints, metres = priors.people_joints, priors.people_metres
     if joints is None or metres is None:
@@ -235,7 +235,7 @@ def _feet(priors: Priors) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _objects(priors: Priors) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Lowest rows `(n,)` and heights `(n,)` of every moving object but people, in the frames in which it is seen whole.
+    """Return the lowest rows `(n,)` and heights `(n,)` of every moving object but people, in the frames in which it is seen whole.
 
     A piece of the mask that splits or joins another one goes on as a new object: its height is another one from there.
     """
@@ -262,7 +262,7 @@ def _objects(priors: Priors) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _large_pieces(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Connected pieces of a `mask (H,W)` with enough pixels, numbered from 1 (0 elsewhere), and their count."""
+    """Return connected pieces of a `mask (H,W)` with enough pixels, numbered from 1 (0 elsewhere), and their count."""
     pieces, _ = ndimage.label(mask)
     large = np.bincount(pieces.ravel()) >= MIN_PIXELS
     large[0] = False

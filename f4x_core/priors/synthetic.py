@@ -142,7 +142,7 @@ class Truth:
 
     @classmethod
     def read(cls, clip: Clip, progress: Progress) -> Truth:
-        """Truth of the folder that `clip` was read from; F4xError when it is missing or belongs to other pictures."""
+        """Return the truth of the folder that `clip` was read from; F4xError when it is missing or belongs to other pictures."""
         folder = Path(clip.source)
         folder = folder if (folder / "truth.json").is_file() else folder.parent
         path = folder / "truth.json"
@@ -220,18 +220,18 @@ class Truth:
         return uv, alive
 
     def _pixels(self, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Column, row (clipped) and whether inside the picture."""
+        """Return the column, row (clipped) and whether inside the picture."""
         return _pixels_of(uv, self.depth.shape[1:])
 
     def _vector(self, flow: np.ndarray, moving: np.ndarray, uv: np.ndarray) -> np.ndarray:
-        """Flow at `uv`: bilinear inside a moving object, of the nearest pixel on its rim (no mixing with background)."""
+        """Return the flow at `uv`: bilinear inside a moving object, of the nearest pixel on its rim (no mixing with background)."""
         x, y, _ = self._pixels(uv)
         pure = sample(moving.astype(np.float32), uv) > 0.999
         return np.where(pure[..., None], sample(flow, uv), flow[y, x])
 
 
 def _pixels_of(uv: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Column, row (clipped) and whether inside a picture of `shape` (H, W)."""
+    """Return the column, row (clipped) and whether inside a picture of `shape` (H, W)."""
     height, width = shape
     inside = (uv >= 0).all(-1) & (uv[..., 0] < width) & (uv[..., 1] < height)
     uv = np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0)
@@ -305,7 +305,7 @@ def provide_motion(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
 
 
 def motion_of_tracks(tracks: np.ndarray, visible: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """`tracks_motion (N,)` float32: 1 for tracks `(F,N,2)` most of whose visible samples lie in `mask (F,H,W)`, else 0."""
+    """Return `tracks_motion (N,)` float32: 1 for tracks `(F,N,2)` most of whose visible samples lie in `mask (F,H,W)`, else 0."""
     hits = np.zeros(tracks.shape[1])
     for uv, seen, moving in zip(tracks, visible, mask, strict=True):
         x, y, _ = _pixels_of(uv, moving.shape)
@@ -340,7 +340,7 @@ def _truth(clip: Clip, priors: Priors, progress: Progress) -> Truth:
 
 
 def _unit(truth: Truth, priors: Priors) -> float:
-    """Median depth of the supervised frames in the renderer's unit."""
+    """Return the median depth of the supervised frames in the renderer's unit."""
     return float(np.nanmedian(truth.depth[priors.frames]))
 
 
@@ -364,7 +364,7 @@ def _seeds(
 def _tracked(
     truth: Truth, frames: np.ndarray, start: int, seeds: np.ndarray, moving: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions `(F, n, 2)` and visibility `(F, n)` of seeds of frame `frames[start]`."""
+    """Return the positions `(F, n, 2)` and visibility `(F, n)` of seeds of frame `frames[start]`."""
     tracks, visible = np.full((len(frames), *seeds.shape), np.nan), np.zeros((len(frames), len(seeds)), bool)
     tracks[start], visible[start] = seeds, True
     if not moving:

@@ -160,7 +160,7 @@ class ObjectFlows:
         in_threads(find_nearest, range(frames))
 
     def pull(self, points: np.ndarray, frame: int) -> np.ndarray:
-        """Points (P,2) moved to the nearest pixel inside the object where they are off it by at most `MAX_SLIP`."""
+        """Return the points (P,2) moved to the nearest pixel inside the object where they are off it by at most `MAX_SLIP`."""
         height, width = self.nearest.shape[1:3]
         pixel = np.clip(np.floor(points), 0, (width - 1, height - 1)).astype(int)
         target = self.nearest[frame, pixel[:, 1], pixel[:, 0]]
@@ -182,7 +182,7 @@ def seed_and_track(
     mask: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Tracks (F,N,2) float32, NaN where lost, and visible (F,N) of a grid of points that covers every frame.
+    """Return the tracks (F,N,2) float32, NaN where lost, and visible (F,N) of a grid of points that covers every frame.
 
     Seeds lie `spacing` pixels apart (inside `mask` only, when given) in frame 0; every `config.reseed_every` frames, and in
     the last one, the places that no visible track covers are seeded again and tracked both ways.
@@ -234,7 +234,7 @@ def relink(
     first_away = _patches(pictures, tracks, np.minimum(first + away, frames - 1))
 
     def links(end: int) -> list[tuple[float, int, int]]:
-        """Tracks lost after frame `end` with later ones that they may be: (correlation, track, other)."""
+        """Return the tracks lost after frame `end` with later ones that they may be: (correlation, track, other)."""
         before = max(end - away, 0)
         lost = np.nonzero(seen & (last == end) & visible[before])[0]
         here = tracks[end, lost]
@@ -301,7 +301,7 @@ def continue_lost(
     holder, joins = np.arange(tracks.shape[1]), 0  # the column that holds what was a track
 
     def search(end: int) -> list[tuple[int, int, np.ndarray, int]]:
-        """Points lost after frame `end` that are seen again: (frame, point, place (2,), the track nearest to it)."""
+        """Return the points lost after frame `end` that are seen again: (frame, point, place (2,), the track nearest to it)."""
         lost = np.nonzero(known & (last == end) & visible[end - GAP_MARGIN])[0]
         here = tracks[end, lost]
         lost, again = lost[((here > PATCH) & (here < (width - PATCH, height - PATCH))).all(-1)], []
@@ -443,7 +443,7 @@ def _patches(pictures: np.ndarray, tracks: np.ndarray, frames: np.ndarray) -> np
 
 
 def best_rank(group: np.ndarray, item: np.ndarray, count: int) -> np.ndarray:
-    """(count,) int: the least rank that an item has among those of one of its groups, by number; `count` without any.
+    """Return (count,) int: the least rank that an item has among those of one of its groups, by number; `count` without any.
 
     `group (S,)` not negative, `item (S,)`: which items are in which groups.
     """

@@ -49,14 +49,14 @@ class Zoom:
         return self.factor >= MIN_FACTOR and self.left <= MAX_COST_LEFT_BY_ZOOM
 
     def summary(self, bundle: Bundle, width: int) -> dict[str, Any]:
-        """Plain values for the statistics of the priors; `bundle` is the solution of all frames."""
+        """Return plain values for the statistics of the priors; `bundle` is the solution of all frames."""
         first, last = (round(float(focal) / width, 3) for focal in bundle.focals[[0, -1]])
         span = float(bundle.focals.max() / bundle.focals.min())
         return {"factor": round(span, 3), "first": first, "last": last, "left": round(self.left, 3)}
 
 
 def mean_cost(bundle: Bundle, observations: Observations, unknowns: int = 0) -> float:
-    """Mean Cauchy cost (px^2) of the sightings, over the fraction of their values that `unknowns` leave free."""
+    """Return the mean Cauchy cost (px^2) of the sightings, over the fraction of their values that `unknowns` leave free."""
     squared = np.minimum(bundle.errors(observations), 1e3) ** 2
     free = 1 - unknowns / max(2 * len(observations.frame), 1)
     return float(np.log1p(squared).mean()) / max(free, 0.1)

@@ -126,7 +126,7 @@ def backend_function(name: str) -> Callable[[RasterInput], RasterOutput]:
 
 
 def choose_backend(backend: str, means: Array | None = None, *, partial: bool = False) -> str:
-    """Name of the backend that `backend` stands for, given the means to be drawn and whether there are limits or rows.
+    """Return the name of the backend that `backend` stands for, given the means to be drawn and whether there are limits or rows.
 
     Raises:
         F4xError: an unknown name, or a backend that cannot run here (the sentence says why).

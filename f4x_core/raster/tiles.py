@@ -64,7 +64,7 @@ def rasterize_torch(inputs: RasterInput) -> RasterOutput:
 
 
 def add_background(inputs: RasterInput, channels: Tensor, alpha: Tensor) -> Tensor:
-    """Channels (H, W, C) plus the background times the light left, 1 - alpha (H, W); detached channels detach it."""
+    """Return the channels (H, W, C) plus the background times the light left, 1 - alpha (H, W); detached channels detach it."""
     if inputs.background is None:
         return channels
     light, attached = (1 - alpha)[..., None], inputs.attached_channels
@@ -95,7 +95,7 @@ class _Grid:
         return (x.to(like) + 0.5) * self.side, ((y + self.first_row).to(like) + 0.5) * self.side
 
     def to_image(self, tiles: Tensor) -> Tensor:
-        """(tiles, C, pixels) -> (C, H, W)."""
+        """Return (tiles, C, pixels) -> (C, H, W)."""
         cut = tiles.view(self.rows, self.columns, -1, self.side, self.side).permute(2, 0, 3, 1, 4)
         image = cut.clone(memory_format=torch.contiguous_format)  # `tiles` is work memory, never to be given away
         image = image.view(-1, self.rows * self.side, self.columns * self.side)
@@ -170,7 +170,7 @@ class _Scene(NamedTuple):
     config: RasterConfig
 
     def slab_features(self, blocks: Tensor) -> Tensor:
-        """(t, SLAB, 2 + C)."""
+        """Return (t, SLAB, 2 + C)."""
         ids = self.lists.ids.index_select(0, blocks).view(-1)
         out = _scratch("features", self.features, len(ids), self.features.shape[1])
         return torch.index_select(self.features, 0, ids, out=out).view(len(blocks), SLAB, -1)
@@ -227,7 +227,7 @@ def _threads(config: RasterConfig, like: Tensor) -> int:
 
 
 def _batches(lists: TileLists, pixels: int) -> list[Tensor]:
-    """Tiles that have anything to blend, in batches of similar list length."""
+    """Return the tiles that have anything to blend, in batches of similar list length."""
     order = torch.argsort(lists.length, descending=True, stable=True)[: int((lists.length > 0).sum())]
     elements = ELEMENTS_CPU if order.device.type == "cpu" else ELEMENTS_ACCELERATOR
     return list(order.split(max(1, elements // (SLAB * pixels)))) if len(order) else []
@@ -288,7 +288,7 @@ def _blend(tiles: Tensor, scene: _Scene, out: Tensor, recording: bool) -> list[_
 
 
 def _weights(blocks: Tensor, light: Tensor, scene: _Scene) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Weights alpha T, alpha / (1 - alpha) and 1 - alpha of one slab (t, pixels, SLAB), and the light behind it."""
+    """Return the weights alpha T, alpha / (1 - alpha) and 1 - alpha of one slab (t, pixels, SLAB), and the light behind it."""
     theta, basis, config = scene.theta, scene.basis, scene.config
     shape = (len(blocks), basis.shape[1], SLAB)
     alpha, keep, after = (_scratch(name, theta, *shape) for name in ("alpha", "keep", "after"))
@@ -321,7 +321,7 @@ class _Gradients:
 def _differentiate(
     slabs: list[list[_Slab]], grad_tiles: Tensor, table: Tensor, scene: _Scene, grid: _Grid, attached: int
 ) -> tuple[Tensor, Tensor]:
-    """Gradients of table (6, N) and features (N, 2 + C) from those of the tiles (tiles, 2 + C, pixels)."""
+    """Return the gradients of table (6, N) and features (N, 2 + C) from those of the tiles (tiles, 2 + C, pixels)."""
     lists, channels = scene.lists, grad_tiles.shape[1]
     ends = torch.tensor([sum(len(slab.tiles) for slab in batch) for batch in slabs]).cumsum(0).tolist()
     blocks = ends[-1] if ends else 0
@@ -383,7 +383,7 @@ def _blend_backward(slabs: list[_Slab], end: int, scene: _Scene, gradients: _Gra
 
 
 def _pull_back(grad_theta: Tensor, oy: Tensor, e: Tensor, A: Tensor, k: Tensor, r: Tensor) -> tuple[Tensor, ...]:
-    """Gradients (b, SLAB) of the six rows of the table from those of the coefficients of `_polynomials`."""
+    """Return the gradients (b, SLAB) of the six rows of the table from those of the coefficients of `_polynomials`."""
     g0, g1, g2, g3, g4, g5 = grad_theta.unbind(1)
     p = e * g0 - g1 + k * g2
     d_e = 2 * HALF * A * p

@@ -33,7 +33,7 @@ def caused_by(cause: str, found: Iterable[Finding]) -> list[Finding]:
 
 
 def by_cause(found: Sequence[Finding]) -> list[Finding]:
-    """Findings, problems first: those of one cause as one, with the advice of the problems, else the first.
+    """Return the findings, problems first: those of one cause as one, with the advice of the problems, else the first.
 
     That the pictures are poor is no problem of its own where a problem says why.
     """
@@ -46,7 +46,7 @@ def by_cause(found: Sequence[Finding]) -> list[Finding]:
 
 
 def by_weight(found: Iterable[Finding]) -> list[Finding]:
-    """Problems first; among equals the order stays."""
+    """Return the problems first; among equals the order stays."""
     return sorted(found, key=lambda one: ORDER.index(one.weight))
 
 

@@ -64,7 +64,7 @@ class ClipGeometry:
 
 
 def about_geometry(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
-    """Findings about the geometry, the mirror ambiguity first."""
+    """Return the findings about the geometry, the mirror ambiguity first."""
     path = [
         *_about_way_round(geometry.way_round),
         *_about_path(priors, geometry),
@@ -230,7 +230,7 @@ def _about_believed(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
 
 
 def believed_sentence(believed: Believed) -> str:
-    """`believed` in words, for the findings and whoever checks them against true views."""
+    """Return `believed` in words, for the findings and whoever checks them against true views."""
     static, moving = believed.static, believed.moving
     if static < ONLY_THE_PATH:
         return "Views can be believed along the camera's own path only, not from the side."

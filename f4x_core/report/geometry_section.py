@@ -29,7 +29,7 @@ STRIPS = 3
 
 
 def geometry_section(result: FitResult, geometry: ClipGeometry, moments: Sequence[Moment]) -> str:
-    """Tables, views aside and the profile as HTML."""
+    """Return the tables, views aside and the profile as HTML."""
     movers = result.priors.statistics.get("depth", {}).get("movers", [])
     return (
         page.table(["", "", ""], _figures(geometry))

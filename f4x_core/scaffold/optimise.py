@@ -147,7 +147,7 @@ class _Spring:
         return cls(certain, direction, torch.as_tensor(slack, dtype=torch.float32))
 
     def energy(self, moved: torch.Tensor) -> torch.Tensor:
-        """Sum of `|across|^2 + stiffness |along|^2` over the observed ones of `moved (F, M, 3)`."""
+        """Return the sum of `|across|^2 + stiffness |along|^2` over the observed ones of `moved (F, M, 3)`."""
         total = (moved.square() * self.certain).sum()
         if self.direction is None or self.slack is None:
             return total

@@ -39,7 +39,7 @@ class BelievedZone:
         return cls(float(degrees), scene.cameras.centers, scene.cameras.centers + DEPTH * forward)
 
     def aside(self, eye: np.ndarray) -> float:
-        """Degrees from a view at `eye (3,)` to the nearest camera of the clip, at what that camera looks at."""
+        """Return the degrees from a view at `eye (3,)` to the nearest camera of the clip, at what that camera looks at."""
         to_eye, to_camera = eye - self.targets, self.eyes - self.targets
         lengths = np.linalg.norm(to_eye, axis=1) * np.linalg.norm(to_camera, axis=1)
         cosine = (to_eye * to_camera).sum(1) / np.maximum(lengths, 1e-12)

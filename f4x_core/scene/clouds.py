@@ -69,7 +69,7 @@ class Cloud:
 
     @classmethod
     def of_posed(cls, posed: PosedSplats, fitted_focal: float | None) -> Cloud:
-        """Gaussians as `Scene.posed` gives them, and `Scene.fitted_focal`."""
+        """Return the Gaussians as `Scene.posed` gives them, and `Scene.fitted_focal`."""
         return cls(
             means=posed.means,
             quats=posed.quats,
@@ -94,7 +94,7 @@ class Cloud:
         return colors
 
     def _unshaded(self, center: np.ndarray) -> np.ndarray:
-        """`colors` as the Gaussians were fitted."""
+        """Return `colors` as the Gaussians were fitted."""
         own = np.linalg.solve(self.to_world, np.append(center, 1.0))[:3]
         return spherical_harmonics.seen_from(own, self.means, self.sh, self.turn)
 

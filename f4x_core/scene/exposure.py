@@ -68,7 +68,7 @@ class Exposure:
         return self.opens + (self.closes - self.opens) * (np.arange(self.samples) + 0.5) / self.samples
 
     def lens_points(self) -> np.ndarray:
-        """(samples,2) points of the unit aperture, right and up, evenly over its area."""
+        """Return (samples,2) points of the unit aperture, right and up, evenly over its area."""
         # Lens points of neighbouring moments lie far apart, so that neither follows the other.
         rank = np.argsort(np.argsort(np.arange(self.samples) * GOLDEN_RATIO % 1))
         radius, angle = np.sqrt((rank + 0.5) / self.samples), rank * GOLDEN_ANGLE
@@ -136,7 +136,7 @@ def draw_one(
     passes: Collection[str],
     progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
-    """`stage.draw` of one take with `combined` in place of `rgb`; `beside`: those of one frame before and after."""
+    """Return `stage.draw` of one take with `combined` in place of `rgb`; `beside`: those of one frame before and after."""
     clouds, surfaces = take.clouds, take.surfaces
     if beside is not None:
         before, after = beside
@@ -164,7 +164,7 @@ def combined(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 
 
 def _clouds_between(now: Sequence[Cloud], before: Sequence[Cloud], after: Sequence[Cloud]) -> list[Cloud]:
-    """Clouds with their places `beside`, where the same one is there at all three moments."""
+    """Return the clouds with their places `beside`, where the same one is there at all three moments."""
     found = []
     sides = [{cloud.key: cloud for cloud in part} for part in (before, after)]
     for cloud in now:
@@ -191,7 +191,7 @@ def _surfaces_between(now: Sequence[Surface], before: Sequence[Surface], after: 
 
 
 def _part(progress: Progress, number: int, count: int) -> Progress:
-    """`progress` of picture `number` of `count` that are drawn one after the other."""
+    """Return `progress` of picture `number` of `count` that are drawn one after the other."""
     if progress is silent:
         return silent
 

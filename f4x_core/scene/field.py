@@ -63,7 +63,7 @@ class FieldHead:
             raise F4xError(f"{name}/global has the shape {self.glob.shape}, expected {(self.spec.dim,)}")
 
     def __call__(self, latent: np.ndarray) -> np.ndarray:
-        """Features (…,C) float32 of `latent (…,D)`."""
+        """Return the features (…,C) float32 of `latent (…,D)`."""
         rows = latent.reshape(-1, latent.shape[-1])
         out = np.empty((len(rows), self.weights[-1].shape[1]), np.float32)
         layers = [(w.astype(np.float32), b.astype(np.float32)) for w, b in zip(self.weights, self.biases, strict=True)]
@@ -181,7 +181,7 @@ class FeatureField:
         return self.head(name)(latent)
 
     def vocabulary(self, encoder: str) -> tuple[tuple[str, ...], np.ndarray]:
-        """(labels, (L,dim) float32 unit vectors) of a text encoder; F4xError when the scene has none."""
+        """Return (labels, (L,dim) float32 unit vectors) of a text encoder; F4xError when the scene has none."""
         if encoder not in self.vocabularies:
             missing.refuse(f"The scene has no vocabulary for the text encoder '{encoder}'", "--vocabulary WORDS")
         stored = self.vocabularies[encoder]
@@ -298,7 +298,7 @@ class FeatureField:
 def quantise(
     static: np.ndarray, nodes: np.ndarray, bits: int = 8
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(static, nodes) as uint8 with the (low, step) float32 per channel that gives them back to half a step.
+    """Return (static, nodes) as uint8 with the (low, step) float32 per channel that gives them back to half a step.
 
     `static (Ns,D)`, `nodes (M,D)` float; `bits` 4 or 8. `TAIL` of the values are clipped at either end.
     """

@@ -145,7 +145,7 @@ def scene_of(
 
 
 def notes_of(opened: Scene | SplatSequence) -> tuple[str, ...]:
-    """Notes for the user on how splats of other programs were read, in sentences without a full stop."""
+    """Return the notes for the user on how splats of other programs were read, in sentences without a full stop."""
     if isinstance(opened, SplatSequence):
         return opened.notes
     return tuple(opened.provenance.get("import", {}).get("notes", ()))

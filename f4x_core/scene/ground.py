@@ -206,7 +206,7 @@ class _Triangles:
         return cls(corners, owner, held, index, surfaces, np.cumsum([0, *counts[:-1]]), look)
 
     def seen(self, chosen: np.ndarray | None = None, offset: Sequence[float] = (0, 0)) -> tuple[np.ndarray, np.ndarray]:
-        """(depth (H,W), number of the triangle (H,W)) at the pixels' centres moved by `offset`; `chosen`: of those alone."""
+        """Return (depth (H,W), number of the triangle (H,W)) at the pixels' centres moved by `offset`; `chosen`: of those alone."""
         from ..raster.triangles import draw_triangles
 
         camera, corners = self.look.camera, self.corners if chosen is None else self.corners[chosen]
@@ -217,7 +217,7 @@ class _Triangles:
         return depth, hit if chosen is None else np.append(chosen, -1)[hit]
 
     def colors(self, hit: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-        """(n,3) sRGB that triangles `hit (n,)` show at `pixels (n,2)`; 0 where they are held out."""
+        """Return (n,3) sRGB that triangles `hit (n,)` show at `pixels (n,2)`; 0 where they are held out."""
         weights = self._weights(hit, pixels)
         camera = self.look.camera
         rays = camera.unproject(pixels, np.ones(len(pixels))) - camera.center
@@ -240,14 +240,14 @@ class _Triangles:
         return edge_functions(local @ camera.intrinsics.T)
 
     def _weights(self, hit: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-        """(n,3) barycentric coordinates of where the rays of `pixels` meet triangles."""
+        """Return (n,3) barycentric coordinates of where the rays of `pixels` meet triangles."""
         edges = self._edges[hit]
         found = edges[..., 0] * pixels[:, :1] + edges[..., 1] * pixels[:, 1:] + edges[..., 2]
         found = np.clip(found / found.sum(1, keepdims=True), 0, 1)  # rounding may leave the triangle
         return found / found.sum(1, keepdims=True)
 
     def meeting(self, mask: np.ndarray) -> np.ndarray:
-        """Numbers of the triangles whose rectangle on the screen holds a pixel of `mask (H,W)`."""
+        """Return the numbers of the triangles whose rectangle on the screen holds a pixel of `mask (H,W)`."""
         camera = self.look.camera
         local = self.corners @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
         ahead = (local[..., 2] > self.look.near).all(1)
@@ -263,7 +263,7 @@ class _Triangles:
 
 
 def _shaded(surface: Surface, triangle: np.ndarray, weights: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """(n,3) sRGB of places in triangles of a surface, by barycentric `weights (n,3)`, lit along `rays (n,3)`."""
+    """Return (n,3) sRGB of places in triangles of a surface, by barycentric `weights (n,3)`, lit along `rays (n,3)`."""
     if surface.colors.ndim == 2:
         colors = surface.colors[np.minimum(triangle, len(surface.colors) - 1)].astype(np.float64)
     else:
@@ -338,7 +338,7 @@ def _meets(own: np.ndarray, rgb: np.ndarray) -> np.ndarray:
 
 
 def _offsets(count: int) -> np.ndarray:
-    """(count,2) points of a pixel from its centre, each in a row and a column of its own."""
+    """Return (count,2) points of a pixel from its centre, each in a row and a column of its own."""
     order = np.argsort(np.argsort(np.arange(count) * (5**0.5 - 1) / 2 % 1))
     return np.stack([np.arange(count) + 0.5, order + 0.5], 1) / count - 0.5
 

@@ -43,7 +43,7 @@ class Look:
 
 
 def is_refitted(scene: Scene) -> bool:
-    """True if the scene has an appearance that was fitted for such renderers."""
+    """Return True if the scene has an appearance that was fitted for such renderers."""
     wanted = {f"{part}/{name}" for part, held in _parts(scene) if len(held) for name in NAMES}
     return wanted <= scene.extra.keys()
 
@@ -166,7 +166,7 @@ def _depth(opacities: np.ndarray) -> np.ndarray:
 
 
 def _ratio(above: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """`above / below` in float32, 1 where `below` is 0."""
+    """Return `above / below` in float32, 1 where `below` is 0."""
     return np.divide(above, below, out=np.ones_like(above), where=below > 0).astype(np.float32)
 
 

@@ -172,7 +172,7 @@ class DynamicSet(StaticSet):
 
 
 def _as_drawn(means: np.ndarray, quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres and unit rotations in float32."""
+    """Return the centres and unit rotations in float32."""
     return means.astype(np.float32, copy=False), quaternion.normalize(quats).astype(np.float32, copy=False)
 
 
@@ -370,7 +370,7 @@ class Scene:
         return _as_drawn(self.static.means, self.static.quats)
 
     def _carried(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Centres and rotations of the dynamic set at `time`, also of Gaussians that are absent then."""
+        """Return the centres and rotations of the dynamic set at `time`, also of Gaussians that are absent then."""
         dynamic, index, table = self.dynamic, self._pairs.index, self._motions(time)
         weight, strength, means, quats = dynamic.weight, dynamic.strength, dynamic.means, dynamic.quats
         return move_gaussians(table, index, weight, strength, means, quats)

@@ -47,7 +47,7 @@ class People:
     """(N,) uint8: index in `PARTS` + 1; 0 = none, or nobody's."""
 
     def single_ones(self, rows: np.ndarray) -> np.ndarray | None:
-        """(n,) int from 0: the person, or the limb, that each of the Gaussians `rows (n,)` belongs to; None unless all do.
+        """Return (n,) int from 0: the person, or the limb, that each of the Gaussians `rows (n,)` belongs to; None unless all do.
 
         Where all rows belong to arms, hands, legs and feet, left and right of one person count as two.
         """
@@ -74,7 +74,7 @@ def people_of(scene: Scene) -> People | None:
 
 
 def single_people(scene: Scene, rows: np.ndarray) -> np.ndarray | None:
-    """(n,) int: `People.single_ones` of the Gaussians `rows (n,)`; None where the scene knows of no people."""
+    """Return (n,) int: `People.single_ones` of the Gaussians `rows (n,)`; None where the scene knows of no people."""
     people = people_of(scene)
     return None if people is None else people.single_ones(rows)
 

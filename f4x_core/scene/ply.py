@@ -147,7 +147,7 @@ def read_ply_activation(path: Path | str) -> tuple[Splats, Activation]:
 
 
 def _splats_of(vertices: np.ndarray, rest_names: list[str], activation: Activation) -> Splats:
-    """Gaussians of some rows, in float64."""
+    """Return the Gaussians of some rows, in float64."""
     rest = len(rest_names) // 3
     opacities, scales = _columns(vertices, ("opacity",))[:, 0], _columns(vertices, SCALE)
     sh = np.empty((len(vertices), rest + 1, 3))

@@ -59,7 +59,7 @@ class SplatTextures:
         self._order = np.zeros(0, np.float32)
 
     def __len__(self) -> int:
-        """Number of Gaussians."""
+        """Return the number of Gaussians."""
         return int(self.starts[-1])
 
     def update(self, clouds: Sequence[Cloud]) -> set[str]:
@@ -110,7 +110,7 @@ class SplatTextures:
         return (self.split if name in MOVING else 0), len(self)
 
     def _texels(self, name: str) -> int:
-        """Texels of a Gaussian."""
+        """Return the texels of a Gaussian."""
         return max(self.terms, 1) if name == "harmonics" else 3 // CHANNELS[name] or 1
 
     def _rows(self, name: str) -> np.ndarray:
@@ -184,7 +184,7 @@ def clip_matrix(camera: Camera, near: float) -> np.ndarray:
 
 
 def _padded(texels: int) -> int:
-    """Texels of the whole rows that hold this many, at least one row."""
+    """Return the texels of the whole rows that hold this many, at least one row."""
     return max(-(-texels // WIDTH), 1) * WIDTH
 
 

@@ -220,7 +220,7 @@ def as_seen(clouds: Sequence[Cloud], back: float) -> list[Cloud]:
 
 
 def _tall_bands(rows: slice, width: int) -> Iterator[slice]:
-    """`rows` in parts of `TALLEST` pixels: as few as memory allows, because each looks at all Gaussians."""
+    """Return `rows` in parts of `TALLEST` pixels: as few as memory allows, because each looks at all Gaussians."""
     count = max(1, TALLEST // width)
     return (slice(first, min(first + count, rows.stop)) for first in range(rows.start, rows.stop, count))
 
@@ -251,7 +251,7 @@ def _own_layers(
     mattes: Mapping[str, np.ndarray],
     wanted: Collection[str],
 ) -> dict[str, np.ndarray]:
-    """Layer -> (N,C) numbers of one cloud's Gaussians, of those layers that it has."""
+    """Return layer -> (N,C) numbers of one cloud's Gaussians, of those layers that it has."""
     count = len(cloud.means)
     own = {"rgb": cloud.colors(camera.center), **cloud.layers}
     if "shown" in wanted:

@@ -107,7 +107,7 @@ def tinted(sh: np.ndarray, tint: np.ndarray) -> np.ndarray:
 
 
 def gain_of(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """(n,3) how much larger a tint is on colors that an edit made of others: harmonics (n,S,3) `before` and `after` it."""
+    """Return (n,3) how much larger a tint is on colors that an edit made of others: harmonics (n,S,3) `before` and `after` it."""
     old, new = (spherical_harmonics.rgb_from_dc(sh[:, 0]) for sh in (before, after))
     gain = np.clip(new / np.maximum(old, np.float32(DARK)), 0, MOST_GAIN)
     same = (before[:, 0] == after[:, 0]).all(1)

@@ -72,7 +72,7 @@ class FittedWindow:
         return ORDER.index(self.quality), fair_score(self.metrics) or 0.0
 
     def row(self) -> dict[str, Any]:
-        """Row of `metrics.json`."""
+        """Return the row of `metrics.json`."""
         row = {"frames": self.frames, "quality": self.quality, "page": f"{self.place}/{PAGE}"}
         row["verdict"] = verdict(self.metrics, self.findings, f"The window of frames {self.frames}")
         findings = [asdict(finding) for finding in self.findings]

@@ -346,7 +346,7 @@ class WindowFit(ClipFit):
         return config_hash(super().settings_hash(), self.previous.digest)
 
     def known_depth(self) -> np.ndarray:
-        """Depth that the earlier scene shows."""
+        """Return the depth that the earlier scene shows."""
         return self.previous.depth(self.clip, self.config.backend)
 
     def make_priors(self) -> Priors:

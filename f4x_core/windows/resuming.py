@@ -25,7 +25,7 @@ def remember(folder: Path, options: Mapping[str, str]) -> None:
 
 
 def window_of(folder: Path) -> int | None:
-    """Frames of a window of the fit in `folder`, 0 for one at once; None where there is nothing to continue."""
+    """Return the frames of a window of the fit in `folder`, 0 for one at once; None where there is nothing to continue."""
     length = _made_with(folder).get(WINDOW)
     if length is None:
         return None

@@ -94,7 +94,7 @@ class WindowRequest:
         return config_hash(resolved(self.config), state.hexdigest(), "" if self.before is None else self.before.digest)
 
     def finished(self) -> bool:
-        """True if an earlier run left the window's scene. Raises F4xError where that was another window."""
+        """Return True if an earlier run left the window's scene. Raises F4xError where that was another window."""
         path = self.folder / SCENE
         if not (self.resume and path.is_file()):
             return False

@@ -57,7 +57,7 @@ class DepthAnything3:
         self.network: Any = _load(self.weights)
 
     def predict(self, frames: np.ndarray) -> Views:
-        """Views of pictures (N,H,W,3) uint8; depth and intrinsics are those of the model's own picture size (h, w)."""
+        """Return the views of pictures (N,H,W,3) uint8; depth and intrinsics are those of the model's own picture size (h, w)."""
         size = self.size(frames.shape[2], frames.shape[1])
         with torch.inference_mode(), memory_guard(f"Depth Anything 3 on {len(frames)} pictures of {size[1]}x{size[0]}"):
             images = [image_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic") for rgb in frames]
@@ -72,7 +72,7 @@ class DepthAnything3:
         )
 
     def size(self, width: int, height: int) -> tuple[int, int]:
-        """(h, w) of the model's input for pictures of `width` x `height`."""
+        """Return (h, w) of the model's input for pictures of `width` x `height`."""
         return input_size(width, height, round(LONGER_SIDE**2 * min(width, height) / max(width, height)), PATCH)
 
 

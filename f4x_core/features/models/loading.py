@@ -46,7 +46,7 @@ class Located:
 
 
 def find(default: str, model: str | Path | None = None) -> Located:
-    """Weights for the architecture of the checkpoint `default`.
+    """Return the weights for the architecture of the checkpoint `default`.
 
     `model` is a folder, a hub id in the local cache, or a name of `CHECKPOINTS`; None is `default`. Errors: F4xError when the
     named one is not on this machine or is of another architecture.
@@ -123,5 +123,5 @@ def _missing(entry: Checkpoint, place: str, error: Exception) -> F4xError:
 
 
 def _line(error: Exception) -> str:
-    """First line of a message, without its full stop."""
+    """Return the first line of a message, without its full stop."""
     return (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")

@@ -60,7 +60,7 @@ class Sam2Teacher:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """Features (h,w,C) float32 of a picture (H,W,3) uint8."""
+        """Return the features (h,w,C) float32 of a picture (H,W,3) uint8."""
         side = self.model.image_size
         with torch.inference_mode(), memory_guard(f"SAM 2 on {side} x {side} pixels"):
             pixels = image_tensor(rgb, (side, side), IMAGENET_MEAN, IMAGENET_STD)  # (1,3,side,side)
@@ -109,7 +109,7 @@ def sine_position_encoding(channels: int, height: int, width: int) -> torch.Tens
 
 
 def load_sam2(model: str | Path | None = None) -> FeatureSam2:
-    """Everything of SAM 2 behind the encoder, from a full checkpoint or from a folder of `save_decoder`.
+    """Return everything of SAM 2 behind the encoder, from a full checkpoint or from a folder of `save_decoder`.
 
     It must be of the variant that the teacher used: `FeatureSpec.provenance["model"]` says which.
     """
@@ -184,7 +184,7 @@ class Sam2MaskDecoder:
         box: ArrayLike | None = None,
         mask: ArrayLike | None = None,
     ) -> np.ndarray:
-        """Logits (H,W) float32 of the object on frame `t`; replaces an earlier prompt on that frame."""
+        """Return the logits (H,W) float32 of the object on frame `t`; replaces an earlier prompt on that frame."""
         check_frame(t, self.count)
         self._prompts[t] = check_prompt(self.size, points, labels, box, mask)
         # A session built anew keeps no memory of replaced prompts; replaying the others costs one decoding each.
@@ -211,7 +211,7 @@ class Sam2MaskDecoder:
         self._prompts, self._session = {}, None
 
     def everything(self, t: int, config: EverythingConfig | None = None) -> np.ndarray:
-        """Masks (n,H,W) bool of whatever stands out on frame `t`, best first, from its features alone."""
+        """Return the masks (n,H,W) bool of whatever stands out on frame `t`, best first, from its features alone."""
         check_frame(t, self.count)
         config = config or EverythingConfig()
         *skips, coarse = (level[None] for level in self._maps(t))
@@ -240,7 +240,7 @@ class Sam2MaskDecoder:
     def _decode(
         self, coarse: torch.Tensor, skips: list[torch.Tensor], points: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits (3P,h,w) and predicted quality (3P,) of the three masks for each of `points (1,P,1,2)`."""
+        """Return the logits (3P,h,w) and predicted quality (3P,) of the three masks for each of `points (1,P,1,2)`."""
         labels = torch.ones(points.shape[:3], dtype=torch.int32)
         sparse, dense = self.model.get_prompt_embeddings(input_points=points, input_labels=labels)
         masks, quality, _, _ = self.model.mask_decoder(

@@ -50,7 +50,7 @@ class SmolVlmTeacher:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """Features (h,w,C) float32 of a picture (H,W,3) uint8."""
+        """Return the features (h,w,C) float32 of a picture (H,W,3) uint8."""
         side, grid = self.model.config.image_size, self.spec_for(*rgb.shape[1::-1]).grid
         with torch.inference_mode(), memory_guard(f"SmolVLM on {side} x {side} pixels"):
             tokens = self.model(image_tensor(rgb, (side, side), MEAN, STD, mode="bicubic")).last_hidden_state
@@ -126,7 +126,7 @@ class SmolVlm:
         return text
 
     def embeddings(self, text: str, features: np.ndarray) -> torch.Tensor:
-        """Token embeddings (1,n,D) of `text` with `features (f,h,w,C)` at the places of its image tokens."""
+        """Return the token embeddings (1,n,D) of `text` with `features (f,h,w,C)` at the places of its image tokens."""
         ids = self.tokenizer(text, return_tensors="pt", add_special_tokens=False)["input_ids"]
         places = ids == self.model.config.image_token_id
         embeds = self.model.get_input_embeddings()(ids)

@@ -25,7 +25,7 @@ def why_not() -> str:
 
 
 def rasterize_native(inputs: RasterInput) -> RasterOutput:
-    """`raster.rasterize` by the native kernel; tensors must be float32 on the CPU and can be differentiated once.
+    """Return `raster.rasterize` by the native kernel; tensors must be float32 on the CPU and can be differentiated once.
 
     Tiles are always 16 x 16 (`config.tile` is not used). Results and gradients are the same bit for bit for every
     `config.threads`. Numpy arrays of any dtype are drawn in float32.

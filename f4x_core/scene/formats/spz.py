@@ -200,7 +200,7 @@ def _in_ply_axes(splats: Splats) -> Splats:
 
 
 def _unpacked(rows: list[np.ndarray], unit: float) -> Splats:
-    """Splats of the six attributes' bytes (N,k), in the file's axes; `unit` is one step of a position."""
+    """Return the splats of the six attributes' bytes (N,k), in the file's axes; `unit` is one step of a position."""
     position, opacity, colour, scale, rotation, harmonics = rows
     count = len(position)
     fixed = np.zeros((count, 3, 4), np.uint8)

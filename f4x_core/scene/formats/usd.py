@@ -385,7 +385,7 @@ def _parts(poses: Iterator[PosedSplats], path: Path | str) -> tuple[list[Part], 
 
 
 def _boxes(posed: PosedSplats) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (N,3) of a box around each Gaussian."""
+    """Return the corners (N,3) of a box around each Gaussian."""
     reach = REACH * posed.scales.max(axis=1, keepdims=True, initial=0)
     return posed.means - reach, posed.means + reach
 

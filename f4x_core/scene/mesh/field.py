@@ -51,7 +51,7 @@ class Grid:
         return cls(low - step, step, (int(sides[0]), int(sides[1]), int(sides[2])))
 
     def sample(self, values: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Values (P,C) at `points (P,3)` by trilinear interpolation of `values (X,Y,Z,C)`; the border's beyond it."""
+        """Return the values (P,C) at `points (P,3)` by trilinear interpolation of `values (X,Y,Z,C)`; the border's beyond it."""
         place = np.clip((points - self.origin) / self.step, 0, np.array(self.shape) - 1.001)
         corner = place.astype(int)
         found = np.zeros((len(points), values.shape[-1]))

@@ -146,6 +146,6 @@ def deviation(vertices: np.ndarray, skin: Skin, scaffold: Scaffold, times: np.nd
 
 
 def _poses(scaffold: Scaffold, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations (M,4) and places (M,3) float64 of the nodes."""
+    """Return the rotations (M,4) and places (M,3) float64 of the nodes."""
     xyz, quat = node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, time)
     return quat.astype(np.float64), xyz.astype(np.float64)

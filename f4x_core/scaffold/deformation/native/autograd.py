@@ -108,7 +108,7 @@ class _Deformation(torch.autograd.Function):
 
 
 def _stacked(parts: Sequence[Tensor]) -> np.ndarray:
-    """Tensors of one shape behind each other; of one, itself."""
+    """Return the tensors of one shape behind each other; of one, itself."""
     return parts[0].numpy()[None] if len(parts) == 1 else torch.stack(tuple(parts)).numpy()
 
 
