@@ -19,7 +19,7 @@ frame into the object's); ours: `gid` (identity), `rgb` (linear display colour),
 scene has features `f4x_latent`, their three principal components from 0 to 1; where its colors change in time those of `tints`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -103,13 +103,7 @@ def import_scene(
     collection = bpy.data.collections.new(name)
     bpy.context.scene.collection.children.link(collection)
     try:
-        root = _add_object(name, None, collection)
-        root.matrix_world = Matrix(BLENDER_FROM_SCENE)
-        root.empty_display_size = TINY
-        root[SOURCE if kind == "sequence" else PATH] = str(path)
-        notes = () if kind == "scene" else notes_of(opened)
-        if notes:
-            root[NOTES] = "; ".join(notes)
+        root = _add_root(name, path, kind, opened, collection)
         material = None if draws_splats() else _splat_material(name)
         if isinstance(opened, SplatSequence):
             clouds = add_sequence(
@@ -136,25 +130,43 @@ def import_scene(
         if clip is not None:
             show_clip(camera, Path(clip), times, barred=isinstance(opened, Scene) and has_bars(opened))
         if kind != "sequence":
-            scene_object = SceneObject(root)
-            scene_object.attach()
-            for cloud in clouds:  # Blender 5 takes new points for selected
-                write_attribute(cloud.data, SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
-            mark_keyed(scene_object)
-            layer = layer_of(root)
-            if layer is not None:
-                layer.hide_viewport = True  # hundreds of empties would cover moving objects; the sidebar shows them
-            if first.edits:
-                display.refresh(scene_object)
-            else:
-                display.show_linear(scene_object)
-                display.update_panel(scene_object)
+            _make_editable(root, clouds, first)
     except F4xError:
         _take_out(collection)
         raise
     if clip is None and kind == "scene":
         _show_own_clip(first, path, camera)
     return root
+
+
+def _add_root(
+    name: str, path: Path, kind: str, opened: Scene | SplatSequence, collection: bpy.types.Collection
+) -> bpy.types.Object:
+    """Add the empty below which all of a scene lies; it knows the file at `path`, and what was guessed of it."""
+    root = _add_object(name, None, collection)
+    root.matrix_world = Matrix(BLENDER_FROM_SCENE)
+    root.empty_display_size = TINY
+    root[SOURCE if kind == "sequence" else PATH] = str(path)
+    if kind != "scene" and (notes := notes_of(opened)):
+        root[NOTES] = "; ".join(notes)
+    return root
+
+
+def _make_editable(root: bpy.types.Object, clouds: Sequence[bpy.types.Object], scene: Scene) -> None:
+    """Let panels and edits work on an imported `scene`, as its enabled edits leave it."""
+    scene_object = SceneObject(root)
+    scene_object.attach()
+    for cloud in clouds:  # Blender 5 takes new points for selected
+        write_attribute(cloud.data, SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
+    mark_keyed(scene_object)
+    layer = layer_of(root)
+    if layer is not None:
+        layer.hide_viewport = True  # hundreds of empties would cover moving objects; the sidebar shows them
+    if scene.edits:
+        display.refresh(scene_object)
+    else:
+        display.show_linear(scene_object)
+        display.update_panel(scene_object)
 
 
 def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy.types.Object]:
