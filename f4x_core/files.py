@@ -74,7 +74,7 @@ def replace_path(path: Path | str, suffix: str = UNFINISHED) -> Iterator[Path]:
 
 
 def link_target(path: Path | str) -> Path:
-    """The place that `path` leads to through all symbolic links, `path` itself if it is no link. F4xError for a loop of links."""
+    """Return the place that `path` leads to through symbolic links; `path` itself if it is none. F4xError for a loop of links."""
     path = Path(path)
     if not path.is_symlink():
         return path
@@ -95,7 +95,7 @@ def in_place(path: Path, output: Path | None) -> tuple[Path, Path | None]:
 
 
 def user_path(path: Path | str) -> Path:
-    """`path` with a leading `~` or `~user` replaced by that home folder, unless a file has that name or there is no such user."""
+    """Return `path` with a leading `~` or `~user` replaced by that home folder, unless a file has that name or no user."""
     path = Path(path)
     if os.path.exists(path):
         return path

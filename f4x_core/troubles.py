@@ -275,7 +275,7 @@ def code_of_module(name: str) -> str:
 
 
 def code_of(error: BaseException) -> str:
-    """Code of an exception that was raised: of the first F4xError in its chain, by the innermost module with a family."""
+    """Return the code of a raised exception: of the first F4xError in its chain, by the innermost module with a family."""
     while isinstance(error.__cause__, F4xError):
         error = error.__cause__
     if isinstance(error, MemoryError):

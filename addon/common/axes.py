@@ -144,7 +144,7 @@ def _shift(projection: np.ndarray, data: bpy.types.Camera, shift_x: float, size:
 
 
 def camera_lens(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph, back: float) -> Lens | None:
-    """The lens of a camera with depth of field, sized as Cycles sizes it; None for one without. `back`: that of its `Eye`."""
+    """Return the lens of a camera with depth of field, sized as Cycles sizes it; None without. `back`: that of its `Eye`."""
     camera = camera.evaluated_get(depsgraph)
     data, dof = camera.data, camera.data.dof
     if not dof.use_dof:

@@ -160,7 +160,7 @@ def last_counts(scene_object: SceneObject) -> tuple[int, int]:
 
 
 def words_of(operation: Operation, axes: SceneAxes) -> str:
-    """An edit as its row shows it: with the numbers of its dialog, along Blender's axes where the scene is, and named colors."""
+    """Return an edit in the words of its row: numbers of its dialog, along Blender's axes where the scene is, and named colors."""
     words = describe_in(operation, axes.to_world, WORLD_AXES)
     return HEX.sub(lambda found: f"{everyday_name(from_hex(found[1]))} ({found[0]})", words)
 

@@ -167,7 +167,7 @@ class _Grab:
         self.free = within_reach(self.xyz, self.edges, self.grabbed, reach * self.unit)
 
     def offsets(self, offset: Vector) -> tuple[np.ndarray, np.ndarray]:
-        """`(quat (n,4), xyz (n,3))` of the nodes `free` in their own frames, when the grabbed ones move by `offset` (world)."""
+        """Return `(quat (n,4), xyz (n,3))` of the nodes `free` in their own frames, the grabbed ones moved by `offset` (world)."""
         moved = np.array(self.root.matrix_world.to_3x3().inverted() @ offset)
         placed, turns = grab(self.xyz, self.edges, self.grabbed, self.xyz[self.grabbed] + moved, self.free)
         quat, xyz = pose.compose(*pose.invert(self.quat, self.xyz), quaternion.multiply(turns, self.quat), placed)

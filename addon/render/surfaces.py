@@ -57,7 +57,7 @@ class Images:
 
 
 def surface_of(item: bpy.types.Object, to_world: np.ndarray, images: Images | None = None) -> Surface | None:
-    """The evaluated triangles of an object; None where it has none. Without `images` they have neither normals nor colors."""
+    """Return the evaluated triangles of an object; None for none. Without `images` they have neither normals nor colors."""
     mesh = item.to_mesh()
     try:
         mesh.calc_loop_triangles()

@@ -113,7 +113,7 @@ def all_nodes(root: bpy.types.Object, ids: np.ndarray) -> list[bpy.types.Object]
 def read_poses(
     root: bpy.types.Object, items: Sequence[bpy.types.Object | None], frames: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The poses (xyz (T,n,3), quat (T,n,4)) float64 of `items` at clip frames in the scene's frame, as Blender evaluates them."""
+    """Return the poses (xyz (T,n,3), quat (T,n,4)) float64 of `items` at clip frames, in the scene's frame, as Blender has them."""
     scene, present = bpy.context.scene, bpy.context.scene.frame_current_final
     shown_at = timing_of(root).frames_of(frames)
     xyz, quat = np.zeros((len(frames), len(items), 3)), np.zeros((len(frames), len(items), 4))

@@ -144,7 +144,7 @@ def text_of(stack: EditStack) -> str:
 
 @lru_cache(maxsize=16)
 def stack_from(text: str, owner: str) -> EditStack:
-    """The stack that `text` describes; F4xError, which names the `owner`, where it is damaged. Every row of a list asks for it."""
+    """Return the stack that `text` describes; F4xError, which names the `owner`, if it is damaged. Every row of a list asks."""
     try:
         return EditStack.from_json(json.loads(text), owner)
     except ValueError as error:

@@ -120,7 +120,7 @@ def timing_of(root: bpy.types.Object) -> Timing:
 
 
 def time_of(root: bpy.types.Object, depsgraph: bpy.types.Depsgraph | None = None) -> float:
-    """The clip frame that a scene shows now, not clamped to the clip; `depsgraph`: what evaluates it, where that is a render."""
+    """Return the clip frame that a scene shows now, not clamped to the clip; `depsgraph`: of a render that evaluates it."""
     time = _exact_time(root, depsgraph)
     return float(round(time)) if abs(time - round(time)) < ROUNDING else time
 

@@ -105,7 +105,7 @@ def _arrays_of(header: dict[str, Any]) -> dict[str, Any]:
 
 
 def with_edits_since(scene: Scene, path: Path, arrays: dict[str, Any]) -> Scene:
-    """The scene with the edits that its file has by now; F4xError if others have put other arrays there than it was read with."""
+    """Return the scene with the edits that its file has by now; F4xError if the file got other arrays since it was read."""
     header = read_header(path)
     if _arrays_of(header) != arrays:
         raise F4xError(

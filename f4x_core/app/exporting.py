@@ -31,7 +31,7 @@ class ExportOptions:
         return choose_format(output, self.format, one_moment=self.time is not None)[0]
 
     def times_of(self, scene: Scene | SplatSequence, name: Path | str) -> list[float]:
-        """The clip times of the moments. Raises F4xError, about the scene called `name`, for moments that it does not have."""
+        """Return the clip times of the moments. Raises F4xError, about the scene called `name`, for moments that it lacks."""
         if self.time is not None:
             require_time(scene, self.time, f"--time {self.time:g}")
             return [float(self.time)]

@@ -165,7 +165,7 @@ def _render_shots(scene: Scene, folder: Path, options: RenderOptions, progress: 
 
 
 def part_of(count: int, part: str | None, video: bool = False) -> range:
-    """The indices that `--part I/N` selects of `count` views; the parts cover every view once and differ by at most one view."""
+    """Return the indices of `count` views that `--part I/N` selects: every view is in one part, and parts differ by at most one."""
     if part is None:
         return range(count)
     if video:
@@ -211,7 +211,7 @@ def depth_span(scene: Scene, backend: str = "auto") -> tuple[float, float]:
 
 
 def channel_image(channel: str, values: np.ndarray, span: tuple[float, float], full_motion: float) -> np.ndarray:
-    """An 8-bit image (H,W,3) or (H,W) of a channel; `span` is the range of depth, `full_motion` the pixels with the full colour."""
+    """Return an 8-bit image (H,W,3) or (H,W) of a channel; `span`: range of depth, `full_motion`: pixels with the full colour."""
     if channel == "depth":
         return colour_depth(values, *span)
     if channel == "motion":
@@ -225,7 +225,7 @@ def feature_channels(scene: Scene) -> tuple[str, ...]:
 
 
 def feature_image(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """(H,W,3) uint8 image of the latent, or of the features that a head decodes from `latent (H,W,D)`; black in empty pixels."""
+    """Return an image (H,W,3) uint8 of the latent, or of features that a head decodes from `latent (H,W,D)`; empty is black."""
     field = scene.require_field()
     if name != "latent":
         image = field.head(name).to_rgb(latent)

@@ -115,7 +115,7 @@ def _unevenness(stamps: np.ndarray, span: list[int]) -> tuple[int, float]:
 
 
 def _without(stamps: np.ndarray, span: list[int]) -> np.ndarray:
-    """`stamps` with those of the frames `span` replaced by some between their neighbours, or beyond the only one that it has."""
+    """Return `stamps` with those of the frames `span` replaced by times between, or beyond, their neighbours."""
     others = np.delete(np.arange(len(stamps)), span)
     new = stamps.copy()
     if span[0] > 0 and span[-1] < len(stamps) - 1:

@@ -52,7 +52,7 @@ def _mobius(light: np.ndarray) -> np.ndarray:
 
 @cache
 def _linear(transfer: Transfer) -> np.ndarray:
-    """(65536,) float32 linear light of every code: HLG of the scene, PQ of the display, 1 = `PEAK`; ITU-R BT.2100 table 5 and 4."""
+    """Return (65536,) float32 linear light: of the scene (HLG) or the display (PQ), 1 = `PEAK`; ITU-R BT.2100 tables 4, 5."""
     code = np.arange(65536) / 65535
     if transfer == "hlg":
         a, b, c = 0.17883277, 0.28466892, 0.55991073

@@ -91,7 +91,7 @@ def _rolled(ground: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _swung(swing: Swing, ground: np.ndarray, below: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centre (T,3) and quaternion (T,4) of a body that reaches `below` its centre and swings above (T,2), in the xz plane."""
+    """Return centre (T,3) and quaternion (T,4) of a body, `below` from centre to base, that swings above `ground` (T,2) along x."""
     angle = np.radians(swing.degrees) * np.sin(2 * np.pi * swing.times * times)
     hung = swing.lowest + below + swing.length
     centre = np.column_stack([ground, np.full(len(times), hung)])

@@ -13,7 +13,7 @@ COLOURS = 6
 
 
 def texture(seed: int, pattern: str = "", strength: float = 1.0) -> np.ndarray:
-    """An sRGB image (SIZE,SIZE,3) float32 in 0..1 of one of `PATTERNS` (the seed chooses without a name), broken up by noise.
+    """Return an sRGB image (SIZE,SIZE,3) float32 in 0..1 of one of `PATTERNS` (by the seed without a name), broken up by noise.
 
     `strength` 0..1 is the contrast of the pattern's colours; that of the noise stays.
     """

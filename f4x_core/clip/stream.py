@@ -100,7 +100,7 @@ class ClipStream:
             )
 
     def _size(self, width: int, height: int) -> tuple[int, int]:
-        """Size that a frame of the source is resized to: exactly the wanted one where rounding alone makes a difference."""
+        """Return the size that a frame of the source gets: exactly the wanted one if rounding alone makes the difference."""
         found = even_size(width, height, self.width)
         return (self.width, self.height) if abs(found[1] - self.height) <= 2 else found
 

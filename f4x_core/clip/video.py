@@ -190,7 +190,7 @@ def _alpha(alpha: np.ndarray) -> np.ndarray | None:
 
 
 def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
-    """`pixels` (H,W,3) turned by right angles and flipped as the film's display matrix says; F4xError for any other matrix."""
+    """Return `pixels` (H,W,3) turned by right angles and flipped by the film's display matrix; F4xError for other matrices."""
     from av.sidedata.sidedata import Type
 
     try:
@@ -214,7 +214,7 @@ def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
 
 
 def _breaks_off(container, stream, end: float) -> bool:
-    """True for a film whose last packet is shown until `end` (seconds), before its announced end; MP4 and MOV announce one."""
+    """Return True for a film whose last packet ends at `end` (seconds), before the end that MP4 and MOV announce."""
     if "mp4" not in container.format.name or not stream.duration or not stream.average_rate:
         return False
     return end + 1.5 / stream.average_rate < ((stream.start_time or 0) + stream.duration) * stream.time_base

@@ -161,7 +161,7 @@ def within(region: Tensor, seen: Tensor | None) -> Tensor:
 
 
 def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
-    """Means over used and held-out frames of every figure in the rows, LEADING first; NaN (an absent region) is left out."""
+    """Return the means over used and held-out frames of every figure in the rows, LEADING first; NaN (no region) is left out."""
     result: dict[str, float] = {}
     for group, held_out in (("used", False), ("held_out", True)):
         rows = [row for row in frames if row["held_out"] == held_out]
@@ -290,7 +290,7 @@ def _fraction(clip: Clip, index: int, neighbours: tuple[int, ...]) -> float:
 
 
 def baseline_scores(clip: Clip, index: int, held_out: set[int]) -> dict[str, float]:
-    """PSNR of the nearest used frame, and of the half-way flow blend of the two neighbours, as pictures of frame `index`."""
+    """Return the PSNR of the nearest used frame, and of a half-way flow blend of both neighbours, as pictures of frame `index`."""
     neighbours = beside(len(clip), index, held_out)
     target, seen = frame_of(clip, index)
     nearest = min(neighbours, key=lambda i: abs(clip.times[i] - clip.times[index]))

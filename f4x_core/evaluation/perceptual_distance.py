@@ -23,7 +23,7 @@ NOT_RUN = "LPIPS: not run; "
 
 
 def lpips(image: np.ndarray, target: np.ndarray) -> float | None:
-    """LPIPS of RGB pictures (H,W,3) in [0,1], 0 where they are equal; None where it can't run, or a side is below 31 pixels."""
+    """Return the LPIPS of RGB pictures (H,W,3) in [0,1], 0 for equal ones; None where it can't run, or for a side below 31."""
     distance = _distance(image, target, spatial=False)
     return None if distance is None else distance.item()
 

@@ -99,7 +99,7 @@ def near_used(scene: Scene, frames: int, frame: int) -> list[int]:
 
 
 def resected(start: Camera, points: np.ndarray, pixels: np.ndarray) -> Camera:
-    """The camera that sees world `points (N,3)` at `pixels (N,2)`, robustly, with the intrinsics of `start`, found from there."""
+    """Return the camera that sees world `points (N,3)` at `pixels (N,2)`, robustly, from `start`, whose intrinsics it keeps."""
     focal = float(start.intrinsics[0, 0])
     at_origin = Camera(start.intrinsics, np.eye(4), start.width, start.height)
     plane = at_origin.unproject(pixels, np.ones(len(pixels)))[:, :2]

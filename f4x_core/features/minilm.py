@@ -125,7 +125,7 @@ class MiniLm:
 
 
 def read_tensors(file: Path) -> dict[str, np.ndarray]:
-    """Name -> tensor of a safetensors file, mapped into memory and read where it is used; OSError, ValueError for another file."""
+    """Return name -> tensor of a safetensors file, mapped into memory and read when used; OSError, ValueError for other files."""
     data = np.memmap(file, np.uint8, "r")
     start = 8 + int.from_bytes(data[:8].tobytes(), "little")
     if start > len(data):

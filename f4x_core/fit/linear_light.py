@@ -186,7 +186,7 @@ def display_color(linear: Tensor) -> Tensor:
 
 
 def agreement(scene: Scene, count: int = 6) -> list[float]:
-    """PSNR (dB) of `count` views of the clip, drawn of the linear appearance as Cycles does, against the fitted one's pictures."""
+    """Return the PSNR (dB) of `count` views of the clip: the linear appearance, drawn as Cycles does, against the fitted one."""
     look, fitted = linear_look(scene), scene.base
     _, steady = fitted.full_appearance
     times = fitted.cameras.times[np.linspace(0, len(fitted.cameras) - 1, count).round().astype(int)]

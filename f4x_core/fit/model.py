@@ -215,7 +215,7 @@ class SceneModel:
         return posed
 
     def posed(self, moved: Moved | None) -> Splats:
-        """All Gaussians, static first, the frozen ones last; `moved` is one entry of `dynamic_at`, None where nothing moves."""
+        """Return all Gaussians, static first, frozen ones last; `moved` is one entry of `dynamic_at`, None where nothing moves."""
         parts = [self.static.splats(self.static.parameters["means"], self.static.parameters["quats"])]
         if moved is not None and self.dynamic is not None:
             parts.append(self.dynamic.splats_there(moved.means, moved.quats, moved.time - self.born))

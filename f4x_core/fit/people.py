@@ -50,7 +50,7 @@ def with_people_of(scene: Scene, priors: Priors) -> Scene:
 
 
 def _of_their_nodes(scene: Scene, light: np.ndarray) -> np.ndarray:
-    """(Nd,L): `LIKE_ITS_NODE` of light for each moving Gaussian, spread as the `light (Nd,L)` of all that follow its node."""
+    """Return (Nd,L): `LIKE_ITS_NODE` of light for each dynamic Gaussian, spread as the `light (Nd,L)` of all of its node."""
     if scene.scaffold is None:
         return light
     node, together = scene.dynamic.node[:, 0], np.zeros((len(scene.scaffold.ids), light.shape[1]))

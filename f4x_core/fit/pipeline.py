@@ -349,7 +349,7 @@ def _dynamic_set(model: SceneModel) -> DynamicSet:
 
 
 def _span(model: SceneModel) -> np.ndarray | None:
-    """(N,4) float32 when the dynamic Gaussians are there; what is whole at an end of the clip stays beyond it, None: all stay."""
+    """Return (N,4) float32: when dynamic Gaussians are there, beyond the clip for those whole at its ends; None: all always are."""
     assert model.dynamic is not None
     with torch.no_grad():
         span = _numpy(model.dynamic.spans(model.born)).astype(np.float32)

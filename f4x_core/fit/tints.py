@@ -175,7 +175,7 @@ class _View:
         return np.where(self.moves > 0, both[:, 3:], both[:, :3])
 
     def solved(self, left: np.ndarray, config: TintConfig) -> np.ndarray:
-        """(N,3) float32 tints that make up for `left (H,W,3)`, by preconditioned conjugate gradients on the normal equations."""
+        """Return (N,3) float32 tints for `left (H,W,3)`, by preconditioned conjugate gradients on the normal equations."""
         left = self.counts * left
         precondition = 1 / (np.maximum(self.sums(np.ones_like(left)), 0) + np.float32(SOFTENED))
         damping = np.float32(config.damping)

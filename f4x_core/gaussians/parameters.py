@@ -95,7 +95,7 @@ class DynamicGaussians(GaussianSet):
         return ((1 - away.abs() / torch.where(away < 0, before, after)) / (1 - WHOLE)).clamp(0, 1)
 
     def spans(self, born: Tensor) -> Tensor:
-        """(N,4) clip times between which each Gaussian comes, and goes, as scenes have them; `born` (N,): its reference time."""
+        """Return (N,4) clip times between which Gaussians come, and go, as scenes have them; `born` (N,): reference times."""
         before, after = self.parameters["log_lifetimes"].exp().unbind(1)
         return born[:, None] + torch.stack([-before, -WHOLE * before, WHOLE * after, after], 1)
 

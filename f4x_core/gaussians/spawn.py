@@ -297,7 +297,7 @@ def spawn_static(spawned: Spawned, degree: int, config: SpawnConfig, first_id: i
 
 
 def learnt_before(splats: Splats, reach: Tensor, first_id: int) -> StaticGaussians:
-    """Static Gaussians that go on from those of an earlier fit: `splats` of tensors, `reach` (N,), ids from `first_id` on."""
+    """Return static Gaussians that go on from an earlier fit: `splats` of tensors, `reach` (N,), ids from `first_id` on."""
     splats = splats.map(torch.clone)  # what is optimised shares no memory with what it comes from
     parameters = {
         "means": splats.means,

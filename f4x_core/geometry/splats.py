@@ -33,7 +33,7 @@ class Splats:
         return len(self.means)
 
     def map(self, change: Callable[[Array], Array]) -> Self:
-        """The Gaussians with `change` applied to each of their arrays, for example `torch.from_numpy` or a selection of rows."""
+        """Return the Gaussians with `change` applied to each of their arrays, such as `torch.from_numpy` or a selection of rows."""
         return replace(self, **{name: change(array) for name, array in self.arrays().items()})
 
     def take(self, index: Any) -> Self:

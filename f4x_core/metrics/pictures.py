@@ -38,7 +38,7 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
 
 
 def psnr(image: Tensor, target: Tensor, weight: Tensor | None = None) -> float:
-    """Peak signal-to-noise ratio in dB of images (H,W,3) in [0,1], over the pixels of `weight` (H,W) when given; NaN if none."""
+    """Return the peak signal-to-noise ratio in dB of images (H,W,3) in [0,1], over the pixels of `weight` (H,W); NaN for none."""
     error = ((image - target) ** 2).mean(-1)
     if weight is None:
         mse = float(error.mean())

@@ -42,7 +42,7 @@ class GroupView:
 
 
 def parallax_degrees(priors: Priors) -> float:
-    """Angle between the two outermost cameras seen from a point at the median depth (1 world unit); 0 without cameras."""
+    """Return the angle between the two outermost cameras, seen from a point at the median depth (1 world unit); 0 for none."""
     if priors.cameras is None or len(priors.cameras) < 2:
         return 0.0
     baseline = float(pdist(priors.cameras.centers).max())

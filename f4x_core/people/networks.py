@@ -50,7 +50,7 @@ class Crop:
 
     @classmethod
     def around(cls, center: np.ndarray, on_circle: np.ndarray) -> Crop:
-        """The crop of a body from its `center (2,)`, between the hips, and a point `(2,)` above it on the circle around it."""
+        """Return the crop of a body from its `center (2,)`, between the hips, and a point `(2,)` above it on its circle."""
         x, y = np.asarray(on_circle, np.float64) - center
         return cls(np.asarray(center, np.float64), 2 * CROP_FACTOR * float(np.hypot(x, y)), float(np.arctan2(x, -y)))
 

@@ -298,7 +298,7 @@ def without_outliers(bundle: Bundle, observations: Observations) -> tuple[Bundle
 
 
 def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:
-    """Cost that `adjust` minimises, per observation (px^2): robust squared error and what is believed of lens and world."""
+    """Return the cost that `adjust` minimises, per observation (px^2): robust squared error and the priors of lens and world."""
     problem = _Problem.of(bundle, bundle.center[len(bundle.center) // 2], _unit(bundle)).centred()
     cost = _costs(problem, observations, config).sum()
     return (cost + _prior_cost(problem, config, cost)) / max(len(observations.frame), 1)
@@ -778,7 +778,7 @@ def _eliminated(coupling: np.ndarray, root: np.ndarray) -> np.ndarray:
 
 
 def _inverse_of_lower(lower: np.ndarray) -> np.ndarray:
-    """Inverses of lower triangles `(P, 3, 3)`; `numpy.linalg.inv` eliminates with pivots and takes 10 to 100 times as long."""
+    """Return the inverses of lower triangles `(P, 3, 3)`; `numpy.linalg.inv`, with pivots, takes 10 to 100 times as long."""
     (a, _, _), (b, c, _), (d, e, f) = np.moveaxis(lower, 0, -1)
     inverse = np.zeros_like(lower)
     inverse[:, 0, 0], inverse[:, 1, 1], inverse[:, 2, 2] = 1 / a, 1 / c, 1 / f

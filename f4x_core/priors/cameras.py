@@ -306,7 +306,7 @@ def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, max_frames: int = 24) -> float:
-    """Largest median displacement in pixels of static tracks between any two of at most `max_frames` evenly spaced frames.
+    """Return the largest median displacement (pixels) of static tracks between two of at most `max_frames` evenly spaced frames.
 
     `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. NaN when no two frames share enough tracks.
     """
@@ -386,7 +386,7 @@ def _settled(
 
 
 def _worst_frame(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> float:
-    """Pixels by which the frame that fits worst misses its sightings (median), the points of the `tracks` triangulated anew."""
+    """Return the pixels by which the worst frame misses its sightings (median), the points of `tracks` triangulated anew."""
     return float(np.nanmax(frame_errors(bundle, seen, len(tracks)), initial=0.0))
 
 
@@ -396,7 +396,7 @@ def _triangulated_anew(bundle: Bundle, seen: Observations, tracks: np.ndarray) -
 
 
 def _with_points_ahead(bundle: Bundle, seen: Observations) -> Bundle:
-    """Points that rays meet behind a camera that saw them moved to infinity: rays which diverge by no more than noise."""
+    """Return the points with those behind a camera that saw them moved to infinity: their rays diverge by noise alone."""
     behind = np.zeros(len(bundle.points), bool)
     behind[seen.point[bundle.local(seen)[:, 2] <= 0]] = True
     middle = bundle.center.mean(0)

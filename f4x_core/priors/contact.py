@@ -67,7 +67,7 @@ def guessed_confidence(priors: Priors, certain: float) -> float:
 
 
 def largest_piece(own: np.ndarray) -> np.ndarray:
-    """(H,W) bool: the largest connected piece of the region `own (H,W)`, where it touches the ground; others may be its shadow."""
+    """Return (H,W) bool: the largest connected piece of the region `own (H,W)`, which touches the ground; others may be shadows."""
     import cv2
 
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(own.astype(np.uint8))
@@ -75,7 +75,7 @@ def largest_piece(own: np.ndarray) -> np.ndarray:
 
 
 def inverse_around(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> float:
-    """Median inverse depth `(H,W)` of the background around the region `own (H,W)`; of the whole frame where nothing does."""
+    """Return the median inverse depth `(H,W)` of the background around the region `own (H,W)`; without any, of the frame."""
     rim = ndimage.binary_dilation(own, iterations=2 * MOVING_MARGIN) & ~moving
     return float(np.median(inverse[rim] if rim.any() else inverse))
 

@@ -268,7 +268,7 @@ def _plain_smooth_map(
 
 
 def _line_roughness(levels: np.ndarray, smooth: float, flat: float) -> np.ndarray:
-    """(3,h,w) entries of the normal matrix along rows of `levels` (h,w[,3]): of a pixel with itself, the next, the one after."""
+    """Return (3,h,w) entries of the normal matrix along rows of `levels` (h,w[,3]): with itself, the next, the one after."""
     steps = abs(np.diff(levels, axis=1))
     if levels.ndim == 3:
         trust = np.minimum(levels[:, 1:, 1], levels[:, :-1, 1])

@@ -142,7 +142,7 @@ def pixel_grid(height: int, width: int) -> np.ndarray:
 
 
 def look_up(image: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """`image` (H,W[,C]) float32 at `points` (h,w,2) in pixels (centres at +0.5), border repeated; `sample` on a grid, faster."""
+    """Return `image` (H,W[,C]) float32 at `points` (h,w,2) in pixels (centres at +0.5), border repeated: a faster `sample`."""
     import cv2
 
     target = (points - 0.5).astype(np.float32, copy=False)  # OpenCV counts from pixel centres
@@ -176,13 +176,13 @@ def consistent_at(points: np.ndarray, there: np.ndarray, back: np.ndarray) -> np
 
 
 def agree(points: np.ndarray, there: np.ndarray, returned: np.ndarray, height: int, width: int) -> np.ndarray:
-    """(...) bool: the same test of flow `there` (...,2) at `points` (...,2) and the flow back from there, `returned` (...,2)."""
+    """Return (...) bool: the same test of flow `there` (...,2) at `points` (...,2) and the flow `returned` (...,2) from there."""
     close = length(there + returned) < 0.5 * (length(there) + length(returned)) + 0.5
     return close & inside(points + there, height, width)
 
 
 def texture(picture: np.ndarray) -> np.ndarray:
-    """(H,W) in 0..1: how well flow can hold on to a grey `picture` (H,W), by the standard deviation of grey levels over 7 px."""
+    """Return (H,W) in 0..1: how well flow holds on to a grey `picture` (H,W), by the standard deviation of its levels over 7 px."""
     values = picture.astype(np.float32)
     mean = ndimage.uniform_filter(values, 7)
     spread = np.sqrt(np.maximum(ndimage.uniform_filter(values**2, 7) - mean**2, 0))
@@ -204,7 +204,7 @@ def texture_along(picture: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def best_of_cells(held: np.ndarray, side: int, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column of the largest pixel of every square cell of `held` (H,W), `side` pixels wide, where it is above `least`."""
+    """Return row and column of the largest pixel of every square cell of `held` (H,W), `side` pixels wide, if above `least`."""
     rows, columns = (size // side for size in held.shape)
     cells = held[: rows * side, : columns * side].reshape(rows, side, columns, side).swapaxes(1, 2)
     cells = cells.reshape(rows, columns, side * side)
@@ -295,7 +295,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
 def _after_homography(
     first: np.ndarray, second: np.ndarray, flow: Flow, there: np.ndarray, back: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The flows `there` and `back` (H,W,2), replaced where flow beyond the background's homography explains the pictures better."""
+    """Return the flows `there` and `back` (H,W,2), replaced where flow after the background's homography is better."""
     homography = _homography(first, second)
     if homography is None:
         return there, back
@@ -390,7 +390,7 @@ def _slip(picture: np.ndarray) -> np.ndarray:
 
 
 def _missed(first: np.ndarray, second: np.ndarray, there: np.ndarray, low: Any = (0, 0)) -> np.ndarray:
-    """(h,w) mean grey levels by which flow `there` (h,w,2) misses `second` (H,W); `first` (h,w) begins at column and row `low`."""
+    """Return (h,w) mean grey levels by which flow `there` (h,w,2) misses `second` (H,W); `first` (h,w) begins at pixel `low`."""
     import cv2
 
     target, own = pixel_grid(*first.shape) + np.float32(low) + there, first.astype(np.float32)

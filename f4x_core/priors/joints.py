@@ -72,7 +72,7 @@ LIMBS = {
 
 
 def to_segments(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances `(n, s)` of `points (n, 2)` to segments `start, end (s, 2)`, and where along each the nearest point lies, 0..1."""
+    """Return the distances `(n, s)` of `points (n, 2)` to segments `start, end (s, 2)`, and the place of the nearest, 0..1."""
     along, away = end - start, points[:, None] - start
     part = np.clip((away * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-9), 0, 1)
     return np.linalg.norm(away - part[..., None] * along, axis=-1), part

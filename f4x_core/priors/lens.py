@@ -99,7 +99,7 @@ def straightened(uv: np.ndarray, principal: np.ndarray, bend: float) -> np.ndarr
 
 
 def _error(start: Bundle, seen: Observations, bend: float, config: BundleConfig) -> float:
-    """Mean robust error of the tracks, straightened, of adjusted cameras; in logarithms of squared pixels of the bent picture."""
+    """Return the mean robust error of straightened tracks under adjusted cameras; log of squared pixels of the bent picture."""
     straight = replace(seen, uv=straightened(seen.uv, start.principal, bend))
     points, _ = triangulate(start, straight, len(start.points))
     bundle = replace(start, points=np.where(np.isfinite(points), points, 1.0))

@@ -261,7 +261,7 @@ def _track_depths(bundle: Bundle, cues: DepthCues) -> _TrackDepths:
 def _rating_evidence(
     what: str, weight: float, rate: Callable[..., float], first: Any, second: Any, *more: Any
 ) -> list[Evidence]:
-    """Evidence from `rate`, which rates one solution from -1 (wrong) to 1 (right); empty where either cannot be rated."""
+    """Return the evidence from `rate`, which rates a solution from -1 (wrong) to 1 (right); empty where either has no rating."""
     ratings = rate(first, *more), rate(second, *more)
     if not np.isfinite(ratings).all():
         return []
@@ -287,7 +287,7 @@ def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
 
 
 def _movers_in_front(dense: _TrackDepths, cues: DepthCues) -> float:
-    """Mean over the frames of +1 where the ground below a mover is nearer than what is beside its upper half, else -1."""
+    """Return the mean over frames of +1 where the ground below a mover is nearer than what is beside its upper half, else -1."""
     assert cues.mask is not None
     signs = []
     for frame in cues.frames:

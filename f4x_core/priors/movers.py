@@ -364,7 +364,7 @@ def _place_rigid_body(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> 
 
 
 def _relative_inverse(mover: _MovingObject, priors: Priors) -> list[np.ndarray]:
-    """Inverse depth of the body's pixels per frame (rows of the mask ascending), from its points seen there, in its unit."""
+    """Return the inverse depth of the body's pixels per frame (rows of the mask ascending), from its points seen there."""
     assert priors.tracks is not None and priors.tracks_visible is not None and mover.motion is not None
     seen = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)] & np.isfinite(mover.motion.z)
     known = seen.sum(1) >= MIN_FRAME_POINTS

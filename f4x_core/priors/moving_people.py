@@ -60,7 +60,7 @@ def moving_people(mask: np.ndarray, priors: Priors) -> np.ndarray:
 
 
 def walking_people(priors: Priors) -> np.ndarray:
-    """(F,H,W) bool: all pixels of the people whom no camera that moves explains as standing still, however small they are."""
+    """Return (F,H,W) bool: all pixels of people whom no moving camera explains as standing still, however small they are."""
     assert priors.cameras is not None
     found = np.zeros((len(priors.frames), priors.height, priors.width), bool)
     if priors.people_joints is None or not priors.people_joints.size:

@@ -119,7 +119,7 @@ def revise_mask(priors: Priors, mask: np.ndarray, motion: np.ndarray) -> None:
 
 
 def _with_resting(mask: np.ndarray, votes: np.ndarray) -> np.ndarray:
-    """(H,W) bool: the `mask (H,W)` with the pixels where `votes (H,W)` are for motion, and holes in which none are against it."""
+    """Return (H,W) bool: the `mask (H,W)` with pixels whose `votes (H,W)` are for motion, and holes without a vote against it."""
     joined = without_specks(mask | (votes > MIN_VOTE))
     holes, count = ndimage.label(ndimage.binary_fill_holes(joined) & ~joined)
     if not count:

@@ -364,7 +364,7 @@ def _on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
 
 
 def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.ndarray]:
-    """A smaller problem with the same geometry, and its frames: evenly spaced registered ones, and points that hold them all."""
+    """Return a smaller problem with the same geometry, and its frames: evenly spaced ones, and points that hold them all."""
     registered = np.flatnonzero(solution.registered)
     kept = registered[evenly_spaced(len(registered), frames)]
     finite = np.isfinite(solution.bundle.points).all(1)

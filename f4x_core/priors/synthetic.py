@@ -90,7 +90,7 @@ class TruePeople:
 
     @classmethod
     def read(cls, folder: Path, people: Sequence[Mapping[str, Any]], objects: np.ndarray) -> TruePeople:
-        """The people that truth.json lists, with the object index `objects (T, H, W)`; F4xError when their joints are missing."""
+        """Return the people of truth.json, with the object index `objects (T, H, W)`; F4xError when their joints are missing."""
         who, path = np.zeros(objects.shape, np.uint8), folder / "joints.npy"
         joints = np.zeros((len(objects), 0, JOINTS, 3))
         with undamaged(path, "render the synthetic clip again."):

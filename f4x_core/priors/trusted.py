@@ -130,7 +130,7 @@ def _within(bundle: Bundle, seen: Observations, tracks: np.ndarray, limit: float
 
 
 def _in_runs(chosen: np.ndarray) -> np.ndarray:
-    """(F,) bool: the chosen frames of which at least `MIN_RUN` follow each other; none where they are fewer than `MIN_TRUSTED`."""
+    """Return (F,) bool: chosen frames of which at least `MIN_RUN` follow each other; none if they are fewer than `MIN_TRUSTED`."""
     runs, _ = ndimage.label(chosen)
     kept = chosen & (np.bincount(runs) >= MIN_RUN)[runs]
     return kept if kept.sum() >= MIN_TRUSTED else np.zeros_like(kept)

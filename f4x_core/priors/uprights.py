@@ -95,7 +95,7 @@ def like_ground(picture: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def feet_in_columns(upright: np.ndarray) -> np.ndarray:
-    """(H,W) lowest row of the run of `upright (H,W)` that holds each pixel, + .5, of the columns beside it, too; 0 elsewhere."""
+    """Return (H,W) the lowest row, + .5, of the run of `upright (H,W)` at a pixel, also of columns beside it; 0 elsewhere."""
     rows = np.arange(len(upright))[:, None]
     free = np.where(upright, len(upright), rows)  # the nearest row below that is not upright
     after = np.minimum.accumulate(free[::-1], axis=0)[::-1]

@@ -73,7 +73,7 @@ class RasterInput:
         return self.colors.shape[1] if self.detached_from is None else self.detached_from
 
     def arrays(self) -> dict[str, Array | None]:
-        """The arrays by name: `means`, `quats`, `scales`, `opacities`, `colors`, `viewmat`, `K`, and those that may be None."""
+        """Return the arrays by name: `means`, `quats`, `scales`, `opacities`, `colors`, `viewmat`, `K`, and optional ones."""
         shape = {name: getattr(self.splats, name) for name in ("means", "quats", "scales", "opacities")}
         camera = {"viewmat": self.camera.world_to_camera, "K": self.camera.intrinsics}
         optional = {name: getattr(self, name) for name in ("background", "mean2d_offset", "limit")}

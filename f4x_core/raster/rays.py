@@ -145,7 +145,7 @@ def filtered_rays(
 
 
 def filter_weights(oversample: int) -> Tensor:
-    """Weights (3 oversample,), sum 1, of Cycles' pixel filter for rays through the middle of finer pixels, along one axis."""
+    """Return the weights (3 oversample,), sum 1, of Cycles' pixel filter along one axis, for rays through finer pixels."""
     place = (torch.arange(FILTER_WIDTH * oversample) + 0.5) / (FILTER_WIDTH * oversample)
     waves = torch.cos(2 * torch.pi * torch.arange(4)[:, None] * place)
     weights = torch.tensor(BLACKMAN_HARRIS) @ waves

@@ -190,7 +190,7 @@ def verdict(metrics: Mapping[str, Any], found: Sequence[Finding], subject: str =
 
 
 def fair_score(metrics: Mapping[str, Any]) -> float | None:
-    """PSNR by which a scene is judged, dB: of held-out frames, of used ones where none was held out; None: not measured."""
+    """Return the PSNR (dB) by which a scene is judged: of held-out frames, else of used ones; None: not measured."""
     return _unseen_psnr(metrics, metrics.get("used_psnr"))
 
 

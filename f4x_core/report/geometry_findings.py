@@ -194,7 +194,7 @@ def _about_bump(priors: Priors) -> list[Finding]:
 
 
 def _track_steps(priors: Priors) -> np.ndarray:
-    """Median shift of static tracks from each supervised frame to the next, `(F - 1,)` pixels, NaN where none is seen in both."""
+    """Return the median shift of static tracks between supervised frames, `(F - 1,)` pixels, NaN where none is seen in both."""
     tracks, visible, static = static_tracks(priors)
     steps = np.full(max(len(tracks) - 1, 0), np.nan)
     for row in range(len(steps)):

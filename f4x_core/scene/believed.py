@@ -46,7 +46,7 @@ class BelievedZone:
         return float(np.degrees(np.arccos(np.clip(cosine.max(), -1, 1))))
 
     def ring(self, index: int) -> np.ndarray:
-        """(RING,3): the circle around camera `index` from which what it looks at is seen from just the largest believed angle."""
+        """Return (RING,3): the circle of places that see what camera `index` looks at from just the largest believed angle."""
         target, axis = self.targets[index], self.eyes[index] - self.targets[index]
         distance = np.linalg.norm(axis)
         axis = axis / distance

@@ -207,7 +207,7 @@ class Drawn:
         return self.alpha >= COVERED
 
     def mean(self, sums: np.ndarray, absent: float = 0.0) -> np.ndarray:
-        """`sums (H,W)` or `(H,W,C)` divided by alpha: the mean of the Gaussians; `absent` where they do not cover the pixel."""
+        """Return `sums (H,W)` or `(H,W,C)` divided by alpha: the mean of the Gaussians; `absent` where a pixel is not covered."""
         shape = (*self.alpha.shape, *[1] * (sums.ndim - 2))
         covered = self.covered.reshape(shape)
         return np.where(covered, sums / np.where(covered, self.alpha.reshape(shape), 1), np.float32(absent))

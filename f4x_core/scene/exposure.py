@@ -64,7 +64,7 @@ class Exposure:
         return self.samples > 1 and (self.closes > self.opens or self.lens is not None)
 
     def moments(self) -> np.ndarray:
-        """(samples,) frames from the picture's own time, in the middle of equal parts of the time that the shutter is open."""
+        """Return (samples,) frames relative to the picture's time, in the middle of equal parts of the shutter's open time."""
         return self.opens + (self.closes - self.opens) * (np.arange(self.samples) + 0.5) / self.samples
 
     def lens_points(self) -> np.ndarray:

@@ -177,7 +177,7 @@ class FeatureField:
         return self.head(name).spec
 
     def decode(self, name: str, latent: np.ndarray) -> np.ndarray:
-        """Features (…,C) float32 that head `name` sees in `latent (…,D)`; a rendered latent is divided by alpha first."""
+        """Return features (…,C) float32 of head `name` for `latent (…,D)`; a rendered latent is divided by alpha first."""
         return self.head(name)(latent)
 
     def vocabulary(self, encoder: str) -> tuple[tuple[str, ...], np.ndarray]:
@@ -188,7 +188,7 @@ class FeatureField:
         return stored.labels, stored.vectors.astype(np.float32)
 
     def latents(self, node: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """(N,D) float32 of every Gaussian, static first; a dynamic one blends its nodes' latents, `node` and `weight` (Nd,K)."""
+        """Return (N,D) float32 of all Gaussians, static first; a dynamic one blends its nodes', `node` and `weight` (Nd,K)."""
         static, nodes = (self.low + self.step * part for part in (self.static, self.nodes))
         blended = np.zeros((len(node), self.width), np.float32)
         for k in range(node.shape[1] if len(node) else 0):  # slot by slot: no (Nd,K,D) array

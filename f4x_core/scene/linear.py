@@ -49,7 +49,7 @@ def is_refitted(scene: Scene) -> bool:
 
 
 def linear_look(scene: Scene) -> Look:
-    """The unedited scene's appearance for linear light: the refitted one, else the fitted one with the footprint in its scales."""
+    """Return the unedited scene's appearance for linear light: the refitted one, else the fitted with footprint in its scales."""
     if is_refitted(scene):
         parts = [part for part, held in _parts(scene) if len(held)] or ["static"]
         return Look(*(np.concatenate([scene.extra[f"{part}/{name}"] for part in parts]) for name in NAMES))

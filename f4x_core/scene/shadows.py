@@ -177,7 +177,7 @@ def light_left(
 
 
 def _free(points: np.ndarray, ways: np.ndarray, asked: np.ndarray, casters: Sequence[Caster]) -> np.ndarray:
-    """(N,S) bool: on which of the `ways (N,S,3)` from `points (N,3)` nothing stands; looked at are those of `asked (N,S)`."""
+    """Return (N,S) bool: `ways (N,S,3)` from `points (N,3)` that meet no triangle; only those of `asked (N,S)` are tested."""
     free = asked.copy()
     for caster in casters:
         row, sample = np.nonzero(free & _meets(points, ways, caster.box))

@@ -89,7 +89,7 @@ class SplatTextures:
         return table.reshape(1, -1, 4)
 
     def order(self, camera: Camera, settings: OrderSettings) -> tuple[np.ndarray, int]:
-        """(rows, WIDTH, 1) float32 indices of what is seen, the farthest first, and their number; overwritten by the next call."""
+        """Return (rows, WIDTH, 1) float32 indices of seen Gaussians, the farthest first, and their number, until the next call."""
         if self._order.size != _padded(len(self)):
             self._order = np.zeros(_padded(len(self)), np.float32)
         rows = np.stack([(camera.world_to_camera @ cloud.to_world)[2] for cloud in self.clouds] or [np.zeros(4)])

@@ -215,7 +215,7 @@ class _Drawing:
 
 
 def as_seen(clouds: Sequence[Cloud], back: float) -> list[Cloud]:
-    """The clouds without the focal lengths of their fits where the view has no perspective (`back` > 0), and so no angles."""
+    """Return the clouds without their fitted focal lengths where the view has no perspective (`back` > 0), and so no angles."""
     return [replace(cloud, fitted_focal=None) for cloud in clouds] if back else list(clouds)
 
 
@@ -278,7 +278,7 @@ def _ways(places: np.ndarray, beside: tuple[np.ndarray, np.ndarray] | None) -> n
 def _on_rays(
     drawn: dict[str, np.ndarray], camera: Camera, settings: DrawSettings, region: tuple[slice, slice]
 ) -> dict[str, np.ndarray]:
-    """Passes `position` and `vector` of a region's `drawn` passes `depth` and, where that is wanted, the ways of `vector`."""
+    """Return the passes `position` and `vector` of a region's `drawn` passes `depth` and, where wanted, the ways of `vector`."""
     there = drawn["depth"] < NOTHING
     pixels = camera.pixel_grid()[region][there]
     places = camera.unproject(pixels, drawn["depth"][there].astype(np.float64))

@@ -194,7 +194,7 @@ def masks_of(folder: Path) -> dict[int, np.ndarray] | None:
 
 
 def near_path(scene: Scene) -> Scene:
-    """The scene with no more background than is seen along its own cameras or BESIDE them: to measure it, and to look at it."""
+    """Return the scene with no more background than is seen along its own cameras or BESIDE them: to measure and to look at."""
     return seen_from(scene, original(scene.cameras), BESIDE)
 
 

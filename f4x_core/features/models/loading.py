@@ -41,7 +41,7 @@ class Located:
         return folder.name if folder.is_dir() else self.place
 
     def provenance(self, size: list[int]) -> dict[str, Any]:
-        """Provenance that the spec of their maps records; `size` is the (width, height) of a picture as the model takes it."""
+        """Return the provenance that the spec of their maps records; `size`: (width, height) of a picture as the model takes it."""
         return {"model": self.name, "licence": self.entry.licence, "input": size}
 
 

@@ -95,7 +95,7 @@ class FeatureSam2(transformers.Sam2VideoModel):
 
 
 def sine_position_encoding(channels: int, height: int, width: int) -> torch.Tensor:
-    """(C,h,w) float32: sines of the row in the first half of the channels, of the column in the second (DETR, eq. in A.4)."""
+    """Return (C,h,w) float32: sines of the row in the first half of the channels, of the column in the second (DETR, A.4)."""
     half = channels // 2
     frequency = 10000 ** (2 * torch.div(torch.arange(half), 2, rounding_mode="floor") / half)  # (half,)
     parts = []
@@ -312,7 +312,7 @@ class Sam2MaskDecoder:
 
 
 def suppress(masks: torch.Tensor, scores: torch.Tensor, overlap: float) -> list[int]:
-    """Indices of `masks (n,h,w) bool`, best `scores (n,)` first, without those that overlap a better one by more than `overlap`."""
+    """Return the indices of `masks (n,h,w) bool`, best `scores (n,)` first, that overlap no better one by more than `overlap`."""
     flat = masks.flatten(1).float()
     area = flat.sum(1)
     chosen: list[int] = []

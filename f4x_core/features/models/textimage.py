@@ -51,7 +51,7 @@ def values_only(queries: torch.Tensor, keys: torch.Tensor, values: torch.Tensor)
 
 
 def attend(attention: Any, x: torch.Tensor, mix: Mixing) -> torch.Tensor:
-    """An attention layer of either model on x (B,n,C) with its own mixing of values; `mix` = softmax attention is the layer."""
+    """Return an attention layer of either model on x (B,n,C) with its own mixing of values; `mix` = softmax attention: itself."""
     heads = getattr(attention, "num_attention_heads", None) or attention.num_heads
     split = [
         layer(x).unflatten(-1, (heads, -1)).transpose(1, 2)

@@ -90,7 +90,7 @@ class FixedPoint:
 
     @classmethod
     def of(cls, means: np.ndarray, scales: np.ndarray) -> FixedPoint:
-        """The steps for splats at `means (N,3)` of sizes `scales (N,3)`: all within reach, unless outliers make them too coarse."""
+        """Return the steps for splats at `means (N,3)` of sizes `scales (N,3)`: all in reach, unless outliers make steps coarse."""
         distance = np.abs(means).max(axis=1, initial=0).astype(np.float64)
         widest, size = _fraction(distance.max(initial=0)), np.inf
         if len(distance):
@@ -192,7 +192,7 @@ def _require_readable(version: int, count: int, degree: int, fraction: int, path
 
 
 def _in_ply_axes(splats: Splats) -> Splats:
-    """Splats of the file's axes in those of PLY files, with harmonics in each Gaussian's own frame, which turns along."""
+    """Return the splats of the file's axes in those of PLY files, with harmonics in each Gaussian's own frame."""
     _, turn, _ = similarity_of(Y_UP)
     turned = quaternion.multiply(turn, splats.quats.astype(np.float64)).astype(np.float32)
     own = spherical_harmonics.rotate(splats.sh, quaternion.conjugate(splats.quats))

@@ -157,7 +157,7 @@ def write_usd(
 
 
 def expected_bytes(static: int, dynamic: int, moments: int, coefficients: int) -> int:
-    """About the size of the file that `write_usd` makes of so many Gaussians, of which `dynamic` move, at so many moments."""
+    """Return about the size of the file that `write_usd` makes of so many Gaussians at so many moments; `dynamic` move."""
     shape = DECIMALS + AROUND
     colour = 3 * min(coefficients, (MAX_DEGREE + 1) ** 2) * shape
     pose = 3 * (MIN_DECIMALS + AROUND) + 4 * shape

@@ -135,7 +135,7 @@ def _joined(arrays: Mapping[str, np.ndarray]) -> tuple[dict[str, tuple[str, int,
 
 
 def _centre_depth(scene: Scene) -> float:
-    """Distance from the middle camera about which one looks aside: 1, the median depth of a fitted clip; that of a foreign file."""
+    """Return the distance from the middle camera about which one looks aside: 1, or that of a foreign file's scene."""
     if "import" not in scene.provenance:
         return 1.0
     camera = scene.cameras[len(scene.cameras) // 2]

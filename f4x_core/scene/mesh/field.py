@@ -39,7 +39,7 @@ class Grid:
 
     @classmethod
     def around(cls, splats: Splats, resolution: int) -> Grid:
-        """A grid around most of `splats` with `resolution` steps along its longest side, with one empty layer of points outside."""
+        """Return a grid around most of `splats` with `resolution` steps along its longest side, and an empty layer around."""
         means = np.asarray(splats.means, np.float64)
         reach = REACH * _deviations(splats)
         low, high = np.percentile(means, [TRIMMED, 100 - TRIMMED], axis=0)
