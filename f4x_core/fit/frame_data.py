@@ -61,7 +61,7 @@ class FrameData:
         )
 
     def _sampled(self, large: np.ndarray) -> Tensor:
-        """(H,W) of a map at the size of `large`."""
+        """Return (H,W) of a map at the size of `large`."""
         rows, columns = (slice(0, self.step * size, self.step) for size in (self.height, self.width))
         return torch.from_numpy(np.ascontiguousarray(large[rows, columns]))
 
@@ -88,7 +88,7 @@ class FrameData:
 
 @dataclass(frozen=True)
 class MovingTracks:
-    """The tracks of what moves, in pixels of the priors."""
+    """The tracks of moving objects, in pixels of the priors."""
 
     points: Tensor
     """(F,P,2) float32."""

@@ -140,7 +140,7 @@ class _Losses:
     config: FitConfig
 
     def pixels(self, rendered: Rendered) -> Tensor:
-        """The weighted sum of the losses rgb, depth, roughness and mask, by the compiled library."""
+        """Return the weighted sum of the losses rgb, depth, roughness and mask, by the compiled library."""
         config, maps = self.config, rendered.maps
         weights, output = config.losses, rendered.output
         rough = config.rough_every * weights.roughness if rendered.step % config.rough_every == 0 else 0.0
@@ -159,7 +159,7 @@ class _Losses:
         return rgb_loss(rendered.rgb, target, attention, weights.ssim)
 
     def depth(self, rendered: Rendered) -> Tensor:
-        """Inverse depth against the prior's, by its confidence."""
+        """Compare inverse depth with the prior's, by its confidence."""
         maps, output = rendered.maps, rendered.output
         return depth_loss(output.depth, output.alpha, maps.depth, maps.confidence.float())
 
@@ -170,7 +170,7 @@ class _Losses:
         return depth_roughness(output.depth, output.alpha, rendered.target.float() / 255, unsure)
 
     def mask(self, rendered: Rendered) -> Tensor:
-        """Return the alpha of the dynamic Gaussians against the moving mask, as far as the motion score is certain."""
+        """Compare the alpha of the dynamic Gaussians with the moving mask, as far as the motion score is certain."""
         certain = (2 * rendered.motion - 1).abs()  # 0 where the score says nothing
         error = (rendered.dynamic_alpha - (rendered.motion > 0.5).float()).abs()
         return (error * certain).mean()

@@ -234,7 +234,7 @@ class PreviousWindow:
         return moved(least_squares(off, np.zeros(freedom), loss="soft_l1", f_scale=FLOW_ERROR).x)
 
     def _shown(self, frame: int, size: tuple[int, int], backend: str) -> dict[str, np.ndarray]:
-        """Depth and alpha of the earlier scene in its own `frame`, in a picture of `size` (width, height)."""
+        """Return the depth and alpha of the earlier scene in its own `frame`, in a picture of `size` (width, height)."""
         time = float(self.scene.cameras.times[frame])
         camera = self.scene.cameras[frame].resized(*size)
         return render(seen_from(self.scene, [(camera, time)]), camera, time, ("depth", "alpha"), backend)
