@@ -48,7 +48,7 @@ MAP_WORDS = {"depth", "disparity", "disp", "normal", "normals", "flow", "thumb",
 """Words in the names of pictures that belong to another one and are no masks."""
 COLOUR_WORDS = {"rgb", "color", "colour", "image", "img", "frame", "picture", "pic", "photo"}
 """Words that tell nothing."""
-LEAST_NUMBERED = 3
+MIN_NUMBERED = 3
 """Pictures whose names differ by numbers alone, from which they are a sequence."""
 HEXADECIMAL = re.compile("[0-9a-fA-F]+")
 LOOKS = 12
@@ -156,7 +156,7 @@ def _numbered(files: list[Path]) -> tuple[list[Path], list[Path]]:
     patterns = {file: re.sub(r"\d+", "#", file.stem.lower()) for file in files}
     counts = Counter(patterns.values())
     main = max(counts, key=lambda each: (counts[each], -len(each)), default="")
-    if "#" not in main or counts[main] < LEAST_NUMBERED or 2 * counts[main] < len(files):
+    if "#" not in main or counts[main] < MIN_NUMBERED or 2 * counts[main] < len(files):
         return files, []
     sequence = {file.stem: file for file in files if patterns[file] == main}
     known = MASK_WORDS | MAP_WORDS

@@ -34,9 +34,9 @@ from ..scene.model import faded
 from .checkpoint import load_checkpoint, save_checkpoint
 from .linear_config import LinearConfig
 
-LEAST_OPACITY = 0.011
+MIN_OPACITY = 0.011
 """Smallest opacity at the start: below .01 Cycles draws nothing, and no gradient comes back."""
-MOST_OPACITY = 0.999
+MAX_OPACITY = 0.999
 STAGE = "linear light"
 """Name of the stage in progress reports."""
 
@@ -82,7 +82,7 @@ class _Refit:
         start = linear_look(with_look(scene, None))
         self.scene, self.config = scene, config
         self.log_scales = torch.from_numpy(np.log(np.maximum(start.scales, 1e-9))).requires_grad_()
-        opacities = torch.from_numpy(start.opacities).clamp(LEAST_OPACITY, MOST_OPACITY)
+        opacities = torch.from_numpy(start.opacities).clamp(MIN_OPACITY, MAX_OPACITY)
         self.opacity_logits = torch.logit(opacities).requires_grad_()
         self.there = torch.from_numpy(start.opacities > 0)
         self.color_shift = torch.zeros(len(opacities), 3, requires_grad=True)

@@ -27,7 +27,7 @@ BESIDE = (20, 25)
 COVERED, BETWEEN = 3, 20
 """Pixels around the mask that do not show the background; dents and gaps up to twice as many wide as the second do not either: of a
 plain back the mask may show the rim alone."""
-VIEWS, LEAST_GAP, LARGEST_GAP = 9, 4, 32
+VIEWS, MIN_GAP, MAX_GAP = 9, 4, 32
 """Frames that show what is behind, and their least and largest distance: a foot stands still for a few frames."""
 ROUNDS, SETTLED = 3, 0.5
 """Steps towards the place in another frame at which its depth agrees, and pixels that the last one may go."""
@@ -137,8 +137,8 @@ def draw_background(
     inverse: (F, H, W) inverse depth of the background; covered: (F, H, W) bool, where it is not seen. Depth behind a mover is
     filled in, so the place in another frame is looked for along the ray until the depth there agrees.
     """
-    first, last = max(0, frame - LARGEST_GAP), min(len(inverse) - 1, frame + LARGEST_GAP)
-    others = [other for other in range(first, last + 1) if abs(other - frame) >= LEAST_GAP]
+    first, last = max(0, frame - MAX_GAP), min(len(inverse) - 1, frame + MAX_GAP)
+    others = [other for other in range(first, last + 1) if abs(other - frame) >= MIN_GAP]
     y, x = np.nonzero(asked)
     drawn = Background(np.zeros((*asked.shape, 3), np.float32), np.zeros(asked.shape, np.float32), np.zeros_like(asked))
     if not (len(x) and others):

@@ -113,7 +113,7 @@ class Ground:
     """(H,W) number of the triangle, all surfaces' one after the other; -1 where there is none."""
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
     """(H,W,C) of `GEOMETRY`, 0 where there is no surface."""
-    share: np.ndarray | None = None
+    fraction: np.ndarray | None = None
     """(H,W) fraction of each pixel that all this is about; None = all of it, everywhere."""
     beside: Ground | None = None
     """Colour of the rest of each pixel; its limit is 0 where there is no rest."""
@@ -294,7 +294,7 @@ def _with_edges(sharp: Ground, drawn: _Triangles) -> Ground:
     chosen, look = drawn.meeting(mask), drawn.look
     centre, pixels = own[mask], look.camera.pixel_grid()[mask]
     count = len(centre)
-    share, same = np.zeros(count), np.zeros((count, 3))
+    kept, same = np.zeros(count), np.zeros((count, 3))
     rest = {"rgb": np.zeros((count, 3)), "alpha": np.zeros(count), "held": np.zeros(count)}
     nearest, limit = np.full(count, -1), np.full(count, np.inf)
     for offset in _offsets(look.samples):
@@ -303,24 +303,24 @@ def _with_edges(sharp: Ground, drawn: _Triangles) -> Ground:
         seen = hit >= 0
         rgb[seen] = drawn.colors(hit[seen], pixels[seen] + offset)
         stays = owner[hit] == centre
-        share += stays
+        kept += stays
         same += rgb * stays[:, None]
         held = seen & drawn.held[hit]
         for name, values in (("rgb", rgb * ~held[:, None]), ("alpha", seen & ~held), ("held", held)):
             rest[name] += np.where(stays if values.ndim == 1 else stays[:, None], 0, values)
         nearer = ~stays & (depth < limit)
         nearest[nearer], limit[nearer] = hit[nearer], depth[nearer]
-    others = np.maximum(look.samples - share, 1)
+    others = np.maximum(look.samples - kept, 1)
     rgb = sharp.rgb.copy()
-    rgb[mask] = np.where(share[:, None] > 0, same / np.maximum(share, 1)[:, None], rgb[mask])
+    rgb[mask] = np.where(kept[:, None] > 0, same / np.maximum(kept, 1)[:, None], rgb[mask])
     part = np.ones(mask.shape)
-    part[mask] = share / look.samples
-    limits = _spread(np.where(share < look.samples, np.minimum(limit, look.far), 0), mask, 0).astype(np.float32)
+    part[mask] = kept / look.samples
+    limits = _spread(np.where(kept < look.samples, np.minimum(limit, look.far), 0), mask, 0).astype(np.float32)
     found = {name: _spread((values.T / others).T, mask, 0) for name, values in rest.items()}
     far, zero = np.full(mask.shape, np.inf), np.zeros(mask.shape)
     hit = _spread(nearest, mask, -1)
     beside = Ground(found["rgb"], found["alpha"], found["held"], far, zero, limits, hit)
-    return replace(sharp, rgb=rgb, share=part, beside=beside)
+    return replace(sharp, rgb=rgb, fraction=part, beside=beside)
 
 
 def _meets(own: np.ndarray, rgb: np.ndarray) -> np.ndarray:

@@ -185,12 +185,12 @@ class _Drawing:
         """Return the passes of a part of the picture, over the ground of all of its rows."""
         own = self._over(back, part, passes)
         columns = part[1]
-        if back.share is None or back.beside is None or back.share[:, columns].min(initial=1) == 1:
+        if back.fraction is None or back.beside is None or back.fraction[:, columns].min(initial=1) == 1:
             return own
         beside = self._over(back.beside, part, [name for name in passes if name not in (*SHARP, "mist")])
-        share = back.share[:, columns].astype(np.float32)
+        fraction = back.fraction[:, columns].astype(np.float32)
         for name, image in beside.items():
-            weight = share.reshape(*share.shape, *[1] * (image.ndim - 2))
+            weight = fraction.reshape(*fraction.shape, *[1] * (image.ndim - 2))
             own[name] = weight * own[name] + (1 - weight) * image
         return own
 

@@ -84,14 +84,14 @@ def skin_of(vertices: np.ndarray, faces: np.ndarray, carriers: Carriers, time: f
     near, distance = _nearest(vertices, carriers.means[picked])
     near = picked[near]
     far = np.maximum(distance.max(1, keepdims=True), np.finfo(np.float32).tiny)
-    share = carriers.opacities[near] * np.exp(-2 * (distance / far) ** 2)
-    share *= carriers.strength[near] / share.sum(1, keepdims=True)
+    fraction = carriers.opacities[near] * np.exp(-2 * (distance / far) ** 2)
+    fraction *= carriers.strength[near] / fraction.sum(1, keepdims=True)
     nodes, column = np.unique(carriers.node, return_inverse=True)
     column = column.reshape(carriers.node.shape)
     total = np.zeros((len(vertices), len(nodes)), np.float32)
     for nth in range(near.shape[1]):
         rows = near[:, nth]
-        own = share[:, nth, None] * carriers.weight[rows]
+        own = fraction[:, nth, None] * carriers.weight[rows]
         np.add.at(total, (np.arange(len(rows))[:, None], column[rows]), own)
     ends = edges_of(faces)
     for _ in range(EVENED):
