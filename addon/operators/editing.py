@@ -303,7 +303,7 @@ class F4X_OT_name_selection(_Dialog, bpy.types.Operator):  # noqa: N801
     called: StringProperty(name="Name", default="subject")  # type: ignore[valid-type]
 
     def operation(self, scene_object):
-        """Names travel with the scene file."""
+        """Return the naming of the selection; names travel with the scene file."""
         from ...f4x_core.edit.phrases import refuse_as_name  # a part of the grammar, which waits until somebody speaks
 
         refuse_as_name(self.called)

@@ -181,7 +181,7 @@ class _Grab:
             self.nodes[i].rotation_quaternion, self.nodes[i].location = new
 
     def keep(self, offset: Vector, whole_clip: bool, frames: int) -> None:
-        """Key it: over the whole clip, or fading within `frames` of the present one."""
+        """Key the move: over the whole clip, or fading within `frames` of the present one."""
         falloff = np.ones(len(self.frames))
         if not whole_clip:
             near = np.clip(1 - np.abs(self.frames - self.frame) / (frames + 1), 0, 1)

@@ -210,7 +210,7 @@ def harmonic(values: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _light(scene: Scene, view: View) -> np.ndarray:
-    """Return (N,) of each Gaussian, static ones first, what reaches a view, in pixels."""
+    """Return (N,) the blend weight of each Gaussian in a view, in pixels, static ones first."""
     layer = np.ones((view.camera.height, view.camera.width, 1), np.float32)
     return blend_weight_sums(scene.posed(view.time), view.camera, layer)[:, 0]
 

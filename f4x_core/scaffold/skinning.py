@@ -15,7 +15,7 @@ MIN_SPREAD = 1e-12
 
 
 class SkinningWeights(NamedTuple):
-    """By how much each neighbour carries a Gaussian."""
+    """Weights of each Gaussian's neighbours, and how far it follows them."""
 
     weights: Array
     """(N, K) sums to 1; all 0 for a point that no node carries."""

@@ -68,7 +68,7 @@ class FittedWindow:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Sorts windows, the worst first."""
+        """Sort key of windows, the worst first."""
         return ORDER.index(self.quality), fair_score(self.metrics) or 0.0
 
     def row(self) -> dict[str, Any]:
