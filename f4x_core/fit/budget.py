@@ -309,7 +309,7 @@ def _memory(size: ClipSize, config: FitConfig, count: float) -> float:
 
 
 def _training_memory(size: ClipSize, config: FitConfig) -> float:
-    """Bytes of the clip's images and priors, and of one image's rendering, while training."""
+    """Return the bytes of the clip's images and priors, and of one image's rendering, while training."""
     small = size.shrunk(config.priors.longer_side)
     images = ((FRAME_MEMORY + HALF_FRAME_MEMORY) * size.frames + IMAGE_PIXEL_MEMORY) * size.pixels
     return images + KEPT_PRIORS_MEMORY * small.frames * small.pixels
