@@ -4,12 +4,7 @@ import json
 import re
 from pathlib import Path
 
-import pytest
-
 from .artist import perform
-
-pytestmark = pytest.mark.blender
-pytest.importorskip("bpy", reason="bpy is absent")
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "blender.md"
 LISTED = """
